@@ -1,0 +1,1 @@
+"""Console commands of the package; every one also runs as ``ros2 run impact_damper_ros NAME``."""

@@ -1,0 +1,337 @@
+"""`simulate_rig`: run a rig without ROS and write its impacts, events and states as CSV."""
+
+from __future__ import annotations
+
+import argparse
+import heapq
+import itertools
+import math
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import IO
+
+import yaml
+from tqdm import tqdm
+
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    Event,
+    EventKind,
+    InitialConditions,
+    RigParameters,
+    Sample,
+    Simulator,
+    load_parameters,
+)
+
+__all__ = ['main']
+
+IMPACT_COLUMNS = (
+    'time',
+    'stop',
+    'x',
+    'primary_velocity_before',
+    'primary_velocity_after',
+    'damper_velocity_before',
+    'damper_velocity_after',
+)
+EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:])
+
+# The end of a run that its summary describes, and how closely it looks for the largest X.
+_WATCHED_CYCLES = 20
+_LOOKS_PER_CYCLE = 64
+
+_DESCRIPTION = """\
+Run an impact damper exactly, without ROS, from the same parameters file as sim_node. The rig
+starts at rest with the loose mass in the middle of the gap, unless the file gives initial_*.
+All quantities are in SI units; velocities are absolute, along the axis, positive downwards.
+"""
+_EPILOG = """\
+A chatter (ever smaller impacts that end in finite time) is written impact by impact up to its
+cut, and then once as rest: a row whose velocities before and after are all the same.
+Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --set gap=30
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        'simulate_rig',
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('params', type=Path, metavar='PARAMS.yaml', help='ROS 2 parameters file')
+    parser.add_argument(
+        '--duration', type=_positive, required=True, metavar='T', help='time to simulate [s]'
+    )
+    parser.add_argument(
+        '--impacts', type=Path, metavar='FILE', help='write the impacts as CSV (- : stdout)'
+    )
+    parser.add_argument(
+        '--events',
+        type=Path,
+        metavar='FILE',
+        help='write every event: impacts, rest, stick, release, reversals (- : stdout)',
+    )
+    parser.add_argument(
+        '--states', type=Path, metavar='FILE', help='write sampled states as CSV (- : stdout)'
+    )
+    parser.add_argument(
+        '--rate', type=_positive, default=200.0, metavar='HZ', help='rate of --states [200]'
+    )
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='override a parameter of the file, for example --set gap=30; may be repeated',
+    )
+    parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
+    return parser
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text!r}: give a positive, finite number')
+    return value
+
+
+def _overridden(
+    settings: Sequence[str], parameters: RigParameters, initial: InitialConditions
+) -> tuple[RigParameters, InitialConditions]:
+    """Apply ``--set`` to the rig, all at once."""
+    changes: dict[str, object] = {}
+    for setting in settings:
+        name, equals, text = setting.partition('=')
+        if not equals or (name not in PARAMETER_SPECS and name not in INITIAL_SPECS):
+            names = ', '.join([*PARAMETER_SPECS, *INITIAL_SPECS])
+            raise ValueError(f'--set {setting}: give NAME=VALUE with one of the names {names}')
+        try:
+            changes[name] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ValueError(f'--set {setting}: {text!r} is not a value: {error}') from error
+        if isinstance(changes[name], str):
+            # YAML 1.1 takes 1e-3 for a text
+            with suppress(ValueError):
+                changes[name] = float(text)
+    parameters = parameters.replace(**{k: v for k, v in changes.items() if k in PARAMETER_SPECS})
+    start = {k: v for k, v in changes.items() if k in INITIAL_SPECS}
+    initial = InitialConditions(**{**initial.as_dict(), **start})  # type: ignore[arg-type]
+    initial.check_within(parameters)
+    return parameters, initial
+
+
+def _instants(
+    duration: float, rate: float | None, cycle: float, watched_from: float
+) -> Iterator[float]:
+    """
+    Yield the instants to advance to, in order; the motion does not depend on them.
+
+    They are the sampling grid, if there is one, else one per cycle; and in the end of the run
+    that is watched for its largest displacement as many as that takes.
+    """
+    grid = rate if rate is not None else 1.0 / cycle
+    last = math.floor(duration * grid * (1.0 + 1e-15))
+    regular = (k / grid for k in range(1, last + 1))
+    close = cycle / _LOOKS_PER_CYCLE
+    looks = math.floor((duration - watched_from) / close)
+    watched = (watched_from + k * close for k in range(looks + 1))
+    for instant in heapq.merge(regular, watched):
+        if instant < duration:
+            yield instant
+    yield duration
+
+
+class _Swing:
+    """
+    Largest displacement of M, from samples and the events between them.
+
+    Between two samples without an event X is the cubic through both with their velocities.
+    """
+
+    def __init__(self) -> None:
+        self.largest = 0.0
+        self._last: Sample | None = None
+
+    def look(self, sample: Sample, events: Sequence[Event]) -> None:
+        """Take the next sample and the events since the one before."""
+        last = self._last
+        self._last = sample
+        self.largest = max([self.largest, abs(sample.x), *(abs(e.x) for e in events)])
+        if last is None or events or last.primary_velocity * sample.primary_velocity >= 0.0:
+            return
+        step = sample.time - last.time
+        rise = (sample.x - last.x) / step
+        v_0, v_1 = last.primary_velocity, sample.primary_velocity
+        a, b = 3.0 * (v_0 + v_1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * v_0 - v_1)
+        # The cubic's velocity v_0 + b s + a s^2 changes sign once in 0 < s < 1.
+        root = math.sqrt(max(b * b - 4.0 * a * v_0, 0.0))
+        s = 2.0 * v_0 / (-b + math.copysign(root, v_0))
+        x = last.x + step * s * (v_0 + s * (b / 2.0 + s * a / 3.0))
+        self.largest = max(self.largest, abs(x))
+
+
+def _row(values: Sequence[object]) -> str:
+    return ','.join(f'{v:.17g}' if isinstance(v, float) else str(v) for v in values) + '\n'
+
+
+def _impact_row(event: Event) -> str:
+    return _row(
+        (
+            event.time,
+            event.stop,
+            event.x,
+            event.primary_velocity_before,
+            event.primary_velocity_after,
+            event.damper_velocity_before,
+            event.damper_velocity_after,
+        )
+    )
+
+
+def _event_row(event: Event) -> str:
+    return _row((event.kind.name.lower(), event.time, *event[2:]))
+
+
+def _open(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
+    if path is None:
+        return None
+    if str(path) == '-':
+        stream: IO[str] = sys.stdout
+    else:
+        stream = stack.enter_context(path.open('w', encoding='utf-8', newline=''))
+    stream.write(','.join(columns) + '\n')
+    return stream
+
+
+def _cycle(parameters: RigParameters) -> float:
+    """Return the period of the first harmonic, or the natural one of a rig without force."""
+    frequency = parameters.force_frequencies[0]
+    if frequency == 0.0 or parameters.force_amplitudes[0] == 0.0:
+        frequency = parameters.omega
+    return math.tau / frequency
+
+
+def _summary(
+    rig: Simulator, counts: Counter[EventKind], last: Sequence[Event], largest: float, spent: float
+) -> str:
+    parameters = rig.parameters
+    cycle = _cycle(parameters)
+    mode = rig.mode.name.lower().replace('_', ' ')
+    events = ', '.join(f'{n} {kind.name.lower()}' for kind, n in counts.items()) or 'none'
+    lines = [
+        f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
+        f'events      {events}',
+        f'largest |X| {largest:.7g} m in the last {_WATCHED_CYCLES} cycles',
+    ]
+    amplitude = parameters.response_amplitude
+    if math.isfinite(amplitude) and amplitude > 0.0:
+        lines[-1] += f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
+    lines.extend(
+        f'last impact on stop {event.stop}: t = {event.time:.9f} s, phase '
+        f'{event.time / cycle % 1.0:.7f} cycles, X = {event.x:.7f} m; just after it '
+        f"X' = {event.primary_velocity_after:.7f} m/s, "
+        f"Z' = {event.damper_velocity_after:.7f} m/s"
+        for event in last
+    )
+    return '\n'.join(lines)
+
+
+def _run(
+    arguments: argparse.Namespace, parameters: RigParameters, initial: InitialConditions
+) -> str:
+    """Simulate, write the files, and return the summary."""
+    rig = Simulator(parameters, initial)
+    counts: Counter[EventKind] = Counter()
+    last: dict[int, Event] = {}
+    swing = _Swing()
+    duration = arguments.duration
+    cycle = _cycle(parameters)
+    watched_from = max(0.0, duration - _WATCHED_CYCLES * cycle)
+    started = time.perf_counter()
+    with ExitStack() as stack:
+        impacts = _open(arguments.impacts, IMPACT_COLUMNS, stack)
+        others = _open(arguments.events, EVENT_COLUMNS, stack)
+        states = _open(arguments.states, Sample._fields, stack)
+        bar = stack.enter_context(
+            tqdm(
+                total=duration,
+                desc='simulated',
+                delay=1.0,
+                leave=False,
+                disable=True if arguments.quiet else None,
+                bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]',
+            )
+        )
+        rate = arguments.rate if states is not None else None
+        due = 0
+        for instant in itertools.chain([0.0], _instants(duration, rate, cycle, watched_from)):
+            before = rig.time
+            events = rig.advance(instant)
+            for event in events:
+                counts[event.kind] += 1
+                if event.kind is EventKind.IMPACT:
+                    last[event.stop] = event
+                if others is not None:
+                    others.write(_event_row(event))
+                if impacts is not None and event.kind in (EventKind.IMPACT, EventKind.REST):
+                    impacts.write(_impact_row(event))
+            if instant >= watched_from:
+                swing.look(rig.sample(), events)
+            if states is not None and instant == due / arguments.rate:
+                states.write(_row(rig.sample()))
+                due += 1
+            bar.update(rig.time - before)
+    spent = time.perf_counter() - started
+    return _summary(rig, counts, [last[s] for s in sorted(last)], swing.largest, spent)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the command.
+
+    Returns
+    -------
+    int
+        0; 1 if the files could not be written; 2 if the input is not usable; 130 on Ctrl-C,
+        with everything simulated so far written.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        parameters, initial, _ = load_parameters(arguments.params)
+        parameters, initial = _overridden(arguments.set, parameters, initial)
+    except ValueError as error:
+        print(f'simulate_rig: {error}', file=sys.stderr)
+        return 2
+    try:
+        summary = _run(arguments, parameters, initial)
+    except KeyboardInterrupt:
+        print('simulate_rig: interrupted; what was simulated is written', file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 1
+    except OSError as error:
+        where = error.filename or 'output'
+        print(
+            f'simulate_rig: cannot write {where}: {error.strerror}: give a directory that exists '
+            'and is writable, with room on the disk',
+            file=sys.stderr,
+        )
+        return 1
+    if not arguments.quiet:
+        print(summary, file=sys.stderr)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

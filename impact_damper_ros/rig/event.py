@@ -1,0 +1,75 @@
+"""Events and samples: what a run of the rig consists of."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+__all__ = ['Event', 'EventKind', 'Sample']
+
+
+class EventKind(IntEnum):
+    """What happened."""
+
+    #: m hit a stop.
+    IMPACT = 1
+    #: m has come to rest on a stop: a chatter accumulated, or the last impact was plastic.
+    REST = 2
+    #: m has come to rest in the gap, held by friction.
+    STICK = 3
+    #: m left its rest or sticking.
+    RELEASE = 4
+    #: The relative velocity changed sign within the gap, and with it friction.
+    REVERSAL = 5
+    #: A stop that had to follow m has reached the position asked for.
+    STOP_ARRIVED = 6
+
+
+class Event(NamedTuple):
+    """
+    One event, with the velocities just before and just after it.
+
+    Attributes
+    ----------
+    time : float
+        The instant, s.
+    kind : EventKind
+        What happened.
+    stop : int
+        The stop concerned, 1 or 2, or 0.
+    x, y : float
+        X, and Y = Z - X, m.
+    primary_velocity_before, primary_velocity_after : float
+        Velocity of M, m/s.
+    damper_velocity_before, damper_velocity_after : float
+        Absolute velocity of m, m/s.
+    impulse : float
+        Modulus of the impulse between m and the stop, N s; 0 unless an impact.
+    """
+
+    time: float
+    kind: EventKind
+    stop: int
+    x: float
+    y: float
+    primary_velocity_before: float
+    primary_velocity_after: float
+    damper_velocity_before: float
+    damper_velocity_after: float
+    impulse: float
+
+
+class Sample(NamedTuple):
+    """
+    Motion at one instant, after any event at that instant; absolute, along the axis, SI units.
+
+    `stop_1` and `stop_2` are the positions X + Y of the stops, which ride on M.
+    """
+
+    time: float
+    x: float
+    primary_velocity: float
+    z: float
+    damper_velocity: float
+    stop_1: float
+    stop_2: float

@@ -1,0 +1,92 @@
+"""
+Impacts: restitution and momentum, and the end of a chatter.
+
+Bapat (1995), equations (10)-(11); for complete chatter Budd and Dux (1994), Phil. Trans. R. Soc.
+Lond. A 347, and Nordmark and Piiroinen (2009), Nonlinear Dynamics 58.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+from .kernels import kernel
+
+__all__ = ['CHATTER_TOLERANCE', 'chatter_duration', 'rebound']
+
+#: A chatter is completed in closed form once the relative acceleration that drives it can change
+#: by at most this fraction until its end. The accumulation instant then is in error by at most
+#: this fraction of the time left, which is itself this small in units of acceleration per jerk:
+#: the square, 1e-12, of the time scale of the motion.
+CHATTER_TOLERANCE = 1e-6
+
+
+@kernel
+def rebound(
+    velocity: float, relative_velocity: float, restitution: float, mass_ratio: float
+) -> tuple[float, float]:
+    """
+    Return the velocities after an impact from those before it.
+
+    Parameters
+    ----------
+    velocity, relative_velocity : float
+        Velocity of M, and of m relative to M, just before the impact.
+    restitution : float
+        Coefficient of restitution R, 0 to 1.
+    mass_ratio : float
+        Mass ratio m/M.
+
+    Returns
+    -------
+    velocity, relative_velocity : float
+        The same just after it: momentum is kept, the relative velocity reversed by R.
+    """
+    share = mass_ratio / (1.0 + mass_ratio)
+    return (
+        velocity + share * (1.0 + restitution) * relative_velocity,
+        -restitution * relative_velocity,
+    )
+
+
+@kernel
+def chatter_duration(
+    speed: float, press: float, grip: float, restitution: float, jerk_bound: float
+) -> float:
+    """
+    Return the time until a chatter on one stop accumulates.
+
+    Parameters
+    ----------
+    speed : float
+        Speed of m away from the stop just after an impact; positive.
+    press : float
+        Relative acceleration towards the stop without friction.
+    grip : float
+        What friction adds to it while m leaves and takes from it while m returns; not negative.
+    restitution : float
+        Coefficient of restitution at the stop.
+    jerk_bound : float
+        Bound of the modulus of the relative jerk.
+
+    Returns
+    -------
+    float
+        Sum of the durations of all further flights, or infinity if it is not yet certain to
+        `CHATTER_TOLERANCE` that the chatter is complete.
+
+    Notes
+    -----
+    With constant accelerations up = press + grip and down = press - grip one flight takes
+    speed (1/up + 1/sqrt(up down)), and the next speed is restitution sqrt(down/up) times this one.
+    """
+    down = press - grip
+    if down <= 0.0:
+        return inf
+    up = press + grip
+    ratio = restitution * sqrt(down / up)
+    if ratio >= 1.0:
+        return inf
+    duration = speed * (1.0 / up + 1.0 / sqrt(up * down)) / (1.0 - ratio)
+    if jerk_bound * duration > CHATTER_TOLERANCE * down:
+        return inf
+    return duration

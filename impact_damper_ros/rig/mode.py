@@ -1,0 +1,355 @@
+"""
+Modes of the hybrid motion, and the flight that each of them is.
+
+The friction force, the air force and the supports are constant within a mode, so that each mode
+is one closed-form flight. Design: Bapat (1995), equations (1)-(2), for sliding; joint motion of
+both masses for sticking in the gap and for rest on a stop.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from math import cos, floor, inf, sin
+from typing import NamedTuple
+
+from .flight import Flight
+from .kernels import elementwise, kernel
+from .oscillator import Oscillator, acceleration_at, make_oscillator
+from .parameters import RigParameters
+
+__all__ = [
+    'CHATTER_1',
+    'CHATTER_2',
+    'FREE',
+    'REST_1',
+    'REST_2',
+    'SLIDE_DOWN',
+    'SLIDE_UP',
+    'STICK',
+    'Machine',
+    'Mode',
+    'Origin',
+    'advance_time',
+    'air_acceleration',
+    'cosines_of',
+    'launch',
+    'make_machine',
+    'mode_at_rest',
+    'sines_of',
+    'support_need',
+    'turned_angles',
+]
+
+FREE = 0
+SLIDE_DOWN = 1
+SLIDE_UP = 2
+STICK = 3
+REST_1 = 4
+REST_2 = 5
+CHATTER_1 = 6
+CHATTER_2 = 7
+
+
+class Mode(IntEnum):
+    """How m moves relative to M."""
+
+    #: Without friction, in either direction.
+    FREE = FREE
+    #: Downwards relative to M, against friction.
+    SLIDE_DOWN = SLIDE_DOWN
+    #: Upwards relative to M, against friction.
+    SLIDE_UP = SLIDE_UP
+    #: Held by friction inside the gap.
+    STICK = STICK
+    #: Resting on stop 1.
+    REST_1 = REST_1
+    #: Resting on stop 2.
+    REST_2 = REST_2
+    #: In the last, unresolved bounces on stop 1 before rest.
+    CHATTER_1 = CHATTER_1
+    #: In the last, unresolved bounces on stop 2 before rest.
+    CHATTER_2 = CHATTER_2
+
+
+class Machine(NamedTuple):
+    """
+    Constants of a rig, as the kernels need them.
+
+    Attributes
+    ----------
+    free, joint : Oscillator
+        M alone, and M and m as one mass.
+    mass_ratio, restitution_1, restitution_2 : float
+        As in `RigParameters`.
+    slope, grip, air : float
+        Accelerations g sin(angle), friction g cos(angle) and air_force/m, m/s^2.
+    stop : float
+        Distance of each stop from the middle, half the gap, m.
+    one_sided : bool
+        Whether stop 2 is absent.
+    phases : tuple of float
+        Phases of the harmonics, rad.
+    """
+
+    free: Oscillator
+    joint: Oscillator
+    mass_ratio: float
+    restitution_1: float
+    restitution_2: float
+    slope: float
+    grip: float
+    air: float
+    stop: float
+    one_sided: bool
+    phases: tuple[float, ...]
+
+
+class Origin(NamedTuple):
+    """
+    State at the origin of a flight, *after* the event that began it.
+
+    Attributes
+    ----------
+    time, time_low : float
+        The instant, s, as an unevaluated sum: a long run loses no digits.
+    mode : int
+        The mode that begins.
+    x, velocity, relative_velocity : float
+        X, X' and Y'.
+    clearance_1, clearance_2 : float
+        Distance of m from each stop, m; infinite for a stop that is not there.
+    stop_1, stop_2 : float
+        Position Y of each stop, m; beyond half the gap where m holds a stop back that has been
+        asked to close.
+    angles : tuple of float
+        Angle turned by each harmonic since it was switched on, without its phase, mod 2 pi.
+    last_stop : int
+        Stop hit last, 0 before the first impact; the air force points away from it.
+    released : bool
+        The support has just given way: the relative acceleration is exactly zero.
+    chatter_left : float
+        Time until a chatter accumulates, s; 0 in other modes.
+    """
+
+    time: float
+    time_low: float
+    mode: int
+    x: float
+    velocity: float
+    relative_velocity: float
+    clearance_1: float
+    clearance_2: float
+    stop_1: float
+    stop_2: float
+    angles: tuple[float, ...]
+    last_stop: int
+    released: bool
+    chatter_left: float
+
+
+def make_machine(parameters: RigParameters) -> Machine:
+    """
+    Return the kernels' constants of a rig.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig; being validated, it is admissible.
+    """
+    drive = (parameters.force_amplitudes, parameters.force_frequencies)
+    spring = (parameters.stiffness, parameters.damping)
+    together = parameters.primary_mass + parameters.damper_mass
+    # At 90 degrees, typed as 1.5708 or rounded by pi/2, there is no normal force.
+    cosine = cos(parameters.angle)
+    if cosine < 1e-5:
+        cosine = 0.0
+    return Machine(
+        free=make_oscillator(parameters.primary_mass, *spring, *drive),
+        joint=make_oscillator(together, *spring, *drive),
+        mass_ratio=parameters.mass_ratio,
+        restitution_1=parameters.restitution_1,
+        restitution_2=parameters.restitution_2,
+        slope=parameters.gravity * sin(parameters.angle),
+        grip=parameters.friction * parameters.gravity * cosine,
+        air=parameters.air_force / parameters.damper_mass,
+        stop=0.5 * parameters.gap,
+        one_sided=parameters.one_sided,
+        phases=parameters.force_phases,
+    )
+
+
+@kernel
+def advance_time(time: float, time_low: float, tau: float) -> tuple[float, float]:
+    """
+    Add a duration to an instant held as an unevaluated sum.
+
+    Returns
+    -------
+    time, time_low : float
+        The nearest float to the sum, and what it misses.
+    """
+    total = time + tau
+    back = total - time
+    low = time_low + ((time - (total - back)) + (tau - back))
+    rounded = total + low
+    return rounded, low - (rounded - total)
+
+
+@elementwise
+def turned_angles(angle: float, frequency: float, tau: float) -> float:
+    """Return angles after turning at their frequencies for a time, reduced mod 2 pi."""
+    total = angle + frequency * tau
+    turns = floor(total / 6.283185307179586)
+    # 2 pi in two parts: the reduction must not shift the frequency.
+    return total - turns * 6.283185307179586 - turns * 2.4492935982947064e-16
+
+
+@elementwise
+def sines_of(phase: float, angle: float) -> float:
+    """Return the sine of each harmonic."""
+    return sin(angle + phase)
+
+
+@elementwise
+def cosines_of(phase: float, angle: float) -> float:
+    """Return the cosine of each harmonic."""
+    return cos(angle + phase)
+
+
+@kernel
+def air_acceleration(machine: Machine, origin: Origin) -> float:
+    """Return the acceleration of m by the air force, away from the stop hit last."""
+    if origin.last_stop == 1:
+        return -machine.air
+    if origin.last_stop == 2:
+        return machine.air
+    return 0.0
+
+
+@kernel
+def support_need(
+    machine: Machine, origin: Origin, sines: tuple[float, ...], velocity: float
+) -> float:
+    """
+    Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops.
+
+    Parameters
+    ----------
+    machine, origin : Machine, Origin
+        The rig and its state.
+    sines : tuple of float
+        Sine of each harmonic's phase.
+    velocity : float
+        Common velocity of the two masses.
+    """
+    share = machine.mass_ratio / (1.0 + machine.mass_ratio)
+    together = acceleration_at(machine.joint, share * machine.slope, sines, origin.x, velocity)
+    return together - machine.slope - air_acceleration(machine, origin)
+
+
+@kernel
+def mode_at_rest(machine: Machine, origin: Origin, sines: tuple[float, ...]) -> int:
+    """
+    Return the mode that follows when m has no velocity relative to M.
+
+    m rests on stop 1 while n <= grip, on stop 2 while n >= -grip, sticks in the gap while
+    |n| <= grip, and otherwise leaves in the direction in which its support fails.
+    """
+    need = support_need(machine, origin, sines, origin.velocity)
+    grip = machine.grip
+    if origin.clearance_1 == 0.0 and need <= grip:
+        return REST_1
+    if origin.clearance_2 == 0.0 and need >= -grip:
+        return REST_2
+    if grip == 0.0:
+        return FREE
+    if need > grip:
+        return SLIDE_UP
+    if need < -grip:
+        return SLIDE_DOWN
+    return STICK
+
+
+@kernel
+def launch(machine: Machine, origin: Origin) -> Flight:
+    """
+    Build the flight that begins at an origin.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    origin : Origin
+        State after the event that begins the flight.
+
+    Returns
+    -------
+    Flight
+        The closed form and what ends it.
+    """
+    sines = sines_of(machine.phases, origin.angles)
+    cosines = cosines_of(machine.phases, origin.angles)
+    air = air_acceleration(machine, origin)
+    mode = origin.mode
+    if mode >= STICK:
+        share = machine.mass_ratio / (1.0 + machine.mass_ratio)
+        constant = share * machine.slope
+        return Flight(
+            machine.joint,
+            constant,
+            sines,
+            cosines,
+            origin.x,
+            origin.velocity,
+            acceleration_at(machine.joint, constant, sines, origin.x, origin.velocity),
+            0.0,
+            0.0,
+            origin.clearance_1,
+            origin.clearance_2,
+            True,
+            0,
+            inf,
+            machine.slope + air,
+            -inf if mode == REST_1 else -machine.grip,
+            inf if mode == REST_2 else machine.grip,
+        )
+    direction = 0
+    if mode == SLIDE_DOWN:
+        direction = 1
+    elif mode == SLIDE_UP:
+        direction = -1
+    constant = machine.mass_ratio * (direction * machine.grip - air)
+    acceleration = acceleration_at(machine.free, constant, sines, origin.x, origin.velocity)
+    relative = (machine.slope - direction * machine.grip + air) - acceleration
+    if origin.released:
+        relative = 0.0
+    # A stop held back by m follows it inwards until it is where it should be.
+    arrival = inf
+    inwards = origin.relative_velocity
+    if inwards == 0.0:
+        inwards = relative
+    if origin.clearance_1 == 0.0 and origin.stop_1 > machine.stop and inwards <= 0.0:
+        arrival = origin.stop_1 - machine.stop
+        direction = -1
+    elif origin.clearance_2 == 0.0 and origin.stop_2 < -machine.stop and inwards >= 0.0:
+        arrival = -machine.stop - origin.stop_2
+        direction = 1
+    return Flight(
+        machine.free,
+        constant,
+        sines,
+        cosines,
+        origin.x,
+        origin.velocity,
+        acceleration,
+        origin.relative_velocity,
+        relative,
+        origin.clearance_1,
+        origin.clearance_2,
+        False,
+        direction,
+        arrival,
+        0.0,
+        -inf,
+        inf,
+    )

@@ -1,0 +1,350 @@
+"""
+Parameters of the rig: names, units, ranges, defaults and derived quantities.
+
+The field names are the ROS parameter names. `PARAMETER_SPECS` and `INITIAL_SPECS` are the only
+place where descriptions, units and ranges stand; ROS descriptors, the parameters-file reader and
+the documentation take them from here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal, NamedTuple, TypeAlias, cast
+
+__all__ = [
+    'INITIAL_SPECS',
+    'MAX_HARMONICS',
+    'PARAMETER_SPECS',
+    'InitialConditions',
+    'ParameterError',
+    'ParameterSpec',
+    'RigParameters',
+    'Value',
+]
+
+Value: TypeAlias = float | bool | tuple[float, ...]
+Kind: TypeAlias = Literal['double', 'bool', 'double_array']
+
+#: Most harmonics the force may have.
+MAX_HARMONICS = 1024
+
+
+class ParameterError(ValueError):
+    """
+    A parameter value that the rig cannot take.
+
+    Attributes
+    ----------
+    name : str
+        Name of the offending parameter.
+    """
+
+    def __init__(self, name: str, message: str) -> None:
+        """Keep the name apart, so that callers can point at the parameter."""
+        super().__init__(message)
+        self.name = name
+
+
+class ParameterSpec(NamedTuple):
+    """
+    What a parameter is: its meaning, unit and closed range.
+
+    `low` and `high` are finite, and None for a bool; for an array they hold for each entry.
+    """
+
+    name: str
+    description: str
+    unit: str
+    low: float | None
+    high: float | None
+    kind: Kind
+    default: Value
+
+    @property
+    def label(self) -> str:
+        """Name with unit, for messages, tables and plots."""
+        return f'{self.name} [{self.unit}]' if self.unit else self.name
+
+    def checked(self, value: Any) -> Value:
+        """
+        Return the value as float, bool or tuple of floats.
+
+        Parameters
+        ----------
+        value : Any
+            A number, a bool or a sequence of numbers, as the kind asks. Integers become floats.
+
+        Returns
+        -------
+        Value
+            The value, of the type that the kind names.
+
+        Raises
+        ------
+        ParameterError
+            If the type is wrong or a number is outside the range, NaN or infinite.
+        """
+        if self.kind == 'bool':
+            if not isinstance(value, bool):
+                raise ParameterError(self.name, f'{self.name} is {value!r}: give true or false')
+            return value
+        if self.kind == 'double':
+            return self._number(value, self.name)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            value = (value,)
+        if isinstance(value, str | bytes) or not hasattr(value, '__iter__'):
+            raise ParameterError(
+                self.name, f'{self.name} is {value!r}: give a list of numbers, such as [1.0]'
+            )
+        entries = tuple(value)
+        if not 1 <= len(entries) <= MAX_HARMONICS:
+            raise ParameterError(
+                self.name,
+                f'{self.name} has {len(entries)} entries: give 1 to {MAX_HARMONICS}, one for each '
+                'harmonic (amplitude 0 switches the force off)',
+            )
+        return tuple(self._number(v, f'{self.name}[{i}]') for i, v in enumerate(entries))
+
+    def _number(self, value: Any, where: str) -> float:
+        assert self.low is not None
+        assert self.high is not None
+        unit = f' {self.unit}' if self.unit else ''
+        remedy = f'give a number from {self.low:g} to {self.high:g}{unit}'
+        if isinstance(value, bool) or not hasattr(value, '__float__'):
+            raise ParameterError(self.name, f'{where} is {value!r}: {remedy}')
+        try:
+            number = float(value)
+        except (TypeError, ValueError, OverflowError):
+            raise ParameterError(self.name, f'{where} is {value!r}: {remedy}') from None
+        if not self.low <= number <= self.high:
+            raise ParameterError(self.name, f'{where} is {number!r}{unit}: {remedy}')
+        return number
+
+
+def _double(default: float, low: float, high: float, unit: str, description: str) -> Any:
+    return field(
+        default=default,
+        metadata={'spec': (description, unit, low, high, 'double', default)},
+    )
+
+
+def _bool(default: bool, description: str) -> Any:
+    return field(
+        default=default, metadata={'spec': (description, '', None, None, 'bool', default)}
+    )
+
+
+def _array(default: float, low: float, high: float, unit: str, description: str) -> Any:
+    return field(
+        default=(default,),
+        metadata={'spec': (description, unit, low, high, 'double_array', (default,))},
+    )
+
+
+def _specs(cls: type) -> dict[str, ParameterSpec]:
+    return {f.name: ParameterSpec(f.name, *f.metadata['spec']) for f in fields(cls)}
+
+
+def _check_fields(instance: Any, specs: dict[str, ParameterSpec]) -> None:
+    for name, spec in specs.items():
+        # The dataclass is frozen; this is its own initialisation.
+        object.__setattr__(instance, name, spec.checked(getattr(instance, name)))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RigParameters:
+    """
+    One rig: a primary mass on spring and dashpot, a loose mass in its gap, and the force.
+
+    The defaults are the basic rig of Bapat (1995), section 3: K = M = F = 1, mass ratio 0.042,
+    C = 0.01, d = 37, R1 = R2 = 0.75. Integers are taken for floats and lists for tuples.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of range, the force arrays differ in length, or the rig is not
+        underdamped. `PARAMETER_SPECS` has the ranges.
+    """
+
+    primary_mass: float = _double(1.0, 1e-6, 1e9, 'kg', 'Primary mass M.')
+    stiffness: float = _double(1.0, 1e-6, 1e15, 'N/m', 'Stiffness K of the spring under M.')
+    damping: float = _double(
+        0.01, 0.0, 1e12, 'N s/m', 'Damping C of the dashpot; below 2 sqrt(K M).'
+    )
+    damper_mass: float = _double(0.042, 1e-9, 1e9, 'kg', 'Loose damper mass m.')
+    gap: float = _double(
+        37.0, 1e-9, 1e9, 'm', 'Total gap d; stop 1 is at +d/2 from the middle, stop 2 at -d/2.'
+    )
+    restitution_1: float = _double(
+        0.75, 0.0, 1.0, '', 'Coefficient of restitution R1 at stop 1 (the lower one).'
+    )
+    restitution_2: float = _double(
+        0.75, 0.0, 1.0, '', 'Coefficient of restitution R2 at stop 2 (the upper one).'
+    )
+    # 1.5708 is what people type for 90 degrees.
+    angle: float = _double(
+        0.0, -1.5708, 1.5708, 'rad', 'Inclination of the axis, positive downwards.'
+    )
+    friction: float = _double(0.0, 0.0, 100.0, '', 'Coulomb friction coefficient between m and M.')
+    gravity: float = _double(9.81, 0.0, 1e4, 'm/s^2', 'Gravitational acceleration g.')
+    air_force: float = _double(
+        0.0,
+        0.0,
+        1e9,
+        'N',
+        'Compressed-air force on m, away from the stop it hit last; zero until the first impact.',
+    )
+    one_sided: bool = _bool(False, 'True removes stop 2, so that m can hit stop 1 only.')
+    force_amplitudes: tuple[float, ...] = _array(
+        1.0, -1e12, 1e12, 'N', 'Amplitudes of the harmonics of the force on M.'
+    )
+    force_frequencies: tuple[float, ...] = _array(
+        1.0, 0.0, 1e6, 'rad/s', 'Circular frequencies of the harmonics of the force on M.'
+    )
+    force_phases: tuple[float, ...] = _array(
+        0.0, -1e6, 1e6, 'rad', 'Phases of the harmonics of the force on M.'
+    )
+
+    def __post_init__(self) -> None:
+        """Promote and check every field, then what holds between them."""
+        _check_fields(self, PARAMETER_SPECS)
+        count = len(self.force_amplitudes)
+        for name in ('force_frequencies', 'force_phases'):
+            length = len(getattr(self, name))
+            if length != count:
+                raise ParameterError(
+                    name,
+                    f'{name} has {length} entries but force_amplitudes has {count}: give all '
+                    'three force arrays the same length',
+                )
+        critical = 2.0 * math.sqrt(self.stiffness * self.primary_mass)
+        if not self.damping <= 0.9999 * critical:
+            raise ParameterError(
+                'damping',
+                f'damping is {self.damping!r} N s/m, a damping ratio of '
+                f'{self.damping / critical:.4g}: the rig must be underdamped, give at most '
+                f'{0.9999 * critical:.6g} (0.9999 of 2 sqrt(stiffness primary_mass))',
+            )
+
+    def replace(self, **changes: Any) -> RigParameters:
+        """
+        Return the rig with some parameters changed, all at once.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown or the changed rig is not admissible.
+        """
+        for name in changes:
+            if name not in PARAMETER_SPECS:
+                raise ParameterError(name, f'{name} is not a parameter of the rig')
+        return replace(self, **changes)
+
+    def as_dict(self) -> dict[str, Value]:
+        """Return name and value of every parameter."""
+        return {name: cast(Value, getattr(self, name)) for name in PARAMETER_SPECS}
+
+    @property
+    def omega(self) -> float:
+        """Natural circular frequency sqrt(K/M) of M alone, rad/s."""
+        return math.sqrt(self.stiffness / self.primary_mass)
+
+    @property
+    def zeta(self) -> float:
+        """Damping ratio C/(2 sqrt(K M)) of M alone."""
+        return self.damping / (2.0 * math.sqrt(self.stiffness * self.primary_mass))
+
+    @property
+    def eta(self) -> float:
+        """Ratio sqrt(1 - zeta^2) of damped to undamped natural frequency."""
+        zeta = self.zeta
+        return math.sqrt((1.0 - zeta) * (1.0 + zeta))
+
+    @property
+    def mass_ratio(self) -> float:
+        """Mass ratio m/M."""
+        return self.damper_mass / self.primary_mass
+
+    @property
+    def frequency_ratio(self) -> float:
+        """Ratio r of the first harmonic's frequency to the natural one."""
+        return self.force_frequencies[0] / self.omega
+
+    @property
+    def response_amplitude(self) -> float:
+        """
+        Amplitude A of M without impacts under the first harmonic, m.
+
+        Infinite for an undamped rig driven at resonance.
+        """
+        r = self.frequency_ratio
+        denominator = math.hypot((1.0 - r) * (1.0 + r), 2.0 * self.zeta * r)
+        static = abs(self.force_amplitudes[0]) / self.stiffness
+        if denominator == 0.0:
+            return math.inf if static else 0.0
+        return static / denominator
+
+    @property
+    def response_phase(self) -> float:
+        """Phase lag psi of M behind the first harmonic without impacts, rad."""
+        r = self.frequency_ratio
+        return math.atan2(2.0 * self.zeta * r, (1.0 - r) * (1.0 + r))
+
+    @property
+    def static_deflection(self) -> float:
+        """Deflection M g sin(angle)/K of M by its own weight along the axis, m."""
+        return self.primary_mass * self.gravity * math.sin(self.angle) / self.stiffness
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class InitialConditions:
+    """
+    Where the rig starts, and where a reset puts it.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of range; `INITIAL_SPECS` has the ranges.
+    """
+
+    initial_primary_position: float = _double(
+        0.0, -1e9, 1e9, 'm', 'Initial displacement X of M from its static equilibrium.'
+    )
+    initial_primary_velocity: float = _double(0.0, -1e9, 1e9, 'm/s', 'Initial velocity of M.')
+    initial_damper_offset: float = _double(
+        0.0, -1e9, 1e9, 'm', 'Initial position Y of m relative to M, within the gap.'
+    )
+    initial_damper_velocity: float = _double(
+        0.0, -1e9, 1e9, 'm/s', 'Initial absolute velocity of m.'
+    )
+
+    def __post_init__(self) -> None:
+        """Promote and check every field."""
+        _check_fields(self, INITIAL_SPECS)
+
+    def check_within(self, parameters: RigParameters) -> None:
+        """
+        Check that m starts between the stops.
+
+        Raises
+        ------
+        ParameterError
+            If it does not.
+        """
+        offset, half = self.initial_damper_offset, parameters.gap / 2.0
+        low = -1e9 if parameters.one_sided else -half
+        if not low <= offset <= half:
+            raise ParameterError(
+                'initial_damper_offset',
+                f'initial_damper_offset is {offset!r} m: m must start between the stops, give a '
+                f'number from {low:g} to {half:g} m (half the gap of {parameters.gap:g} m)',
+            )
+
+    def as_dict(self) -> dict[str, float]:
+        """Return name and value of every initial condition."""
+        return {name: cast(float, getattr(self, name)) for name in INITIAL_SPECS}
+
+
+PARAMETER_SPECS: dict[str, ParameterSpec] = _specs(RigParameters)
+INITIAL_SPECS: dict[str, ParameterSpec] = _specs(InitialConditions)
