@@ -1,0 +1,135 @@
+"""The ``metadata.yaml`` of a rosbag2 bag, version 9 (ROS 2 Jazzy)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .topic import Channel, dump_yaml, load_yaml
+
+__all__ = ['FILE_NAME', 'BagMetadata', 'listed_files', 'sync_directory']
+
+FILE_NAME = 'metadata.yaml'
+VERSION = 9
+
+#: Starting time of a bag without messages, as rosbag2 has it: the largest int64.
+_NEVER = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class BagMetadata:
+    """
+    What rosbag2 notes about a bag of one MCAP file.
+
+    Attributes
+    ----------
+    file_name : str
+        The MCAP file, in the directory of the bag.
+    channels : tuple of Channel
+        The topics.
+    counts : tuple of int
+        Messages per channel.
+    start_ns, end_ns : int or None
+        Earliest and latest stamp; None without messages.
+    custom : mapping of str to str
+        Free notes of the recorder.
+    """
+
+    file_name: str
+    channels: tuple[Channel, ...]
+    counts: tuple[int, ...]
+    start_ns: int | None = None
+    end_ns: int | None = None
+    custom: Mapping[str, str] = field(default_factory=dict)
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the fields with the names and in the order of rosbag2."""
+        empty = self.start_ns is None or self.end_ns is None
+        start = {'nanoseconds_since_epoch': _NEVER if empty else self.start_ns}
+        duration = {'nanoseconds': 0 if empty else (self.end_ns or 0) - (self.start_ns or 0)}
+        return {
+            'version': VERSION,
+            'storage_identifier': 'mcap',
+            'duration': duration,
+            'starting_time': start,
+            'message_count': sum(self.counts),
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': channel.topic,
+                        'type': channel.type,
+                        'serialization_format': channel.message_encoding,
+                        'offered_qos_profiles': [dict(qos) for qos in channel.qos_profiles],
+                        'type_description_hash': channel.type_hash,
+                    },
+                    'message_count': count,
+                }
+                for channel, count in zip(self.channels, self.counts, strict=True)
+            ],
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [self.file_name],
+            'files': [
+                {
+                    'path': self.file_name,
+                    'starting_time': start,
+                    'duration': duration,
+                    'message_count': sum(self.counts),
+                }
+            ],
+            'custom_data': dict(self.custom) or None,
+            'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',
+        }
+
+    def serialized(self) -> str:
+        """Return the YAML that goes into the MCAP file itself."""
+        return dump_yaml(self.as_mapping())
+
+    def write(self, directory: Path) -> None:
+        """
+        Write ``metadata.yaml`` so that at any instant there is a whole one or none.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        text = dump_yaml({'rosbag2_bagfile_information': self.as_mapping()}) + '\n'
+        draft = directory / f'{FILE_NAME}.tmp'
+        try:
+            with draft.open('w', encoding='utf-8') as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+            draft.replace(directory / FILE_NAME)
+        except OSError:
+            with suppress(OSError):
+                draft.unlink()
+            raise
+        sync_directory(directory)
+
+
+def sync_directory(directory: Path) -> None:
+    """Make the names in a directory survive a power cut; nothing where that is not supported."""
+    with suppress(OSError):
+        descriptor = os.open(directory, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def listed_files(directory: Path) -> set[str] | None:
+    """Return the names of the files that ``metadata.yaml`` lists; None if it is missing or bad."""
+    try:
+        content = load_yaml((directory / FILE_NAME).read_text(encoding='utf-8'))
+        paths = content['rosbag2_bagfile_information']['relative_file_paths']
+        return {Path(path).name for path in paths}
+    except (OSError, yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError):
+        return None

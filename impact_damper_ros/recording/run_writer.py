@@ -1,0 +1,307 @@
+"""Recording a run while it goes on, without ever holding it up."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from .bag_file import BagFile, BagSummary
+from .errors import RecordingError
+from .run_directory import create_run_directory
+from .topic import Topic
+
+__all__ = ['RunWriter']
+
+#: The writer thread looks at the queue this many times per flush period.
+_POLLS = 10
+#: Messages taken from the queue between two looks at the clock.
+_BATCH = 500
+_LATEST_STAMP = 2**63 - 1
+
+
+class RunWriter:
+    """
+    Writes a run to a rosbag2 bag, in a thread of its own.
+
+    `write` only appends to a queue. The writer thread empties it and hands whole chunks to the
+    operating system, so that a process killed at any instant loses at most the last
+    `flush_period` of the run; a second thread forces them to the disk every `sync_period`, so that
+    a power cut loses little more, and a slow disk delays neither the flushes nor the run.
+
+    Parameters
+    ----------
+    directory : Path or str
+        Of the bag; made if absent, must not hold a bag already. See `create_run_directory`.
+    topics : sequence of Topic
+        What is recorded.
+    flush_period : float, default 0.5
+        Longest time, in seconds, that a message may stay in memory.
+    sync_period : float, default 5.0
+        Time, in seconds, between two forced writes to the disk.
+    custom : mapping of str to str, optional
+        Notes for the bag's ``custom_data``.
+    queue_limit : int, default 200000
+        Messages that may wait; more are dropped and counted. A run that is simulated as fast as
+        possible should pause while `backlog` is large.
+
+    Raises
+    ------
+    RecordingError
+        If the bag cannot be made: no permission, disk full, a file in the way. Later failures are
+        never raised, see `error`.
+    KeyError
+        If no definition of a topic's type is shipped.
+    """
+
+    def __init__(
+        self,
+        directory: Path | str,
+        topics: Sequence[Topic],
+        *,
+        flush_period: float = 0.5,
+        sync_period: float = 5.0,
+        custom: Mapping[str, str] | None = None,
+        queue_limit: int = 200_000,
+    ) -> None:
+        if len({topic.name for topic in topics}) < len(topics):
+            raise ValueError('two topics have the same name; each may be given once')
+        if not flush_period > 0 or not sync_period > 0:
+            raise ValueError('flush_period and sync_period must be positive')
+        self._file = BagFile(
+            Path(directory), [topic.channel() for topic in topics], dict(custom or {})
+        )
+        self._channels: dict[int | str, int] = {}
+        for index, topic in enumerate(topics):
+            self._channels[index] = self._channels[topic.name] = index
+        self._poll_period = flush_period / _POLLS
+        # A message waits for one look at the queue and the rest of a flush interval; a second
+        # look is kept in reserve for a busy machine.
+        self._flush_interval = flush_period - 2 * self._poll_period
+        self._sync_period = sync_period
+        self._queue: deque[tuple[int | str, bytes, int]] = deque()
+        self._queue_limit = queue_limit
+        self._accepting = True
+        self._lock = threading.Lock()
+        self._dropped = 0
+        self._drop_reason: str | None = None
+        self._error: RecordingError | None = None
+        self._summary: BagSummary | None = None
+        self._closing = threading.RLock()
+        self._stop = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._write_loop, name='run_writer', daemon=True),
+            threading.Thread(target=self._sync_loop, name='run_sync', daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @classmethod
+    def new_run(
+        cls,
+        parent: Path | str,
+        topics: Sequence[Topic],
+        *,
+        custom: Mapping[str, str] | None = None,
+    ) -> Self:
+        """
+        Start recording to a new directory ``parent/run_<date>_<time>``.
+
+        Raises
+        ------
+        RecordingError
+            If it cannot be made; then no empty directory is left behind.
+        """
+        directory = create_run_directory(parent)
+        try:
+            return cls(directory, topics, custom=custom)
+        except Exception:
+            with suppress(OSError):
+                directory.rmdir()
+            raise
+
+    @property
+    def directory(self) -> Path:
+        """The bag."""
+        return self._file.directory
+
+    @property
+    def path(self) -> Path:
+        """The MCAP file being written."""
+        return self._file.path
+
+    @property
+    def error(self) -> RecordingError | None:
+        """Why the recording ended early; None as long as it goes well."""
+        return self._error
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages offered that are not in the bag."""
+        return self._dropped
+
+    @property
+    def drop_reason(self) -> str | None:
+        """Why the first of the dropped messages was dropped."""
+        return self._drop_reason
+
+    @property
+    def backlog(self) -> int:
+        """Number of messages that wait to be written."""
+        return len(self._queue)
+
+    def write(self, topic: int | str, content: bytes, stamp_ns: int) -> bool:
+        """
+        Queue a message; never blocks, never raises.
+
+        Parameters
+        ----------
+        topic : int or str
+            Index or name of one of the topics.
+        content : bytes
+            The message, serialised in CDR.
+        stamp_ns : int
+            Its stamp in nanoseconds.
+
+        Returns
+        -------
+        bool
+            False if the message was dropped (recording ended, or too many waiting).
+        """
+        queue = self._queue
+        if self._accepting and len(queue) < self._queue_limit:
+            queue.append((topic, content, stamp_ns))
+            return True
+        if self._accepting:
+            self._drop(f'more than {self._queue_limit} messages waited for the disk')
+        else:
+            self._drop('the recording had ended')
+        return False
+
+    def close(self) -> BagSummary:
+        """
+        Write what is queued, finish the bag and say what it holds.
+
+        May be called more than once, from any thread, and after an error; raises nothing.
+        """
+        with self._closing:
+            if self._summary is None:
+                self._accepting = False
+                self._stop.set()
+                for thread in self._threads:
+                    thread.join()
+                self._finish()
+                self._summary = BagSummary(
+                    directory=self._file.directory,
+                    file=self._file.path,
+                    counts={
+                        channel.topic: count
+                        for channel, count in zip(
+                            self._file.channels, self._file.counts, strict=True
+                        )
+                    },
+                    start_ns=self._file.start_ns,
+                    end_ns=self._file.end_ns,
+                    dropped=self._dropped,
+                    error=self._error,
+                )
+            return self._summary
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _drop(self, reason: str, count: int = 1) -> None:
+        if count:
+            with self._lock:
+                self._dropped += count
+                self._drop_reason = self._drop_reason or reason
+
+    def _fail(self, error: Exception) -> None:
+        """Keep the first error and stop accepting messages."""
+        self._accepting = False
+        if self._error is None:
+            if isinstance(error, OSError):
+                error = RecordingError.from_os_error('go on recording to', self.path, error)
+            elif not isinstance(error, RecordingError):
+                cause = f'{type(error).__name__}: {error}'
+                error = RecordingError('go on recording to', self.path, cause)
+            self._error = error
+        self._stop.set()
+
+    def _finish(self) -> None:
+        try:
+            if self._error is None:
+                self._file.finish()
+        except Exception as error:
+            self._fail(error)
+        if self._error is not None:
+            self._drop('the recording had ended', self._file.abandon())
+        self._discard()
+
+    def _discard(self) -> None:
+        count = 0
+        while self._queue:
+            self._queue.popleft()
+            count += 1
+        self._drop('the recording had ended', count)
+
+    def _write_loop(self) -> None:
+        try:
+            flushed = time.monotonic()
+            dirty = False
+            while True:
+                stopping = self._stop.wait(self._poll_period)
+                if self._error is not None:
+                    break
+                while self._queue:
+                    dirty = self._take(min(len(self._queue), _BATCH)) or dirty
+                    if dirty and time.monotonic() - flushed >= self._flush_interval:
+                        self._file.flush()
+                        flushed, dirty = time.monotonic(), False
+                if dirty and time.monotonic() - flushed >= self._flush_interval:
+                    self._file.flush()
+                    flushed, dirty = time.monotonic(), False
+                if stopping:
+                    break
+        except Exception as error:
+            self._fail(error)
+
+    def _take(self, count: int) -> bool:
+        """Move messages from the queue to the file; return whether there was any."""
+        added = False
+        for _ in range(count):
+            topic, content, stamp_ns = self._queue.popleft()
+            channel = self._channels.get(topic)
+            if channel is None:
+                self._drop(f'topic {topic!r} is not one of the recorded ones')
+            elif not isinstance(stamp_ns, int) or not 0 <= stamp_ns <= _LATEST_STAMP:
+                self._drop(f'stamp {stamp_ns!r} is not an integer of 0 .. 2**63 - 1 (ns)')
+            elif not isinstance(content, bytes):
+                self._drop(f'content is {type(content).__name__}, not bytes')
+            else:
+                self._file.add(channel, content, stamp_ns)
+                added = True
+        return added
+
+    def _sync_loop(self) -> None:
+        synced = self._file.size
+        while not self._stop.wait(self._sync_period):
+            try:
+                if self._file.size != synced:
+                    synced = self._file.size
+                    self._file.sync()
+            except Exception as error:
+                self._fail(error)

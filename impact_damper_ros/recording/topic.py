@@ -1,0 +1,157 @@
+"""What is recorded: topics, and the quality of service with which they are offered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+from . import interface
+
+__all__ = ['LATCHED', 'Channel', 'QosProfile', 'Topic', 'dump_yaml', 'load_yaml']
+
+#: How rosbag2 writes an unlimited duration.
+_INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+
+
+@dataclass(frozen=True)
+class QosProfile:
+    """
+    Quality of service of a publisher, in the words of rosbag2's metadata version 9.
+
+    Attributes
+    ----------
+    reliability : str
+        ``'reliable'`` or ``'best_effort'``.
+    durability : str
+        ``'volatile'`` or ``'transient_local'`` (a latched topic).
+    depth : int
+        Length of the history kept (``keep_last``).
+    """
+
+    reliability: str = 'reliable'
+    durability: str = 'volatile'
+    depth: int = 10
+
+    def __post_init__(self) -> None:
+        allowed = {
+            'reliability': ('reliable', 'best_effort'),
+            'durability': ('volatile', 'transient_local'),
+        }
+        for name, values in allowed.items():
+            if (value := getattr(self, name)) not in values:
+                raise ValueError(f'{name} is {value!r}; it must be one of {", ".join(values)}')
+        if self.depth < 1:
+            raise ValueError(f'depth is {self.depth}; it must be at least 1')
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the profile with all the fields that rosbag2 reads, in its order."""
+        return {
+            'history': 'keep_last',
+            'depth': self.depth,
+            'reliability': self.reliability,
+            'durability': self.durability,
+            'deadline': dict(_INFINITE),
+            'lifespan': dict(_INFINITE),
+            'liveliness': 'automatic',
+            'liveliness_lease_duration': dict(_INFINITE),
+            'avoid_ros_namespace_conventions': False,
+        }
+
+
+#: The quality of service of a latched topic: a late subscriber gets the last message.
+LATCHED = QosProfile(durability='transient_local', depth=1)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """
+    A topic to record.
+
+    Attributes
+    ----------
+    name : str
+        Fully qualified: ``'/joint_states'``.
+    type : str
+        Full name of its type: ``'sensor_msgs/msg/JointState'``.
+    qos : QosProfile
+        With which it is offered; `ros2 bag play` offers it likewise.
+    """
+
+    name: str
+    type: str
+    qos: QosProfile = field(default_factory=QosProfile)
+
+    def channel(self) -> Channel:
+        """
+        Return the topic as an MCAP file describes it.
+
+        Raises
+        ------
+        KeyError
+            If no definition of the type is shipped with this package.
+        """
+        return Channel(
+            topic=self.name,
+            type=self.type,
+            schema=interface.definition(self.type).encode(),
+            type_hash=interface.type_hash(self.type),
+            qos_profiles=(self.qos.as_mapping(),),
+        )
+
+
+@dataclass(frozen=True)
+class Channel:
+    """
+    A topic with all that makes it readable on its own; also of a bag not written here.
+
+    Attributes
+    ----------
+    topic, type : str
+        Names of the topic and of its type.
+    schema : bytes
+        Definition of the type with its dependencies.
+    type_hash : str
+        As of REP 2016; empty if unknown.
+    qos_profiles : tuple of mappings
+        One per publisher.
+    schema_encoding, message_encoding : str
+        As of the MCAP registry of well-known encodings.
+    """
+
+    topic: str
+    type: str
+    schema: bytes
+    type_hash: str
+    qos_profiles: tuple[Mapping[str, Any], ...] = ()
+    schema_encoding: str = 'ros2msg'
+    message_encoding: str = 'cdr'
+
+    def metadata(self) -> dict[str, str]:
+        """Return the metadata of the MCAP channel, as rosbag2 writes it."""
+        profiles = [dict(profile) for profile in self.qos_profiles]
+        return {
+            'offered_qos_profiles': dump_yaml(profiles) if profiles else '',
+            'topic_type_hash': self.type_hash,
+        }
+
+
+def load_yaml(text: str) -> Any:
+    """Return what a YAML text says, read by libyaml if PyYAML has it (ten times faster)."""
+    return yaml.load(text, Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
+
+
+def dump_yaml(value: object) -> str:
+    """Return block-style YAML with the keys in the order given, without a final newline."""
+    # No aliases: readers of metadata.yaml need not know them.
+    text: str = yaml.dump(
+        value, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True, width=2**20
+    )
+    return text.removesuffix('\n')
+
+
+class _PlainDumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+        return True
