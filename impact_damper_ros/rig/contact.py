@@ -53,7 +53,7 @@ def safe_step(h_0: float, h_1: float, h_2: float, bound: float, horizon: float) 
     h_0, h_1, h_2 : float
         The function and its first two derivatives now; `h_0` not negative.
     bound : float
-        Bound of the third derivative's modulus over the horizon; positive.
+        Bound of the third derivative's modulus over the horizon; not negative.
     horizon : float
         Longest step wanted.
 
@@ -87,11 +87,22 @@ def safe_step(h_0: float, h_1: float, h_2: float, bound: float, horizon: float) 
                 if change <= _STEP_TOLERANCE * u:
                     break
             return min(u, horizon)
-        left = (h_2 + sqrt(discriminant)) / bound if discriminant > 0.0 else lowest
+        left = lowest
+        if discriminant > 0.0:
+            if h_2 + sqrt(discriminant) >= bound * horizon:
+                return horizon
+            left = (h_2 + sqrt(discriminant)) / bound
     elif h_1 > 0.0 or h_2 > 0.0:
         # Rises first; beyond its maximum it is concave and falling.
         root = sqrt(max(discriminant, 0.0))
-        left = (h_2 + root) / bound if h_2 > 0.0 else 2.0 * h_1 / (root - h_2)
+        if h_2 > 0.0:
+            if h_2 + root >= bound * horizon:
+                return horizon
+            left = (h_2 + root) / bound
+        elif 2.0 * h_1 >= horizon * (root - h_2):
+            return horizon
+        else:
+            left = 2.0 * h_1 / (root - h_2)
     if left >= horizon:
         return horizon
     right = horizon
@@ -159,7 +170,9 @@ def _leave_support(flight: Flight, motion: Motion) -> float:
     horizon = oscillator.horizon
     jerk = abs(motion.x_3)
     bound = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.bound_4)
-    step = min(horizon, 1.5 * jerk / bound)
+    step = horizon
+    if 1.5 * jerk < bound * horizon:
+        step = 1.5 * jerk / bound
     # The stop ahead, if there is one, must not be reached within that step.
     jerk_bound = jerk + bound * horizon
     if flight.direction >= 0 and flight.clearance_1 > 0.0:
@@ -176,7 +189,9 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, flo
     direction = flight.direction
     horizon = oscillator.horizon
     motion: Motion = motion_at(flight, tau)
-    if tau == 0.0 and flight.relative_velocity == 0.0 and flight.relative_acceleration == 0.0:
+    held = direction != 0 or flight.clearance_1 == 0.0 or flight.clearance_2 == 0.0
+    still = flight.relative_velocity == 0.0 and flight.relative_acceleration == 0.0
+    if tau == 0.0 and held and still:
         if motion.x_3 == 0.0 or direction * motion.x_3 > 0.0:
             return REVERSAL, 0.0
         tau = _leave_support(flight, motion)
