@@ -1,0 +1,1 @@
+"""What runs of the rig show; works on arrays, without ROS."""
