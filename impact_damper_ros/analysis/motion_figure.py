@@ -70,7 +70,11 @@ def _legend(figure: Figure) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    mark: dict[str, Any] = {'linestyle': 'none', 'markeredgecolor': 'black', 'markerfacecolor': 'gold'}
+    mark: dict[str, Any] = {
+        'linestyle': 'none',
+        'markeredgecolor': 'black',
+        'markerfacecolor': 'gold',
+    }
     handles = [
         Line2D([], [], color=PRIMARY, linewidth=1.8, label='X, primary mass'),
         Line2D([], [], color=DAMPER, linewidth=1.3, label='Z, damper mass'),

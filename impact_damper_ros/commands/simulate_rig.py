@@ -17,6 +17,7 @@ from typing import IO
 import yaml
 from tqdm import tqdm
 
+from impact_damper_ros.analysis.swing import Swing
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -29,7 +30,7 @@ from impact_damper_ros.rig import (
     load_parameters,
 )
 
-__all__ = ['main']
+__all__ = ['main', 'parameter_table']
 
 IMPACT_COLUMNS = (
     'time',
@@ -44,7 +45,7 @@ EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:])
 
 # The end of a run that its summary describes, and how closely it looks for the largest X.
 _WATCHED_CYCLES = 20
-_LOOKS_PER_CYCLE = 64
+_LOOKS_PER_CYCLE = 256
 
 _DESCRIPTION = """\
 Run an impact damper exactly, without ROS, from the same parameters file as sim_node. The rig
@@ -66,6 +67,9 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('params', type=Path, metavar='PARAMS.yaml', help='ROS 2 parameters file')
+    parser.add_argument(
+        '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
+    )
     parser.add_argument(
         '--duration', type=_positive, required=True, metavar='T', help='time to simulate [s]'
     )
@@ -93,6 +97,32 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
     return parser
+
+
+class _ListParameters(argparse.Action):
+    """Print what a rig can be, as a Markdown table, and exit."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:  # noqa: A002
+        super().__init__(option_strings, dest, nargs=0, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(parameter_table(), end='')
+        parser.exit()
+
+
+def parameter_table() -> str:
+    """Return name, unit, range, default and meaning of every parameter of a rig, in Markdown."""
+    lines = ['| parameter | unit | range | default | meaning |', '| --- | --- | --- | --- | --- |']
+    for spec in (*PARAMETER_SPECS.values(), *INITIAL_SPECS.values()):
+        span = 'true, false' if spec.low is None else f'{spec.low:g} to {spec.high:g}'
+        default = spec.default
+        shown = [f'{v:g}' for v in default] if isinstance(default, tuple) else f'{default:g}'
+        if isinstance(default, bool):
+            shown = str(default).lower()
+        elif isinstance(shown, list):
+            shown = f'[{", ".join(shown)}]'
+        lines.append(f'| `{spec.name}` | {spec.unit} | {span} | {shown} | {spec.description} |')
+    return '\n'.join(lines) + '\n'
 
 
 def _positive(text: str) -> float:
@@ -149,35 +179,6 @@ def _instants(
         if instant < duration:
             yield instant
     yield duration
-
-
-class _Swing:
-    """
-    Largest displacement of M, from samples and the events between them.
-
-    Between two samples without an event X is the cubic through both with their velocities.
-    """
-
-    def __init__(self) -> None:
-        self.largest = 0.0
-        self._last: Sample | None = None
-
-    def look(self, sample: Sample, events: Sequence[Event]) -> None:
-        """Take the next sample and the events since the one before."""
-        last = self._last
-        self._last = sample
-        self.largest = max([self.largest, abs(sample.x), *(abs(e.x) for e in events)])
-        if last is None or events or last.primary_velocity * sample.primary_velocity >= 0.0:
-            return
-        step = sample.time - last.time
-        rise = (sample.x - last.x) / step
-        v_0, v_1 = last.primary_velocity, sample.primary_velocity
-        a, b = 3.0 * (v_0 + v_1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * v_0 - v_1)
-        # The cubic's velocity v_0 + b s + a s^2 changes sign once in 0 < s < 1.
-        root = math.sqrt(max(b * b - 4.0 * a * v_0, 0.0))
-        s = 2.0 * v_0 / (-b + math.copysign(root, v_0))
-        x = last.x + step * s * (v_0 + s * (b / 2.0 + s * a / 3.0))
-        self.largest = max(self.largest, abs(x))
 
 
 def _row(values: Sequence[object]) -> str:
@@ -253,7 +254,7 @@ def _run(
     rig = Simulator(parameters, initial)
     counts: Counter[EventKind] = Counter()
     last: dict[int, Event] = {}
-    swing = _Swing()
+    swing = Swing()
     duration = arguments.duration
     cycle = _cycle(parameters)
     watched_from = max(0.0, duration - _WATCHED_CYCLES * cycle)
