@@ -323,6 +323,13 @@ def launch(machine: Machine, origin: Origin) -> Flight:
     relative = (machine.slope - direction * machine.grip + air) - acceleration
     if origin.released:
         relative = 0.0
+    elif origin.relative_velocity == 0.0 and (
+        direction * relative < 0.0
+        or (mode == FREE and origin.clearance_1 == 0.0 and relative > 0.0)
+        or (mode == FREE and origin.clearance_2 == 0.0 and relative < 0.0)
+    ):
+        # `mode_at_rest` found m to leave the other way: the balance is exact to round-off.
+        relative = 0.0
     # A stop held back by m follows it inwards until it is where it should be.
     arrival = inf
     inwards = origin.relative_velocity

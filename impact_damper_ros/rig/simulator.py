@@ -39,8 +39,9 @@ from .transition import Transition, at_rest, carried, moving_mode, resolve, stru
 __all__ = ['Simulator']
 
 _SNAPSHOT_FORMAT = 1
-# Far more than any chatter needs before it is completed in closed form.
+# Far more events than any chatter has, in this part of a radian of the natural vibration.
 _MOST_EVENTS_AT_ONCE = 100_000
+_AT_ONCE = 1e-9
 
 
 def _offset(origin: Origin) -> float:
@@ -212,8 +213,9 @@ class Simulator:
             transition = resolve(self._machine, self._origin, self._flight, kind, tau)
             self._begin(transition.origin)
             events += self._report(kind, mode, transition)
-            at_once = at_once + 1 if self._origin.time == instant else 0
-            instant = self._origin.time
+            if self._origin.time > instant + _AT_ONCE / self._machine.joint.frequency:
+                instant, at_once = self._origin.time, 0
+            at_once += 1
             if at_once > _MOST_EVENTS_AT_ONCE:
                 raise RuntimeError(
                     f'the rig has {at_once} events at {instant!r} s, which should not be '

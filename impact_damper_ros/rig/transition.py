@@ -17,8 +17,11 @@ from .mode import (
     CHATTER_1,
     CHATTER_2,
     FREE,
+    REST_1,
+    REST_2,
     SLIDE_DOWN,
     SLIDE_UP,
+    STICK,
     Machine,
     Origin,
     advance_time,
@@ -276,6 +279,15 @@ def resolve(machine: Machine, origin: Origin, flight: Flight, kind: int, tau: fl
         else:
             there = _on_stop(machine, there, 2, there.stop_1, -machine.stop)
         return Transition(there, 0, before, relative_before, before, relative_before)
+    if kind == REVERSAL and tau == 0.0:
+        # m was about to leave its support and does not: the support holds to round-off.
+        mode = STICK
+        if there.clearance_1 == 0.0:
+            mode = REST_1
+        elif there.clearance_2 == 0.0:
+            mode = REST_2
+        there = _with(there, mode, before, 0.0, there.last_stop, False, 0.0)
+        return Transition(there, 0, before, relative_before, before, 0.0)
     if kind == REVERSAL or origin.mode >= CHATTER_1:
         there = at_rest(machine, there)
         return Transition(there, 0, before, relative_before, before, 0.0)

@@ -1,0 +1,162 @@
+"""
+Certified steps: how far ahead a function is certain not to reach zero.
+
+A watched function h (a clearance, the relative speed, the support left) is known now with two
+derivatives, and its third derivative is bounded by a constant B. So
+h(u) >= h0 + h1 u + h2 u^2/2 - B u^3/6, and up to the first root of that cubic it has no root.
+Stepping by these roots never passes a root of h, whatever lies between the steps, and converges
+on the first one from the left with order three.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from .kernels import kernel
+
+__all__ = ['ROUND_OFF', 'least_step', 'look_ahead', 'look_past', 'safe_step']
+
+_EPSILON = 2.220446049250313e-16
+_STEP_TOLERANCE = 1e-12
+_LEAST_STEP = 1e-9
+
+#: A sum this small compared with its terms cannot be told from zero.
+ROUND_OFF = 16.0 * _EPSILON
+
+
+@kernel
+def safe_step(h_0: float, h_1: float, h_2: float, bound: float, horizon: float) -> float:
+    """
+    Return how far ahead a function is certain to stay positive.
+
+    Parameters
+    ----------
+    h_0, h_1, h_2 : float
+        The function and its first two derivatives now; `h_0` not negative.
+    bound : float
+        Bound of the third derivative's modulus over the horizon; not negative.
+    horizon : float
+        Longest step wanted.
+
+    Returns
+    -------
+    float
+        A lower bound, tight to 1e-12, of the first positive root of
+        h_0 + h_1 u + h_2 u^2/2 - bound u^3/6, at most the horizon.
+    """
+    half = 0.5 * h_2
+    sixth = bound / 6.0
+    left = 0.0
+    discriminant = h_2 * h_2 + 2.0 * bound * h_1
+    if h_2 > 0.0 and h_1 < 0.0:
+        # Convex and falling at first: a root here is approached by Newton from the left.
+        if discriminant > 0.0:
+            lowest = -2.0 * h_1 / (h_2 + sqrt(discriminant))
+        else:
+            lowest = h_2 / bound
+        if h_0 + lowest * (h_1 + lowest * (half - lowest * sixth)) <= 0.0:
+            u = 0.0
+            for _ in range(64):
+                value = h_0 + u * (h_1 + u * (half - u * sixth))
+                slope = h_1 + u * (h_2 - 0.5 * u * bound)
+                if value <= 0.0 or slope >= 0.0:
+                    break
+                change = -value / slope
+                if u + change >= lowest:
+                    break
+                u += change
+                if change <= _STEP_TOLERANCE * u:
+                    break
+            return min(u, horizon)
+        left = lowest
+        if discriminant > 0.0:
+            if h_2 + sqrt(discriminant) >= bound * horizon:
+                return horizon
+            left = (h_2 + sqrt(discriminant)) / bound
+    elif h_1 > 0.0 or h_2 > 0.0:
+        # Rises first; beyond its maximum it is concave and falling.
+        root = sqrt(max(discriminant, 0.0))
+        if h_2 > 0.0:
+            if h_2 + root >= bound * horizon:
+                return horizon
+            left = (h_2 + root) / bound
+        elif 2.0 * h_1 >= horizon * (root - h_2):
+            return horizon
+        else:
+            left = 2.0 * h_1 / (root - h_2)
+    if left >= horizon:
+        return horizon
+    right = horizon
+    value_right = h_0 + right * (h_1 + right * (half - right * sixth))
+    if value_right >= 0.0:
+        return horizon
+    value_left = h_0 + left * (h_1 + left * (half - left * sixth))
+    if value_left <= 0.0:
+        return left if left > 0.0 and value_left == 0.0 else 0.0
+    # Concave and falling: a chord stays left of the root, a tangent stays right of it.
+    for _ in range(64):
+        chord = left + (right - left) * (value_left / (value_left - value_right))
+        value = h_0 + chord * (h_1 + chord * (half - chord * sixth))
+        if value > 0.0 and chord > left:
+            left = chord
+            value_left = value
+        slope = h_1 + right * (h_2 - 0.5 * right * bound)
+        tangent = right - value_right / slope if slope < 0.0 else right
+        if left < tangent < right:
+            value = h_0 + tangent * (h_1 + tangent * (half - tangent * sixth))
+            if value <= 0.0:
+                right = tangent
+                value_right = value
+            else:
+                left = tangent
+                value_left = value
+        else:
+            break
+        if right - left <= _STEP_TOLERANCE * right:
+            break
+    return left
+
+
+@kernel
+def look_ahead(
+    h_0: float, h_1: float, h_2: float, bound: float, horizon: float, tau: float
+) -> tuple[float, bool]:
+    """
+    Return the safe step of one watched function, and whether it ends on the root.
+
+    It does if the root is then known to the last digit of the time: the cubic with +bound has
+    its own root no later than that.
+    """
+    step = safe_step(h_0, h_1, h_2, bound, horizon)
+    if step >= horizon:
+        return horizon, False
+    slope = h_1 + step * (h_2 - 0.5 * step * bound)
+    if step <= 2.0 * _EPSILON * tau:
+        return step, slope < 0.0 or step == 0.0
+    if slope >= 0.0:
+        return step, False
+    uncertainty = bound * step * step * step / (-3.0 * slope) + 2.0 * _STEP_TOLERANCE * step
+    return step, uncertainty <= 0.5 * _EPSILON * tau
+
+
+@kernel
+def least_step(horizon: float) -> float:
+    """Return the step after which a function that cannot be told from zero is looked at again."""
+    return _LEAST_STEP * horizon
+
+
+@kernel
+def look_past(
+    h_0: float, h_1: float, h_2: float, bound: float, horizon: float, tau: float, scale: float
+) -> tuple[float, bool]:
+    """
+    Look ahead as `look_ahead` does, but not stay where a function touches zero.
+
+    There it is zero to the round-off of its terms, which are of size `scale`, and no step is
+    safe; the least step then leads on by no more than that round-off.
+    """
+    step, root = look_ahead(h_0, h_1, h_2, bound, horizon, tau)
+    least = least_step(horizon)
+    if step < least and h_0 + abs(h_1) * least <= ROUND_OFF * scale:
+        return least, False
+    return step, root
