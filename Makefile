@@ -1,0 +1,58 @@
+# Everything here runs in .venv, which is made on the way: python3, python3-venv and make are
+# all that has to be there. Another Python: make PYTHON=python3.12 test
+
+PYTHON := python3
+ARGS :=
+PY := .venv/bin/python
+VENV := PYTHON='$(PYTHON)' .ci/venv
+
+# A sourced ROS 2 or another active environment must not reach into .venv.
+unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH VIRTUAL_ENV
+unexport PIP_REQUIRE_VIRTUALENV PIP_TARGET PIP_USER _ROS_WHEELS_BOOTSTRAP_COMPLETE
+unexport RMW_IMPLEMENTATION ROS_DISCOVERY_SERVER ROS_DOMAIN_ID ROS_LOCALHOST_ONLY ROS_NAMESPACE
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: bench clean colcon demo env format help lint test types
+
+help:  ## this list
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
+
+demo:  ## run the live rig for half a minute, record it, draw it: see demo_run/
+	@$(VENV) ros,plot
+	@$(PY) -u -m impact_damper_ros.commands.demo
+
+test:  ## run all tests
+	@$(VENV) ros,plot,test
+	@$(PY) -m pytest $(ARGS)
+
+lint:  ## check the style (ruff)
+	@$(VENV) ros,plot,test,dev
+	@$(PY) -m ruff check .
+	@$(PY) -m ruff format --check .
+
+format:  ## put the code into style (ruff)
+	@$(VENV) ros,plot,test,dev
+	@$(PY) -m ruff check --fix .
+	@$(PY) -m ruff format .
+
+types:  ## check the types (mypy --strict)
+	@$(VENV) ros,plot,test,dev
+	@$(PY) -m mypy
+
+colcon:  ## build with colcon into build/ and install/, as in a ROS 2 workspace
+	@$(VENV) ros,plot,test
+	@$(PY) -m colcon build
+
+bench:  ## measure speed, accuracy and jitter against general tools (some minutes)
+	@$(VENV) ros,plot,test
+	@$(PY) benchmarks/simulator.py $(ARGS)
+	@$(PY) benchmarks/node.py $(ARGS)
+
+env:  ## only make .venv, with all tools for development
+	@$(VENV) ros,plot,test,dev
+
+clean:  ## remove .venv, builds, caches and the demo's run
+	rm -rf .venv build install log demo_run *.egg-info .mypy_cache .pytest_cache .ruff_cache
+	find impact_damper_ros test benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

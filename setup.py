@@ -1,0 +1,72 @@
+"""Installation with colcon (`ros.ament_python`) and with pip."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'impact_damper_ros'
+SHARE = f'share/{NAME}'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='An exact, live digital rig of an impact damper on ROS 2, recorded to MCAP',
+    author='Impact Damper ROS maintainers',
+    author_email='maintainers@example.com',
+    maintainer='Impact Damper ROS maintainers',
+    maintainer_email='maintainers@example.com',
+    license='Apache-2.0',
+    license_files=['LICENSE'],
+    keywords=['ROS', 'impact damper', 'vibro-impact', 'digital twin', 'MCAP'],
+    classifiers=[
+        'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Topic :: Scientific/Engineering :: Physics',
+        'Typing :: Typed',
+    ],
+    python_requires='>=3.11',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['py.typed', 'recording/definitions/**/*']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (SHARE, ['package.xml']),
+        (f'{SHARE}/config', sorted(glob('config/*.yaml'))),
+        (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'{SHARE}/rviz', sorted(glob('rviz/*.rviz'))),
+        (f'{SHARE}/urdf', sorted(glob('urdf/*'))),
+    ],
+    # The console scripts look their modules up by path, so the package is never run from a zip.
+    zip_safe=False,
+    install_requires=['lz4>=4.0', 'mcap>=1.5', 'PyYAML>=6.0', 'tqdm>=4.60', 'zstandard>=0.20'],
+    extras_require={
+        # ROS 2 Jazzy as wheels, for a machine without an installed ROS (not needed beside one).
+        'ros': [
+            'ros-jazzy-common-interfaces>=5.3.6,<6',
+            'ros-jazzy-rclpy>=7.1.6,<8',
+            'ros-jazzy-rmw-fastrtps-cpp>=8.4.3,<9',
+        ],
+        'plot': ['matplotlib>=3.6', 'numpy>=1.24'],
+        'compiled': ['numba>=0.59'],
+        'test': [
+            'colcon-common-extensions>=0.3',
+            'mcap-ros2-support>=0.5.5',
+            'mpmath>=1.3',
+            'numpy>=1.24',
+            'pytest>=7.4',
+            'rosbags>=0.10.11',
+            'scipy>=1.10',
+            'xacro>=2.1',
+        ],
+        'dev': ['mypy>=1.11', 'pre-commit>=3.7', 'ruff>=0.9', 'types-PyYAML>=6.0'],
+    },
+    entry_points={
+        'console_scripts': [
+            'recover_run = impact_damper_ros.commands.recover_run:main',
+            'sim_node = impact_damper_ros.nodes.sim_node:main',
+            'simulate_rig = impact_damper_ros.commands.simulate_rig:main',
+        ],
+    },
+)

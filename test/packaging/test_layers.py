@@ -1,0 +1,111 @@
+"""The layers of the package: imports point one way, and the lower layers need no ROS."""
+
+import ast
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+
+PACKAGE = Path(impact_damper_ros.__file__).parent
+
+# A module may import from its own subpackage and from those with a smaller number.
+LEVEL = {
+    'rig': 0,
+    'orbits': 1,
+    'recording': 2,
+    'control': 2,
+    'analysis': 2,
+    'nodes': 3,
+    'commands': 3,
+}
+WITHOUT_ROS = [name for name in LEVEL if LEVEL[name] < 3 and (PACKAGE / name).is_dir()]
+ROS = (
+    'builtin_interfaces',
+    'diagnostic_msgs',
+    'rcl_interfaces',
+    'rclpy',
+    'rosgraph_msgs',
+    'rosidl_runtime_py',
+    'sensor_msgs',
+    'std_msgs',
+    'std_srvs',
+)
+
+
+def modules(*names: str) -> list[Path]:
+    return sorted(path for name in names for path in (PACKAGE / name).rglob('*.py'))
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Yield the full name of every module or object that a file imports, at any depth."""
+    package = ('impact_damper_ros', *path.relative_to(PACKAGE).parent.parts)
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'), str(path))):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name
+        elif isinstance(node, ast.ImportFrom):
+            parts = list(package[: len(package) - node.level + 1]) if node.level else []
+            parts += node.module.split('.') if node.module else []
+            for alias in node.names:
+                yield '.'.join([*parts, alias.name])
+
+
+def test_every_subpackage_has_a_layer():
+    found = {path.parent.name for path in PACKAGE.glob('*/__init__.py')}
+    assert found <= set(LEVEL)
+    assert {'rig', 'recording', 'nodes', 'commands'} <= found
+
+
+@pytest.mark.parametrize('path', modules(*LEVEL), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_point_downwards(path):
+    own = path.relative_to(PACKAGE).parts[0]
+    for name in imports(path):
+        parts = name.split('.')
+        if parts[0] == 'impact_damper_ros' and len(parts) > 1 and parts[1] in LEVEL:
+            other = parts[1]
+            assert other == own or LEVEL[other] < LEVEL[own], f'{path} imports {name}'
+
+
+def test_only_nodes_and_the_demo_import_ros():
+    """The demo is a client of the node."""
+    users = {
+        path.relative_to(PACKAGE)
+        for path in modules(*LEVEL)
+        if any(name.split('.')[0] in ROS for name in imports(path))
+    }
+    assert {path for path in users if path.parts[0] != 'nodes'} <= {Path('commands', 'demo.py')}
+
+
+IMPORT_WITHOUT_ROS = """
+import importlib, pkgutil, sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] in {ros!r}:
+            raise ModuleNotFoundError(f'{{name}} is blocked', name=name)
+
+sys.meta_path.insert(0, Blocked())
+package = importlib.import_module('impact_damper_ros.{name}')
+for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):
+    importlib.import_module(module.name)
+    print(module.name)
+assert not set({ros!r}) & set(sys.modules)
+"""
+
+
+@pytest.mark.parametrize('name', WITHOUT_ROS)
+def test_imports_without_ros(name):
+    done = subprocess.run(
+        [sys.executable, '-c', IMPORT_WITHOUT_ROS.format(ros=ROS, name=name)],
+        env={**os.environ, 'PYTHONPATH': str(PACKAGE.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert f'impact_damper_ros.{name}.' in done.stdout

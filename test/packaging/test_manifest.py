@@ -1,0 +1,95 @@
+"""What the package says of itself: package.xml, setup.py and the changelog agree."""
+
+import ast
+import re
+import subprocess
+import sys
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / 'impact_damper_ros'
+
+
+@pytest.fixture(scope='module')
+def manifest():
+    catkin_package = pytest.importorskip('catkin_pkg.package')
+    warnings: list[str] = []
+    package = catkin_package.parse_package(ROOT / 'package.xml', warnings=warnings)
+    assert warnings == []
+    return package
+
+
+def setup_says(*options: str) -> list[str]:
+    done = subprocess.run(
+        [sys.executable, 'setup.py', '--quiet', *options],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.splitlines()
+
+
+def third_party_imports(folder: Path) -> set[str]:
+    """Return the top-level packages that the modules below a folder import."""
+    found = set()
+    for path in folder.rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                found.add(node.module.split('.')[0])
+    return found - set(sys.stdlib_module_names) - {'impact_damper_ros'}
+
+
+def test_manifest_is_an_ament_python_package(manifest):
+    manifest.validate()
+    assert manifest.package_format == 3
+    assert manifest.name == 'impact_damper_ros'
+    assert manifest.get_build_type() == 'ament_python'
+    assert [str(text) for text in manifest.licenses] == ['Apache-2.0']
+    assert manifest.licenses[0].file == 'LICENSE'
+    assert 'Apache License' in (ROOT / 'LICENSE').read_text(encoding='utf-8')
+
+
+def test_versions_agree(manifest):
+    name, version, licence = setup_says('--name', '--version', '--license')
+    assert name == manifest.name
+    assert version == manifest.version == impact_damper_ros.__version__
+    assert licence == 'Apache-2.0'
+
+
+def test_changelog_leads_to_the_version(manifest):
+    changelog = pytest.importorskip('catkin_pkg.changelog').get_changelog_from_path(ROOT)
+    releases = list(changelog.foreach_version())
+    text = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    if releases:
+        newest, date, entries = releases[0]
+        assert newest == manifest.version
+        assert date is not None
+        assert entries
+    else:
+        assert re.search(r'^Forthcoming\n-{11}\n\* ', text, re.MULTILINE)
+
+
+def test_every_import_is_declared(manifest):
+    """Modules come from an exec_depend, by its rosdep key, and for pip from setup.py."""
+    with_mcap = 'mcap-ros2-support'
+    key_of = {'mcap': with_mcap, 'lz4': with_mcap, 'zstandard': with_mcap}
+    optional = {'numba'}
+    declared = {dependency.name for dependency in manifest.exec_depends}
+    setup = (ROOT / 'setup.py').read_text(encoding='utf-8')
+    distribution_of = packages_distributions()
+    ros_wheels = {'ament_index_python', 'builtin_interfaces', 'rclpy'}
+    for module in sorted(third_party_imports(PACKAGE) - optional):
+        assert declared & {module, f'python3-{module}', key_of.get(module)}, module
+        if module in ros_wheels or module.endswith(('_msgs', '_srvs', '_interfaces')):
+            continue
+        assert any(
+            f"'{distribution}" in setup for distribution in distribution_of.get(module, [module])
+        ), module
