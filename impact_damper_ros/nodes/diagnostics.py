@@ -1,0 +1,172 @@
+"""
+The node's report on /diagnostics: pacing, rig and recording.
+
+As REP 107 asks, the topic is absolute: one aggregator hears every node of the system, whatever
+namespace the node is in (`-r /diagnostics:=...` still moves it). The status names begin with the
+fully qualified node name, so that two rigs are told apart.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from impact_damper_ros.nodes.engine import EngineStatus
+from impact_damper_ros.nodes.pacing import CATCH_UP_NS
+from impact_damper_ros.nodes.serialisation import time_from_ns
+
+__all__ = ['Diagnostics', 'RecordingStatus']
+
+HARDWARE_ID = 'impact damper rig'
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class RecordingStatus(NamedTuple):
+    """How the recording is doing; `error` stays until the next one begins."""
+
+    path: str = ''
+    messages: int = 0
+    size: int = 0
+    backlog: int = 0
+    dropped: int = 0
+    error: str = ''
+
+
+class Diagnostics:
+    """
+    Turn what the engine and the recording have counted into reports.
+
+    Parameters
+    ----------
+    node_name : str
+        Fully qualified.
+    state_rate, real_time_factor : float
+        What the pacing is measured against.
+    clock : callable
+        Monotonic clock in seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        node_name: str,
+        state_rate: float,
+        real_time_factor: float,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin to count from now."""
+        self._node_name = node_name.removeprefix('/')
+        self._state_rate = state_rate
+        self._factor = real_time_factor
+        self._clock = clock
+        self._last_report = clock()
+        self._last: EngineStatus | None = None
+
+    def report(
+        self, stamp_ns: int, engine: EngineStatus, recording: RecordingStatus
+    ) -> DiagnosticArray:
+        """Return the report since the last one."""
+        now = self._clock()
+        elapsed = max(now - self._last_report, 1e-9)
+        array = DiagnosticArray()
+        array.header.stamp = time_from_ns(stamp_ns)
+        array.status = [
+            self._pacing(engine, elapsed),
+            self._rig(engine, elapsed),
+            self._recording(recording),
+        ]
+        self._last_report, self._last = now, engine
+        return array
+
+    def _pacing(self, engine: EngineStatus, elapsed: float) -> Any:
+        counts = engine.pacing
+        last = self._last
+        ticks, overruns, slips, slipped_ns = (
+            (new - old)
+            for new, old in zip(counts[:4], last.pacing[:4] if last else (0,) * 4, strict=True)
+        )
+        rig_time = (engine.time_ns - (last.time_ns if last else 0)) * 1e-9
+        asked = self._state_rate * self._factor
+        worst_ms = counts.worst_lateness_ns * 1e-6
+        if engine.paused:
+            level, message = OK, 'paused'
+        elif ticks == 0 and asked * elapsed > 2.0:
+            level, message = ERROR, f'no tick for {elapsed:.1f} s'
+        elif slips:
+            level = ERROR
+            message = (
+                f'cannot hold {asked:g} Hz: gave {slipped_ns * 1e-9:.3f} s of wall time up; '
+                'lower state_rate or real_time_factor'
+            )
+        elif overruns:
+            level = WARN
+            message = f'{overruns} of {ticks} ticks late by more than a period; no sample lost'
+        elif not self._factor:
+            level, message = OK, f'runs {rig_time / elapsed:.3g} times as fast as real time'
+        else:
+            level, message = OK, f'holds {asked:g} Hz'
+        return self._status(
+            'pacing',
+            level,
+            message,
+            {
+                'State rate [Hz]': f'{self._state_rate:g}',
+                'Achieved rate [Hz]': f'{ticks / elapsed:.2f}',
+                'Real-time factor': f'{self._factor:g}',
+                'Achieved real-time factor': f'{rig_time / elapsed:.4f}',
+                'Ticks': counts.ticks,
+                'Overruns': counts.overruns,
+                'Overruns since the last report': overruns,
+                'Worst lateness since the last report [ms]': f'{worst_ms:.3f}',
+                f'Slips (late by more than {CATCH_UP_NS * 1e-6:g} ms)': counts.slips,
+                'Wall time given up in slips [s]': f'{counts.slipped_ns * 1e-9:.3f}',
+            },
+        )
+
+    def _rig(self, engine: EngineStatus, elapsed: float) -> Any:
+        impacts = engine.impacts - (self._last.impacts if self._last else 0)
+        mode = engine.mode.lower().replace('_', ' ')
+        return self._status(
+            'rig',
+            OK,
+            f'{"paused, " if engine.paused else ""}{mode}',
+            {
+                'Mode': engine.mode,
+                'Time [s]': f'{engine.time_ns * 1e-9:.3f}',
+                'Paused': engine.paused,
+                'Impacts': engine.impacts,
+                'Impacts per wall second': f'{impacts / elapsed:.2f}',
+            },
+        )
+
+    def _recording(self, recording: RecordingStatus) -> Any:
+        if recording.error:
+            level, message = ERROR, f'stopped: {recording.error}'
+        elif recording.dropped:
+            level, message = WARN, f'{recording.dropped} messages dropped'
+        else:
+            level, message = OK, 'recording' if recording.path else 'off'
+        return self._status(
+            'recording',
+            level,
+            message,
+            {
+                'File': recording.path,
+                'Messages': recording.messages,
+                'Bytes': recording.size,
+                'Messages waiting': recording.backlog,
+                'Messages dropped': recording.dropped,
+                'Error': recording.error,
+            },
+        )
+
+    def _status(self, task: str, level: bytes, message: str, values: dict[str, object]) -> Any:
+        return DiagnosticStatus(
+            level=level,
+            name=f'{self._node_name}: {task}',
+            message=message,
+            hardware_id=HARDWARE_ID,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )

@@ -1,0 +1,344 @@
+"""
+The engine: one thread that moves the rig from tick to tick and hands out what happens.
+
+At every tick, in this order: move the rig to the instant of the tick, publish the impacts on the
+way (with their own exact stamps), carry out what was asked for since, publish the joint states.
+So the joint states of a tick already show a change that took effect at it.
+
+Everything asked of the engine goes through a queue and takes effect at the tick the rig stands at,
+an exact number of nanoseconds. All that a recording holds is written from this thread, in order.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from std_msgs.msg import String
+
+from impact_damper_ros.nodes.messages import (
+    ClockTemplate,
+    ImpactTemplate,
+    StateTemplate,
+)
+from impact_damper_ros.nodes.outlets import Log, Outlet, Outlets
+from impact_damper_ros.nodes.pacing import Pacer, PacingCounts, TickGrid
+from impact_damper_ros.nodes.requests import RequestQueue, Ticket
+from impact_damper_ros.nodes.serialisation import restamped, serialised
+from impact_damper_ros.rig import (
+    Event,
+    EventKind,
+    InitialConditions,
+    RigParameters,
+    Simulator,
+)
+
+__all__ = ['Engine', 'EngineStatus']
+
+PAUSED_NAP_S = 0.02
+PAUSED_CLOCK_PERIOD_NS = 100_000_000
+#: Messages a recording may be behind a free-running rig before the rig waits for it.
+LOG_BACKLOG = 20_000
+
+
+class EngineStatus(NamedTuple):
+    """A look at the engine from another thread."""
+
+    time_ns: int
+    paused: bool
+    mode: str
+    impacts: int
+    recorded: int
+    pacing: PacingCounts
+
+
+class Engine:
+    """
+    Run a rig in a thread of its own.
+
+    Parameters
+    ----------
+    parameters, initial : RigParameters, InitialConditions
+        The rig and where it starts.
+    outlets : Outlets
+        Where to publish.
+    state_rate : float
+        Ticks per second of rig time.
+    real_time_factor : float
+        Rig seconds per wall second; 0 runs as fast as possible.
+    publish_clock : bool
+        Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from
+        the system time at the start, and a pause moves them on with the wall clock.
+    alive : callable
+        Whether ROS still runs; publishing fails once it does not.
+    on_failure : callable
+        Called from the engine's thread if the engine fails; `failure` is set then.
+
+    Raises
+    ------
+    ParameterError
+        If the rig cannot start where it is put.
+    """
+
+    def __init__(
+        self,
+        parameters: RigParameters,
+        initial: InitialConditions,
+        outlets: Outlets,
+        *,
+        state_rate: float,
+        real_time_factor: float,
+        publish_clock: bool,
+        alive: Callable[[], bool],
+        on_failure: Callable[[], None],
+    ) -> None:
+        """Set the rig up; `start` sets it going."""
+        self.failure: Exception | None = None
+        self._simulator = Simulator(parameters, initial)
+        self._outlets = outlets
+        self._alive = alive
+        self._on_failure = on_failure
+        self._states = StateTemplate()
+        self._impacts_at = {1: ImpactTemplate(1), 2: ImpactTemplate(2)}
+        self._clock = ClockTemplate()
+        self._grid = TickGrid(state_rate)
+        self._pacer = Pacer(self._grid.instant(1), real_time_factor)
+        self._free_running = not real_time_factor
+        self._simulated_clock = publish_clock
+        self._offset_ns = 0
+        self._time_ns = 0
+        self._impacts = 0
+        # Between a tick and its joint states
+        self._within_tick = True
+        self._paused = False
+        self._paused_since_ns = 0
+        self._log: Log | None = None
+        self._recorded = 0
+        self._news = 'start'
+        self._requests = RequestQueue()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='engine', daemon=True)
+
+    # Called from other threads
+
+    def start(self) -> None:
+        """Set the rig going."""
+        self._thread.start()
+
+    def stop(self, timeout: float = 5.0) -> None:
+        """End the thread after its present tick; safe to call twice, or before `start`."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout)
+
+    def stamp_ns(self) -> int:
+        """Return the stamp of the tick the rig stands at."""
+        return self._offset_ns + self._time_ns
+
+    def status(self) -> EngineStatus:
+        """Return how the engine is doing, and begin to look for the worst lateness anew."""
+        return EngineStatus(
+            self._time_ns,
+            self._paused,
+            self._simulator.mode.name,
+            self._impacts,
+            self._recorded,
+            self._pacer.counts(),
+        )
+
+    def change(self, parameters: RigParameters | None, event: bytes) -> Ticket:
+        """
+        Change the rig, if `parameters` are given, and record the event.
+
+        Parameters
+        ----------
+        parameters : RigParameters or None
+            The rig from then on.
+        event : bytes
+            A serialised rcl_interfaces/ParameterEvent; stamped with the instant of the change.
+        """
+        return self._requests.submit(lambda: self._change(parameters, event))
+
+    def reset(self, initial: InitialConditions) -> Ticket:
+        """Put the rig to initial conditions; time goes on."""
+        return self._requests.submit(lambda: self._reset(initial))
+
+    def pause(self, paused: bool) -> Ticket:
+        """Hold the rig, or let it run on; the result tells whether that changed anything."""
+        return self._requests.submit(lambda: self._pause(paused))
+
+    def record_to(self, log: Log, event: bytes) -> Ticket:
+        """Record from now on; `event` is a serialised ParameterEvent with all parameters."""
+        return self._requests.submit(lambda: self._record_to(log, event))
+
+    def stop_recording(self) -> Ticket:
+        """Record no more; the result is the log that was written to, if any."""
+        return self._requests.submit(self._stop_recording)
+
+    def record_diagnostics(self, data: bytes) -> Ticket:
+        """Record a serialised DiagnosticArray."""
+        return self._requests.submit(
+            lambda: self._record(self._outlets.diagnostics, data, self.stamp_ns())
+        )
+
+    # The engine's thread
+
+    def _run(self) -> None:
+        try:
+            self._run_ticks()
+        except Exception as error:
+            self.failure = error
+        finally:
+            self._requests.close()
+        if self.failure is not None:
+            self._on_failure()
+
+    def _run_ticks(self) -> None:
+        if not self._simulated_clock:
+            self._offset_ns = time.time_ns()
+        tick = 0
+        self._pacer.anchor(0)
+        self._serve()
+        self._publish_states()
+        while not self._stopping.is_set():
+            if self._paused:
+                self._hold()
+                continue
+            due_ns = self._grid.instant(tick + 1)
+            if not self._pacer.wait(due_ns, self._interrupted):
+                continue
+            tick += 1
+            self._time_ns, self._within_tick = due_ns, True
+            self._publish_impacts(self._simulator.advance(due_ns / 1e9))
+            self._serve()
+            self._publish_states()
+            if self._free_running:
+                self._wait_for_log()
+
+    def _interrupted(self) -> bool:
+        self._serve()
+        return self._paused or self._stopping.is_set()
+
+    def _hold(self) -> None:
+        """Stand still until told otherwise; /clock goes on, for those who join meanwhile."""
+        clock_due_ns = time.monotonic_ns()
+        while self._paused and not self._stopping.is_set():
+            if time.monotonic_ns() >= clock_due_ns:
+                self._publish_clock()
+                clock_due_ns += PAUSED_CLOCK_PERIOD_NS
+            time.sleep(PAUSED_NAP_S)
+            self._serve()
+
+    def _wait_for_log(self) -> None:
+        while self._log is not None and self._log.backlog > LOG_BACKLOG:
+            time.sleep(PAUSED_NAP_S)
+            if self._interrupted():
+                break
+
+    def _serve(self) -> None:
+        self._requests.serve(self._time_ns)
+        if self._news:
+            self._announce(self._news)
+            self._news = ''
+
+    def _change(self, parameters: RigParameters | None, event: bytes) -> None:
+        # First the cause, then what it does.
+        self._record_event(event)
+        if parameters is not None:
+            self._publish_impacts(self._simulator.change(parameters))
+            self._news = self._news or 'change'
+
+    def _reset(self, initial: InitialConditions) -> None:
+        initial.check_within(self._simulator.parameters)
+        self._simulator.reset(initial)
+        self._news = 'reset'
+
+    def _pause(self, paused: bool) -> bool:
+        if paused == self._paused:
+            return False
+        now_ns = time.monotonic_ns()
+        if paused:
+            self._paused_since_ns = now_ns
+        else:
+            if not self._simulated_clock:
+                self._offset_ns += now_ns - self._paused_since_ns
+            self._pacer.anchor(self._time_ns)
+            self._news = 'resume'
+        self._paused = paused
+        return True
+
+    def _record_to(self, log: Log, event: bytes) -> None:
+        self._log, self._recorded = log, 0
+        self._announce('record')
+        self._record_event(event)
+
+    def _stop_recording(self) -> Log | None:
+        if self._within_tick:
+            # A bag ends with a whole tick.
+            stamp_ns = self.stamp_ns()
+            data = self._states.of(stamp_ns, self._simulator.sample())
+            self._record(self._outlets.joint_states.topic, data, stamp_ns)
+        log, self._log = self._log, None
+        return log
+
+    # What goes out
+
+    def _publish_states(self) -> None:
+        stamp_ns = self.stamp_ns()
+        self._within_tick = False
+        self._publish_clock()
+        self._emit(
+            self._outlets.joint_states,
+            self._states.of(stamp_ns, self._simulator.sample()),
+            stamp_ns,
+        )
+
+    def _publish_clock(self) -> None:
+        if self._outlets.clock is not None:
+            self._publish(self._outlets.clock, self._clock.of(self.stamp_ns()))
+
+    def _publish_impacts(self, events: Iterable[Event]) -> None:
+        for event in events:
+            if event.kind is EventKind.IMPACT:
+                stamp_ns = self._offset_ns + round(event.time * 1e9)
+                data = self._impacts_at[event.stop].of(stamp_ns, event)
+                self._emit(self._outlets.impacts, data, stamp_ns)
+                self._impacts += 1
+
+    def _announce(self, reason: str) -> None:
+        """Publish all that is needed to run on from here, bit for bit."""
+        snapshot = {
+            'format': 1,
+            'stamp_offset_ns': self._offset_ns,
+            'time_ns': self._time_ns,
+            'reason': reason,
+            'state': self._simulator.snapshot(),
+        }
+        self._emit(
+            self._outlets.snapshot, serialised(String(data=json.dumps(snapshot))), self.stamp_ns()
+        )
+
+    def _emit(self, outlet: Outlet, data: bytes, stamp_ns: int) -> None:
+        # Record first: once ROS shuts down nothing can be published, but the log is to be whole.
+        self._record(outlet.topic, data, stamp_ns)
+        self._publish(outlet, data)
+
+    def _record(self, topic: str, data: bytes, stamp_ns: int) -> None:
+        if self._log is not None:
+            self._log.write(topic, data, stamp_ns)
+            self._recorded += 1
+
+    def _record_event(self, event: bytes) -> None:
+        stamp_ns = self.stamp_ns()
+        self._record(self._outlets.parameter_events, restamped(event, stamp_ns), stamp_ns)
+
+    def _publish(self, outlet: Outlet, data: bytes) -> None:
+        try:
+            outlet.publish(data)
+        except Exception:
+            if self._alive():
+                raise
+            self._stopping.set()

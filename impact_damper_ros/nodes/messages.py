@@ -1,0 +1,147 @@
+"""
+The messages of the rig as bytes: templates in which only stamp and numbers are filled in.
+
+Serialising a JointState costs several times what publishing its bytes does, and the log wants the
+same bytes. So every shape is serialised once at start-up; afterwards a message is a copy of its
+template with the stamp and the doubles overwritten.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from impact_damper_ros.nodes.serialisation import (
+    SerialisationError,
+    Walk,
+    restamped,
+    serialised,
+    stamp_into,
+    time_from_ns,
+)
+from impact_damper_ros.rig import Event, Sample
+
+__all__ = ['JOINTS', 'ClockTemplate', 'ImpactTemplate', 'JointStateTemplate', 'StateTemplate']
+
+JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
+
+
+class JointStateTemplate:
+    """
+    A sensor_msgs/JointState of fixed joints, filled in place.
+
+    Parameters
+    ----------
+    frame_id : str
+        Frame of the header.
+    names : sequence of str
+        The joints.
+    fields : sequence of str
+        Which of `position`, `velocity`, `effort` carry values; the others stay empty.
+
+    Raises
+    ------
+    SerialisationError
+        If filled-in bytes do not read back, through the middleware, as the values filled in.
+    """
+
+    def __init__(self, frame_id: str, names: Sequence[str], fields: Sequence[str]) -> None:
+        """Let the middleware serialise the shape, and find the places to fill."""
+        blank = {field: [0.0] * len(names) for field in fields}
+        header = Header(frame_id=frame_id)
+        walk = Walk(JointState(header=header, name=list(names), **blank))
+        self._buffer, self._offsets = walk.buffer, walk.numbers_at
+        self._values = struct.Struct(f'<{len(names)}d')
+        self._verify(header, names, fields)
+
+    def filled(self, stamp_ns: int, *values: Sequence[float]) -> bytes:
+        """
+        Return the message as bytes.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp of the header.
+        *values : sequence of float
+            One sequence for each field that the template carries, in the message's order.
+        """
+        buffer = self._buffer
+        stamp_into(buffer, stamp_ns)
+        for offset, numbers in zip(self._offsets, values, strict=True):
+            self._values.pack_into(buffer, offset, *numbers)
+        return bytes(buffer)
+
+    def _verify(self, header: Any, names: Sequence[str], fields: Sequence[str]) -> None:
+        count = len(names)
+        values = {
+            field: [row * count + column + 0.5 for column in range(count)]
+            for row, field in enumerate(fields)
+        }
+        stamp_ns = 1_234_567_890_123_456_789
+        header.stamp = time_from_ns(stamp_ns)
+        expected = JointState(header=header, name=list(names), **values)
+        if deserialize_message(self.filled(stamp_ns, *values.values()), JointState) != expected:
+            raise SerialisationError('a filled-in JointState does not read back as it was filled')
+
+
+class StateTemplate(JointStateTemplate):
+    """Joint states of the rig: all joints, absolute positions along the axis, no frame."""
+
+    def __init__(self) -> None:
+        """Build the template."""
+        super().__init__('', JOINTS, ('position', 'velocity'))
+
+    def of(self, stamp_ns: int, sample: Sample) -> bytes:
+        """Return the joint states of a sample; the stops move with the primary mass."""
+        _, x, primary_velocity, z, damper_velocity, stop_1, stop_2 = sample
+        return self.filled(
+            stamp_ns,
+            (x, z, stop_1, stop_2),
+            (primary_velocity, damper_velocity, primary_velocity, primary_velocity),
+        )
+
+
+class ImpactTemplate(JointStateTemplate):
+    """
+    An impact at one stop, of primary and damper.
+
+    The velocities are those after the impact. The effort of a joint is the impulse that it
+    received, signed along the axis: M (or m) times its change of velocity.
+    """
+
+    def __init__(self, stop: int) -> None:
+        """Build the template for stop 1 or 2."""
+        super().__init__(f'stop_{stop}', JOINTS[:2], ('position', 'velocity', 'effort'))
+        # Stop 1 is the lower one: it throws the damper back up, against the axis.
+        self._sign = 1.0 if stop == 1 else -1.0
+
+    def of(self, stamp_ns: int, event: Event) -> bytes:
+        """Return the message of an impact."""
+        impulse = self._sign * event.impulse
+        return self.filled(
+            stamp_ns,
+            (event.x, event.x + event.y),
+            (event.primary_velocity_after, event.damper_velocity_after),
+            (impulse, -impulse),
+        )
+
+
+class ClockTemplate:
+    """A rosgraph_msgs/Clock."""
+
+    def __init__(self) -> None:
+        """Let the middleware serialise the shape."""
+        self._data = serialised(Clock())
+        stamp_ns = 1_234_567_890_123_456_789
+        if deserialize_message(self.of(stamp_ns), Clock) != Clock(clock=time_from_ns(stamp_ns)):
+            raise SerialisationError('a filled-in Clock does not read back as it was filled')
+
+    def of(self, stamp_ns: int) -> bytes:
+        """Return the message of an instant."""
+        return restamped(self._data, stamp_ns)

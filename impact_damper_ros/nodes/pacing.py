@@ -1,0 +1,158 @@
+"""
+When a tick is due: a grid of instants in rig time, and deadlines on the monotonic clock.
+
+Policy for lateness. Deadlines are absolute, so a late tick does not delay the next one. As long
+as the rig is less than `CATCH_UP` behind, it makes up for it: the missed ticks are computed and
+published back to back, none is left out. Further behind, it gives the lost wall time up and takes
+its deadlines from there (a slip): rig time then lags wall time by so much more, but the samples
+stay on their grid without a hole. Both are counted, and reported in the diagnostics.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+__all__ = ['Pacer', 'PacingCounts', 'TickGrid']
+
+NS_PER_S = 1_000_000_000
+#: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
+CATCH_UP_NS = 250_000_000
+# Longest sleep at a stretch: what has to be answered between two ticks far apart waits no longer.
+NAP_NS = 20_000_000
+# A free-running rig leaves the processor for a moment this often, so that parameter calls and the
+# log's writer are served.
+FREE_RUN_STRETCH_NS = 10_000_000
+FREE_RUN_REST_S = 0.0005
+
+
+class TickGrid:
+    """
+    Instants of the ticks in whole nanoseconds, each rounded from its exact value k / rate.
+
+    Parameters
+    ----------
+    rate : float
+        Ticks per second of rig time.
+    """
+
+    def __init__(self, rate: float) -> None:
+        """Take the rate as the exact fraction that the float is."""
+        self._numerator, self._denominator = float(rate).as_integer_ratio()
+
+    def instant(self, tick: int) -> int:
+        """Return the instant of a tick in nanoseconds; tick 0 is at 0."""
+        scaled = 2 * tick * NS_PER_S * self._denominator
+        return (scaled + self._numerator) // (2 * self._numerator)
+
+
+class PacingCounts(NamedTuple):
+    """What the pacer has counted; totals, but for the worst lateness since the last report."""
+
+    ticks: int
+    overruns: int
+    slips: int
+    slipped_ns: int
+    worst_lateness_ns: int
+
+
+@dataclass
+class _Worst:
+    lateness_ns: int = 0
+
+
+class Pacer:
+    """
+    Wait for the ticks of one rig.
+
+    Parameters
+    ----------
+    period_ns : int
+        Rig time between two ticks.
+    real_time_factor : float
+        Rig seconds per wall second; 0 runs as fast as possible.
+    clock, sleep : callable
+        Monotonic clock in nanoseconds and sleep in seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        period_ns: int,
+        real_time_factor: float,
+        *,
+        clock: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Start counting from nothing; `anchor` sets the first deadline."""
+        self._factor = real_time_factor
+        self._late_after_ns = round(period_ns / real_time_factor) if real_time_factor else 0
+        self._clock = clock
+        self._sleep = sleep
+        self._anchor_ns = self._anchor_rig_ns = 0
+        self._stretch_began_ns = clock()
+        self._ticks = self._overruns = self._slips = self._slipped_ns = 0
+        self._worst = _Worst()
+
+    def anchor(self, rig_ns: int) -> None:
+        """Let rig time run on from `rig_ns` now."""
+        self._anchor_ns = self._clock()
+        self._anchor_rig_ns = rig_ns
+
+    def wait(self, rig_ns: int, interrupted: Callable[[], bool]) -> bool:
+        """
+        Sleep until the tick at `rig_ns` is due, and count how late it is.
+
+        Parameters
+        ----------
+        rig_ns : int
+            Instant of the tick in rig time.
+        interrupted : callable
+            Called between naps when the tick is far off; true ends the wait.
+
+        Returns
+        -------
+        bool
+            False if the wait was interrupted.
+        """
+        if not self._factor:
+            self._rest_at_times()
+            self._ticks += 1
+            return True
+        elapsed = rig_ns - self._anchor_rig_ns
+        if self._factor != 1.0:
+            elapsed = round(elapsed / self._factor)
+        deadline = self._anchor_ns + elapsed
+        while (left := deadline - self._clock()) > 0:
+            if left <= NAP_NS:
+                self._sleep(left * 1e-9)
+            else:
+                self._sleep(NAP_NS * 1e-9)
+                if interrupted():
+                    return False
+        self._ticks += 1
+        self._count_lateness(-left)
+        return True
+
+    def counts(self) -> PacingCounts:
+        """Return what was counted; called from another thread, at a report."""
+        worst, self._worst = self._worst, _Worst()
+        return PacingCounts(
+            self._ticks, self._overruns, self._slips, self._slipped_ns, worst.lateness_ns
+        )
+
+    def _count_lateness(self, late_ns: int) -> None:
+        worst = self._worst
+        worst.lateness_ns = max(worst.lateness_ns, late_ns)
+        if late_ns > self._late_after_ns:
+            self._overruns += 1
+        if late_ns > CATCH_UP_NS:
+            self._anchor_ns += late_ns
+            self._slips += 1
+            self._slipped_ns += late_ns
+
+    def _rest_at_times(self) -> None:
+        if self._clock() - self._stretch_began_ns > FREE_RUN_STRETCH_NS:
+            self._sleep(FREE_RUN_REST_S)
+            self._stretch_began_ns = self._clock()

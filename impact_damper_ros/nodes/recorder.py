@@ -1,0 +1,127 @@
+"""The node's recording: opened before a request is accepted, closed when the bag is whole."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+from impact_damper_ros.nodes.diagnostics import RecordingStatus
+from impact_damper_ros.nodes.engine import Engine
+from impact_damper_ros.nodes.outlets import Outlets
+
+if TYPE_CHECKING:
+    from impact_damper_ros.recording import RecordingError, RunWriter
+
+__all__ = ['Recorder']
+
+# Longest wait for the engine to let go of a log.
+RELEASE_TIMEOUT_S = 5.0
+
+
+class Recorder:
+    """
+    Begin and finish recordings; used from the executor's thread.
+
+    Parameters
+    ----------
+    engine : Engine
+        Writes into the recording.
+    outlets : Outlets
+        The topics.
+    node_name : str
+        Fully qualified. The bag's notes tell it, and which topic is which after remapping.
+    """
+
+    def __init__(self, engine: Engine, outlets: Outlets, node_name: str) -> None:
+        """Record nothing so far."""
+        self._engine = engine
+        self._outlets = outlets
+        self._notes = {
+            'node': node_name,
+            'joint_states': outlets.joint_states.topic,
+            'impacts': outlets.impacts.topic,
+            'snapshot': outlets.snapshot.topic,
+        }
+        self._writer: RunWriter | None = None
+        self._error = ''
+
+    @property
+    def path(self) -> str:
+        """The directory of the recording, or an empty text."""
+        return str(self._writer.directory) if self._writer is not None else ''
+
+    def open(self, parent: str) -> None:
+        """
+        Create the bag, in a new directory under `parent`.
+
+        Raises
+        ------
+        RecordingError
+            If that cannot be done.
+        """
+        # Not needed, and not loaded, unless something is recorded.
+        from impact_damper_ros.recording import RunWriter
+
+        if self._writer is not None:
+            # Left from a request that another part of the node rejected.
+            self._writer.close()
+            self._writer = None
+        self._writer = RunWriter.new_run(parent, self._topics(), custom=self._notes)
+        self._error = ''
+
+    def begin(self, dump: bytes) -> None:
+        """Let the engine record, beginning with all parameters as `dump` holds them."""
+        if self._writer is not None:
+            self._engine.record_to(self._writer, dump)
+
+    def finish(self) -> str:
+        """Let the engine record no more, finish the bag and say what it holds."""
+        writer, self._writer = self._writer, None
+        if writer is None:
+            return ''
+        self._engine.stop_recording().wait(RELEASE_TIMEOUT_S)
+        summary = writer.close()
+        if summary.error is not None:
+            self._error = str(summary.error)
+            return f'the recording ended early: {summary.error}'
+        return f'recorded {summary.message_count} messages to {summary.directory}'
+
+    def failure(self) -> RecordingError | None:
+        """Return why the recording goes on no more, or None."""
+        return self._writer.error if self._writer is not None else None
+
+    def status(self, messages: int) -> RecordingStatus:
+        """Return how the recording is doing, with so many messages handed to it."""
+        writer = self._writer
+        if writer is None:
+            return RecordingStatus(error=self._error)
+        size = 0
+        with contextlib.suppress(OSError):
+            size = writer.path.stat().st_size
+        return RecordingStatus(
+            path=str(writer.path),
+            messages=messages,
+            size=size,
+            backlog=writer.backlog,
+            dropped=writer.dropped,
+            error=str(writer.error or ''),
+        )
+
+    def _topics(self) -> list[Any]:
+        from impact_damper_ros.recording import LATCHED, QosProfile, Topic
+
+        outlets = self._outlets
+        states = 'sensor_msgs/msg/JointState'
+        return [
+            Topic(outlets.joint_states.topic, states, QosProfile(depth=100)),
+            Topic(outlets.impacts.topic, states, QosProfile(depth=1000)),
+            Topic(outlets.snapshot.topic, 'std_msgs/msg/String', LATCHED),
+            Topic(
+                outlets.parameter_events,
+                'rcl_interfaces/msg/ParameterEvent',
+                QosProfile(depth=1000),
+            ),
+            Topic(
+                outlets.diagnostics, 'diagnostic_msgs/msg/DiagnosticArray', QosProfile(depth=10)
+            ),
+        ]

@@ -1,0 +1,318 @@
+"""
+ROS parameters and the rig: descriptors, tolerant reading, validation of whole requests.
+
+The names, units and ranges of the rig are those of `PARAMETER_SPECS` and `INITIAL_SPECS`; here
+stand only the node's own settings. What people write is read as they mean it: `37` for a double,
+`5` or `[1, 0.5]` or `1e-3` as the command line hands them over, one force array at a time.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.parameter import Parameter
+
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    ParameterError,
+    ParameterSpec,
+    RigParameters,
+)
+
+__all__ = [
+    'ALL_SPECS',
+    'READ_ONLY',
+    'SETTING_SPECS',
+    'NodeParameters',
+    'TextSpec',
+    'descriptor',
+    'nearest_name',
+    'parameters_from_overrides',
+    'promoted',
+    'resized_force',
+]
+
+FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
+READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock')
+SLOWEST_FACTOR = 1e-3
+# A name this similar to a known one is a slip of the pen, not meant for another node.
+SLIP_OF_THE_PEN = 0.75
+
+
+class TextSpec(NamedTuple):
+    """What a text parameter is."""
+
+    name: str
+    description: str
+    default: str
+    kind: str = 'string'
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+
+    def checked(self, value: Any) -> str:
+        """Return the text; it must not be empty."""
+        if not isinstance(value, str) or not value.strip():
+            raise ParameterError(self.name, f'{self.name} is {value!r}: give a text')
+        return value
+
+
+Spec = ParameterSpec | TextSpec
+
+SETTING_SPECS: dict[str, Spec] = {
+    spec.name: spec
+    for spec in (
+        ParameterSpec(
+            'state_rate',
+            'Joint states per second of rig time.',
+            'Hz',
+            1.0,
+            2000.0,
+            'double',
+            200.0,
+        ),
+        ParameterSpec(
+            'real_time_factor',
+            'Rig seconds per wall second; 0 runs as fast as possible.',
+            '',
+            0.0,
+            1000.0,
+            'double',
+            1.0,
+        ),
+        ParameterSpec(
+            'publish_clock',
+            'Publish /clock, and count stamps from 0 instead of from the system time.',
+            '',
+            None,
+            None,
+            'bool',
+            False,
+        ),
+        ParameterSpec('record', 'Record the run to MCAP.', '', None, None, 'bool', False),
+        TextSpec('bag_directory', 'Directory in which every recording makes its own.', 'runs'),
+    )
+}
+ALL_SPECS: dict[str, Spec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **SETTING_SPECS}
+
+_TYPES = {
+    'bool': Parameter.Type.BOOL,
+    'double': Parameter.Type.DOUBLE,
+    'double_array': Parameter.Type.DOUBLE_ARRAY,
+    'string': Parameter.Type.STRING,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeParameters:
+    """All parameters of the node."""
+
+    rig: RigParameters
+    initial: InitialConditions
+    state_rate: float
+    real_time_factor: float
+    publish_clock: bool
+    record: bool
+    bag_directory: str
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> NodeParameters:
+        """
+        Check values and fill in the defaults.
+
+        Raises
+        ------
+        ParameterError
+            If a value or a combination of them is not admissible.
+        """
+        start = cls(
+            rig=RigParameters(),
+            initial=InitialConditions(),
+            **{name: spec.default for name, spec in SETTING_SPECS.items()},  # type: ignore[arg-type]
+        )
+        changed = start.changed(values)
+        changed.initial.check_within(changed.rig)
+        return changed
+
+    def changed(self, values: Mapping[str, Any]) -> NodeParameters:
+        """
+        Return the parameters with some of them changed, all at once.
+
+        Raises
+        ------
+        ParameterError
+            If that is not admissible.
+        """
+        rig_values = {name: v for name, v in values.items() if name in PARAMETER_SPECS}
+        initial_values = {name: v for name, v in values.items() if name in INITIAL_SPECS}
+        settings: dict[str, Any] = {
+            name: SETTING_SPECS[name].checked(v)
+            for name, v in values.items()
+            if name in SETTING_SPECS
+        }
+        factor = settings.get('real_time_factor', 1.0)
+        if isinstance(factor, float) and 0.0 < factor < SLOWEST_FACTOR:
+            raise ParameterError(
+                'real_time_factor',
+                f'real_time_factor is {factor!r}: give 0 (as fast as possible) or a number from '
+                f'{SLOWEST_FACTOR:g} to 1000',
+            )
+        rig = self.rig.replace(**rig_values) if rig_values else self.rig
+        initial = self.initial
+        if initial_values:
+            initial = InitialConditions(**{**initial.as_dict(), **initial_values})
+            initial.check_within(rig)
+        return replace(self, rig=rig, initial=initial, **settings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return name and value of every parameter."""
+        settings = {name: getattr(self, name) for name in SETTING_SPECS}
+        return {**self.rig.as_dict(), **self.initial.as_dict(), **settings}
+
+
+def descriptor(spec: Spec) -> Any:
+    """Return the ROS descriptor of a parameter."""
+    ranges = []
+    if spec.low is not None and spec.high is not None:
+        ranges.append(FloatingPointRange(from_value=spec.low, to_value=spec.high, step=0.0))
+    constraints = ''
+    if spec.name in FORCE_ARRAYS:
+        others = ' and '.join(name for name in FORCE_ARRAYS if name != spec.name)
+        constraints = (
+            f'The range holds for each entry. As long as {others}, which are cut, or filled up '
+            'with zeros, to a new length.'
+        )
+    elif spec.name in INITIAL_SPECS:
+        constraints = 'Used by the next reset.'
+    elif spec.name == 'real_time_factor':
+        constraints = f'0, or at least {SLOWEST_FACTOR:g}.'
+    elif spec.name == 'bag_directory':
+        constraints = 'Used by the next recording.'
+    return ParameterDescriptor(
+        name=spec.name,
+        type=_TYPES[spec.kind].value,
+        description=f'{spec.description} Unit: {spec.unit}.' if spec.unit else spec.description,
+        additional_constraints=constraints,
+        read_only=spec.name in READ_ONLY,
+        floating_point_range=ranges,
+    )
+
+
+def _numbers_in(text: str) -> float | list[float] | str:
+    """Read `1e-3` and `[1, 0.5]`, which YAML and `ros2 param set` take for texts."""
+    entries = text.strip()
+    try:
+        if entries.startswith('[') and entries.endswith(']'):
+            return [float(entry) for entry in entries[1:-1].split(',')]
+        return float(entries)
+    except ValueError:
+        return text
+
+
+def _as_meant(spec: Spec, value: Any) -> Any:
+    """Return the value as the kind of the parameter, if it can be read so, or unchanged."""
+    if spec.kind == 'string':
+        return str(value) if type(value) is int else value
+    if spec.kind == 'bool' or isinstance(value, bool):
+        return value
+    if isinstance(value, str):
+        value = _numbers_in(value)
+    if isinstance(value, int):
+        value = float(value)
+    if spec.kind == 'double_array':
+        if isinstance(value, float):
+            return [value]
+        if value is None:
+            return []
+        if not isinstance(value, str):
+            entries = list(value)
+            if all(isinstance(v, int | float) and not isinstance(v, bool) for v in entries):
+                return [float(v) for v in entries]
+    return value
+
+
+def promoted(parameter: Parameter) -> Parameter:
+    """Return a parameter with its value as the declared type, if it can be read so."""
+    spec = ALL_SPECS.get(parameter.name)
+    if spec is None or parameter.type_ in (Parameter.Type.NOT_SET, _TYPES[spec.kind]):
+        return parameter
+    value = _as_meant(spec, parameter.value)
+    if not _TYPES[spec.kind].check(value):
+        return parameter
+    return Parameter(parameter.name, _TYPES[spec.kind], value)
+
+
+def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, list[float]]:
+    """
+    Return what a new number of harmonics makes of the force arrays that were not given.
+
+    Surplus entries are dropped; new ones are zero, and a harmonic with a zero amplitude, or with
+    frequency and phase zero, exerts no force.
+
+    Parameters
+    ----------
+    values : mapping
+        What is to be set.
+    rig : RigParameters
+        The rig so far.
+    """
+    given = {name: values[name] for name in FORCE_ARRAYS if name in values}
+    if not all(hasattr(value, '__len__') for value in given.values()):
+        return {}
+    lengths = {len(value) for value in given.values()}
+    # Contradictory lengths are left for the validation to reject.
+    if len(lengths) != 1 or (count := lengths.pop()) in (0, len(rig.force_amplitudes)):
+        return {}
+    return {
+        name: [*getattr(rig, name), *[0.0] * count][:count]
+        for name in FORCE_ARRAYS
+        if name not in given
+    }
+
+
+def nearest_name(name: str, cutoff: float = 0.5) -> str:
+    """Return the known parameter that is written most like this one, or an empty text."""
+    return ''.join(difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=cutoff))
+
+
+def parameters_from_overrides(
+    overrides: Mapping[str, Any], declared: Iterable[str], warn: Callable[[str], None]
+) -> NodeParameters:
+    """
+    Read what the command line and the parameters files give at start.
+
+    Parameters
+    ----------
+    overrides : mapping
+        Name and value of every parameter given.
+    declared : iterable of str
+        Names that ROS itself has declared.
+    warn : callable
+        Takes a warning about parameters that the node does not have. Files for several nodes
+        hold such; a name that is nearly one of the rig's is an error.
+
+    Raises
+    ------
+    ParameterError
+        If a value is bad, or a name misspelt.
+    """
+    strange = [n for n in overrides if n not in ALL_SPECS and n not in set(declared)]
+    for name in strange:
+        if name.startswith('qos_overrides.'):
+            continue
+        if near := nearest_name(name, SLIP_OF_THE_PEN):
+            raise ParameterError(name, f'{name} is not a parameter of this node: write {near}')
+        warn(f'parameter {name} is not one of this node; it is ignored')
+    values = {
+        name: _as_meant(spec, overrides[name])
+        for name, spec in ALL_SPECS.items()
+        if name in overrides
+    }
+    values.update(resized_force(values, RigParameters()))
+    return NodeParameters.from_values(values)

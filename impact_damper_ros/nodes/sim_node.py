@@ -1,0 +1,342 @@
+"""
+The node `sim_node`: the rig on a ROS 2 network.
+
+The engine's thread moves the rig and publishes; the executor serves parameters and services and
+makes the reports. Whatever the executor does, the rig keeps its pace.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterEvent, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from impact_damper_ros.nodes.diagnostics import Diagnostics
+from impact_damper_ros.nodes.engine import Engine
+from impact_damper_ros.nodes.live_parameters import LiveParameters
+from impact_damper_ros.nodes.outlets import Outlet, Outlets
+from impact_damper_ros.nodes.recorder import Recorder
+from impact_damper_ros.nodes.requests import Ticket
+from impact_damper_ros.nodes.rig_parameters import (
+    ALL_SPECS,
+    NodeParameters,
+    descriptor,
+    parameters_from_overrides,
+)
+from impact_damper_ros.nodes.serialisation import serialised
+
+__all__ = ['SimNode', 'main']
+
+#: A thread that waits for the interpreter gets it after this time, not after 5 ms.
+SWITCH_INTERVAL_S = 2e-4
+REPORT_PERIOD_S = 1.0
+WATCH_PERIOD_S = 0.25
+#: Longest wait of a service call for the engine.
+ANSWER_TIMEOUT_S = 2.0
+
+USAGE = """usage: sim_node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
+
+The digital rig of an impact damper as a ROS 2 node. For instance:
+  sim_node --ros-args -p gap:=30 -p record:=true -r __ns:=/rig1
+Parameters, with unit and range: ros2 param describe /sim_node NAME"""
+
+
+class SimNode(Node):
+    """
+    The rig as a node: publishers, parameters, services and reports around an engine.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter given at start is bad.
+    RecordingError
+        If `record` is set at start and the recording cannot begin.
+    """
+
+    def __init__(self) -> None:
+        """Declare, advertise, and be ready to `start`."""
+        super().__init__('sim_node')
+        # There is no public way to ask what was given for parameters not declared yet; declaring
+        # from overrides would fix the type of `37` to an integer.
+        overrides = {name: p.value for name, p in self._parameter_overrides.items()}
+        declared = self.list_parameters([], 0).names
+        parameters = parameters_from_overrides(overrides, declared, self.get_logger().warning)
+        self._declare(parameters)
+        outlets = self._advertise(parameters)
+        self._failed = self.create_guard_condition(lambda: None)
+        self.engine = Engine(
+            parameters.rig,
+            parameters.initial,
+            outlets,
+            state_rate=parameters.state_rate,
+            real_time_factor=parameters.real_time_factor,
+            publish_clock=parameters.publish_clock,
+            alive=self.context.ok,
+            on_failure=self._failed.trigger,
+        )
+        self._recorder = Recorder(self.engine, outlets, self.get_fully_qualified_name())
+        self._live = LiveParameters(parameters, prepare=self._prepare, apply=self._apply)
+        self._live.attach(self)
+        self._diagnostics = Diagnostics(
+            self.get_fully_qualified_name(), parameters.state_rate, parameters.real_time_factor
+        )
+        # Reports come in wall time, also when the node's clock is a simulated or stopped one.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(REPORT_PERIOD_S, self._report, clock=steady)
+        self.create_timer(WATCH_PERIOD_S, self._watch_recording, clock=steady)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        if parameters.record:
+            self._recorder.open(parameters.bag_directory)
+            self._recorder.begin(self._dump())
+
+    def start(self) -> None:
+        """Set the rig going."""
+        self.engine.start()
+
+    def finish(self) -> str:
+        """Stop the rig and finish the bag, without ROS; return what was recorded, in words."""
+        self.engine.stop()
+        return self._recorder.finish()
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters, all or none; a rejection says what would be accepted instead."""
+        try:
+            reason = self._live.objection(parameter_list, self.has_parameter)
+        except Exception as error:
+            reason = f'cannot be understood: {error}'
+        if reason:
+            return SetParametersResult(successful=False, reason=reason)
+        return super().set_parameters_atomically(parameter_list)
+
+    # At start
+
+    def _declare(self, parameters: NodeParameters) -> None:
+        for name, value in parameters.as_dict().items():
+            self.declare_parameter(
+                name,
+                list(value) if isinstance(value, tuple) else value,
+                descriptor(ALL_SPECS[name]),
+                ignore_override=True,
+            )
+
+    def _advertise(self, parameters: NodeParameters) -> Outlets:
+        # Reliable, as joint_state_publisher and joint_state_broadcaster offer it: best-effort
+        # subscribers (robot_state_publisher) match too. Deep, for a subscriber that stalls.
+        states = QoSProfile(depth=100)
+        impacts = QoSProfile(depth=1000)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        clock = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        return Outlets(
+            joint_states=self._outlet(JointState, 'joint_states', states),
+            impacts=self._outlet(JointState, 'impacts', impacts),
+            snapshot=self._outlet(String, 'snapshot', latched),
+            clock=(
+                self._outlet(ClockMessage, '/clock', clock) if parameters.publish_clock else None
+            ),
+            parameter_events=self.resolve_topic_name('/parameter_events'),
+            diagnostics=self._diagnostics_publisher.topic_name,
+        )
+
+    def _outlet(self, message_type: Any, topic: str, qos: QoSProfile) -> Outlet:
+        publisher = self.create_publisher(message_type, topic, qos)
+        return Outlet(publisher.topic_name, publisher.publish)
+
+    # Parameters
+
+    def _prepare(self, before: NodeParameters, after: NodeParameters) -> None:
+        # Only trying shows whether a recording can begin; a request is rejected if not.
+        if after.record and not before.record:
+            self._recorder.open(after.bag_directory)
+
+    def _apply(
+        self, before: NodeParameters, after: NodeParameters, changed: Sequence[Parameter]
+    ) -> None:
+        event = ParameterEvent(
+            node=self.get_fully_qualified_name(),
+            changed_parameters=[p.to_parameter_msg() for p in changed],
+        )
+        rig = after.rig if after.rig != before.rig else None
+        self.engine.change(rig, serialised(event))
+        if after.record and not before.record:
+            self._recorder.begin(self._dump())
+            self.get_logger().info(f'recording to {self._recorder.path}')
+        elif before.record and not after.record:
+            self.get_logger().info(self._recorder.finish())
+
+    def _dump(self) -> bytes:
+        """Return the event that names all parameters with their values."""
+        names = self.list_parameters([], 0).names
+        event = ParameterEvent(
+            node=self.get_fully_qualified_name(),
+            new_parameters=[p.to_parameter_msg() for p in self.get_parameters(names)],
+        )
+        return serialised(event)
+
+    # Services
+
+    def _on_reset(self, _request: Any, response: Any) -> Any:
+        initial = self._live.now.initial
+        where = (
+            f'primary at {initial.initial_primary_position:g} m with '
+            f'{initial.initial_primary_velocity:g} m/s, damper at '
+            f'{initial.initial_damper_offset:g} m in the gap with '
+            f'{initial.initial_damper_velocity:g} m/s'
+        )
+        return self._answer(response, self.engine.reset(initial), f'reset to {where}')
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        ticket = self.engine.pause(request.data)
+        self._answer(response, ticket, 'paused' if request.data else 'running on')
+        if response.success and ticket.result is False:
+            state = 'paused' if request.data else 'running'
+            response.message = f'was {state} already'
+        return response
+
+    def _answer(self, response: Any, ticket: Ticket, text: str) -> Any:
+        if not ticket.wait(ANSWER_TIMEOUT_S):
+            response.success = False
+            response.message = f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s'
+        elif ticket.error is not None:
+            response.success = False
+            response.message = str(ticket.error)
+        else:
+            response.success = True
+            response.message = f'{text}, at rig time {ticket.time_ns * 1e-9:.9g} s'
+        return response
+
+    # Reports
+
+    def _report(self) -> None:
+        engine = self.engine.status()
+        recording = self._recorder.status(engine.recorded)
+        report = serialised(self._diagnostics.report(self.engine.stamp_ns(), engine, recording))
+        self._diagnostics_publisher.publish(report)
+        self.engine.record_diagnostics(report)
+
+    def _watch_recording(self) -> None:
+        if self._live.now.record and (error := self._recorder.failure()):
+            self.get_logger().error(f'{error}; the rig runs on, record is false again')
+            self.set_parameters([Parameter('record', Parameter.Type.BOOL, False)])
+
+
+def _spin(node: SimNode, executor: SingleThreadedExecutor) -> None:
+    executor.add_node(node)
+    while rclpy.ok() and node.engine.failure is None:
+        try:
+            executor.spin_once()
+        except Exception:
+            # A malformed request, say; it must not take the rig down. A shutdown ends here too.
+            if rclpy.ok():
+                node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
+
+
+def _refuse(reason: object) -> int:
+    print(f'sim_node: cannot start: {reason}', file=sys.stderr)
+    return 1
+
+
+def _foreign_arguments(arguments: Sequence[str]) -> int | None:
+    """Answer arguments that are not for ROS; None if there are none."""
+    if not arguments:
+        return None
+    if arguments[0] in ('-h', '--help'):
+        print(USAGE)
+        return 0
+    return _refuse(
+        f'unknown argument {arguments[0]!r}; parameters and remappings follow --ros-args, as in: '
+        'sim_node --ros-args -p gap:=30'
+    )
+
+
+def _run(node: SimNode, executor: SingleThreadedExecutor) -> int:
+    """Run the node until it is told to end, or its engine fails."""
+    try:
+        # What exists by now stays: the garbage collector need not look through it again.
+        gc.freeze()
+        node.start()
+        _spin(node, executor)
+    finally:
+        # ROS may be down already; this needs none of it.
+        if summary := node.finish():
+            print(f'sim_node: {summary}', file=sys.stderr)
+    if (failure := node.engine.failure) is not None:
+        print('sim_node: the engine failed, the rig is stopped:', file=sys.stderr)
+        traceback.print_exception(failure)
+        return 1
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the node.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Command line with the program's name first; that of the process if not given.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after SIGINT and SIGTERM, 1 if the node could not start or has failed.
+    """
+    arguments = list(sys.argv if argv is None else argv)
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    # ROS handles the signal by shutting down, which ends the spinning. A KeyboardInterrupt on top
+    # (or a second one, while the bag is being finished) could strike anywhere.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        rclpy.init(args=arguments)
+    except Exception as error:
+        return _refuse(_in_words(error))
+    node = None
+    try:
+        if (code := _foreign_arguments(remove_ros_args(arguments)[1:])) is not None:
+            return code
+        try:
+            executor = SingleThreadedExecutor()
+            node = SimNode()
+        except Exception as error:
+            # Told to end before it had begun, or not able to begin.
+            return _refuse(error) if rclpy.ok() else 0
+        return _run(node, executor)
+    finally:
+        with contextlib.suppress(Exception):
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
+        # The process is at its end; an impatient signal must not spoil the exit code.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+
+def _in_words(error: Exception) -> str:
+    """Shorten what rcl says about arguments it cannot parse to its two telling parts."""
+    text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
+    if 'Sequence should be of same type' in text:
+        text += ' (write [1.0, 0.5], not [1, 0.5])'
+    return text
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,225 @@
+"""What the integration tests need: the node as a process, and a plain rclpy client."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import QoSProfile
+
+import impact_damper_ros
+
+#: Generous: the tests wait for conditions, not for times.
+DEADLINE_S = 30.0
+#: A small rig at its resonance of 5 Hz, whose damper rattles within the first second.
+LIVELY = {
+    'primary_mass': 1.0,
+    'stiffness': 1000.0,
+    'damping': 0.6,
+    'damper_mass': 0.1,
+    'gap': 0.01,
+    'force_amplitudes': '[10.0]',
+    'force_frequencies': '[31.6]',
+}
+
+SOURCE = Path(impact_damper_ros.__file__).parents[1]
+
+
+def stamp_ns(stamp):
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def until(condition, what='nothing happened', deadline=DEADLINE_S):
+    """Wait for a condition and return its value."""
+    end = time.monotonic() + deadline
+    while not (value := condition()):
+        assert time.monotonic() < end, what() if callable(what) else what
+        time.sleep(0.005)
+    return value
+
+
+class SimProcess:
+    """
+    One `sim_node` as a process of its own.
+
+    Parameters
+    ----------
+    directory : Path
+        Where it runs, and where its output is kept.
+    remaps : sequence of str
+        Given as `-r from:=to`.
+    code : str, optional
+        A program to run instead of the module.
+    parameters_file : Path, optional
+        Given as `--params-file`.
+    **parameters : object
+        Given as `-p name:=value`.
+    """
+
+    def __init__(self, directory, remaps=(), code=None, parameters_file=None, **parameters):
+        program = ['-c', code] if code else ['-m', 'impact_damper_ros.nodes.sim_node']
+        arguments = ['--ros-args']
+        for remap in remaps:
+            arguments += ['-r', remap]
+        if parameters_file:
+            arguments += ['--params-file', str(parameters_file)]
+        for name, value in parameters.items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            arguments += ['-p', f'{name}:={text}']
+        directory.mkdir(exist_ok=True)
+        self._output = directory / 'output.txt'
+        path = os.pathsep.join(filter(None, [str(SOURCE), os.environ.get('PYTHONPATH')]))
+        with self._output.open('ab') as output:
+            self._process = subprocess.Popen(
+                [sys.executable, *program, *arguments],
+                cwd=directory,
+                env={**os.environ, 'PYTHONPATH': path},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+
+    @property
+    def pid(self):
+        return self._process.pid
+
+    @property
+    def output(self):
+        return self._output.read_text()
+
+    def running(self):
+        return self._process.poll() is None
+
+    def send(self, number):
+        self._process.send_signal(number)
+
+    def wait(self):
+        """Return the exit code."""
+        return self._process.wait(DEADLINE_S)
+
+    def stop(self, number=signal.SIGINT):
+        self.send(number)
+        return self.wait()
+
+    def kill(self):
+        self._process.kill()
+        self._process.wait()
+
+
+class RigClient:
+    """A client of any number of rigs, spinning in a thread of its own."""
+
+    def __init__(self):
+        self.context = Context()
+        rclpy.init(args=[], context=self.context)
+        self.node = Node('test_client', context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._clients = {}
+        self._spinning = True
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+
+    def _spin(self):
+        while self._spinning:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def close(self):
+        self._spinning = False
+        self._thread.join()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def listen(self, kind, topic, qos=None):
+        """Return a list that grows by what comes in."""
+        messages = []
+        self.node.create_subscription(kind, topic, messages.append, qos or QoSProfile(depth=1000))
+        return messages
+
+    def request(self, kind, service, request):
+        """Send a request and return its future."""
+        client = self._clients.get(service)
+        if client is None:
+            client = self._clients[service] = self.node.create_client(kind, service)
+        assert client.wait_for_service(DEADLINE_S), f'{service} is not there'
+        return client.call_async(request)
+
+    def call(self, kind, service, request=None):
+        """Call a service and return its response."""
+        future = self.request(kind, service, request or kind.Request())
+        until(future.done, f'{service} did not answer')
+        return future.result()
+
+
+class RigParametersClient:
+    """The parameters of one node, as `ros2 param` and `ros2 service call` reach them."""
+
+    def __init__(self, client, node='/sim_node'):
+        self._client = client
+        self.node = node
+
+    def get(self, *names):
+        response = self._client.call(
+            GetParameters, f'{self.node}/get_parameters', GetParameters.Request(names=names)
+        )
+        values = [parameter_value_to_python(value) for value in response.values]
+        return values[0] if len(names) == 1 and values else values
+
+    def names(self):
+        response = self._client.call(ListParameters, f'{self.node}/list_parameters')
+        return list(response.result.names)
+
+    def describe(self, *names):
+        response = self._client.call(
+            DescribeParameters,
+            f'{self.node}/describe_parameters',
+            DescribeParameters.Request(names=names),
+        )
+        return response.descriptors
+
+    def set(self, **values):
+        """Set one after the other; return the reasons of the rejections, empty if accepted."""
+        response = self._client.call(
+            SetParameters,
+            f'{self.node}/set_parameters',
+            SetParameters.Request(parameters=_messages(values)),
+        )
+        assert all(bool(r.reason) != r.successful for r in response.results)
+        reasons = [result.reason for result in response.results]
+        return reasons[0] if len(values) == 1 else reasons
+
+    def set_atomically(self, **values):
+        """Set all or none; return the reason of the rejection, empty if accepted."""
+        response = self._client.call(
+            SetParametersAtomically,
+            f'{self.node}/set_parameters_atomically',
+            SetParametersAtomically.Request(parameters=_messages(values)),
+        )
+        assert bool(response.result.reason) != response.result.successful
+        return response.result.reason
+
+
+def _messages(values):
+    return [
+        value
+        if isinstance(value, ParameterMessage)
+        else Parameter(name, value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]

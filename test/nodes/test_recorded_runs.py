@@ -1,0 +1,255 @@
+"""Recordings of a running node, read with rosbags, which shares nothing with this package."""
+
+import json
+import resource
+import time
+from itertools import pairwise
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import JointState
+
+from impact_damper_ros.recording import RunReader, recover_run
+from impact_damper_ros.rig import EventKind, Simulator
+from nodes.rig_client import LIVELY, RigParametersClient, stamp_ns, until
+
+
+class Bag:
+    """All messages of a bag, by topic."""
+
+    def __init__(self, directory):
+        self.topics = {}
+        self.order = []
+        with AnyReader([directory], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            for connection, log_time, raw in reader.messages():
+                message = reader.deserialize(raw, connection.msgtype)
+                self.topics.setdefault(connection.topic, []).append((log_time, message, raw))
+                self.order.append((connection.topic, log_time))
+
+    def messages(self, topic):
+        return [message for _, message, _ in self.topics.get(topic, [])]
+
+
+def stamp_of(stamp):
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def value_of(parameter):
+    value = parameter.value
+    field = {
+        1: 'bool_value',
+        3: 'double_value',
+        4: 'string_value',
+        8: 'double_array_value',
+    }[value.type]
+    found = getattr(value, field)
+    return tuple(found) if value.type == 8 else found
+
+
+def replay(bag, namespace='', cut=False):
+    """
+    Run a simulator by the snapshot and the parameter events of a bag, and compare everything.
+
+    A bag that is `cut` off may end with impacts of a tick whose joint states are lost.
+    """
+    snapshots = [json.loads(m.data) for m in bag.messages(f'{namespace}/snapshot')]
+    first = snapshots[0]
+    assert first['reason'] == 'record'
+    offset = first['stamp_offset_ns']
+    rig = Simulator.restore(first['state'])
+    changes = [
+        (
+            stamp_of(event.stamp) - offset,
+            {p.name: value_of(p) for p in event.changed_parameters},
+        )
+        for event in bag.messages('/parameter_events')[1:]
+    ]
+    impacts = []
+
+    def note(events):
+        impacts.extend(e for e in events if e.kind is EventKind.IMPACT)
+
+    states = bag.messages(f'{namespace}/joint_states')
+    for message in states:
+        t_ns = stamp_of(message.header.stamp) - offset
+        # A change is shown by the states of the tick at which it took effect.
+        note(rig.advance(t_ns / 1e9))
+        while changes and changes[0][0] <= t_ns:
+            instant, values = changes.pop(0)
+            assert instant == t_ns
+            values = {n: v for n, v in values.items() if n not in ('record', 'bag_directory')}
+            note(rig.change(rig.parameters.replace(**values)))
+        sample = rig.sample()
+        assert list(message.position) == [sample.x, sample.z, sample.stop_1, sample.stop_2]
+    recorded = bag.messages(f'{namespace}/impacts')
+    if cut:
+        last_ns = stamp_of(states[-1].header.stamp)
+        recorded = [m for m in recorded if stamp_of(m.header.stamp) <= last_ns]
+    for event, message in zip(impacts, recorded, strict=True):
+        assert stamp_of(message.header.stamp) == offset + round(event.time * 1e9)
+        assert list(message.position) == [event.x, event.x + event.y]
+    assert {stamp_of(b.header.stamp) - stamp_of(a.header.stamp) for a, b in pairwise(states)} == {
+        5_000_000
+    }
+    return rig, impacts
+
+
+def test_a_run_is_reproduced_from_its_bag(rig, tmp_path):
+    assert rig.parameters.set_atomically(gap=0.008, bag_directory=str(tmp_path / 'runs')) == ''
+    rig.await_states(5)
+    reports = rig.client.listen(DiagnosticArray, '/diagnostics')
+    assert rig.parameters.set(record=True) == ''
+    assert rig.parameters.set(record=True) == ''
+    impacts = len(rig.impacts)
+    for change in (
+        {'gap': 0.012},
+        {'restitution_1': 0.6, 'restitution_2': 0.8},
+        {'force_amplitudes': [10.0, 1.0]},
+        {'force_frequencies': [31.0, 50.0]},
+        {'gap': 0.004},
+        {'angle': 0.3},
+    ):
+        assert rig.parameters.set_atomically(**change) == ''
+        rig.await_states(20)
+    until(lambda: len(rig.impacts) > impacts + 10)
+
+    def recording_report():
+        for report in list(reports):
+            for status in report.status:
+                values = {v.key: v.value for v in status.values}
+                if status.name == 'sim_node: recording' and int(values['Messages']) > 0:
+                    assert status.message == 'recording'
+                    return values
+        return None
+
+    report = until(recording_report)
+    assert report['File'].endswith('_0.mcap')
+    assert rig.parameters.set(record=False) == ''
+    # By the time of the answer the bag is whole.
+    (directory,) = (tmp_path / 'runs').iterdir()
+    assert RunReader(directory).complete
+    bag = Bag(directory)
+    assert [topic for topic, _ in bag.order[:2]] == ['/snapshot', '/parameter_events']
+    assert [t for _, t in bag.order] == sorted(t for _, t in bag.order)
+    dump = bag.messages('/parameter_events')[0]
+    assert dump.node == '/sim_node'
+    values = {p.name: value_of(p) for p in dump.new_parameters}
+    assert set(values) == set(rig.parameters.names())
+    assert (values['gap'], values['record']) == (0.008, True)
+    last = bag.messages('/parameter_events')[-1]
+    assert [(p.name, value_of(p)) for p in last.changed_parameters] == [('record', False)]
+    assert bag.messages('/diagnostics')
+    final, recorded = replay(bag)
+    assert len(recorded) >= 10
+    assert final.parameters.gap == 0.004
+    assert final.parameters.force_amplitudes == (10.0, 1.0)
+    # What was published is what was logged.
+    logged = {stamp_of(m.header.stamp): m for m in bag.messages('/joint_states')}
+    heard = [m for m in list(rig.states) if stamp_ns(m.header.stamp) in logged]
+    assert len(heard) > 50
+    for message in heard:
+        same = logged[stamp_ns(message.header.stamp)]
+        assert list(same.position) == list(message.position)
+        assert list(same.velocity) == list(message.velocity)
+
+
+def test_names_in_a_bag_are_those_on_the_network(client, launch, namespace, tmp_path):
+    states = client.listen(JointState, f'{namespace}/js')
+    remaps = (f'__ns:={namespace}', '__node:=damper', 'joint_states:=js')
+    process = launch(*remaps, record=True, **LIVELY)
+    until(lambda: len(states) > 10, lambda: process.output)
+    assert process.stop() == 0
+    (directory,) = (tmp_path / 'process_0' / 'runs').iterdir()
+    bag = Bag(directory)
+    assert {f'{namespace}/js', f'{namespace}/snapshot', '/parameter_events'} <= set(bag.topics)
+    assert bag.messages('/parameter_events')[0].node == f'{namespace}/damper'
+    assert RunReader(directory).custom['joint_states'] == f'{namespace}/js'
+    # Recorded from the very start.
+    first = json.loads(bag.messages(f'{namespace}/snapshot')[0].data)
+    assert first['time_ns'] == 0
+    assert stamp_of(bag.messages(f'{namespace}/js')[0].header.stamp) == first['stamp_offset_ns']
+
+
+def test_a_killed_run_is_recovered(client, launch, namespace, tmp_path):
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    process = launch(f'__ns:={namespace}', record=True, **LIVELY)
+    until(lambda: len(states) > 250, lambda: process.output)
+    process.kill()
+    time.sleep(0.1)
+    last_ns = stamp_ns(states[-1].header.stamp)
+    (directory,) = (tmp_path / 'process_0' / 'runs').iterdir()
+    assert not RunReader(directory).complete
+    recover_run(directory)
+    recovered = [d for d in (tmp_path / 'process_0' / 'runs').iterdir() if RunReader(d).complete]
+    bag = Bag(recovered[0])
+    replay(bag, namespace, cut=True)
+    end_ns = stamp_of(bag.messages(f'{namespace}/joint_states')[-1].header.stamp)
+    # At most the last half second is lost; what a loaded machine delays comes on top.
+    assert last_ns - end_ns < 1.5e9
+
+
+def test_a_directory_that_cannot_be_written_rejects_the_recording(rig, tmp_path):
+    blocker = tmp_path / 'file'
+    blocker.write_text('in the way')
+    assert rig.parameters.set(bag_directory=str(blocker / 'runs')) == ''
+    reason = rig.parameters.set(record=True)
+    assert 'cannot record to' in reason
+    assert str(blocker) in reason
+    assert rig.parameters.get('record') is False
+    rig.await_states(5)
+    # Nor does it take effect as one of several.
+    reason = rig.parameters.set_atomically(gap=0.02, record=True)
+    assert 'cannot record to' in reason
+    assert rig.parameters.get('gap') == 0.01
+
+
+def test_a_full_disk_ends_the_recording_but_not_the_rig(client, launch, namespace, tmp_path):
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    reports = client.listen(DiagnosticArray, '/diagnostics')
+    process = launch(f'__ns:={namespace}', **LIVELY)
+    until(lambda: states, lambda: process.output)
+    # No file may grow beyond this: what the kernel says then stands for a full disk.
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (16384, resource.RLIM_INFINITY))
+    parameters = RigParametersClient(client, f'{namespace}/sim_node')
+    assert parameters.set(record=True) == ''
+    until(lambda: parameters.get('record') is False, lambda: process.output)
+    assert 'the rig runs on' in process.output
+
+    def failed():
+        return any(
+            s.name == f'{namespace[1:]}/sim_node: recording' and s.level == DiagnosticStatus.ERROR
+            for report in list(reports)
+            for s in report.status
+        )
+
+    until(failed)
+    count = len(states)
+    until(lambda: len(states) > count + 20)
+    start_ns = stamp_ns(states[0].header.stamp)
+    assert all((stamp_ns(m.header.stamp) - start_ns) % 5_000_000 == 0 for m in list(states))
+    # With room again, recording is possible again.
+    unlimited = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, unlimited)
+    assert parameters.set(record=True) == ''
+    count = len(states)
+    until(lambda: len(states) > count + 20)
+    assert process.stop() == 0
+    runs = sorted((tmp_path / 'process_0' / 'runs').iterdir())
+    assert [RunReader(run).complete for run in runs].count(True) == 1
+
+
+def test_two_nodes_record_side_by_side(client, launch, tmp_path):
+    spaces = ('/left', '/right')
+    runs = tmp_path / 'runs'
+    heard = {s: client.listen(JointState, f'{s}/joint_states') for s in spaces}
+    started = {
+        s: launch(f'__ns:={s}', record=True, bag_directory=str(runs), **LIVELY) for s in spaces
+    }
+    until(lambda: all(len(messages) > 20 for messages in heard.values()))
+    assert [process.stop() for process in started.values()] == [0, 0]
+    bags = [Bag(directory) for directory in runs.iterdir()]
+    assert len(bags) == 2
+    assert {bag.messages('/parameter_events')[0].node for bag in bags} == {
+        f'{s}/sim_node' for s in spaces
+    }
