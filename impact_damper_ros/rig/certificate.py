@@ -102,7 +102,11 @@ def safe_step(h_0: float, h_1: float, h_2: float, bound: float, horizon: float) 
             value_left = value
         slope = h_1 + right * (h_2 - 0.5 * right * bound)
         tangent = right - value_right / slope if slope < 0.0 else right
-        if left < tangent < right:
+        if tangent >= right:
+            # The right end is the root to round-off, and a left end far from it is of no use.
+            left = max(left, right * (1.0 - _STEP_TOLERANCE))
+            break
+        if left < tangent:
             value = h_0 + tangent * (h_1 + tangent * (half - tangent * sixth))
             if value <= 0.0:
                 right = tangent

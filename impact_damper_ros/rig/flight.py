@@ -12,7 +12,7 @@ cancellation:
 - The response to a harmonic *from rest* is the divided difference of exp over the two
   eigenvalues and iW. Its factor (exp(iW tau) - exp(l tau))/(iW - l) is written with expm1 and
   half angles, so that nothing cancels at resonance, where the particular and the homogeneous
-  part of the textbook form do.
+  part of the textbook form do. Far above resonance that form is the better one, and is used.
 - For short times the displacement relative to the tangent parabola is summed from its Taylor
   series, so that flights of any smallness keep their relative accuracy.
 - Relative position and velocity are carried themselves, not as a difference of absolute ones.
@@ -175,7 +175,8 @@ def motion_at(flight: Flight, tau: float) -> Motion:
     step = envelope * cos_b + a * impulse
     x = flight.x * step + flight.velocity * impulse
     x += constant / omega_squared * (1.0 - step)
-    velocity = flight.velocity * (envelope * cos_b - a * impulse)
+    free_rate = envelope * cos_b - a * impulse
+    velocity = flight.velocity * free_rate
     velocity += (constant - omega_squared * flight.x) * impulse
     drive_0 = 0.0
     drive_1 = 0.0
@@ -197,33 +198,47 @@ def motion_at(flight: Flight, tau: float) -> Motion:
         cos_beta = 1.0 - versine
         cos_w = cos_b * cos_beta - sin_b * sin_beta
         sin_w = sin_b * cos_beta + cos_b * sin_beta
-        # first = (exp(iW tau) - exp(l tau)) / (iW - l), l = -a + ib, without cancellation
-        modulus = a * a + beta * beta
-        if modulus > 0.0:
-            top_re = envelope * versine - envelope_1
-            top_im = envelope * sin_beta
-            ratio_re = (top_re * a + top_im * beta) / modulus
-            ratio_im = (top_im * a - top_re * beta) / modulus
+        if frequency > 2.0 * b:
+            # Far above resonance: steady vibration and the free one that starts it from rest
+            gain = omega_squared - frequency * frequency
+            lag = 2.0 * a * frequency
+            modulus = gain * gain + lag * lag
+            top_re = cos_w - step
+            top_im = sin_w - frequency * impulse
+            response_re = (top_re * gain + top_im * lag) / modulus
+            response_im = (top_im * gain - top_re * lag) / modulus
+            top_re = omega_squared * impulse - frequency * sin_w
+            top_im = frequency * (cos_w - free_rate)
+            rate_re = (top_re * gain + top_im * lag) / modulus
+            rate_im = (top_im * gain - top_re * lag) / modulus
         else:
-            ratio_re = tau
-            ratio_im = 0.0
-        first_re = cos_w * ratio_re - sin_w * ratio_im
-        first_im = sin_w * ratio_re + cos_w * ratio_im
-        # second = (exp(iW tau) - exp(conj(l) tau)) / (iW - conj(l))
-        total = frequency + b
-        modulus = a * a + total * total
-        top_re = cos_w - envelope * cos_b
-        top_im = sin_w + envelope * sin_b
-        second_re = (top_re * a + top_im * total) / modulus
-        second_im = (top_im * a - top_re * total) / modulus
-        # Divided difference over l, conj(l), iW, and its time derivative
-        scale = 0.5 / b
-        response_re = (first_im - second_im) * scale
-        response_im = (second_re - first_re) * scale
-        sum_re = first_re + second_re
-        sum_im = first_im + second_im
-        rate_re = 0.5 * sum_re - a * response_re
-        rate_im = 0.5 * sum_im - a * response_im
+            # first = (exp(iW tau) - exp(l tau)) / (iW - l), l = -a + ib, without cancellation
+            modulus = a * a + beta * beta
+            if modulus > 0.0:
+                top_re = envelope * versine - envelope_1
+                top_im = envelope * sin_beta
+                ratio_re = (top_re * a + top_im * beta) / modulus
+                ratio_im = (top_im * a - top_re * beta) / modulus
+            else:
+                ratio_re = tau
+                ratio_im = 0.0
+            first_re = cos_w * ratio_re - sin_w * ratio_im
+            first_im = sin_w * ratio_re + cos_w * ratio_im
+            # second = (exp(iW tau) - exp(conj(l) tau)) / (iW - conj(l))
+            total = frequency + b
+            modulus = a * a + total * total
+            top_re = cos_w - envelope * cos_b
+            top_im = sin_w + envelope * sin_b
+            second_re = (top_re * a + top_im * total) / modulus
+            second_im = (top_im * a - top_re * total) / modulus
+            # Divided difference over l, conj(l), iW, and its time derivative
+            scale = 0.5 / b
+            response_re = (first_im - second_im) * scale
+            response_im = (second_re - first_re) * scale
+            sum_re = first_re + second_re
+            sum_im = first_im + second_im
+            rate_re = 0.5 * sum_re - a * response_re
+            rate_im = 0.5 * sum_im - a * response_im
         x += force * (cos_0 * response_im + sin_0 * response_re)
         velocity += force * (cos_0 * rate_im + sin_0 * rate_re)
         sine = force * (sin_0 * cos_w + cos_0 * sin_w)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterator
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -32,11 +33,22 @@ _Loader.add_implicit_resolver(
 )
 
 
-def _parameter_blocks(tree: dict[str, Any], path: Path) -> dict[str, Any]:
+def _flattened(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield the names of nodes with what stands below them, nested namespaces joined."""
+    for key, value in tree.items():
+        name = f'{above}/{key}' if above else str(key)
+        nested = isinstance(value, dict) and 'ros__parameters' not in value
+        if nested and any(isinstance(below, dict) for below in value.values()):
+            yield from _flattened(value, name)
+        else:
+            yield name, value
+
+
+def _parameter_blocks(tree: dict[Any, Any], path: Path) -> dict[str, Any]:
     """Merge the blocks that apply to the node, the more specific ones last."""
     found: dict[str, Any] = {}
     blocks: list[tuple[int, str, dict[str, Any]]] = []
-    for key, value in tree.items():
+    for key, value in _flattened(tree):
         last = key.rstrip('/').rsplit('/', 1)[-1]
         if key in ('/**', '/*', '/**/*', '**') or last in ('sim_node', '**', '*'):
             if not isinstance(value, dict) or 'ros__parameters' not in value:

@@ -7,7 +7,7 @@ sampling rate or on how a run is cut into pieces, to the last bit.
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, nextafter
 from typing import Any
 
 from .contact import (
@@ -30,6 +30,7 @@ from .mode import (
     Machine,
     Mode,
     Origin,
+    advance_time,
     launch,
     make_machine,
 )
@@ -199,15 +200,16 @@ class Simulator:
         events: list[Event] = []
         instant, at_once = -inf, 0
         while True:
-            limit = self._tau(time)
             if self._event is None:
+                # An event that rounds to the time asked for belongs to it.
+                limit = self._tau(nextafter(time, inf))
                 kind, tau = first_event(self._flight, self._node, limit)
                 if kind == NO_EVENT:
                     self._node = tau
                     break
                 self._event = (kind, tau)
             kind, tau = self._event
-            if tau > limit:
+            if advance_time(self._origin.time, self._origin.time_low, tau)[0] > time:
                 break
             mode = self._origin.mode
             transition = resolve(self._machine, self._origin, self._flight, kind, tau)
