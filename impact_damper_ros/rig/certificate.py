@@ -19,6 +19,7 @@ __all__ = ['ROUND_OFF', 'least_step', 'look_ahead', 'look_past', 'safe_step']
 _EPSILON = 2.220446049250313e-16
 _STEP_TOLERANCE = 1e-12
 _LEAST_STEP = 1e-9
+_COARSE = 1.0 / 64.0
 
 #: A sum this small compared with its terms cannot be told from zero.
 ROUND_OFF = 16.0 * _EPSILON
@@ -93,6 +94,17 @@ def safe_step(h_0: float, h_1: float, h_2: float, bound: float, horizon: float) 
     value_left = h_0 + left * (h_1 + left * (half - left * sixth))
     if value_left <= 0.0:
         return left if left > 0.0 and value_left == 0.0 else 0.0
+    # Come down to the scale of the root: from far off the tangents would take ever so long.
+    trial = _COARSE * right
+    while trial > left:
+        value = h_0 + trial * (h_1 + trial * (half - trial * sixth))
+        if value > 0.0:
+            left = trial
+            value_left = value
+            break
+        right = trial
+        value_right = value
+        trial *= _COARSE
     # Concave and falling: a chord stays left of the root, a tangent stays right of it.
     for _ in range(64):
         chord = left + (right - left) * (value_left / (value_left - value_right))
