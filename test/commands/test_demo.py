@@ -1,0 +1,60 @@
+"""`make demo`, shortened: the live node, its knobs, the recording, the picture."""
+
+import os
+import re
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+
+
+def test_the_demonstration(tmp_path):
+    pytest.importorskip('rclpy', reason='the demonstration runs the node')
+    pytest.importorskip('matplotlib', reason='the demonstration draws a picture')
+    anyreader = pytest.importorskip('rosbags.highlevel').AnyReader
+    done = subprocess.run(
+        [
+            *(sys.executable, '-m', 'impact_damper_ros.commands.demo', str(tmp_path / 'run')),
+            *('--duration', '15'),
+        ],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    rows = re.findall(r'^.* (\d\.\d\d) +(\d+\.\d) mm +0\.\d{3} +\d+ mN s$', done.stdout, re.M)
+    assert len(rows) == 3
+    # Too narrow a gap: between two and three impacts a cycle; the right one: two, less motion.
+    assert 2.3 < float(rows[0][0]) < 3.0
+    assert 1.9 < float(rows[1][0]) < 2.2
+    assert float(rows[1][1]) < float(rows[0][1])
+
+    picture = (tmp_path / 'run' / 'motion.png').read_bytes()
+    assert picture[:8] == b'\x89PNG\r\n\x1a\n'
+    width, height = struct.unpack('>II', picture[16:24])
+    assert width > 1000
+    assert height > 600
+
+    (bag,) = (path for path in (tmp_path / 'run').iterdir() if path.is_dir())
+    with anyreader([bag]) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+        gaps = [
+            parameter.value.double_value
+            for connection, _, raw in reader.messages(
+                [c for c in reader.connections if c.topic == '/parameter_events']
+            )
+            for parameter in reader.deserialize(raw, connection.msgtype).changed_parameters
+            if parameter.name == 'gap'
+        ]
+    assert gaps == [0.024]
+    assert counts['/joint_states'] > 2000
+    assert counts['/impacts'] > 100
+    assert counts['/snapshot'] >= 3

@@ -1,0 +1,1 @@
+"""Independent references for the exact simulator; nothing here imports the package."""
