@@ -40,7 +40,14 @@ setup(
     ],
     # The console scripts look their modules up by path, so the package is never run from a zip.
     zip_safe=False,
-    install_requires=['lz4>=4.0', 'mcap>=1.5', 'PyYAML>=6.0', 'tqdm>=4.60', 'zstandard>=0.20'],
+    install_requires=[
+        'lz4>=4.0',
+        'mcap>=1.5',
+        'numpy>=1.24',
+        'PyYAML>=6.0',
+        'tqdm>=4.60',
+        'zstandard>=0.20',
+    ],
     extras_require={
         # ROS 2 Jazzy as wheels, for a machine without an installed ROS (not needed beside one).
         'ros': [
@@ -48,13 +55,13 @@ setup(
             'ros-jazzy-rclpy>=7.1.6,<8',
             'ros-jazzy-rmw-fastrtps-cpp>=8.4.3,<9',
         ],
-        'plot': ['matplotlib>=3.6', 'numpy>=1.24'],
+        'plot': ['matplotlib>=3.6'],
         'compiled': ['numba>=0.59'],
         'test': [
             'colcon-common-extensions>=0.3',
             'mcap-ros2-support>=0.5.5',
             'mpmath>=1.3',
-            'numpy>=1.24',
+            'numba>=0.59',
             'pytest>=7.4',
             'rosbags>=0.10.11',
             'scipy>=1.10',
@@ -67,6 +74,7 @@ setup(
             'recover_run = impact_damper_ros.commands.recover_run:main',
             'sim_node = impact_damper_ros.nodes.sim_node:main',
             'simulate_rig = impact_damper_ros.commands.simulate_rig:main',
+            'solve_periodic = impact_damper_ros.commands.solve_periodic:main',
         ],
     },
 )
