@@ -243,6 +243,8 @@ def first_event(flight: Flight, node: float, limit: float) -> tuple[int, float]:
     tau : float
         The event's time since the origin, or the node reached.
     """
+    if node > limit:
+        return NO_EVENT, node
     if flight.joint:
         return _first_in_joint(flight, node, limit)
     return _first_in_motion(flight, node, limit)

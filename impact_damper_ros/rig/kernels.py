@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Callable
+from itertools import repeat
 from typing import Any, TypeVar
 
 __all__ = ['compiled', 'elementwise', 'kernel']
@@ -54,9 +55,7 @@ def elementwise(function: Callable[..., float]) -> Callable[..., tuple[float, ..
     _ELEMENTWISE[function.__name__] = function
 
     def along(*arguments: Any) -> tuple[float, ...]:
-        length = next(len(a) for a in arguments if isinstance(a, tuple))
-        columns = [a if isinstance(a, tuple) else (a,) * length for a in arguments]
-        return tuple(map(function, *columns))
+        return tuple(map(function, *(a if isinstance(a, tuple) else repeat(a) for a in arguments)))
 
     along.__name__ = function.__name__
     along.__doc__ = function.__doc__

@@ -232,15 +232,15 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
         common = after + share * relative_after
         need = support_need(machine, hit, sines_of(machine.phases, hit.angles), common)
         away = 1.0 if stop == 2 else -1.0
-        motion: Motion = motion_at(launch(machine, hit), 0.0)
-        jerk_bound = derivative_bound(machine.free, motion.x_3, motion.x_4, machine.free.bound_3)
-        left = chatter_duration(
-            away * relative_after,
-            (1.0 + machine.mass_ratio) * away * need,
-            (1.0 + machine.mass_ratio) * machine.grip,
-            restitution,
-            jerk_bound,
-        )
+        speed = away * relative_after
+        press = (1.0 + machine.mass_ratio) * away * need
+        grip = (1.0 + machine.mass_ratio) * machine.grip
+        # Few impacts belong to a chatter: the least that the bound can be rules most of them out.
+        left = chatter_duration(speed, press, grip, restitution, machine.free.bound_3)
+        if left < inf:
+            motion: Motion = motion_at(launch(machine, hit), 0.0)
+            bound = derivative_bound(machine.free, motion.x_3, motion.x_4, machine.free.bound_3)
+            left = chatter_duration(speed, press, grip, restitution, bound)
         if left < inf:
             mode = CHATTER_1 if stop == 1 else CHATTER_2
             hit = _with(hit, mode, common, 0.0, stop, False, left)

@@ -1,0 +1,93 @@
+"""
+A bare rclpy publisher of the rig's joint states: what the node is compared with.
+
+It publishes the same message with the same quality of service at the same rate, and computes
+nothing. `thread` paces by a thread with absolute deadlines on the monotonic clock, `timer` by an
+rclpy timer, as most people would write it.
+
+    python benchmarks/bare_publisher.py thread 1000
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+
+JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
+
+
+class BarePublisher(Node):
+    """
+    Publish joint states.
+
+    Parameters
+    ----------
+    pace : {'thread', 'timer'}
+        What paces it.
+    rate : float
+        Messages per second.
+    """
+
+    def __init__(self, pace: str, rate: float) -> None:
+        """Advertise, and begin to publish."""
+        super().__init__('bare_publisher')
+        self.out = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=100))
+        self.message = JointState(name=list(JOINTS))
+        self.period_ns = round(1e9 / rate)
+        self.going = True
+        if pace == 'timer':
+            self.create_timer(self.period_ns * 1e-9, self.publish)
+        else:
+            threading.Thread(target=self.pace, daemon=True).start()
+
+    def publish(self) -> None:
+        """Publish one message with fresh values."""
+        stamp_ns = time.time_ns()
+        stamp = self.message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(stamp_ns, 10**9)
+        x = stamp.nanosec * 1e-9
+        self.message.position = [x, 0.2, x + 0.1, x - 0.1]
+        self.message.velocity = [x, 0.3, x, x]
+        self.out.publish(self.message)
+
+    def pace(self) -> None:
+        """Publish at absolute deadlines."""
+        deadline_ns = time.monotonic_ns()
+        while self.going:
+            deadline_ns += self.period_ns
+            if (left_ns := deadline_ns - time.monotonic_ns()) > 0:
+                time.sleep(left_ns * 1e-9)
+            try:
+                self.publish()
+            except Exception:
+                if self.context.ok():
+                    raise
+                return
+
+
+def main() -> int:
+    """Publish until told to end."""
+    pace, rate = sys.argv[1], float(sys.argv[2])
+    if pace not in ('thread', 'timer'):
+        raise SystemExit(f'unknown pace {pace!r}: thread or timer')
+    rclpy.init()
+    node = BarePublisher(pace, rate)
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.going = False
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
