@@ -10,14 +10,14 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
-import yaml
 from tqdm import tqdm
 
 from impact_damper_ros.analysis.swing import Swing
+from impact_damper_ros.commands.overrides import overridden
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -133,31 +133,6 @@ def _positive(text: str) -> float:
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f'{text!r}: give a positive, finite number')
     return value
-
-
-def _overridden(
-    settings: Sequence[str], parameters: RigParameters, initial: InitialConditions
-) -> tuple[RigParameters, InitialConditions]:
-    """Apply ``--set`` to the rig, all at once."""
-    changes: dict[str, object] = {}
-    for setting in settings:
-        name, equals, text = setting.partition('=')
-        if not equals or (name not in PARAMETER_SPECS and name not in INITIAL_SPECS):
-            names = ', '.join([*PARAMETER_SPECS, *INITIAL_SPECS])
-            raise ValueError(f'--set {setting}: give NAME=VALUE with one of the names {names}')
-        try:
-            changes[name] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ValueError(f'--set {setting}: {text!r} is not a value: {error}') from error
-        if isinstance(changes[name], str):
-            # YAML 1.1 takes 1e-3 for a text
-            with suppress(ValueError):
-                changes[name] = float(text)
-    parameters = parameters.replace(**{k: v for k, v in changes.items() if k in PARAMETER_SPECS})
-    start = {k: v for k, v in changes.items() if k in INITIAL_SPECS}
-    initial = InitialConditions(**{**initial.as_dict(), **start})  # type: ignore[arg-type]
-    initial.check_within(parameters)
-    return parameters, initial
 
 
 def _instants(
@@ -309,7 +284,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         parameters, initial, _ = load_parameters(arguments.params)
-        parameters, initial = _overridden(arguments.set, parameters, initial)
+        parameters, initial = overridden(arguments.set, parameters, initial)
     except ValueError as error:
         print(f'simulate_rig: {error}', file=sys.stderr)
         return 2

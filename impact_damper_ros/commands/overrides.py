@@ -1,0 +1,61 @@
+"""`--set NAME=VALUE`: changes to the rig of a parameters file, the same in every command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import yaml
+
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    RigParameters,
+)
+
+__all__ = ['overridden']
+
+
+def overridden(
+    settings: Sequence[str], parameters: RigParameters, initial: InitialConditions
+) -> tuple[RigParameters, InitialConditions]:
+    """
+    Apply ``--set`` options to a rig, all at once.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        What was given, each NAME=VALUE.
+    parameters, initial : RigParameters, InitialConditions
+        The rig of the parameters file.
+
+    Returns
+    -------
+    parameters, initial : RigParameters, InitialConditions
+        The rig with the changes.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, a value cannot be read, or the changed rig is not admissible.
+    """
+    changes: dict[str, object] = {}
+    for setting in settings:
+        name, equals, text = setting.partition('=')
+        if not equals or (name not in PARAMETER_SPECS and name not in INITIAL_SPECS):
+            names = ', '.join([*PARAMETER_SPECS, *INITIAL_SPECS])
+            raise ValueError(f'--set {setting}: give NAME=VALUE with one of the names {names}')
+        try:
+            changes[name] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ValueError(f'--set {setting}: {text!r} is not a value: {error}') from error
+        if isinstance(changes[name], str):
+            # YAML 1.1 takes 1e-3 for a text
+            with suppress(ValueError):
+                changes[name] = float(text)
+    parameters = parameters.replace(**{k: v for k, v in changes.items() if k in PARAMETER_SPECS})
+    start = {k: v for k, v in changes.items() if k in INITIAL_SPECS}
+    initial = InitialConditions(**{**initial.as_dict(), **start})  # type: ignore[arg-type]
+    initial.check_within(parameters)
+    return parameters, initial

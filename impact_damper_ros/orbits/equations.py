@@ -1,0 +1,307 @@
+"""
+The equations of N impacts in k force cycles.
+
+Bapat (1995), equations (3)-(15), derived anew. Between impacts the damper mass has constant
+acceleration, so that the displacements X_i and instants t_i of the impacts give its velocities;
+momentum and restitution then give those of the primary mass before and after each impact; and
+its closed-form flight must lead from each impact to the next. These are 2N equations. For fixed
+instants they are linear in X_1 .. X_N and in the cosine and sine of the force's phase at the
+first impact: an N-impact motion has only N-1 non-linear unknowns.
+
+The forced part of a flight is written as the response from rest, a divided difference of the
+exponential. Unlike the steady response it is finite for an undamped rig at resonance, and nothing
+cancels near there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.mode import make_machine
+
+from .error import OrbitError, check_forcing, check_stops
+
+__all__ = ['Array', 'ImpactEquations', 'ImpactVelocities', 'flight_direction']
+
+Array = NDArray[np.float64]
+
+
+def flight_direction(start: int, end: int) -> int:
+    """Return the paper's lambda of a flight between stops; 0 if it returns to the same one."""
+    return start - end
+
+
+@dataclass(frozen=True)
+class ImpactVelocities:
+    """
+    Velocities at the impacts of a motion, in the order of its stops, m/s.
+
+    Attributes
+    ----------
+    primary_before, primary_after, damper_before, damper_after : ndarray, shape (..., N)
+        Absolute velocities of M and m just before and just after each impact.
+    """
+
+    primary_before: Array
+    primary_after: Array
+    damper_before: Array
+    damper_after: Array
+
+
+class ImpactEquations:
+    """
+    The 2N equations of one stop sequence.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig, driven by one harmonic.
+    stops : tuple of int
+        Stops hit in one period, in order.
+    cycles : int
+        Period k in cycles of the force.
+
+    Attributes
+    ----------
+    impacts : int
+        Number of impacts N.
+    period : float
+        Period of the motion, s.
+    length, rate : float
+        Scales of displacement (m) and frequency (rad/s), by which residuals are divided.
+    accelerations : ndarray, shape (N,)
+        Acceleration of m in the flight after each impact.
+    pushes : ndarray, shape (N,)
+        Constant acceleration of M by friction and air in that flight.
+
+    Raises
+    ------
+    OrbitError
+        If the rig or the sequence is outside the theory; with friction also if a flight returns
+        to the stop it came from, since friction reverses within it.
+    """
+
+    def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
+        check_forcing(parameters)
+        check_stops(parameters, stops, cycles)
+        machine = make_machine(parameters)
+        self.parameters = parameters
+        self.stops = stops
+        self.cycles = cycles
+        self.impacts = len(stops)
+        self.frequency = parameters.force_frequencies[0]
+        self.phase = parameters.force_phases[0]
+        self.cycle = math.tau / self.frequency
+        self.period = cycles * self.cycle
+        self.directions = tuple(
+            flight_direction(a, b) for a, b in zip(stops, stops[1:] + stops[:1], strict=True)
+        )
+        if machine.grip > 0.0 and 0 in self.directions:
+            raise OrbitError(
+                f'stop sequence {",".join(map(str, stops))} with friction '
+                f'{parameters.friction:g}: a flight that returns to the same stop reverses, and '
+                'friction with it; use the shooting solver'
+            )
+        mass_ratio = machine.mass_ratio
+        first = np.array(stops) == 1
+        restitution = np.where(first, machine.restitution_1, machine.restitution_2)
+        # M's velocities at an impact from those of m just after and just before it
+        self._before_from_after = (1.0 + mass_ratio) / (1.0 + restitution)
+        self._before_from_before = (restitution - mass_ratio) / (1.0 + restitution)
+        self._after_from_after = (1.0 - mass_ratio * restitution) / (1.0 + restitution)
+        self._after_from_before = (1.0 + mass_ratio) * restitution / (1.0 + restitution)
+        direction = np.array(self.directions)
+        air = np.where(first, -machine.air, machine.air)
+        self.accelerations: Array = machine.slope - direction * machine.grip + air
+        self.pushes: Array = mass_ratio * (direction * machine.grip - air)
+        offsets = np.where(first, machine.stop, -machine.stop)
+        self._travel: Array = np.roll(offsets, -1) - offsets
+        self._decay = machine.free.decay
+        self._damped = machine.free.frequency
+        self._stiffness = machine.free.omega_squared
+        self._force = machine.free.forces[0]
+        self.rate = math.sqrt(self._stiffness)
+        swing = abs(self._force) / self._stiffness
+        fall = float(np.max(np.abs(self.accelerations))) / self.frequency**2
+        self.length = max(swing, fall, float(np.max(np.abs(self._travel))))
+
+    def durations(self, instants: Array) -> Array:
+        """
+        Return the durations of the flights.
+
+        Parameters
+        ----------
+        instants : ndarray, shape (..., N)
+            Instants of the impacts, s, rising within one period.
+        """
+        lasts = np.roll(instants, -1, axis=-1) - instants
+        lasts[..., -1] += self.period
+        return lasts
+
+    def _free(self, lasts: Array) -> tuple[Array, Array, Array]:
+        """Return the responses of X to a unit X, and of X and X' to a unit X', at the start."""
+        envelope = np.exp(-self._decay * lasts)
+        impulse = envelope * np.sin(self._damped * lasts) / self._damped
+        cosine = envelope * np.cos(self._damped * lasts)
+        return cosine + self._decay * impulse, impulse, cosine - self._decay * impulse
+
+    def _forced(self, lasts: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return X and X' of the response from rest to exp(i W tau), by divided differences."""
+        root = complex(-self._decay, self._damped)
+        drive = 1j * self.frequency
+        parts = []
+        for eigenvalue in (root, root.conjugate()):
+            apart = drive - eigenvalue
+            if apart == 0.0:
+                parts.append(lasts * np.exp(eigenvalue * lasts))
+            else:
+                parts.append(np.exp(eigenvalue * lasts) * np.expm1(apart * lasts) / apart)
+        x = (parts[0] - parts[1]) / (2j * self._damped)
+        return x, root * x + parts[1]
+
+    def _mean_velocity(self, lasts: Array) -> tuple[Array, Array]:
+        """Return m's mean velocity in each flight: coefficients of X_1..X_N, and constant."""
+        n = self.impacts
+        inverse = 1.0 / lasts
+        mean = np.zeros((*lasts.shape, n))
+        for i in range(n):
+            mean[..., i, (i + 1) % n] += inverse[..., i]
+            mean[..., i, i] -= inverse[..., i]
+        return mean, self._travel * inverse
+
+    def linear_system(self, instants: Array) -> Array:
+        """
+        Return the equations for fixed instants.
+
+        Parameters
+        ----------
+        instants : ndarray, shape (..., N)
+            Instants of the impacts after the first one, s; the first entry is 0.
+
+        Returns
+        -------
+        ndarray, shape (..., 2N, N + 3)
+            Rows of which each times (X_1, .., X_N, cos, sin, 1) is zero, where cos and sin are of
+            the force's phase at the first impact; displacements first, then velocities divided by
+            the natural frequency.
+        """
+        n = self.impacts
+        lasts = self.durations(instants)
+        unit, impulse, slope = self._free(lasts)
+        x_forced, v_forced = self._forced(lasts)
+        turn = self._force * np.exp(1j * self.frequency * instants)
+        mean, constant = self._mean_velocity(lasts)
+        half = 0.5 * self.accelerations * lasts
+        after = mean * self._after_from_after[:, None]
+        after += np.roll(mean, 1, axis=-2) * self._after_from_before[:, None]
+        after_0 = self._after_from_after * (constant - half)
+        after_0 += self._after_from_before * np.roll(constant + half, 1, axis=-1)
+        before = mean * self._before_from_after[:, None]
+        before += np.roll(mean, 1, axis=-2) * self._before_from_before[:, None]
+        before_0 = self._before_from_after * (constant - half)
+        before_0 += self._before_from_before * np.roll(constant + half, 1, axis=-1)
+        rows = np.zeros((*lasts.shape[:-1], 2 * n, n + 3))
+        place = rows[..., :n, :]
+        speed = rows[..., n:, :]
+        place[..., :n] = -impulse[..., None] * after
+        speed[..., :n] = np.roll(before, -1, axis=-2) - slope[..., None] * after
+        for i in range(n):
+            place[..., i, (i + 1) % n] += 1.0
+            place[..., i, i] -= unit[..., i]
+            speed[..., i, i] += self._stiffness * impulse[..., i]
+        place[..., n] = -(turn * x_forced).imag
+        place[..., n + 1] = -(turn * x_forced).real
+        speed[..., n] = -(turn * v_forced).imag
+        speed[..., n + 1] = -(turn * v_forced).real
+        place[..., n + 2] = -impulse * after_0 - self.pushes / self._stiffness * (1.0 - unit)
+        speed[..., n + 2] = (
+            np.roll(before_0, -1, axis=-1) - slope * after_0 - self.pushes * impulse
+        )
+        speed /= self.rate
+        return rows
+
+    def velocities(self, x: Array, instants: Array) -> ImpactVelocities:
+        """
+        Return all velocities at the impacts.
+
+        Parameters
+        ----------
+        x, instants : ndarray, shape (..., N)
+            Displacements of M at the impacts, m, and their instants, s.
+        """
+        lasts = self.durations(instants)
+        mean = (np.roll(x, -1, axis=-1) - x + self._travel) / lasts
+        half = 0.5 * self.accelerations * lasts
+        damper_after = mean - half
+        damper_before = np.roll(mean + half, 1, axis=-1)
+        return ImpactVelocities(
+            self._before_from_after * damper_after + self._before_from_before * damper_before,
+            self._after_from_after * damper_after + self._after_from_before * damper_before,
+            damper_before,
+            damper_after,
+        )
+
+    def residual(self, x: Array, instants: Array) -> tuple[Array, Array]:
+        """
+        Return what is missing in the equations, and its derivatives.
+
+        Parameters
+        ----------
+        x, instants : ndarray, shape (..., N)
+            Displacements of M at the impacts, m, and their instants, s, on the force's clock.
+
+        Returns
+        -------
+        residual : ndarray, shape (..., 2N)
+            As `linear_system` orders them, divided by the scale of length.
+        jacobian : ndarray, shape (..., 2N, 2N)
+            Its derivatives with respect to X_i/length and rate t_i.
+        """
+        n = self.impacts
+        lasts = self.durations(instants)
+        phases = self.frequency * instants + self.phase
+        unit, impulse, slope = self._free(lasts)
+        x_forced, v_forced = self._forced(lasts)
+        turn = self._force * np.exp(1j * phases)
+        at = self.velocities(x, instants)
+        after = at.primary_after
+        rest = self.pushes / self._stiffness
+        x_end = rest + (x - rest) * unit + after * impulse + (turn * x_forced).imag
+        v_end = -self._stiffness * (x - rest) * impulse + after * slope + (turn * v_forced).imag
+        force_end = self._force * np.sin(phases + self.frequency * lasts)
+        a_end = self.pushes - 2.0 * self._decay * v_end - self._stiffness * x_end + force_end
+        value = np.concatenate(
+            [
+                np.roll(x, -1, axis=-1) - x_end,
+                (np.roll(at.primary_before, -1, axis=-1) - v_end) / self.rate,
+            ],
+            axis=-1,
+        )
+        # Derivatives of m's velocities by the duration of the flight they belong to
+        mean = (np.roll(x, -1, axis=-1) - x + self._travel) / lasts
+        start = -mean / lasts - 0.5 * self.accelerations
+        end = -mean / lasts + 0.5 * self.accelerations
+        by_last = np.zeros((*lasts.shape[:-1], 2 * n, n))
+        by_phase = np.zeros_like(by_last)
+        for i in range(n):
+            j, h = (i + 1) % n, (i - 1) % n
+            after_i = self._after_from_after[i] * start[..., i]
+            after_h = self._after_from_before[i] * end[..., h]
+            by_last[..., i, i] -= v_end[..., i] + impulse[..., i] * after_i
+            by_last[..., i, h] -= impulse[..., i] * after_h
+            by_last[..., n + i, i] -= a_end[..., i] + slope[..., i] * after_i
+            by_last[..., n + i, i] += self._before_from_before[j] * end[..., i]
+            by_last[..., n + i, h] -= slope[..., i] * after_h
+            by_last[..., n + i, j] += self._before_from_after[j] * start[..., j]
+            by_phase[..., i, i] = -self.frequency * (turn * x_forced).real[..., i]
+            by_phase[..., n + i, i] = -self.frequency * (turn * v_forced).real[..., i]
+        by_instant = by_phase - by_last + np.roll(by_last, 1, axis=-1)
+        by_instant[..., n:, :] /= self.rate
+        by_x = self.linear_system(instants)[..., :n]
+        jacobian = np.concatenate([by_x, by_instant / (self.rate * self.length)], axis=-1)
+        return value / self.length, jacobian

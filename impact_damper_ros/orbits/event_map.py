@@ -1,0 +1,303 @@
+"""
+The event map: the state one period later, by the simulator's own events, with its derivative.
+
+Each flight carries deviations by its free vibration, each event by its saltation matrix: impacts,
+reversals of friction, and the beginnings of sticking and rest, where a deviation across is lost.
+A release leaves them as they are, since the relative acceleration is zero there. The infinitely
+many impacts that end a chatter act together as one plastic impact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_damper_ros.rig import EventKind
+from impact_damper_ros.rig.contact import (
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    first_event,
+)
+from impact_damper_ros.rig.flight import Flight, Motion, motion_at
+from impact_damper_ros.rig.mode import (
+    CHATTER_1,
+    REST_1,
+    REST_2,
+    STICK,
+    Machine,
+    Origin,
+    launch,
+    mode_at_rest,
+    sines_of,
+    turned_angles,
+)
+from impact_damper_ros.rig.transition import Transition, carried, moving_mode, resolve
+
+from .equations import Array
+from .floquet import flight_matrix, impact_matrix, joint_matrix, saltation
+
+__all__ = ['Course', 'Incident', 'Stretch', 'origin_at', 'run_course']
+
+#: More events in one period than any motion that is sought.
+MOST_EVENTS = 2000
+
+_RELATIVE_SPEED = np.array([0.0, -1.0, 0.0, 1.0])
+
+
+class Stretch(NamedTuple):
+    """
+    One flight within a period.
+
+    Attributes
+    ----------
+    start : float
+        Its beginning, s since the period's beginning.
+    duration : float
+        How long it lasts, s.
+    origin, flight : Origin, Flight
+        Its origin and closed form.
+    """
+
+    start: float
+    duration: float
+    origin: Origin
+    flight: Flight
+
+
+class Incident(NamedTuple):
+    """
+    One event within a period.
+
+    Attributes
+    ----------
+    time : float
+        Its instant, s since the period's beginning.
+    kind : EventKind
+        What happened.
+    stop : int
+        The stop concerned, or 0.
+    x : float
+        X, m.
+    velocity_before, velocity_after : float
+        X' just before and just after it, m/s.
+    relative_before, relative_after : float
+        Y' just before and just after it, m/s.
+    """
+
+    time: float
+    kind: EventKind
+    stop: int
+    x: float
+    velocity_before: float
+    velocity_after: float
+    relative_before: float
+    relative_after: float
+
+
+@dataclass(frozen=True)
+class Course:
+    """
+    A stretch of motion from one instant to a later one.
+
+    Attributes
+    ----------
+    end : Origin
+        The state reached.
+    matrix : ndarray, shape (4, 4)
+        Derivative of (X, X', Z, Z') at the end by the same at the beginning.
+    incidents : list of Incident
+        The events.
+    stretches : list of Stretch
+        The flights.
+    """
+
+    end: Origin
+    matrix: Array
+    incidents: list[Incident]
+    stretches: list[Stretch]
+
+
+def origin_at(
+    machine: Machine,
+    instant: float,
+    x: float,
+    velocity: float,
+    offset: float,
+    relative_velocity: float,
+    resting: int,
+    last_stop: int,
+) -> Origin:
+    """
+    Return a state as the origin of a flight.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    instant : float
+        Time on the force's clock, s.
+    x, velocity : float
+        X and X'.
+    offset, relative_velocity : float
+        Y and Y'; ignored where `resting` fixes them.
+    resting : int
+        `STICK`, `REST_1` or `REST_2`, or 0 if m moves.
+    last_stop : int
+        Stop hit last, 0 for none.
+    """
+    half = machine.stop
+    if resting == REST_1:
+        offset = half
+    elif resting == REST_2:
+        offset = -half
+    origin = Origin(
+        time=0.0,
+        time_low=0.0,
+        mode=resting,
+        x=x,
+        velocity=velocity,
+        relative_velocity=0.0 if resting else relative_velocity,
+        clearance_1=max(0.0, half - offset),
+        clearance_2=inf if machine.one_sided else max(0.0, half + offset),
+        stop_1=half,
+        stop_2=-half,
+        angles=turned_angles((0.0,) * len(machine.phases), machine.free.frequencies, instant),
+        last_stop=last_stop,
+        released=False,
+        chatter_left=0.0,
+    )
+    if resting:
+        return origin._replace(
+            mode=mode_at_rest(machine, origin, sines_of(machine.phases, origin.angles))
+        )
+    return origin._replace(mode=moving_mode(machine, relative_velocity))
+
+
+def _rates(motion: Motion, flight: Flight) -> Array:
+    """Return (X', X'', Z', Z'')."""
+    if flight.joint:
+        return np.array([motion.velocity, motion.x_2, motion.velocity, motion.x_2])
+    return np.array(
+        [
+            motion.velocity,
+            motion.x_2,
+            motion.velocity + motion.relative_velocity,
+            motion.x_2 + motion.relative_2,
+        ]
+    )
+
+
+def _event_matrix(
+    machine: Machine, kind: int, before: Array, after: Array, transition: Transition
+) -> Array:
+    """Return the saltation matrix of an event."""
+    if kind in (CONTACT_1, CONTACT_2):
+        restitution = machine.restitution_1 if kind == CONTACT_1 else machine.restitution_2
+        if transition.origin.mode >= STICK:
+            restitution = 0.0
+        return impact_matrix(machine.mass_ratio, restitution, before, after)
+    if kind in (RELEASE_UP, RELEASE_DOWN, NO_EVENT):
+        return np.eye(4)
+    return saltation(np.eye(4), before, after, _RELATIVE_SPEED)
+
+
+def _kind_of(kind: int, mode: int) -> EventKind:
+    if kind in (CONTACT_1, CONTACT_2):
+        return EventKind.IMPACT
+    if kind in (RELEASE_UP, RELEASE_DOWN):
+        return EventKind.RELEASE
+    if mode in (REST_1, REST_2):
+        return EventKind.REST
+    return EventKind.STICK if mode == STICK else EventKind.REVERSAL
+
+
+def run_course(
+    machine: Machine, origin: Origin, duration: float, *, differentiate: bool = True
+) -> Course | None:
+    """
+    Follow the motion for a time.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    origin : Origin
+        The state at the beginning.
+    duration : float
+        How long, s.
+    differentiate : bool, optional
+        Whether to work out the derivative; the identity stands for it otherwise.
+
+    Returns
+    -------
+    Course or None
+        The motion with its derivative; None if it has too many events.
+    """
+    matrix = np.eye(4)
+    incidents: list[Incident] = []
+    stretches: list[Stretch] = []
+    elapsed = 0.0
+    flight = launch(machine, origin)
+    for _ in range(MOST_EVENTS):
+        left = duration - elapsed
+        if origin.mode >= CHATTER_1:
+            kind, tau = NO_EVENT, origin.chatter_left
+            ended = tau <= left
+        else:
+            kind, tau = first_event(flight, 0.0, left)
+            ended = kind != NO_EVENT and tau <= left
+        span = tau if ended else left
+        stretches.append(Stretch(elapsed, span, origin, flight))
+        if differentiate:
+            carry = joint_matrix if flight.joint else flight_matrix
+            matrix = carry(flight.oscillator, span) @ matrix
+        if not ended:
+            return Course(carried(origin, flight, left), matrix, incidents, stretches)
+        mode = origin.mode
+        transition = resolve(machine, origin, flight, kind, tau)
+        origin = transition.origin
+        ending, flight = flight, launch(machine, origin)
+        if differentiate:
+            before = _rates(motion_at(ending, tau), ending)
+            after = _rates(motion_at(flight, 0.0), flight)
+            if kind in (CONTACT_1, CONTACT_2) or before[3] != before[1]:
+                matrix = _event_matrix(machine, kind, before, after, transition) @ matrix
+        elapsed += tau
+        stop = transition.stop
+        if origin.mode in (REST_1, REST_2):
+            stop = 1 if origin.mode == REST_1 else 2
+        elif mode in (REST_1, REST_2):
+            stop = 1 if mode == REST_1 else 2
+        reported = _kind_of(kind, origin.mode)
+        if kind == NO_EVENT and reported is not EventKind.REST:
+            continue
+        incidents.append(
+            Incident(
+                elapsed,
+                reported,
+                stop,
+                origin.x,
+                transition.velocity_before,
+                transition.velocity_after,
+                transition.relative_velocity_before,
+                transition.relative_velocity_after,
+            )
+        )
+        if kind in (CONTACT_1, CONTACT_2) and origin.mode in (REST_1, REST_2):
+            incidents.append(
+                Incident(
+                    elapsed,
+                    EventKind.REST,
+                    stop,
+                    origin.x,
+                    *(transition.velocity_after,) * 2,
+                    *(0.0, 0.0),
+                )
+            )
+    return None

@@ -1,0 +1,213 @@
+"""A periodic motion of the rig, with all that is known about it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from impact_damper_ros.rig import EventKind, RigParameters
+
+__all__ = ['Node', 'PeriodicOrbit']
+
+
+class Node(NamedTuple):
+    """
+    An event of a periodic motion that is not an impact.
+
+    Attributes
+    ----------
+    kind : EventKind
+        Reversal, stick, release or rest.
+    stop : int
+        The stop concerned, or 0.
+    phase : float
+        Its instant, counted as the phases of the impacts.
+    """
+
+    kind: EventKind
+    stop: int
+    phase: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeriodicOrbit:
+    """
+    A periodic motion: N impacts in k cycles of the force.
+
+    Attributes
+    ----------
+    parameters : RigParameters
+        The rig.
+    stops : tuple of int
+        The stop hit at each impact, 1 (lower) or 2.
+    cycles : int
+        Period k in cycles of the first harmonic of the force.
+    phases : tuple of float
+        Instants of the impacts in cycles of the force F sin(W t + force_phase), from t = 0. The
+        first is in [0, 1), all are in [0, k).
+    x : tuple of float
+        Displacement of M at each impact, m.
+    primary_velocity_before, primary_velocity_after : tuple of float
+        Velocity of M just before and just after each impact, m/s.
+    damper_velocity_before, damper_velocity_after : tuple of float
+        Absolute velocity of m just before and just after each impact, m/s.
+    x_max : float
+        Largest |X| over the period, m.
+    multipliers : tuple of complex
+        Stability multipliers, largest modulus first. There are four; those that belong to a
+        phase of sticking or rest are zero.
+    stable : bool
+        Whether all of them are inside the unit circle.
+    viable : bool
+        Whether the rig can move so: m stays between the stops, hits them from within at these
+        instants only, and friction is as assumed.
+    reason : str
+        Why it is not viable; empty if it is.
+    residual : float
+        Largest residual of the equations, relative to the displacements.
+    residual_history : tuple of float
+        The residual before each Newton step and at the end.
+    nodes : tuple of Node
+        Reversals, sticking and rest within the period; empty where friction keeps its sign from
+        impact to impact.
+    """
+
+    parameters: RigParameters
+    stops: tuple[int, ...]
+    cycles: int
+    phases: tuple[float, ...]
+    x: tuple[float, ...]
+    primary_velocity_before: tuple[float, ...]
+    primary_velocity_after: tuple[float, ...]
+    damper_velocity_before: tuple[float, ...]
+    damper_velocity_after: tuple[float, ...]
+    x_max: float
+    multipliers: tuple[complex, ...]
+    stable: bool
+    viable: bool
+    reason: str
+    residual: float
+    residual_history: tuple[float, ...]
+    nodes: tuple[Node, ...] = ()
+
+    @property
+    def impacts(self) -> int:
+        """Number N of impacts in a period."""
+        return len(self.stops)
+
+    @property
+    def cycle(self) -> float:
+        """Period of the force, s."""
+        return math.tau / self.parameters.force_frequencies[0]
+
+    @property
+    def period(self) -> float:
+        """Period of the motion, s."""
+        return self.cycles * self.cycle
+
+    @property
+    def instants(self) -> tuple[float, ...]:
+        """Instants of the impacts, s, rising from the first one within one period."""
+        first = self.phases[0]
+        return tuple(self.cycle * (first + (phase - first) % self.cycles) for phase in self.phases)
+
+    @property
+    def durations(self) -> tuple[float, ...]:
+        """Durations from each impact to the next, s."""
+        instants = self.instants
+        later = (*instants[1:], instants[0] + self.period)
+        return tuple(b - a for a, b in zip(instants, later, strict=True))
+
+    @property
+    def amplitude_ratio(self) -> float:
+        """Largest |X| as a share of the amplitude A without impacts."""
+        amplitude = self.parameters.response_amplitude
+        return self.x_max / amplitude if amplitude > 0.0 else math.inf
+
+    def begun_at(self, impact: int) -> PeriodicOrbit:
+        """
+        Return the same motion, counted from another of its impacts.
+
+        Parameters
+        ----------
+        impact : int
+            Index of the impact that becomes the first.
+        """
+
+        def turned(values: tuple[Any, ...]) -> tuple[Any, ...]:
+            return values[impact:] + values[:impact]
+
+        whole = math.floor(self.phases[impact])
+        return replace(
+            self,
+            stops=turned(self.stops),
+            phases=tuple((p - whole) % self.cycles for p in turned(self.phases)),
+            x=turned(self.x),
+            primary_velocity_before=turned(self.primary_velocity_before),
+            primary_velocity_after=turned(self.primary_velocity_after),
+            damper_velocity_before=turned(self.damper_velocity_before),
+            damper_velocity_after=turned(self.damper_velocity_after),
+            nodes=tuple(
+                node._replace(phase=(node.phase - whole) % self.cycles) for node in self.nodes
+            ),
+        )
+
+    def repeats(self, tolerance: float) -> bool:
+        """Return whether the motion repeats within its period, to a relative tolerance."""
+        n = self.impacts
+        return any(
+            self.differs(self.begun_at(shift), whole_period=True) < tolerance
+            for shift in range(1, n)
+            if self.stops[shift:] + self.stops[:shift] == self.stops
+        )
+
+    def differs(self, other: PeriodicOrbit, *, whole_period: bool = False) -> float:
+        """
+        Return how far two motions with the same stops are apart, impact by impact.
+
+        Parameters
+        ----------
+        other : PeriodicOrbit
+            The other motion.
+        whole_period : bool, optional
+            Leave out the phase of the first impact, so that a motion can be compared to itself.
+
+        Returns
+        -------
+        float
+            Largest difference of the displacements, relative to the largest |X|, and of the
+            durations and phases, relative to the force's cycle; without regard to whole cycles.
+        """
+        size = max(self.x_max, other.x_max)
+        apart = [abs(a - b) / size for a, b in zip(self.x, other.x, strict=True)]
+        lasts = zip(self.durations, other.durations, strict=True)
+        apart += [abs(a - b) / self.cycle for a, b in lasts]
+        if not whole_period:
+            late = self.phases[0] - other.phases[0]
+            apart.append(abs(late - round(late)))
+        return max(apart)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the orbit for JSON; multipliers as pairs of real and imaginary part."""
+        return {
+            'stops': list(self.stops),
+            'cycles': self.cycles,
+            'phases': list(self.phases),
+            'x': list(self.x),
+            'primary_velocity_before': list(self.primary_velocity_before),
+            'primary_velocity_after': list(self.primary_velocity_after),
+            'damper_velocity_before': list(self.damper_velocity_before),
+            'damper_velocity_after': list(self.damper_velocity_after),
+            'x_max': self.x_max,
+            'multipliers': [[m.real, m.imag] for m in self.multipliers],
+            'stable': self.stable,
+            'viable': self.viable,
+            'reason': self.reason,
+            'residual': self.residual,
+            'residual_history': list(self.residual_history),
+            'nodes': [
+                {'kind': node.kind.name.lower(), 'stop': node.stop, 'phase': node.phase}
+                for node in self.nodes
+            ],
+        }

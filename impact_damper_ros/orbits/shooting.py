@@ -1,0 +1,342 @@
+"""
+Shooting: periodic motions as fixed points of the event map.
+
+For what the impact equations leave out: flights that return to the stop they came from against
+friction, where friction reverses within the flight, and motions with sticking or rest. The period
+begins at a fixed phase of the force, inside a flight; or inside a phase of sticking or rest,
+where there is one, since the state has fewer dimensions there: (X, X', Y) where m sticks in the
+gap and (X, X') where it rests on a stop, instead of (X, X', Y, Y').
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, Machine, Origin, make_machine
+
+from .equations import Array
+from .error import check_forcing
+from .event_map import Course, Stretch, origin_at, run_course
+from .floquet import multipliers_of
+from .orbit import Node, PeriodicOrbit
+from .turning import swing_extremes
+
+__all__ = ['Section', 'follow_section', 'orbit_on', 'section_of', 'section_on', 'shoot']
+
+#: Largest change of the state over a period, relative to its size.
+RESIDUAL_TOLERANCE = 1e-11
+
+_NEWTON_STEPS = 30
+_LEAST_PART = 1.0 / 256.0
+
+# (X, X', Y, Y') from (X, X', Z, Z')
+_RELATIVE = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]]
+)
+_ABSOLUTE = np.linalg.inv(_RELATIVE)
+
+
+@dataclass(frozen=True)
+class Section:
+    """
+    A state at which a period begins.
+
+    Attributes
+    ----------
+    instant : float
+        Time on the force's clock, s.
+    resting : int
+        The mode `STICK`, `REST_1` or `REST_2`, or 0 if m moves relative to M.
+    last_stop : int
+        The stop hit last.
+    state : ndarray, shape (4,), (3,) or (2,)
+        As many of (X, X', Y, Y') as are free.
+    """
+
+    instant: float
+    resting: int
+    last_stop: int
+    state: Array
+
+    @property
+    def dimension(self) -> int:
+        """Number of free coordinates."""
+        return {0: 4, STICK: 3}.get(self.resting, 2)
+
+    def origin(self, machine: Machine, state: Array) -> Origin:
+        """Return a state of this section as the origin of a flight."""
+        x, velocity, offset, relative_velocity = (*(float(v) for v in state), 0.0, 0.0)[:4]
+        return origin_at(
+            machine,
+            self.instant,
+            x,
+            velocity,
+            offset,
+            relative_velocity,
+            self.resting,
+            self.last_stop,
+        )
+
+
+def _state_of(machine: Machine, origin: Origin) -> Array:
+    """Return (X, X', Y, Y')."""
+    offset = machine.stop - origin.clearance_1
+    return np.array([origin.x, origin.velocity, offset, origin.relative_velocity])
+
+
+def _resting(origin: Origin) -> int:
+    return origin.mode if origin.mode in (STICK, REST_1, REST_2) else 0
+
+
+def _promise(stretch: Stretch) -> tuple[int, float]:
+    """Rate a stretch as a place to begin a period: resting first, then long and fast."""
+    if _resting(stretch.origin):
+        return 1, stretch.duration
+    if stretch.flight.joint:
+        return 0, 0.0
+    return 0, stretch.duration * abs(stretch.flight.relative_velocity)
+
+
+def section_of(machine: Machine, course: Course, instant: float) -> Section:
+    """
+    Choose where the period of a motion begins.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    course : Course
+        About one period of it.
+    instant : float
+        Time of its beginning on the force's clock, s.
+    """
+    best = max(course.stretches, key=_promise)
+    resting = _resting(best.origin)
+    # In flight closer to its beginning, away from a reversal that may be half-way
+    tau = best.duration * (0.5 if resting else 0.25)
+    there = run_course(machine, best.origin, tau)
+    assert there is not None
+    section = Section(instant + best.start + tau, resting, there.end.last_stop, np.empty(0))
+    return Section(
+        section.instant,
+        resting,
+        section.last_stop,
+        _state_of(machine, there.end)[: section.dimension],
+    )
+
+
+def section_on(orbit: PeriodicOrbit) -> Section | None:
+    """
+    Choose where the period of a known motion begins.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        A motion with impacts, viable or nearly so.
+
+    Returns
+    -------
+    Section or None
+        None if the simulator cannot follow it.
+    """
+    machine = make_machine(orbit.parameters)
+    stop = orbit.stops[0]
+    origin = origin_at(
+        machine,
+        orbit.instants[0],
+        orbit.x[0],
+        orbit.primary_velocity_after[0],
+        machine.stop if stop == 1 else -machine.stop,
+        orbit.damper_velocity_after[0] - orbit.primary_velocity_after[0],
+        0,
+        stop,
+    )
+    course = run_course(machine, origin, orbit.period)
+    return None if course is None else section_of(machine, course, orbit.instants[0])
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """One run over a period: the change of the state, its derivative, and the course."""
+
+    change: Array
+    matrix: Array
+    course: Course
+
+
+def _shot(machine: Machine, section: Section, state: Array, period: float) -> _Shot | None:
+    origin = section.origin(machine, state)
+    if _resting(origin) != section.resting or min(origin.clearance_1, origin.clearance_2) < 0.0:
+        return None
+    course = run_course(machine, origin, period)
+    if course is None or _resting(course.end) != section.resting:
+        return None
+    n = section.dimension
+    matrix = _RELATIVE @ course.matrix @ _ABSOLUTE
+    return _Shot(_state_of(machine, course.end)[:n] - state, matrix[:n, :n], course)
+
+
+def follow_section(
+    machine: Machine, section: Section, period: float
+) -> tuple[Array, Array] | None:
+    """
+    Return what a period changes in the state of a section, and the map's derivative.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    section : Section
+        Where to begin.
+    period : float
+        How long, s.
+
+    Returns
+    -------
+    change : ndarray, shape (n,)
+        The state at the end less that at the beginning.
+    matrix : ndarray, shape (n, n)
+        Derivative of the state at the end by that at the beginning. None stands for both if the
+        state at the end has another dimension.
+    """
+    shot = _shot(machine, section, section.state, period)
+    return None if shot is None else (shot.change, shot.matrix)
+
+
+def orbit_on(
+    parameters: RigParameters, section: Section, cycles: int, history: tuple[float, ...]
+) -> PeriodicOrbit:
+    """
+    Return the periodic motion through a state that is known to be a fixed point.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    section : Section
+        The fixed point.
+    cycles : int
+        Period in cycles of the force.
+    history : tuple of float
+        Residuals on the way to it.
+    """
+    period = cycles * math.tau / parameters.force_frequencies[0]
+    shot = _shot(make_machine(parameters), section, section.state, period)
+    if shot is None:
+        raise ArithmeticError('the motion changes its kind where the period begins')
+    return _orbit(parameters, section, cycles, shot, history)
+
+
+def shoot(
+    parameters: RigParameters, section: Section, cycles: int
+) -> tuple[PeriodicOrbit, Section] | None:
+    """
+    Find the periodic motion near a state by Newton's method on the event map.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig, driven by one harmonic.
+    section : Section
+        Where to begin.
+    cycles : int
+        Period in cycles of the force.
+
+    Returns
+    -------
+    orbit : PeriodicOrbit
+        The motion; it is viable, being the simulator's own.
+    section : Section
+        Its state where the period begins. None stands for both if the method does not converge.
+
+    Raises
+    ------
+    OrbitError
+        If the force is not one harmonic.
+    """
+    check_forcing(parameters)
+    machine = make_machine(parameters)
+    cycle = math.tau / parameters.force_frequencies[0]
+    state = section.state
+    shot = _shot(machine, section, state, cycles * cycle)
+    history: list[float] = []
+    if shot is None:
+        return None
+    rate = parameters.omega
+
+    def size(change: Array, at: Array) -> float:
+        length = max(abs(parameters.force_amplitudes[0]) / parameters.stiffness, abs(at[0]))
+        units = np.array([length, rate * length, length, rate * length])[: len(change)]
+        return float(np.abs(change / units).max())
+
+    best = size(shot.change, state)
+    for _ in range(_NEWTON_STEPS):
+        history.append(best)
+        if best == 0.0:
+            break
+        step = np.linalg.lstsq(np.eye(len(state)) - shot.matrix, shot.change, rcond=1e-14)[0]
+        part = 1.0
+        better = None
+        while part >= _LEAST_PART:
+            trial = _shot(machine, section, state + part * step, cycles * cycle)
+            if trial is not None and size(trial.change, state + part * step) < best:
+                better = trial
+                break
+            part *= 0.25
+        if better is None:
+            break
+        state, shot = state + part * step, better
+        best = size(shot.change, state)
+    history.append(best)
+    if best > RESIDUAL_TOLERANCE or shot.course.end.last_stop != section.last_stop:
+        return None
+    settled = Section(section.instant, section.resting, section.last_stop, state)
+    return _orbit(parameters, settled, cycles, shot, tuple(history)), settled
+
+
+def _orbit(
+    parameters: RigParameters,
+    section: Section,
+    cycles: int,
+    shot: _Shot,
+    history: tuple[float, ...],
+) -> PeriodicOrbit:
+    """Gather what is known about a fixed point."""
+    cycle = math.tau / parameters.force_frequencies[0]
+    incidents = shot.course.incidents
+    impacts = [i for i in incidents if i.kind is EventKind.IMPACT]
+    first = impacts[0].time if impacts else 0.0
+    whole = cycle * math.floor((section.instant + first) / cycle)
+
+    def phase(time: float) -> float:
+        return ((section.instant - whole) + time) / cycle % cycles
+
+    swings = [swing_extremes(s.flight, s.duration) for s in shot.course.stretches]
+    multipliers = multipliers_of(shot.matrix) + (0j,) * (4 - section.dimension)
+    return PeriodicOrbit(
+        parameters=parameters,
+        stops=tuple(i.stop for i in impacts),
+        cycles=cycles,
+        phases=tuple(phase(i.time) for i in impacts),
+        x=tuple(i.x for i in impacts),
+        primary_velocity_before=tuple(i.velocity_before for i in impacts),
+        primary_velocity_after=tuple(i.velocity_after for i in impacts),
+        damper_velocity_before=tuple(i.velocity_before + i.relative_before for i in impacts),
+        damper_velocity_after=tuple(i.velocity_after + i.relative_after for i in impacts),
+        x_max=max(max(swing.high, -swing.low) for swing in swings),
+        multipliers=multipliers,
+        stable=abs(multipliers[0]) < 1.0,
+        viable=True,
+        reason='',
+        residual=history[-1],
+        residual_history=history,
+        nodes=tuple(
+            Node(i.kind, i.stop, phase(i.time))
+            for i in incidents
+            if i.kind is not EventKind.IMPACT
+        ),
+    )

@@ -1,0 +1,201 @@
+"""
+Whether the rig can move as a solution of the impact equations says.
+
+The equations hold at the impacts only. Here each flight between them is followed in closed form:
+by the simulator's own first event, and, to say by how much it fails, by its exact extremes.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from impact_damper_ros.rig.contact import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL, first_event
+from impact_damper_ros.rig.flight import Flight, motion_at
+from impact_damper_ros.rig.mode import (
+    FREE,
+    SLIDE_DOWN,
+    SLIDE_UP,
+    STICK,
+    Machine,
+    Origin,
+    launch,
+    make_machine,
+    turned_angles,
+)
+from impact_damper_ros.rig.transition import struck
+
+from .equations import Array, ImpactEquations, ImpactVelocities
+from .turning import relative_extremes, swing_extremes
+
+__all__ = ['assumed_flights', 'largest_displacement', 'why_not_viable']
+
+#: How much earlier than assumed, as a share of the period, an impact counts as another one.
+TIME_TOLERANCE = 1e-7
+
+_MODE_OF_DIRECTION = {0: FREE, 1: SLIDE_DOWN, -1: SLIDE_UP}
+
+
+def _origin(
+    equations: ImpactEquations,
+    machine: Machine,
+    impact: int,
+    instant: float,
+    x: float,
+    velocity: float,
+    relative_velocity: float,
+) -> Origin:
+    """Return the state at an impact, with the mode that the equations assume after it."""
+    stop = equations.stops[impact]
+    direction = equations.directions[impact] if machine.grip > 0.0 else 0
+    across = inf if machine.one_sided else 2.0 * machine.stop
+    return Origin(
+        time=0.0,
+        time_low=0.0,
+        mode=_MODE_OF_DIRECTION[direction],
+        x=x,
+        velocity=velocity,
+        relative_velocity=relative_velocity,
+        clearance_1=0.0 if stop == 1 else across,
+        clearance_2=across if stop == 1 else 0.0,
+        stop_1=machine.stop,
+        stop_2=-machine.stop,
+        angles=turned_angles((0.0,), machine.free.frequencies, instant),
+        last_stop=stop,
+        released=False,
+        chatter_left=0.0,
+    )
+
+
+def assumed_flights(
+    equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
+) -> list[Flight]:
+    """
+    Return the closed-form flights after each impact, as the equations assume them.
+
+    Parameters
+    ----------
+    equations : ImpactEquations
+        The motion's equations.
+    x, instants : ndarray, shape (N,)
+        Their root: displacements at the impacts, m, and instants, s.
+    at : ImpactVelocities
+        The velocities there.
+    """
+    machine = make_machine(equations.parameters)
+    relative = at.damper_after - at.primary_after
+    return [
+        launch(
+            machine,
+            _origin(
+                equations,
+                machine,
+                i,
+                float(instants[i]),
+                float(x[i]),
+                float(at.primary_after[i]),
+                float(relative[i]),
+            ),
+        )
+        for i in range(equations.impacts)
+    ]
+
+
+def largest_displacement(flights: list[Flight], durations: Array) -> float:
+    """Return the largest |X| over flights, from their turning points, m."""
+    largest = 0.0
+    for flight, duration in zip(flights, durations, strict=True):
+        swing = swing_extremes(flight, float(duration))
+        largest = max(largest, -swing.low, swing.high)
+    return largest
+
+
+def _after_impact(machine: Machine, origin: Origin, incoming: float, before: float) -> str:
+    """Say what keeps m from leaving the stop as assumed, if anything does."""
+    stop = origin.last_stop
+    hit = struck(machine, origin._replace(velocity=before, relative_velocity=incoming), stop)
+    mode = hit.origin.mode
+    if mode == origin.mode:
+        return ''
+    if mode >= STICK:
+        return f'stays on stop {stop} after the impact, its speed {abs(incoming):.4g} m/s there'
+    return f'leaves stop {stop} against the friction assumed'
+
+
+def _in_flight(
+    machine: Machine, flight: Flight, origin: Origin, duration: float, end: int, tolerance: float
+) -> str:
+    """Say what happens in a flight before the impact that ends it, if anything does."""
+    start = origin.last_stop
+    kind, tau = first_event(flight, 0.0, duration + tolerance)
+    contact = CONTACT_1 if end == 1 else CONTACT_2
+    if kind == NO_EVENT or tau > duration + tolerance:
+        return ''
+    if kind == contact and tau >= duration - tolerance:
+        return ''
+    route = f'between the impacts on stop {start} and stop {end}'
+    when = f'{tau:.6g} s after the former'
+    extremes = relative_extremes(flight, duration)
+    across = 2.0 * machine.stop
+    # Distance beyond stop 1 and stop 2
+    beyond_1 = extremes.high - (0.0 if start == 1 else across)
+    beyond_2 = -extremes.low - (across if start == 1 else 0.0)
+    if kind == REVERSAL:
+        return (
+            f'm turns back {route}, {when} and {abs(motion_at(flight, tau).travel):.4g} m from '
+            f'stop {start}: friction changes sign there'
+        )
+    hit = 1 if kind == CONTACT_1 else 2
+    beyond = max(beyond_1 if hit == 1 else beyond_2, 0.0)
+    return f'm would pass stop {hit} by {beyond:.4g} m {route}, first {when}: another impact'
+
+
+def why_not_viable(
+    equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
+) -> str:
+    """
+    Say why the rig cannot move so.
+
+    Parameters
+    ----------
+    equations : ImpactEquations
+        The motion's equations.
+    x, instants : ndarray, shape (N,)
+        Their root: displacements at the impacts, m, and instants, s.
+    at : ImpactVelocities
+        The velocities there.
+
+    Returns
+    -------
+    str
+        All that is wrong, with numbers; empty if nothing is.
+    """
+    machine = make_machine(equations.parameters)
+    durations = equations.durations(instants)
+    tolerance = TIME_TOLERANCE * equations.period
+    incoming = at.damper_before - at.primary_before
+    faults = []
+    for i, flight in enumerate(assumed_flights(equations, x, instants, at)):
+        stop = equations.stops[i]
+        towards = 1.0 if stop == 1 else -1.0
+        if towards * incoming[i] <= 0.0:
+            faults.append(
+                f'm would reach stop {stop} from beyond it, with a relative velocity of '
+                f'{incoming[i]:.4g} m/s (it must be {"positive" if stop == 1 else "negative"})'
+            )
+            continue
+        origin = _origin(
+            equations,
+            machine,
+            i,
+            float(instants[i]),
+            float(x[i]),
+            float(at.primary_after[i]),
+            float(at.damper_after[i] - at.primary_after[i]),
+        )
+        fault = _after_impact(machine, origin, float(incoming[i]), float(at.primary_before[i]))
+        if fault:
+            faults.append(f'm {fault}')
+            continue
+        end = equations.stops[(i + 1) % equations.impacts]
+        faults.append(_in_flight(machine, flight, origin, float(durations[i]), end, tolerance))
+    return '; '.join(fault for fault in faults if fault)

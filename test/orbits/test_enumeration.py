@@ -1,0 +1,159 @@
+"""N = 1 and N = 2: nothing is missed. N = 3 and more: what is found, and from how many starts."""
+
+import math
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.orbits import ImpactEquations, find_orbits
+from impact_damper_ros.orbits.many_impacts import many_impact_roots
+from impact_damper_ros.orbits.newton import polish
+from impact_damper_ros.orbits.search import orbit_of
+from impact_damper_ros.rig import RigParameters
+
+INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
+
+
+def random_rig(rng):
+    return RigParameters(
+        damping=float(rng.uniform(0.005, 0.4)),
+        damper_mass=float(rng.uniform(0.01, 0.5)),
+        gap=float(rng.uniform(1.0, 40.0)),
+        restitution_1=float(rng.uniform(0.2, 1.0)),
+        restitution_2=float(rng.uniform(0.2, 1.0)),
+        angle=float(rng.uniform(-1.5, 1.5)),
+        friction=float(rng.choice([0.0, 0.3])),
+        gravity=float(rng.uniform(0.0, 3.0)),
+        air_force=float(rng.choice([0.0, 0.01])),
+        force_frequencies=(float(rng.uniform(0.4, 3.0)),),
+        force_phases=(float(rng.uniform(-3.0, 3.0)),),
+    )
+
+
+def brute_force(equations, starts):
+    """Return the motions that Newton's method finds from very many starts."""
+    roots, _ = many_impact_roots(equations, starts, False)
+    return [orbit_of(equations, root) for root in roots]
+
+
+def close(a, b):
+    """Return whether two motions are the same, with room for a double root."""
+    size = max(1.0, *(abs(x) for x in a.x))
+    for shift in range(a.impacts):
+        if a.stops[shift:] + a.stops[:shift] == b.stops:
+            x = np.roll(a.x, -shift) - b.x
+            lasts = np.roll(a.durations, -shift) - b.durations
+            if np.abs(x).max() < 1e-6 * size and np.abs(lasts).max() < 1e-6 * a.period:
+                return True
+    return False
+
+
+@pytest.mark.parametrize('seed', range(24))
+def test_no_motion_with_two_impacts_is_missed(seed):
+    rng = np.random.default_rng(seed)
+    rig = random_rig(rng)
+    cycles = int(rng.integers(1, 4))
+    found = find_orbits(rig, (1, 2), cycles).orbits
+    for orbit in brute_force(ImpactEquations(rig, (1, 2), cycles), 2000):
+        assert any(close(orbit, other) for other in found), orbit
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_no_motion_with_two_impacts_on_one_stop_is_missed(seed):
+    rng = np.random.default_rng(100 + seed)
+    rig = random_rig(rng).replace(one_sided=True, friction=0.0)
+    found = find_orbits(rig, (1, 1), 2).orbits
+    for orbit in brute_force(ImpactEquations(rig, (1, 1), 2), 2000):
+        equispaced = abs(orbit.durations[0] - orbit.durations[1]) < 1e-6 * orbit.period
+        # An impact in each cycle, twice, is no motion of two cycles; nor is one without impacts.
+        trivial = min(
+            abs(a - b)
+            for a, b in zip(
+                orbit.damper_velocity_before, orbit.primary_velocity_before, strict=True
+            )
+        )
+        if equispaced or trivial < 1e-6 * abs(orbit.x_max):
+            continue
+        assert any(close(orbit, other) for other in found), orbit
+
+
+@pytest.mark.parametrize('tilt', [0.0, 1e-14, 1e-11, 1e-8, 1e-5, 1e-3, 0.1])
+def test_symmetric_branch_does_not_get_lost_nearby(tilt):
+    """Two solutions whose second instants are as close to half a period as the rig to level."""
+    for rig in (
+        RigParameters(gravity=1.0, angle=tilt, friction=0.1),
+        RigParameters(gravity=1.0, restitution_1=0.75 - tilt / 2, force_frequencies=(1.02,)),
+    ):
+        orbits = find_orbits(rig, (1, 2)).orbits
+        assert len(orbits) == 2
+        assert orbits[0].viable
+        assert orbits[0].stable
+        if tilt < 1e-4:
+            level = find_orbits(rig.replace(angle=0.0, restitution_1=0.75), (1, 2)).orbits
+            for orbit, other in zip(orbits, level, strict=True):
+                assert orbit.x == pytest.approx(other.x, abs=3e3 * tilt + 1e-11)
+
+
+def test_two_motions_meet_and_vanish_at_a_fold():
+    """Found on one side until they are one, and neither on the other side."""
+    rig = INCLINED.replace(angle=0.3)
+
+    def count(gap):
+        return len(find_orbits(rig.replace(gap=gap), (1, 2)).orbits)
+
+    low, high = 40.0, 4000.0
+    many, few = count(low), count(high)
+    assert many > few
+    while high - low > 1e-6:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if count(middle) >= many - 1 else (low, middle)
+    # Two at once; those closer than 1e-7 to each other count as one
+    assert many - count(high + 1e-3) == 2
+    near = find_orbits(rig.replace(gap=low), (1, 2)).orbits
+    # One of the two that meet has a multiplier close to +1
+    assert min(abs(m - 1.0) for orbit in near for m in orbit.multipliers) < 1e-2
+
+
+def test_motions_that_repeat_within_the_period_are_left_out():
+    rig = RigParameters(gravity=0.0)
+    assert find_orbits(rig, (1, 2)).orbits[0].viable
+    single = find_orbits(rig, (1, 2)).orbits[0]
+    for orbit in find_orbits(rig, (1, 2, 1, 2), 2, starts=300).orbits:
+        assert max(abs(x) for x in orbit.x) > 0
+        assert not all(
+            abs(x - y) < 1e-6 for x, y in zip(orbit.x, single.x + single.x, strict=True)
+        )
+
+
+def test_motion_without_impacts_is_none():
+    """M alone satisfies the equations of one impact, with no speed at it."""
+    assert find_orbits(RigParameters(gravity=0.0), (1,)).orbits == ()
+
+
+def test_starts_are_counted():
+    rig = INCLINED.replace(gap=16.0, angle=0.0)
+    found = find_orbits(rig, (1, 1, 2), starts=200)
+    report = found.report
+    assert not report.complete
+    assert report.starts == 200
+    assert 50 < report.converged <= 200
+    assert 0 < report.simulated_converged <= report.simulated
+    assert report.distinct == len(found.orbits)
+    assert f'{report.converged} of 200' in report.text
+    alone = find_orbits(rig, (1, 1, 2), starts=200, simulate=False).report
+    assert (alone.simulated, alone.converged) == (0, report.converged)
+
+
+def test_residual_history_falls_to_round_off():
+    rig = INCLINED.replace(friction=0.5)
+    equations = ImpactEquations(rig, (1, 2), 1)
+    orbit = find_orbits(rig, (1, 2)).orbits[0]
+    away = np.array(orbit.x) + np.array([0.05, -0.03])
+    root = polish(equations, away, np.array(orbit.instants) + np.array([0.01, 0.02]))
+    assert root is not None
+    assert root.history[0] > 1e-4
+    assert min(root.history) == root.residual < 1e-14
+    # Quadratically
+    first, second, third = root.history[1:4]
+    assert second < 1e2 * first**2
+    assert third < 1e2 * second**2 + 1e-15

@@ -1,0 +1,252 @@
+"""Motions known in advance: the design's values, closed forms and limits."""
+
+import math
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros.rig import RigParameters
+
+INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
+FRICTION = INCLINED.replace(friction=0.5)
+HORIZONTAL = RigParameters(gravity=0.0)
+
+
+def rows(orbit):
+    """Return phase, X, X' and Z' after the impact of each impact."""
+    return list(
+        zip(
+            orbit.phases,
+            orbit.x,
+            orbit.primary_velocity_after,
+            orbit.damper_velocity_after,
+            strict=True,
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ('rig', 'expected', 'digits', 'x_max', 'moduli'),
+    [
+        (
+            HORIZONTAL,
+            [(0.733784, 9.9294, -1.9340, -18.0987), (0.233784, -9.9294, 1.9340, 18.0987)],
+            (0.5e-6, 0.5e-4),
+            None,
+            None,
+        ),
+        (
+            INCLINED,
+            [
+                (0.7513744, 4.2199719, -1.3654370, -15.4743588),
+                (0.2632173, -4.0551342, 1.8294568, 13.9932174),
+            ],
+            (0.5e-7, 0.5e-7),
+            0.2032358,
+            (0.94121, 0.94121, 0.57951, 0.57951),
+        ),
+        (
+            FRICTION,
+            [
+                (0.7579950, 4.1321400, -1.9067334, -15.9650212),
+                (0.2697923, -3.9291024, 2.3620421, 14.4522209),
+            ],
+            (0.5e-7, 0.5e-7),
+            0.2113439,
+            (0.94107, 0.94107, 0.57960, 0.57960),
+        ),
+    ],
+    ids=['horizontal', 'inclined', 'inclined with friction'],
+)
+def test_golden_rows(rig, expected, digits, x_max, moduli):
+    found = find_orbits(rig, (1, 2))
+    assert found.report.complete
+    viable = [orbit for orbit in found.orbits if orbit.viable]
+    assert len(viable) == 1
+    orbit = viable[0]
+    assert orbit.stable
+    assert orbit.reason == ''
+    assert orbit.residual < 1e-14
+    phase_digit, digit = digits
+    for (phase, *values), (golden_phase, *golden) in zip(rows(orbit), expected, strict=True):
+        assert phase == pytest.approx(golden_phase, abs=1.01 * phase_digit)
+        assert values == pytest.approx(golden, abs=1.01 * digit)
+    if x_max is not None:
+        assert orbit.amplitude_ratio == pytest.approx(x_max, abs=0.51e-7)
+        assert [abs(m) for m in orbit.multipliers] == pytest.approx(moduli, abs=0.51e-5)
+        # Two complex pairs
+        assert orbit.multipliers[0] == orbit.multipliers[1].conjugate()
+        assert orbit.multipliers[2] == orbit.multipliers[3].conjugate()
+
+
+def symmetric_displacements(rig):
+    """
+    Return X_1 of the motions with two equispaced impacts, after Masri and Caughey (1966).
+
+    The second half of the period mirrors the first. m flies at a constant speed
+    w = (2 X_1 + d) W/pi, each impact gives M the velocity 2 mu w, and what is not steady response
+    satisfies (Phi + 1) xi = (0, 2 mu w) over half a period.
+    """
+    W, w, z = rig.force_frequencies[0], rig.omega, rig.zeta
+    mu, R, d = rig.mass_ratio, rig.restitution_1, rig.gap
+    h = math.pi / W
+    E, wd = math.exp(-z * w * h), w * rig.eta
+    c, s = math.cos(wd * h), math.sin(wd * h)
+    phi_11, phi_12 = E * (c + z * w / wd * s), E * s / wd
+    whole = 1.0 + 2.0 * E * c + E * E
+    p_1, p_2 = -phi_12 / whole, (1.0 + phi_11) / whole
+    # A sin tau = X - 2 mu w p_1 and A W cos tau = w q, with w = (2 X + d) W/pi
+    q = ((R - 1.0 + 2.0 * mu * R) / (1.0 + R) - 2.0 * mu * p_2) / W
+    k = 2.0 * mu * p_1
+    slope, base = 2.0 * W / math.pi, d * W / math.pi
+    sine = np.polynomial.Polynomial([-k * base, 1.0 - k * slope])
+    cosine = np.polynomial.Polynomial([q * base, q * slope])
+    roots = (sine**2 + cosine**2 - rig.response_amplitude**2).roots()
+    return sorted(root.real for root in roots if abs(root.imag) < 1e-12)
+
+
+@pytest.mark.parametrize('ratio', [0.6, 0.97, 1.0, 1.02, 1.7])
+@pytest.mark.parametrize('gap', [5.0, 20.0, 37.0])
+@pytest.mark.parametrize('restitution', [0.3, 0.75, 1.0])
+def test_symmetric_motion_is_that_of_masri_and_caughey(ratio, gap, restitution):
+    rig = HORIZONTAL.replace(
+        gap=gap,
+        restitution_1=restitution,
+        restitution_2=restitution,
+        force_frequencies=(ratio,),
+        damping=0.03,
+    )
+    expected = symmetric_displacements(rig)
+    orbits = [
+        orbit
+        for orbit in find_orbits(rig, (1, 2)).orbits
+        if abs(orbit.durations[0] - 0.5 * orbit.period) < 1e-9 * orbit.period
+    ]
+    assert sorted(orbit.x[0] for orbit in orbits) == pytest.approx(expected, rel=1e-11)
+    for orbit in orbits:
+        assert orbit.x[1] == pytest.approx(-orbit.x[0], rel=1e-12)
+        assert orbit.damper_velocity_after[0] == pytest.approx(
+            -(2.0 * orbit.x[0] + gap) * ratio / math.pi, rel=1e-11
+        )
+
+
+def vertical(loudness, damper_mass=0.01, ratio=None):
+    """Return the paper's vertical, one-sided rig, driven to an A W^2/g."""
+    rig = RigParameters(
+        damping=0.1,
+        damper_mass=damper_mass,
+        angle=math.pi / 2,
+        gravity=1.0,
+        one_sided=True,
+        force_frequencies=(10.0,),
+        restitution_1=0.75 if ratio is None else ratio,
+    )
+    return rig.replace(force_amplitudes=(loudness / 100.0 / rig.response_amplitude,))
+
+
+def stable_range(low, high, **changes):
+    """Return between which A W^2/g one impact per cycle is stable, by bisection."""
+
+    def stable(loudness):
+        orbits = find_orbits(vertical(loudness, **changes), (1,)).orbits
+        return any(orbit.stable and orbit.viable for orbit in orbits)
+
+    middle = 0.5 * (low + high)
+    assert stable(middle)
+    edges = []
+    for edge in (low, high):
+        inside, outside = middle, edge
+        assert not stable(outside)
+        while abs(inside - outside) > 1e-7:
+            half = 0.5 * (inside + outside)
+            inside, outside = (half, outside) if stable(half) else (inside, half)
+        edges.append(inside)
+    return edges
+
+
+def test_vertical_one_sided_range():
+    low, high = stable_range(0.4, 1.2)
+    assert low == pytest.approx(0.454, abs=0.5e-3)
+    assert high == pytest.approx(1.1265, abs=0.5e-3)
+    # The paper's own digits
+    assert math.floor(100 * low) / 100 == 0.45
+    assert math.floor(100 * high) / 100 == 1.12
+
+
+@pytest.mark.parametrize('ratio', [0.5, 0.75])
+def test_heavy_table_limit(ratio):
+    """A massless ball on a vibrating table: the range is known in closed form."""
+    first = math.pi * (1 - ratio) / (1 + ratio)
+    second = math.hypot(first, 2 * (1 + ratio**2) / (1 + ratio) ** 2)
+    low, high = stable_range(0.8 * first, 1.2 * second, damper_mass=1e-9, ratio=ratio)
+    assert low == pytest.approx(first, abs=1e-6)
+    assert high == pytest.approx(second, abs=1e-6)
+
+
+def test_heavy_table_phase():
+    """The ball flies for a cycle, so that the table's velocity at the impact is known."""
+    rig = vertical(0.8, damper_mass=1e-9)
+    for orbit in find_orbits(rig, (1,)).orbits:
+        flight = math.tau / 10.0
+        assert orbit.primary_velocity_after[0] == pytest.approx(
+            -flight / 2 * 0.25 / 1.75, rel=1e-8
+        )
+        assert orbit.damper_velocity_after[0] == pytest.approx(-flight / 2, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('gap', 'stops'),
+    [
+        (8.0, (1, 1, 2, 2)),
+        (16.0, (1, 1, 2)),
+        (18.0, (1, 1, 2)),
+        (24.0, (1, 2)),
+        (30.0, (1, 2)),
+        (37.0, (1, 2)),
+    ],
+)
+def test_attractors_of_the_frictionless_rig(gap, stops):
+    rig = HORIZONTAL.replace(gap=gap, force_frequencies=(1.02,))
+    orbits = [o for o in find_orbits(rig, stops).orbits if o.stable and o.viable]
+    # One that is its own mirror image, or two that are each other's
+    assert len(orbits) == (2 if gap == 24.0 else 1)
+    assert len({round(orbit.x_max, 9) for orbit in orbits}) == 1
+
+
+def test_mirrored_rig_has_mirrored_motion():
+    """Turning the incline upside down exchanges the stops and shifts the force by half a cycle."""
+    up = INCLINED.replace(restitution_1=0.6, restitution_2=0.8, air_force=0.01)
+    down = up.replace(angle=-up.angle, restitution_1=0.8, restitution_2=0.6)
+    first = find_orbits(up, (1, 2)).orbits
+    second = find_orbits(down, (2, 1)).orbits
+    assert len(first) == len(second)
+    assert any(orbit.viable for orbit in first)
+    for a, b in zip(first, second, strict=True):
+        assert b.x == pytest.approx([-x for x in a.x], rel=1e-10)
+        assert b.x_max == pytest.approx(a.x_max, rel=1e-12)
+        shift = [(p - q) % 1.0 for p, q in zip(a.phases, b.phases, strict=True)]
+        assert shift == pytest.approx([0.5, 0.5], abs=1e-11)
+
+
+def test_force_phase_shifts_the_phases_only():
+    plain = find_orbits(INCLINED, (1, 2)).orbits[0]
+    shifted = find_orbits(INCLINED.replace(force_phases=(0.7,)), (1, 2)).orbits[0]
+    assert shifted.x == pytest.approx(plain.x, rel=1e-11)
+    for a, b in zip(plain.phases, shifted.phases, strict=True):
+        assert (a - b) % 1.0 == pytest.approx(0.7 / math.tau, abs=1e-12)
+
+
+def test_equal_restitutions_of_one():
+    """Nothing is lost in the impacts: all that the force gives goes into the dashpot."""
+    rig = INCLINED.replace(restitution_1=1.0, restitution_2=1.0, damping=0.1)
+    for orbit in find_orbits(rig, (1, 2)).orbits:
+        for va, vb, ua, ub in zip(
+            orbit.primary_velocity_after,
+            orbit.primary_velocity_before,
+            orbit.damper_velocity_after,
+            orbit.damper_velocity_before,
+            strict=True,
+        ):
+            gained = (va**2 - vb**2) + rig.mass_ratio * (ua**2 - ub**2)
+            assert abs(gained) < 1e-11 * ua**2

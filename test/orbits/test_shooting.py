@@ -1,0 +1,266 @@
+"""The shooting solver: against the impact equations, the simulator, and finite differences."""
+
+import math
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.orbits import OrbitError, find_orbits
+from impact_damper_ros.orbits.settled import repeated_impacts, settled_impacts
+from impact_damper_ros.orbits.shooting import section_on, shoot
+from impact_damper_ros.orbits.shooting_starts import carried_over, settled_sections
+from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+
+INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
+FRICTION = INCLINED.replace(friction=0.5)
+PLASTIC = RigParameters(
+    one_sided=True,
+    angle=1.2,
+    gravity=1.0,
+    friction=0.1,
+    damping=0.2,
+    restitution_1=0.0,
+    force_amplitudes=(1.2,),
+    force_frequencies=(3.0,),
+)
+LOSSY = FRICTION.replace(friction=1.0, gap=10.0, restitution_1=0.3, restitution_2=0.3)
+
+
+def settled_orbit(rig, cycles=1):
+    """Return the motion that simulation leads to, and where its period begins."""
+    for section in settled_sections(rig, cycles):
+        shot = shoot(rig, section, cycles)
+        if shot is not None and shot[0].stable:
+            return shot
+    raise AssertionError('no stable motion')
+
+
+@pytest.mark.parametrize(
+    ('rig', 'stops', 'cycles'),
+    [
+        (RigParameters(gravity=0.0), (1, 2), 1),
+        (INCLINED, (1, 2), 1),
+        (FRICTION, (1, 2), 1),
+        (FRICTION.replace(air_force=0.02, restitution_1=0.7), (1, 2), 1),
+        (INCLINED.replace(gap=16.0), (1, 1, 2), 1),
+        (INCLINED.replace(gap=8.0), (1, 1, 2, 2), 1),
+        (INCLINED.replace(gap=8.0), (1, 1, 1, 2), 1),
+        (PLASTIC.replace(friction=0.0, restitution_1=0.6, force_amplitudes=(1.5,)), (1,), 1),
+    ],
+)
+def test_agrees_with_the_impact_equations(rig, stops, cycles):
+    viable = [o for o in find_orbits(rig, stops, cycles, simulate=False).orbits if o.viable]
+    assert viable
+    for orbit in viable:
+        section = section_on(orbit)
+        assert section is not None
+        assert section.dimension == 4
+        away = section.state + 1e-4 * np.array([1.0, -1.0, 0.5, 1.0]) / abs(orbit.multipliers[0])
+        section = type(section)(section.instant, section.resting, section.last_stop, away)
+        shot = shoot(rig, section, cycles)
+        assert shot is not None
+        again = shot[0].begun_at(
+            next(
+                i
+                for i in range(len(stops))
+                if shot[0].stops[i:] + shot[0].stops[:i] == stops
+                and abs(shot[0].x[i] - orbit.x[0]) < 1e-6
+            )
+        )
+        assert again.phases == pytest.approx(orbit.phases, abs=1e-10)
+        for name in (
+            'x',
+            'primary_velocity_before',
+            'primary_velocity_after',
+            'damper_velocity_before',
+            'damper_velocity_after',
+        ):
+            assert getattr(again, name) == pytest.approx(getattr(orbit, name), rel=1e-9, abs=1e-10)
+        assert again.x_max == pytest.approx(orbit.x_max, rel=1e-10)
+        # Of a pair with hardly any imaginary part only the product is well known
+        moduli = [abs(m) for m in orbit.multipliers]
+        assert [abs(m) for m in again.multipliers] == pytest.approx(moduli, rel=1e-6, abs=1e-9)
+        assert again.nodes == ()
+
+
+@pytest.mark.parametrize(
+    ('rig', 'stops', 'reversals', 'stable'),
+    [
+        (FRICTION.replace(gap=16.0), (1, 1, 2), 1, True),
+        (FRICTION.replace(gap=18.0), (1, 1, 2), 1, True),
+        (FRICTION.replace(gap=8.0), (1, 1, 2, 2), 2, False),
+        (FRICTION.replace(gap=12.0), (1, 1, 1, 2), 2, False),
+        (FRICTION.replace(gap=8.0, angle=0.0, friction=0.05), (1, 1, 2, 2), 2, True),
+        (FRICTION.replace(friction=2.0, gap=20.0), (1, 2), 2, True),
+    ],
+)
+def test_motions_in_which_friction_reverses(rig, stops, reversals, stable):
+    found = find_orbits(rig, stops, starts=200)
+    orbits = [
+        o for o in found.orbits if o.viable and o.stable == stable and len(o.nodes) == reversals
+    ]
+    assert orbits
+    for orbit in orbits:
+        assert orbit.stops == stops
+        assert {node.kind for node in orbit.nodes} == {EventKind.REVERSAL}
+        assert orbit.residual < 1e-11
+        # The simulator, begun on it, repeats it
+        run = begun_on(orbit)
+        events = [e for e in run.advance(1.01 * orbit.period) if e.time > 1e-6]
+        impacts = [e for e in events if e.kind is EventKind.IMPACT][: orbit.impacts]
+        times = np.cumsum(orbit.durations)
+        growth = max(1.0, abs(orbit.multipliers[0]))
+        assert [e.time for e in impacts] == pytest.approx(times, rel=1e-11 * growth)
+        assert [e.x for e in impacts] == pytest.approx(
+            orbit.x[1:] + orbit.x[:1], rel=1e-10 * growth
+        )
+        turns = sorted(
+            (node.phase - orbit.phases[0]) % orbit.cycles * orbit.cycle for node in orbit.nodes
+        )
+        seen = [e.time for e in events if e.kind is EventKind.REVERSAL][:reversals]
+        assert seen == pytest.approx(turns, rel=1e-9)
+
+
+def begun_on(orbit):
+    """Return a simulator just after the orbit's first impact, its force turned accordingly."""
+    rig = orbit.parameters
+    start = InitialConditions(
+        initial_primary_position=orbit.x[0],
+        initial_primary_velocity=orbit.primary_velocity_after[0],
+        initial_damper_offset=0.5 * rig.gap * (1 if orbit.stops[0] == 1 else -1),
+        initial_damper_velocity=orbit.damper_velocity_after[0],
+    )
+    phase = rig.force_phases[0] + math.tau * orbit.phases[0]
+    return Simulator(rig.replace(force_phases=(phase,)), start)
+
+
+@pytest.mark.parametrize(
+    ('rig', 'mode', 'zeros', 'kinds'),
+    [
+        (FRICTION.replace(gap=16.0), Mode.SLIDE_UP, 0, {EventKind.REVERSAL}),
+        (
+            PLASTIC,
+            Mode.REST_1,
+            2,
+            {EventKind.REST, EventKind.RELEASE, EventKind.REVERSAL},
+        ),
+        (
+            LOSSY,
+            Mode.STICK,
+            1,
+            {EventKind.STICK, EventKind.RELEASE, EventKind.REVERSAL},
+        ),
+        (
+            LOSSY.replace(gap=5.0),
+            Mode.REST_1,
+            2,
+            {EventKind.REST, EventKind.RELEASE, EventKind.REVERSAL},
+        ),
+    ],
+    ids=['reversal', 'plastic', 'sticking', 'chatter'],
+)
+def test_multipliers_are_those_of_the_simulators_map(rig, mode, zeros, kinds):
+    orbit, section = settled_orbit(rig)
+    assert {node.kind for node in orbit.nodes} == kinds
+    assert section.dimension == 4 - zeros
+    assert orbit.multipliers[section.dimension :] == (0j,) * zeros
+
+    def after_a_period(state):
+        x, velocity, offset, relative = (*state, *(0.5 * rig.gap, 0.0)[len(state) - 2 :])
+        run = Simulator(
+            rig.replace(force_phases=(rig.force_frequencies[0] * section.instant,)),
+            InitialConditions(
+                initial_primary_position=x,
+                initial_primary_velocity=velocity,
+                initial_damper_offset=offset,
+                initial_damper_velocity=velocity + relative,
+            ),
+        )
+        if section.dimension < 4:
+            assert run.mode is mode
+        run.advance(orbit.period)
+        if section.dimension < 4:
+            assert run.mode is mode
+        end = run.sample()
+        full = (
+            end.x,
+            end.primary_velocity,
+            end.z - end.x,
+            end.damper_velocity - end.primary_velocity,
+        )
+        return np.array(full[: section.dimension])
+
+    assert after_a_period(section.state) == pytest.approx(section.state, rel=1e-10)
+    columns = []
+    for j in range(section.dimension):
+        move = np.zeros(section.dimension)
+        move[j] = 1e-6
+        ahead, behind = after_a_period(section.state + move), after_a_period(section.state - move)
+        columns.append((ahead - behind) / 2e-6)
+    values = np.linalg.eigvals(np.array(columns).T)
+    expected = sorted(abs(m) for m in orbit.multipliers[: section.dimension])
+    assert sorted(np.abs(values)) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize('rig', [PLASTIC, LOSSY, LOSSY.replace(gap=5.0)])
+def test_sticking_and_resting_motions_are_what_simulation_settles_into(rig):
+    orbit, _ = settled_orbit(rig)
+    start = InitialConditions(initial_primary_position=1.0)
+    impacts = settled_impacts(rig, start, 600 if rig.gap == 5.0 else 700, 6)
+    motion = repeated_impacts(impacts, orbit.cycle, 1, 1e-10)
+    assert motion is not None
+    period, cycles = motion
+    assert cycles == orbit.cycles
+    assert len(period) == orbit.impacts
+    # Impacts at the cut of a chatter are as sharp as the cut; the others to round-off
+    for event in period:
+        late = [(event.time / orbit.cycle - phase + 0.5) % 1.0 - 0.5 for phase in orbit.phases]
+        nearest = int(np.argmin(np.abs(late)))
+        assert abs(late[nearest]) < 1e-9
+        assert event.stop == orbit.stops[nearest]
+        assert event.x == pytest.approx(orbit.x[nearest], rel=1e-9)
+
+
+def test_newton_converges_quadratically():
+    orbit, _ = settled_orbit(FRICTION.replace(gap=16.0))
+    history = [value for value in orbit.residual_history if value > 1e-13]
+    assert len(history) <= 8
+    assert history[-1] < 1e3 * history[-2] ** 2 + 1e-13
+
+
+def test_a_motion_is_carried_to_friction_step_by_step():
+    level = INCLINED.replace(gap=16.0)
+    start = find_orbits(level, (1, 1, 2), simulate=False).orbits[0]
+    orbit = carried_over(start, level.replace(friction=0.5))
+    assert orbit is not None
+    assert orbit.parameters.friction == 0.5
+    expected = find_orbits(level.replace(friction=0.5), (1, 1, 2)).orbits[0]
+    assert orbit.x_max == pytest.approx(expected.x_max, rel=1e-10)
+
+
+def test_one_sided_motion_with_friction():
+    """One impact in a cycle, on the only stop: each flight goes up against friction and back."""
+    rig = PLASTIC.replace(restitution_1=0.75, force_amplitudes=(1.0,))
+    found = find_orbits(rig, (1,))
+    assert found.report.method == 'shooting'
+    stable = [orbit for orbit in found.orbits if orbit.stable]
+    assert len(stable) == 1
+    assert [node.kind for node in stable[0].nodes] == [EventKind.REVERSAL]
+    unstable = [orbit for orbit in found.orbits if not orbit.stable]
+    assert len(unstable) == 1
+
+
+def test_search_keeps_to_the_stops_asked_for():
+    for stops in ((1, 1, 2), (1, 2, 2)):
+        for orbit in find_orbits(FRICTION.replace(gap=16.0), stops).orbits:
+            assert orbit.stops == stops
+            assert 0.0 <= orbit.phases[0] < 1.0
+            assert orbit.viable
+
+
+def test_several_harmonics_are_refused():
+    rig = FRICTION.replace(
+        force_amplitudes=(1.0, 0.1), force_frequencies=(1.02, 2.04), force_phases=(0.0, 0.0)
+    )
+    with pytest.raises(OrbitError, match='2 harmonics'):
+        find_orbits(rig, (1, 1, 2))

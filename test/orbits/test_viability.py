@@ -1,0 +1,145 @@
+"""Viability: what the simulator does decides, and the reason says why."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.orbits import ImpactEquations, find_orbits
+from impact_damper_ros.orbits.turning import relative_extremes, swing_extremes
+from impact_damper_ros.orbits.viability import assumed_flights
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig.flight import motion_at
+
+INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
+
+
+def simulated(orbit, periods=1.0):
+    """Return the events of the simulator, started just after the orbit's first impact."""
+    rig = orbit.parameters
+    start = InitialConditions(
+        initial_primary_position=orbit.x[0],
+        initial_primary_velocity=orbit.primary_velocity_after[0],
+        initial_damper_offset=0.5 * rig.gap * (1 if orbit.stops[0] == 1 else -1),
+        initial_damper_velocity=orbit.damper_velocity_after[0],
+    )
+    turned = rig.force_phases[0] + rig.force_frequencies[0] * orbit.instants[0]
+    run = Simulator(rig.replace(force_phases=(math.remainder(turned, math.tau),)), start)
+    return run.advance(periods * orbit.period * (1 + 1e-9))
+
+
+def follows(orbit):
+    """Return whether the simulator makes the orbit's impacts, and nothing else, for a period."""
+    events = [e for e in simulated(orbit) if e.time > 1e-9 * orbit.period]
+    expected = orbit.stops[1:] + orbit.stops[:1]
+    if [e.kind for e in events] != [EventKind.IMPACT] * orbit.impacts:
+        return False
+    if tuple(e.stop for e in events) != expected:
+        return False
+    times = np.cumsum(orbit.durations)
+    return bool(np.allclose([e.time for e in events], times, atol=1e-6 * orbit.period))
+
+
+@pytest.mark.parametrize(
+    ('changes', 'stops', 'cycles'),
+    [
+        ({}, (1, 2), 1),
+        ({}, (1, 2), 3),
+        ({'gap': 16.0, 'angle': 0.0}, (1, 1, 2), 1),
+        ({'gap': 8.0, 'angle': 0.2}, (1, 1, 1, 2), 1),
+        ({'gap': 8.0, 'angle': 0.2}, (1, 1, 2, 2), 1),
+        ({'gap': 3.0}, (1, 2), 1),
+        ({'friction': 0.5, 'gap': 60.0}, (1, 2), 1),
+        ({'friction': 2.0, 'gap': 60.0}, (1, 2), 1),
+        ({'one_sided': True, 'angle': 1.2}, (1,), 2),
+        ({'one_sided': True, 'angle': 1.2, 'gravity': 9.81}, (1, 1), 2),
+    ],
+)
+def test_simulator_follows_exactly_the_viable_ones(changes, stops, cycles):
+    orbits = find_orbits(INCLINED.replace(**changes), stops, cycles).orbits
+    assert orbits
+    for orbit in orbits:
+        assert orbit.viable == follows(orbit), orbit.reason
+        assert orbit.viable == (orbit.reason == '')
+
+
+def reasons(changes, stops, cycles=1):
+    orbits = find_orbits(INCLINED.replace(**changes), stops, cycles).orbits
+    return [orbit.reason for orbit in orbits if not orbit.viable]
+
+
+def test_reason_approach_from_beyond():
+    (text,) = reasons({}, (1, 2))
+    assert 'reach stop 1 from beyond it' in text
+    assert '-1.015 m/s' in text
+
+
+def test_reason_another_impact_with_the_true_depth():
+    rig = INCLINED.replace(gap=3.0)
+    checked = 0
+    for orbit in find_orbits(rig, (1, 2)).orbits:
+        for depth, stop, start in re.findall(
+            r'pass stop (\d) by ([\d.e-]+) m between the impacts on stop (\d)', orbit.reason
+        ):
+            stop, depth = depth, stop
+            equations = ImpactEquations(rig, (1, 2), 1)
+            x, instants = np.array(orbit.x), np.array(orbit.instants)
+            at = equations.velocities(x, instants)
+            i = orbit.stops.index(int(start))
+            flight = assumed_flights(equations, x, instants, at)[i]
+            grid = np.linspace(0.0, orbit.durations[i], 20001)
+            travel = np.array([motion_at(flight, tau).travel for tau in grid])
+            y = travel + (1.5 if start == '1' else -1.5)
+            beyond = y.max() - 1.5 if stop == '1' else -1.5 - y.min()
+            assert float(depth) == pytest.approx(beyond, rel=1e-3)
+            checked += 1
+    assert checked
+
+
+def test_reason_friction_reverses():
+    texts = [t for t in reasons({'friction': 2.0, 'gap': 20.0}, (1, 2)) if 'sign' in t]
+    (text,) = [t for t in texts if 'm turns back between the impacts on stop 2 and' in t]
+    assert '1.09321 s after the former' in text
+    assert '6.497 m from stop 2: friction changes sign there' in text
+
+
+def test_largest_displacement_is_the_simulators():
+    orbit = find_orbits(INCLINED, (1, 2)).orbits[0]
+    rig = orbit.parameters
+    start = InitialConditions(
+        initial_primary_position=orbit.x[0],
+        initial_primary_velocity=orbit.primary_velocity_after[0],
+        initial_damper_offset=0.5 * rig.gap,
+        initial_damper_velocity=orbit.damper_velocity_after[0],
+    )
+    run = Simulator(rig.replace(force_phases=(math.tau * orbit.phases[0],)), start)
+    largest = 0.0
+    for tau in np.linspace(0.0, orbit.period, 40001):
+        run.advance(tau)
+        largest = max(largest, abs(run.sample().x))
+    assert orbit.x_max >= largest
+    assert orbit.x_max == pytest.approx(largest, rel=1e-7)
+
+
+def test_turning_points_against_a_dense_look():
+    rng = np.random.default_rng(3)
+    for _ in range(12):
+        rig = INCLINED.replace(force_frequencies=(float(rng.uniform(0.2, 6.0)),))
+        equations = ImpactEquations(rig, (1, 2), 1)
+        x = rng.normal(size=2) * 5.0
+        instants = np.sort(rng.uniform(0.0, equations.period, 2))
+        flight = assumed_flights(equations, x, instants, equations.velocities(x, instants))[0]
+        duration = float(rng.uniform(1.0, 20.0))
+        motions = [motion_at(flight, tau) for tau in np.linspace(0.0, duration, 5001)]
+        swing = swing_extremes(flight, duration)
+        relative = relative_extremes(flight, duration)
+        for exact, seen in (
+            (swing, [m.x for m in motions]),
+            (relative, [m.travel for m in motions]),
+        ):
+            span = max(seen) - min(seen)
+            assert -1e-12 * span <= exact.high - max(seen) < 1e-4 * span
+            assert -1e-12 * span <= min(seen) - exact.low < 1e-4 * span
+        assert motion_at(flight, swing.high_time).x == swing.high
+        assert motion_at(flight, relative.low_time).travel == relative.low
