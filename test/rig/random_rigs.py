@@ -1,0 +1,68 @@
+"""Random rigs for property tests: all kinds of motion, at scales where much happens."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+from typing import Any
+
+from impact_damper_ros.rig import Event, InitialConditions, RigParameters, Simulator
+
+
+def random_parameters(rng: random.Random, **fixed: Any) -> RigParameters:
+    """Return a rig of unit mass and stiffness, more or less, with friction, slope, air, ..."""
+    harmonics = rng.choice([1, 1, 1, 2, 4])
+    angle = rng.choice([0.0, 0.0, rng.uniform(-1.5, 1.5), math.pi / 2, -math.pi / 2])
+    drawn: dict[str, Any] = {
+        'primary_mass': rng.choice([1.0, rng.uniform(0.5, 3)]),
+        'stiffness': rng.choice([1.0, rng.uniform(0.5, 3)]),
+        'damping': rng.choice([0.0, 0.01, 0.1, 1.0]),
+        'damper_mass': rng.choice([0.042, 0.3, 2.0]),
+        'gap': 10 ** rng.uniform(-0.7, 1.3),
+        'restitution_1': rng.choice([0.0, 0.5, 0.75, 1.0, rng.random()]),
+        'restitution_2': rng.choice([0.0, 0.5, 0.75, 0.9, rng.random()]),
+        'angle': angle,
+        'friction': rng.choice([0.0, 0.0, 0.1, 0.5, abs(math.tan(angle)) % 50.0]),
+        'gravity': rng.choice([0.3, 1.0, 1.0, 9.81]),
+        'air_force': rng.choice([0.0, 0.0, 0.02]),
+        'one_sided': rng.random() < 0.15,
+        'force_amplitudes': [rng.uniform(0.3, 2) / harmonics for _ in range(harmonics)],
+        'force_frequencies': [rng.choice([1.0, rng.uniform(0.2, 4)]) for _ in range(harmonics)],
+        'force_phases': [rng.uniform(-3, 3) for _ in range(harmonics)],
+    }
+    return RigParameters(**{**drawn, **fixed})
+
+
+def random_initial(rng: random.Random, parameters: RigParameters) -> InitialConditions:
+    """Return where it starts: anywhere in the gap, or on a stop."""
+    half = parameters.gap / 2
+    return InitialConditions(
+        initial_primary_position=rng.choice([0.0, rng.uniform(-3, 3)]),
+        initial_primary_velocity=rng.choice([0.0, rng.uniform(-3, 3)]),
+        initial_damper_offset=rng.choice([0.0, rng.uniform(-half, half), half, -half]),
+        initial_damper_velocity=rng.choice([0.0, rng.uniform(-3, 3)]),
+    )
+
+
+def random_rig(seed: int | str, **fixed: Any) -> tuple[RigParameters, InitialConditions]:
+    """Return parameters and initial conditions of one seed."""
+    rng = random.Random(seed)
+    parameters = random_parameters(rng, **fixed)
+    return parameters, random_initial(rng, parameters)
+
+
+def through_json(rig: Simulator) -> Simulator:
+    """Return the rig after a journey of its snapshot through a JSON text."""
+    return Simulator.restore(json.loads(json.dumps(rig.snapshot(), allow_nan=False)))
+
+
+def run(rig: Simulator, until: float, most: int = 4000) -> list[Event]:
+    """Advance in steps, and stop early where an elastic chatter has very many impacts."""
+    events: list[Event] = []
+    start, steps = rig.time, 64
+    for k in range(1, steps + 1):
+        events += rig.advance(start + (until - start) * k / steps)
+        if len(events) > most:
+            break
+    return events

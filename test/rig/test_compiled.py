@@ -1,0 +1,79 @@
+"""Compiled kernels do the same arithmetic as the plain ones, to the last bit."""
+
+from math import inf
+
+import pytest
+
+from impact_damper_ros.rig import Simulator, kernels
+from impact_damper_ros.rig.contact import NO_EVENT, first_event
+from impact_damper_ros.rig.flight import motion_at
+from impact_damper_ros.rig.mode import CHATTER_1, launch
+from impact_damper_ros.rig.transition import resolve
+from rig.random_rigs import random_rig
+
+PLAIN = {'first_event': first_event, 'resolve': resolve, 'launch': launch, 'motion_at': motion_at}
+
+# Kernels compile anew for every number of harmonics; this one stands for all.
+HARMONICS = 2
+
+
+@pytest.fixture(scope='module')
+def compiled():
+    pytest.importorskip('numba')
+    return kernels.compiled()
+
+
+def flights(kernel, machine, origin, until, most):
+    """Yield origins, flights and motions, the way the simulator goes from one to the next."""
+    launch, first, resolve = kernel['launch'], kernel['first_event'], kernel['resolve']
+    while most > 0:
+        flight = launch(machine, origin)
+        limit = until - origin.time
+        if origin.mode >= CHATTER_1:
+            kind, tau = NO_EVENT, origin.chatter_left
+        else:
+            kind, tau = first(flight, 0.0, limit)
+            if kind == NO_EVENT:
+                tau = inf
+        yield tuple(origin), tuple(kernel['motion_at'](flight, min(tau, limit) / 3)), kind, tau
+        if tau > limit:
+            return
+        transition = resolve(machine, origin, flight, kind, tau)
+        yield tuple(transition)
+        origin = transition.origin
+        most -= 1
+
+
+def test_bit_for_bit(compiled):
+    """Every number of every flight and transition, over random rigs in all modes."""
+    modes, steps = set(), 0
+    for seed in range(60):
+        force = [0.4 + 0.3 * k for k in range(HARMONICS)]
+        parameters, initial = random_rig(
+            f'compiled {seed}',
+            force_amplitudes=force,
+            force_frequencies=[0.7 + 0.6 * k for k in range(HARMONICS)],
+            force_phases=[0.1 * k for k in range(HARMONICS)],
+        )
+        rig = Simulator(parameters, initial)
+        machine, origin = rig._machine, rig._origin
+        plain = flights(PLAIN, machine, origin, 60.0, 150)
+        fast = flights(compiled, machine, origin, 60.0, 150)
+        for a, b in zip(plain, fast, strict=True):
+            assert a == b
+            steps += 1
+            if len(a) == 4:
+                modes.add(a[0][2])
+    assert steps > 2000
+    assert modes >= {0, 1, 2, 3, 4, 5}
+
+
+def test_every_kernel_is_there(compiled):
+    for name in PLAIN:
+        assert name in compiled
+    assert compiled['safe_step'](1.0, -1.0, 0.0, 0.0, 7.0) == pytest.approx(1.0, rel=2e-12)
+
+
+def test_names_are_unique():
+    with pytest.raises(ValueError, match='two kernels named motion_at'):
+        kernels.kernel(motion_at)
