@@ -72,8 +72,10 @@ def _leave_support(flight: Flight, motion: Motion) -> float:
         step = 1.5 * jerk / bound
     else:
         step = horizon
-    # The stop ahead, if there is one, must not be reached within that step.
+    # The stop ahead, or the place to which one follows, must not be reached within that step.
     jerk_bound = jerk + bound * horizon
+    if flight.arrival < inf:
+        step = min(step, safe_step(flight.arrival, 0.0, 0.0, jerk_bound, horizon))
     if flight.direction >= 0 and flight.clearance_1 > 0.0:
         step = min(step, safe_step(flight.clearance_1, 0.0, 0.0, jerk_bound, horizon))
     if flight.direction <= 0 and flight.clearance_2 > 0.0:

@@ -11,7 +11,7 @@ from math import inf, sqrt
 
 from .kernels import kernel
 
-__all__ = ['CHATTER_TOLERANCE', 'chatter_duration', 'rebound']
+__all__ = ['CHATTER_TOLERANCE', 'bounce_duration', 'chatter_duration', 'rebound']
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
 #: by at most this fraction until its end. The accumulation instant then is in error by at most
@@ -49,11 +49,9 @@ def rebound(
 
 
 @kernel
-def chatter_duration(
-    speed: float, press: float, grip: float, restitution: float, jerk_bound: float
-) -> float:
+def bounce_duration(speed: float, press: float, grip: float) -> float:
     """
-    Return the time until a chatter on one stop accumulates.
+    Return how long m stays off a stop that it leaves slowly.
 
     Parameters
     ----------
@@ -63,6 +61,31 @@ def chatter_duration(
         Relative acceleration towards the stop without friction.
     grip : float
         What friction adds to it while m leaves and takes from it while m returns; not negative.
+
+    Returns
+    -------
+    float
+        speed (1/up + 1/sqrt(up down)) with the constant accelerations up = press + grip and
+        down = press - grip; infinite if m does not come back.
+    """
+    down = press - grip
+    if down <= 0.0:
+        return inf
+    up = press + grip
+    return speed * (1.0 / up + 1.0 / sqrt(up * down))
+
+
+@kernel
+def chatter_duration(
+    speed: float, press: float, grip: float, restitution: float, jerk_bound: float
+) -> float:
+    """
+    Return the time until a chatter on one stop accumulates.
+
+    Parameters
+    ----------
+    speed, press, grip : float
+        As for `bounce_duration`.
     restitution : float
         Coefficient of restitution at the stop.
     jerk_bound : float
@@ -76,17 +99,16 @@ def chatter_duration(
 
     Notes
     -----
-    With constant accelerations up = press + grip and down = press - grip one flight takes
-    speed (1/up + 1/sqrt(up down)), and the next speed is restitution sqrt(down/up) times this one.
+    Each flight begins with restitution sqrt(down/up) times the speed of the one before.
     """
-    down = press - grip
-    if down <= 0.0:
+    bounce = bounce_duration(speed, press, grip)
+    if bounce == inf:
         return inf
-    up = press + grip
-    ratio = restitution * sqrt(down / up)
+    down = press - grip
+    ratio = restitution * sqrt(down / (press + grip))
     if ratio >= 1.0:
         return inf
-    duration = speed * (1.0 / up + 1.0 / sqrt(up * down)) / (1.0 - ratio)
+    duration = bounce / (1.0 - ratio)
     if jerk_bound * duration > CHATTER_TOLERANCE * down:
         return inf
     return duration

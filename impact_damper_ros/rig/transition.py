@@ -9,9 +9,10 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
+from .certificate import least_step
 from .contact import ARRIVAL, CONTACT_1, CONTACT_2, RELEASE_UP, REVERSAL
 from .flight import Flight, Motion, motion_at
-from .impact import chatter_duration, rebound
+from .impact import bounce_duration, chatter_duration, rebound
 from .kernels import kernel
 from .mode import (
     CHATTER_1,
@@ -241,6 +242,9 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
             motion: Motion = motion_at(launch(machine, hit), 0.0)
             bound = derivative_bound(machine.free, motion.x_3, motion.x_4, machine.free.bound_3)
             left = chatter_duration(speed, press, grip, restitution, bound)
+        if left == inf and bounce_duration(speed, press, grip) < least_step(machine.free.horizon):
+            # Elastic stops: such bounces go on for ever, and have no energy left.
+            left = 0.0
         if left < inf:
             mode = CHATTER_1 if stop == 1 else CHATTER_2
             hit = _with(hit, mode, common, 0.0, stop, False, left)
