@@ -116,7 +116,8 @@ class Simulator:
         self._parameters = parameters
         self._machine = machine
         self._time = time
-        self._begin_all(origin)
+        # An impact at the very start, of m that moves into the stop it is on
+        self._unreported = self._begin_all(origin)
 
     def _begin(self, origin: Origin) -> None:
         """Make an origin the present one."""
@@ -186,7 +187,8 @@ class Simulator:
         Returns
         -------
         list of Event
-            All events after the present time up to and including the new one.
+            All events after the present time up to and including the new one; and an impact with
+            which the rig started, or was reset.
 
         Raises
         ------
@@ -197,7 +199,7 @@ class Simulator:
             raise ValueError(
                 f'cannot advance to {time!r} s: give a finite time not before {self._time!r} s'
             )
-        events: list[Event] = []
+        events, self._unreported = self._unreported, []
         instant, at_once = -inf, 0
         while True:
             if self._event is None:
@@ -428,5 +430,6 @@ class Simulator:
         rig._parameters = parameters
         rig._machine = make_machine(parameters)
         rig._time = time
+        rig._unreported = []
         rig._begin(origin)
         return rig

@@ -396,7 +396,7 @@ def test_replay(seed):
     assert again.advance(rig.time + 3.0) == rig.advance(rig.time + 3.0)
 
 
-@pytest.mark.parametrize('seed', range(30))
+@pytest.mark.parametrize('seed', [*range(30), 2869, 3323, 4879, 5369, 6203, 6217])
 def test_changes_keep_the_state(seed):
     """Y and the velocities are continuous but for an impact; m is never outside the stops."""
     last = {}
@@ -474,3 +474,42 @@ def test_closing_gap_is_hit_with_the_right_momentum_on_a_moving_rig():
     after = M * hit.primary_velocity_after + m * hit.damper_velocity_after
     assert after == pytest.approx(before, rel=1e-14)
     assert hit.damper_velocity_after - hit.primary_velocity_after == pytest.approx(-0.75 * u)
+
+
+@pytest.mark.parametrize('closing', [1e-9, 1e-4, 0.03, 0.3])
+@pytest.mark.parametrize('side', [1, -1])
+def test_stop_that_follows_a_release_arrives_in_time(side, closing):
+    """The jerk alone throws m off; the stop goes with it just as far as it was asked to."""
+    pressed = RigParameters(
+        gap=2.0, angle=side * math.pi / 2, gravity=0.3, damping=0.1, force_amplitudes=[side * 1.0]
+    )
+    rig = Simulator(pressed, InitialConditions(initial_damper_offset=side * 1.0))
+    while rig.mode not in (Mode.REST_1, Mode.REST_2):
+        rig.advance(rig.time + 0.01)
+    rig.change(pressed.replace(gap=2.0 - 2.0 * closing))
+    half, events, time = rig.parameters.gap / 2, [], rig.time
+    while not events or events[-1].kind != EventKind.STOP_ARRIVED:
+        assert rig.time < time + 100.0
+        events += rig.advance(rig.time + 0.003)
+        stop = rig.stops[0] if side > 0 else -rig.stops[1]
+        assert half * (1 - 4 * EPS) <= stop <= 1.0
+    arrived = events[-1]
+    before = Simulator(pressed, InitialConditions(initial_damper_offset=side * 1.0))
+    before.advance(time)
+    before.change(rig.parameters)
+    before.advance(math.nextafter(arrived.time, 0.0))
+    speed = abs(arrived.damper_velocity_before - arrived.primary_velocity_before)
+    blur = 8 * EPS * (1 + abs(arrived.x) + arrived.time * speed)
+    assert abs(y_of(before)) == pytest.approx(half, abs=blur)
+    assert y_of(rig) * side < half
+
+
+@pytest.mark.parametrize('speed', [1e-28, 1e-20, 1e-12])
+def test_elastic_stop_and_next_to_no_speed(speed):
+    """Bounces too small for time itself: m is at rest."""
+    rig = Simulator(
+        RigParameters(restitution_1=1.0, angle=1.0, force_amplitudes=[0.0]),
+        InitialConditions(initial_damper_offset=18.5, initial_damper_velocity=-speed),
+    )
+    assert len(rig.advance(1.0)) < 10
+    assert rig.mode == Mode.REST_1
