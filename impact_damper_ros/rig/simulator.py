@@ -395,6 +395,7 @@ class Simulator:
             'format': _SNAPSHOT_FORMAT,
             'time': self._time,
             'origin': {**origin, 'angles': list(self._origin.angles)},
+            'unreported': [list(event) for event in self._unreported],
             'parameters': {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in self._parameters.as_dict().items()
@@ -424,12 +425,16 @@ class Simulator:
             }
             origin = Origin(**{**values, 'angles': tuple(stored['angles'])})
             time = float(snapshot['time'])
+            unreported = [
+                Event(event[0], EventKind(event[1]), *event[2:])
+                for event in snapshot['unreported']
+            ]
         except (KeyError, TypeError) as error:
             raise ValueError(f'snapshot is not complete: {error}') from error
         rig = cls.__new__(cls)
         rig._parameters = parameters
         rig._machine = make_machine(parameters)
         rig._time = time
-        rig._unreported = []
+        rig._unreported = unreported
         rig._begin(origin)
         return rig
