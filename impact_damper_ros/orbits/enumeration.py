@@ -22,7 +22,7 @@ __all__ = ['one_impact_roots', 'two_impact_roots']
 
 _POINTS_PER_CYCLE = 400
 _MOST_POINTS = 100_000
-_BISECTIONS = 60
+_BISECTIONS = 24
 _CLOSER_LOOKS = 5
 _LOOKS = 33
 

@@ -119,8 +119,10 @@ class ImpactEquations:
         air = np.where(first, -machine.air, machine.air)
         self.accelerations: Array = machine.slope - direction * machine.grip + air
         self.pushes: Array = mass_ratio * (direction * machine.grip - air)
+        self._next = np.roll(np.arange(self.impacts), -1)
+        self._last = np.roll(np.arange(self.impacts), 1)
         offsets = np.where(first, machine.stop, -machine.stop)
-        self._travel: Array = np.roll(offsets, -1) - offsets
+        self._travel: Array = offsets[self._next] - offsets
         self._decay = machine.free.decay
         self._damped = machine.free.frequency
         self._stiffness = machine.free.omega_squared
@@ -139,7 +141,7 @@ class ImpactEquations:
         instants : ndarray, shape (..., N)
             Instants of the impacts, s, rising within one period.
         """
-        lasts = np.roll(instants, -1, axis=-1) - instants
+        lasts: Array = instants[..., self._next] - instants
         lasts[..., -1] += self.period
         return lasts
 
@@ -198,18 +200,18 @@ class ImpactEquations:
         mean, constant = self._mean_velocity(lasts)
         half = 0.5 * self.accelerations * lasts
         after = mean * self._after_from_after[:, None]
-        after += np.roll(mean, 1, axis=-2) * self._after_from_before[:, None]
+        after += mean[..., self._last, :] * self._after_from_before[:, None]
         after_0 = self._after_from_after * (constant - half)
-        after_0 += self._after_from_before * np.roll(constant + half, 1, axis=-1)
+        after_0 += self._after_from_before * (constant + half)[..., self._last]
         before = mean * self._before_from_after[:, None]
-        before += np.roll(mean, 1, axis=-2) * self._before_from_before[:, None]
+        before += mean[..., self._last, :] * self._before_from_before[:, None]
         before_0 = self._before_from_after * (constant - half)
-        before_0 += self._before_from_before * np.roll(constant + half, 1, axis=-1)
+        before_0 += self._before_from_before * (constant + half)[..., self._last]
         rows = np.zeros((*lasts.shape[:-1], 2 * n, n + 3))
         place = rows[..., :n, :]
         speed = rows[..., n:, :]
         place[..., :n] = -impulse[..., None] * after
-        speed[..., :n] = np.roll(before, -1, axis=-2) - slope[..., None] * after
+        speed[..., :n] = before[..., self._next, :] - slope[..., None] * after
         for i in range(n):
             place[..., i, (i + 1) % n] += 1.0
             place[..., i, i] -= unit[..., i]
@@ -219,9 +221,7 @@ class ImpactEquations:
         speed[..., n] = -(turn * v_forced).imag
         speed[..., n + 1] = -(turn * v_forced).real
         place[..., n + 2] = -impulse * after_0 - self.pushes / self._stiffness * (1.0 - unit)
-        speed[..., n + 2] = (
-            np.roll(before_0, -1, axis=-1) - slope * after_0 - self.pushes * impulse
-        )
+        speed[..., n + 2] = before_0[..., self._next] - slope * after_0 - self.pushes * impulse
         speed /= self.rate
         return rows
 
@@ -235,10 +235,10 @@ class ImpactEquations:
             Displacements of M at the impacts, m, and their instants, s.
         """
         lasts = self.durations(instants)
-        mean = (np.roll(x, -1, axis=-1) - x + self._travel) / lasts
+        mean = (x[..., self._next] - x + self._travel) / lasts
         half = 0.5 * self.accelerations * lasts
         damper_after = mean - half
-        damper_before = np.roll(mean + half, 1, axis=-1)
+        damper_before = (mean + half)[..., self._last]
         return ImpactVelocities(
             self._before_from_after * damper_after + self._before_from_before * damper_before,
             self._after_from_after * damper_after + self._after_from_before * damper_before,
@@ -277,13 +277,13 @@ class ImpactEquations:
         a_end = self.pushes - 2.0 * self._decay * v_end - self._stiffness * x_end + force_end
         value = np.concatenate(
             [
-                np.roll(x, -1, axis=-1) - x_end,
-                (np.roll(at.primary_before, -1, axis=-1) - v_end) / self.rate,
+                x[..., self._next] - x_end,
+                (at.primary_before[..., self._next] - v_end) / self.rate,
             ],
             axis=-1,
         )
         # Derivatives of m's velocities by the duration of the flight they belong to
-        mean = (np.roll(x, -1, axis=-1) - x + self._travel) / lasts
+        mean = (x[..., self._next] - x + self._travel) / lasts
         start = -mean / lasts - 0.5 * self.accelerations
         end = -mean / lasts + 0.5 * self.accelerations
         by_last = np.zeros((*lasts.shape[:-1], 2 * n, n))
@@ -300,7 +300,7 @@ class ImpactEquations:
             by_last[..., n + i, j] += self._before_from_after[j] * start[..., j]
             by_phase[..., i, i] = -self.frequency * (turn * x_forced).real[..., i]
             by_phase[..., n + i, i] = -self.frequency * (turn * v_forced).real[..., i]
-        by_instant = by_phase - by_last + np.roll(by_last, 1, axis=-1)
+        by_instant = by_phase - by_last + by_last[..., self._last]
         by_instant[..., n:, :] /= self.rate
         by_x = self.linear_system(instants)[..., :n]
         jacobian = np.concatenate([by_x, by_instant / (self.rate * self.length)], axis=-1)

@@ -4,44 +4,65 @@ from __future__ import annotations
 
 from impact_damper_ros.rig import RigParameters
 
-__all__ = ['OrbitError', 'check_forcing', 'check_stops', 'plausible_stops']
+__all__ = ['OrbitError', 'check_forcing', 'check_stops', 'plausible_stops', 'single_harmonic']
 
 #: Most impacts in a period for which all stop sequences are listed.
 MOST_LISTED_IMPACTS = 6
+
+_WHOLE = 1e-12
 
 
 class OrbitError(ValueError):
     """A periodic motion that cannot be asked for; the text holds the remedy."""
 
 
-def check_forcing(parameters: RigParameters) -> None:
+def single_harmonic(parameters: RigParameters) -> bool:
+    """Return whether the force has no other active harmonic than its first."""
+    return not any(parameters.force_amplitudes[1:])
+
+
+def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     """
-    Check that the force is one harmonic, as the periodic theory assumes.
+    Check that the force is one harmonic, or has a period.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    cycles : int, optional
+        Cycles of the first harmonic after which the whole force must repeat. If not given, the
+        force must be one harmonic, as the periodic theory assumes.
 
     Raises
     ------
     OrbitError
         If it is not.
     """
-    active = [
-        j
-        for j, (force, frequency) in enumerate(
-            zip(parameters.force_amplitudes, parameters.force_frequencies, strict=True)
-        )
-        if force != 0.0 and frequency != 0.0
-    ]
-    if parameters.force_amplitudes[0] == 0.0 or parameters.force_frequencies[0] == 0.0:
+    amplitude, first = parameters.force_amplitudes[0], parameters.force_frequencies[0]
+    if amplitude == 0.0 or first == 0.0:
         raise OrbitError(
-            f'the first harmonic of the force has amplitude {parameters.force_amplitudes[0]:g} N '
-            f'and frequency {parameters.force_frequencies[0]:g} rad/s: periodic motion is counted '
-            'in its cycles, give both different from 0'
+            f'the first harmonic of the force has amplitude {amplitude:g} N and frequency '
+            f'{first:g} rad/s: periodic motion is counted in its cycles, give both different '
+            'from 0'
         )
-    if len(parameters.force_amplitudes) > 1:
+    if single_harmonic(parameters):
+        return
+    if cycles is None:
         raise OrbitError(
-            f'the force has {len(parameters.force_amplitudes)} harmonics ({len(active)} of them '
-            'active): the periodic theory is for one, give force_amplitudes, force_frequencies '
-            'and force_phases one entry each'
+            f'the force has {len(parameters.force_amplitudes)} harmonics: the impact equations '
+            'are for one, give force_amplitudes, force_frequencies and force_phases one entry '
+            'each, or use the shooting solver'
         )
+    for force, frequency in zip(
+        parameters.force_amplitudes, parameters.force_frequencies, strict=True
+    ):
+        turns = cycles * frequency / first
+        if force != 0.0 and abs(turns - round(turns)) > _WHOLE * max(1.0, turns):
+            raise OrbitError(
+                f'the harmonic of {frequency:g} rad/s turns {turns:.6g} times in {cycles} cycles '
+                f'of the first one, {first:g} rad/s: a periodic motion needs a whole number, '
+                'give frequencies in ratios of whole numbers and as many cycles as these ask for'
+            )
 
 
 def check_stops(parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:

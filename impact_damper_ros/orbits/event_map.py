@@ -128,7 +128,7 @@ def origin_at(
     instant: float,
     x: float,
     velocity: float,
-    offset: float,
+    beyond: float,
     relative_velocity: float,
     resting: int,
     last_stop: int,
@@ -144,8 +144,9 @@ def origin_at(
         Time on the force's clock, s.
     x, velocity : float
         X and X'.
-    offset, relative_velocity : float
-        Y and Y'; ignored where `resting` fixes them.
+    beyond, relative_velocity : float
+        Y - d/2, the way m has gone beyond stop 1 (not positive, and exact near the stop of a
+        one-sided rig whose gap is meaningless), and Y'; ignored where `resting` fixes them.
     resting : int
         `STICK`, `REST_1` or `REST_2`, or 0 if m moves.
     last_stop : int
@@ -153,9 +154,9 @@ def origin_at(
     """
     half = machine.stop
     if resting == REST_1:
-        offset = half
+        beyond = 0.0
     elif resting == REST_2:
-        offset = -half
+        beyond = -2.0 * half
     origin = Origin(
         time=0.0,
         time_low=0.0,
@@ -163,8 +164,8 @@ def origin_at(
         x=x,
         velocity=velocity,
         relative_velocity=0.0 if resting else relative_velocity,
-        clearance_1=max(0.0, half - offset),
-        clearance_2=inf if machine.one_sided else max(0.0, half + offset),
+        clearance_1=max(0.0, -beyond),
+        clearance_2=inf if machine.one_sided else max(0.0, 2.0 * half + beyond),
         stop_1=half,
         stop_2=-half,
         angles=turned_angles((0.0,) * len(machine.phases), machine.free.frequencies, instant),

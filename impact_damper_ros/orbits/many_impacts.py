@@ -55,8 +55,12 @@ def _simulated_starts(equations: ImpactEquations) -> tuple[Array, Array]:
     n = equations.impacts
     xs: list[list[float]] = []
     instants: list[list[float]] = []
+    # Impacts, as many reversals, and room for another motion on the way
+    most_events = (4 * n + 8) / equations.cycles
     for initial in starting_points(parameters):
-        impacts = settled_impacts(parameters, initial, _SETTLING_CYCLES, _WATCHED_CYCLES)
+        impacts = settled_impacts(
+            parameters, initial, _SETTLING_CYCLES, _WATCHED_CYCLES, most_events
+        )
         found = list(windows(impacts, equations.stops, equations.period))[-_MOST_WINDOWS:]
         xs += [x for x, _ in found]
         instants += [t for _, t in found]

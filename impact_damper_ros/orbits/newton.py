@@ -14,6 +14,7 @@ __all__ = ['RESIDUAL_TOLERANCE', 'Root', 'approach_roots', 'polish']
 RESIDUAL_TOLERANCE = 1e-12
 
 _POLISH_STEPS = 40
+_ROUND_OFF = 4e-16
 _SHORTEST_SHARE = 0.2
 
 
@@ -134,7 +135,7 @@ def polish(equations: ImpactEquations, x: Array, instants: Array) -> Root | None
             best = (size, x, instants)
         else:
             stalled += 1
-        if size == 0.0 or stalled >= 3:
+        if size < _ROUND_OFF or stalled >= 3:
             break
         step = np.linalg.lstsq(jacobian, -value, rcond=1e-14)[0]
         by_time = step[n:] / equations.rate

@@ -20,9 +20,10 @@ class StartReport:
     method : str
         'scan': every motion of the impact equations was found, whatever it starts from; there
         are no starts to count. 'starts': the impact equations were solved from systematic
-        starts. 'shooting': the event map was solved from motions of the frictionless rig.
+        starts. 'shooting': the event map was solved from motions of a simpler rig, without
+        friction or with one harmonic.
     starts, converged : int
-        Systematic starts, or motions of the frictionless rig, and how many led to a motion.
+        Systematic starts, or motions of the simpler rig, and how many led to a motion.
     simulated, simulated_converged : int
         Starts taken from simulated motion, and how many converged.
     distinct : int
@@ -53,5 +54,5 @@ class StartReport:
             share = self.converged / self.starts if self.starts else 0.0
             line += f'{self.converged} of {self.starts} ({share:.0%}) systematic starts'
         else:
-            line += f'{self.converged} of {self.starts} motions without friction carried over'
+            line += f'{self.converged} of {self.starts} motions of a simpler rig carried over'
         return f'{line}, {self.simulated_converged} of {self.simulated} from simulation converged'

@@ -12,7 +12,7 @@ from impact_damper_ros.rig.mode import make_machine
 
 from .enumeration import one_impact_roots, two_impact_roots
 from .equations import Array, ImpactEquations
-from .error import check_forcing, check_stops
+from .error import check_forcing, check_stops, single_harmonic
 from .floquet import monodromy, multipliers_of
 from .many_impacts import many_impact_roots
 from .newton import Root
@@ -180,6 +180,15 @@ def _theory(
     return orbits, replace(report, distinct=len(orbits))
 
 
+def _with_first_harmonic(parameters: RigParameters) -> RigParameters:
+    """Return the rig driven by the first harmonic of its force only."""
+    return parameters.replace(
+        force_amplitudes=parameters.force_amplitudes[:1],
+        force_frequencies=parameters.force_frequencies[:1],
+        force_phases=parameters.force_phases[:1],
+    )
+
+
 def find_orbits(
     parameters: RigParameters,
     stops: Sequence[int],
@@ -194,11 +203,11 @@ def find_orbits(
     Parameters
     ----------
     parameters : RigParameters
-        The rig, driven by one harmonic.
+        The rig; if its force has several harmonics, they must have a common period.
     stops : sequence of int
         Stops hit in one period, in order, 1 (lower) or 2.
     cycles : int, optional
-        Period in cycles of the force.
+        Period in cycles of the force's first harmonic.
     starts : int, optional
         Number of systematic starts of the impact equations for three and more impacts; 200 for
         each unknown instant, if not given.
@@ -213,10 +222,10 @@ def find_orbits(
 
     Notes
     -----
-    With friction, flights that return to the same stop are beyond the impact equations; the
-    shooting solver then starts from simulated motion and from the motions of the rig without
-    friction. With `simulate` it also looks for motions in which m reverses, sticks or rests
-    between alternating impacts.
+    Flights that return to the same stop against friction, and a force of several harmonics, are
+    beyond the impact equations; the shooting solver then starts from simulated motion and from
+    the motions of the rig without friction or with the first harmonic only. With `simulate` it
+    also looks for motions in which m reverses, sticks or rests between alternating impacts.
 
     Raises
     ------
@@ -230,17 +239,21 @@ def find_orbits(
     [0.733784, 0.233784]
     """
     stops = tuple(stops)
-    check_forcing(parameters)
+    check_forcing(parameters, cycles)
     check_stops(parameters, stops, cycles)
     orbits: list[PeriodicOrbit] = []
-    if within_theory(parameters, stops):
-        orbits, report = _theory(parameters, stops, cycles, starts, simulate)
+    if single_harmonic(parameters) and within_theory(parameters, stops):
+        rig = _with_first_harmonic(parameters)
+        orbits, report = _theory(rig, stops, cycles, starts, simulate)
         if not simulate or not may_rest_or_reverse(parameters, stops):
             return OrbitSearch(tuple(orbits), report)
-        others, _ = shot_orbits(parameters, stops, cycles, [])
+        others, _ = shot_orbits(rig, stops, cycles, [])
     else:
-        level = _theory(parameters.replace(friction=0.0), stops, cycles, starts, False)[0]
-        known = [orbit for orbit in level if orbit.viable]
+        simple = _with_first_harmonic(parameters)
+        if not within_theory(parameters, stops):
+            simple = simple.replace(friction=0.0)
+        solved, _ = _theory(simple, stops, cycles, starts, False)
+        known = [orbit for orbit in solved if orbit.viable]
         others, report = shot_orbits(parameters, stops, cycles, known, simulate=simulate)
     turned = [counted_as(orbit, stops) for orbit in others]
     orbits = _distinct([*orbits, *(orbit for orbit in turned if orbit is not None)])

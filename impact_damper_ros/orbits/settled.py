@@ -38,7 +38,7 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
     static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
     amplitude = min(parameters.response_amplitude, 5.0 * static)
     speed = amplitude * parameters.force_frequencies[0]
-    half = 0.0 if parameters.one_sided else 0.5 * parameters.gap
+    half = 0.5 * parameters.gap
     limit = INITIAL_SPECS['initial_primary_velocity'].high
     assert limit is not None
     for x, velocity, offset in (
@@ -51,13 +51,21 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
         yield InitialConditions(
             initial_primary_position=min(limit, x * amplitude),
             initial_primary_velocity=max(-limit, min(limit, velocity * speed)),
-            initial_damper_offset=offset * half,
+            initial_damper_offset=(
+                half - min(half, abs(offset) * amplitude)
+                if parameters.one_sided
+                else offset * half
+            ),
             initial_damper_velocity=0.0,
         )
 
 
 def settled_impacts(
-    parameters: RigParameters, initial: InitialConditions, cycles: int, watched: int
+    parameters: RigParameters,
+    initial: InitialConditions,
+    cycles: int,
+    watched: int,
+    most_events: float = _EVENTS_PER_CYCLE,
 ) -> list[Event]:
     """
     Simulate and return the last impacts.
@@ -70,6 +78,8 @@ def settled_impacts(
         Where it starts.
     cycles, watched : int
         Cycles of the force to simulate, and how many of the last ones to return.
+    most_events : float, optional
+        A run with more events than this in the mean of its cycles is left.
 
     Returns
     -------
@@ -83,7 +93,7 @@ def settled_impacts(
     for k in range(1, cycles + 1):
         events = rig.advance(k * cycle)
         total += len(events)
-        if total > _EVENTS_PER_CYCLE * (k + 10):
+        if total > most_events * (k + 20):
             return []
         if k > cycles - watched:
             kept += [event for event in events if event.kind is EventKind.IMPACT]

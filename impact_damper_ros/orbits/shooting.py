@@ -33,7 +33,7 @@ RESIDUAL_TOLERANCE = 1e-11
 _NEWTON_STEPS = 30
 _LEAST_PART = 1.0 / 256.0
 
-# (X, X', Y, Y') from (X, X', Z, Z')
+# Deviations of (X, X', Y, Y') from those of (X, X', Z, Z')
 _RELATIVE = np.array(
     [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]]
 )
@@ -54,7 +54,7 @@ class Section:
     last_stop : int
         The stop hit last.
     state : ndarray, shape (4,), (3,) or (2,)
-        As many of (X, X', Y, Y') as are free.
+        As many of (X, X', Y - d/2, Y') as are free.
     """
 
     instant: float
@@ -69,23 +69,22 @@ class Section:
 
     def origin(self, machine: Machine, state: Array) -> Origin:
         """Return a state of this section as the origin of a flight."""
-        x, velocity, offset, relative_velocity = (*(float(v) for v in state), 0.0, 0.0)[:4]
+        x, velocity, beyond, relative_velocity = (*(float(v) for v in state), 0.0, 0.0)[:4]
         return origin_at(
             machine,
             self.instant,
             x,
             velocity,
-            offset,
+            beyond,
             relative_velocity,
             self.resting,
             self.last_stop,
         )
 
 
-def _state_of(machine: Machine, origin: Origin) -> Array:
-    """Return (X, X', Y, Y')."""
-    offset = machine.stop - origin.clearance_1
-    return np.array([origin.x, origin.velocity, offset, origin.relative_velocity])
+def _state_of(origin: Origin) -> Array:
+    """Return (X, X', Y - d/2, Y')."""
+    return np.array([origin.x, origin.velocity, -origin.clearance_1, origin.relative_velocity])
 
 
 def _resting(origin: Origin) -> int:
@@ -125,7 +124,7 @@ def section_of(machine: Machine, course: Course, instant: float) -> Section:
         section.instant,
         resting,
         section.last_stop,
-        _state_of(machine, there.end)[: section.dimension],
+        _state_of(there.end)[: section.dimension],
     )
 
 
@@ -150,7 +149,7 @@ def section_on(orbit: PeriodicOrbit) -> Section | None:
         orbit.instants[0],
         orbit.x[0],
         orbit.primary_velocity_after[0],
-        machine.stop if stop == 1 else -machine.stop,
+        0.0 if stop == 1 else -2.0 * machine.stop,
         orbit.damper_velocity_after[0] - orbit.primary_velocity_after[0],
         0,
         stop,
@@ -172,12 +171,16 @@ def _shot(machine: Machine, section: Section, state: Array, period: float) -> _S
     origin = section.origin(machine, state)
     if _resting(origin) != section.resting or min(origin.clearance_1, origin.clearance_2) < 0.0:
         return None
-    course = run_course(machine, origin, period)
+    # Through hundreds of impacts a derivative may grow beyond all numbers
+    with np.errstate(over='ignore', invalid='ignore'):
+        course = run_course(machine, origin, period)
     if course is None or _resting(course.end) != section.resting:
+        return None
+    if not np.isfinite(course.matrix).all():
         return None
     n = section.dimension
     matrix = _RELATIVE @ course.matrix @ _ABSOLUTE
-    return _Shot(_state_of(machine, course.end)[:n] - state, matrix[:n, :n], course)
+    return _Shot(_state_of(course.end)[:n] - state, matrix[:n, :n], course)
 
 
 def follow_section(
@@ -240,7 +243,7 @@ def shoot(
     Parameters
     ----------
     parameters : RigParameters
-        The rig, driven by one harmonic.
+        The rig; the period is counted in cycles of the force's first harmonic.
     section : Section
         Where to begin.
     cycles : int
@@ -256,9 +259,9 @@ def shoot(
     Raises
     ------
     OrbitError
-        If the force is not one harmonic.
+        If the force does not repeat within the period.
     """
-    check_forcing(parameters)
+    check_forcing(parameters, cycles)
     machine = make_machine(parameters)
     cycle = math.tau / parameters.force_frequencies[0]
     state = section.state

@@ -1,4 +1,4 @@
-"""Starts for the shooting solver: simulated motion, and the rig without friction."""
+"""Starts for the shooting solver: simulated motion, and a simpler rig."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def settled_sections(
     Parameters
     ----------
     parameters : RigParameters
-        The rig, driven by one harmonic.
+        The rig.
     cycles : int
         Period looked for, in cycles of the force.
     most_events : int, optional
@@ -52,7 +52,7 @@ def settled_sections(
             0.0,
             initial.initial_primary_position,
             initial.initial_primary_velocity,
-            initial.initial_damper_offset,
+            initial.initial_damper_offset - machine.stop,
             initial.initial_damper_velocity - initial.initial_primary_velocity or 1e-9,
             0,
             0,
@@ -73,14 +73,14 @@ def settled_sections(
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
     """
-    Follow a motion from a rig without friction to one with it.
+    Follow a motion from a simpler rig to another one.
 
     Parameters
     ----------
     orbit : PeriodicOrbit
-        A viable motion of the rig without friction.
+        A viable motion of the rig without friction, or with the first harmonic only, or both.
     parameters : RigParameters
-        The rig with friction.
+        The rig with friction and all harmonics.
 
     Returns
     -------
@@ -88,13 +88,18 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
         The motion with the same stops there; None if it is lost on the way.
     """
     section = section_on(orbit)
+    simple = orbit.parameters.friction
     done, share = 0.0, _FIRST_SHARE
     found: PeriodicOrbit | None = None
     while done < 1.0:
         if section is None or share < _LEAST_SHARE:
             return None
         ahead = min(1.0, done + share)
-        rig = parameters.replace(friction=ahead * parameters.friction)
+        first, *others = parameters.force_amplitudes
+        rig = parameters.replace(
+            friction=simple + ahead * (parameters.friction - simple),
+            force_amplitudes=(first, *(ahead * other for other in others)),
+        )
         shot = shoot(rig, section, orbit.cycles)
         if shot is None or shot[0].stops not in _turns(orbit.stops):
             share *= 0.5
@@ -113,7 +118,7 @@ def shot_orbits(
     parameters: RigParameters,
     stops: tuple[int, ...],
     cycles: int,
-    frictionless: Sequence[PeriodicOrbit],
+    simpler: Sequence[PeriodicOrbit],
     *,
     simulate: bool = True,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
@@ -128,8 +133,8 @@ def shot_orbits(
         Stops hit in one period.
     cycles : int
         Period in cycles of the force.
-    frictionless : sequence of PeriodicOrbit
-        Viable motions of the rig without friction, with these stops.
+    simpler : sequence of PeriodicOrbit
+        Viable motions with these stops of the rig without friction or further harmonics.
     simulate : bool, optional
         Whether simulated motion gives starts too.
 
@@ -140,7 +145,7 @@ def shot_orbits(
     report : StartReport
         How many starts converged.
     """
-    carried = [carried_over(orbit, parameters) for orbit in frictionless]
+    carried = [carried_over(orbit, parameters) for orbit in simpler]
     orbits = [orbit for orbit in carried if orbit is not None]
     converged = len(orbits)
     simulated = simulated_converged = 0
@@ -157,7 +162,7 @@ def shot_orbits(
     return orbits, StartReport(
         stops=stops,
         method='shooting',
-        starts=len(frictionless),
+        starts=len(simpler),
         converged=converged,
         simulated=simulated,
         simulated_converged=simulated_converged,

@@ -70,7 +70,9 @@ def test_all_sequences_if_none_is_named(tmp_path, capsys):
         (1, 2, 2, 2),
     }
     output = capsys.readouterr().out
-    assert 'stops 1,2,1,2: 0 found; 0 of 600 (0%) systematic starts, 0 of 0 from simulation' in output
+    assert (
+        'stops 1,2,1,2: 0 found; 0 of 600 (0%) systematic starts, 0 of 0 from simulation' in output
+    )
 
 
 def test_phases_are_in_the_period(tmp_path):
@@ -136,8 +138,8 @@ def test_not_viable(tmp_path, capsys):
         (('--impacts', '2'), ('force_amplitudes=[0]',), 'both different from 0'),
         (
             ('--impacts', '2'),
-            ('force_amplitudes=[1, 1]', 'force_frequencies=[1, 2]', 'force_phases=[0, 0]'),
-            'one entry each',
+            ('force_amplitudes=[1, 1]', 'force_frequencies=[1, 2.5]', 'force_phases=[0, 0]'),
+            'turns 2.5 times in 1 cycles',
         ),
         (('--impacts', '9'), (), 'name one, such as 1,2,1,2,1,2,1,2,1'),
     ],

@@ -144,6 +144,17 @@ def test_starts_are_counted():
     assert (alone.simulated, alone.converged) == (0, report.converged)
 
 
+@pytest.mark.parametrize(('gap', 'stops'), [(8.0, (1, 1, 2, 2)), (14.0, (1, 1, 2))])
+@pytest.mark.parametrize('angle', [0.0, 0.4])
+def test_ten_times_the_starts_find_no_more(gap, stops, angle):
+    rig = INCLINED.replace(gap=gap, angle=angle)
+    usual = find_orbits(rig, stops, simulate=False).orbits
+    many = find_orbits(rig, stops, starts=4000, simulate=False).orbits
+    assert len(usual) == len(many) > 0
+    for one, other in zip(usual, many, strict=True):
+        assert close(one, other)
+
+
 def test_residual_history_falls_to_round_off():
     rig = INCLINED.replace(friction=0.5)
     equations = ImpactEquations(rig, (1, 2), 1)

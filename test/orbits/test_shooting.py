@@ -166,13 +166,13 @@ def test_multipliers_are_those_of_the_simulators_map(rig, mode, zeros, kinds):
     assert orbit.multipliers[section.dimension :] == (0j,) * zeros
 
     def after_a_period(state):
-        x, velocity, offset, relative = (*state, *(0.5 * rig.gap, 0.0)[len(state) - 2 :])
+        x, velocity, beyond, relative = (*state, *(0.0, 0.0)[len(state) - 2 :])
         run = Simulator(
             rig.replace(force_phases=(rig.force_frequencies[0] * section.instant,)),
             InitialConditions(
                 initial_primary_position=x,
                 initial_primary_velocity=velocity,
-                initial_damper_offset=offset,
+                initial_damper_offset=0.5 * rig.gap + beyond,
                 initial_damper_velocity=velocity + relative,
             ),
         )
@@ -185,7 +185,7 @@ def test_multipliers_are_those_of_the_simulators_map(rig, mode, zeros, kinds):
         full = (
             end.x,
             end.primary_velocity,
-            end.z - end.x,
+            end.z - end.x - 0.5 * rig.gap,
             end.damper_velocity - end.primary_velocity,
         )
         return np.array(full[: section.dimension])
@@ -258,9 +258,65 @@ def test_search_keeps_to_the_stops_asked_for():
             assert orbit.viable
 
 
-def test_several_harmonics_are_refused():
-    rig = FRICTION.replace(
-        force_amplitudes=(1.0, 0.1), force_frequencies=(1.02, 2.04), force_phases=(0.0, 0.0)
+SEVERAL = RigParameters(
+    damping=0.1,
+    gap=12.0,
+    gravity=0.3,
+    angle=0.2,
+    friction=0.1,
+    force_amplitudes=(1.0, 0.3, 0.2),
+    force_frequencies=(1.02, 2.04, 3.06),
+    force_phases=(0.4, 1.0, -2.0),
+)
+
+
+@pytest.mark.parametrize('friction', [0.0, 0.1])
+def test_several_harmonics_with_a_common_period(friction):
+    rig = SEVERAL.replace(friction=friction)
+    start = InitialConditions(initial_primary_position=1.0)
+    impacts = settled_impacts(rig, start, 400, 10)
+    motion = repeated_impacts(impacts, math.tau / 1.02, 2, 1e-10)
+    assert motion is not None
+    period, cycles = motion
+    found = find_orbits(rig, [event.stop for event in period], cycles)
+    assert found.report.method == 'shooting'
+    stable = [orbit for orbit in found.orbits if orbit.stable]
+    assert stable
+    size = max(abs(event.x) for event in period)
+    apart = [
+        max(abs(e.x - x) / size for e, x in zip(period, orbit.x, strict=True))
+        for orbit in stable
+        for orbit in (orbit.begun_at(i) for i in range(orbit.impacts))
+        if orbit.stops == tuple(event.stop for event in period)
+    ]
+    assert min(apart) < 1e-9
+
+
+def test_harmonics_carried_over_from_the_first():
+    rig = SEVERAL.replace(force_amplitudes=(1.0, 0.02, 0.01))
+    alone = find_orbits(
+        SEVERAL.replace(force_amplitudes=(1.0,), force_frequencies=(1.02,), force_phases=(0.4,)),
+        (1, 2),
+        simulate=False,
     )
-    with pytest.raises(OrbitError, match='2 harmonics'):
-        find_orbits(rig, (1, 1, 2))
+    viable = [orbit for orbit in alone.orbits if orbit.viable]
+    assert viable
+    found = find_orbits(rig, (1, 2), simulate=False)
+    assert (found.report.starts, found.report.converged) == (len(viable), len(viable))
+    assert 0 < found.orbits[0].differs(viable[0]) < 0.1
+
+
+@pytest.mark.parametrize(('frequencies', 'cycles'), [((1.0, 1.5), 1), ((1.0, math.sqrt(2)), 7)])
+def test_harmonics_without_a_common_period(frequencies, cycles):
+    rig = FRICTION.replace(
+        force_amplitudes=(1.0, 0.1), force_frequencies=frequencies, force_phases=(0.0, 0.0)
+    )
+    with pytest.raises(OrbitError, match='whole number'):
+        find_orbits(rig, (1, 2), cycles)
+
+
+def test_a_harmonic_without_amplitude_does_not_count():
+    rig = FRICTION.replace(
+        force_amplitudes=(1.0, 0.0), force_frequencies=(1.02, 2.5), force_phases=(0.0, 0.0)
+    )
+    assert find_orbits(rig, (1, 2)).orbits[0].x == find_orbits(FRICTION, (1, 2)).orbits[0].x

@@ -1,0 +1,302 @@
+"""
+Continuation of periodic motions in a parameter of the rig, by pseudo-arclength.
+
+A branch is followed around its folds, since its arclength grows where the parameter turns. Keller
+(1977), in Applications of Bifurcation Theory; Doedel, Keller and Kernevez, Int. J. Bifurcation
+and Chaos 1 (1991).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .curve import Curve, Point
+from .equations import Array
+from .family import EquationFamily, Family, ShootingFamily, family_of, value_of
+from .orbit import PeriodicOrbit
+from .special_points import SpecialKind, SpecialPoint, special_points
+
+__all__ = ['Branch', 'continue_orbit', 'switch_branch']
+
+_SHARPEST_TURN = 0.95
+_GROWTH = 1.4
+_LEAST_STEP = 1e-7
+
+
+@dataclass(frozen=True, kw_only=True)
+class Branch:
+    """
+    A branch of periodic motions.
+
+    Attributes
+    ----------
+    name : str
+        The parameter varied.
+    values : tuple of float
+        Its values along the branch.
+    orbits : tuple of PeriodicOrbit
+        The motions there.
+    special : tuple of SpecialPoint
+        Special points, in order along the branch.
+    ended : str
+        Why the branch was not followed further.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    orbits: tuple[PeriodicOrbit, ...]
+    special: tuple[SpecialPoint, ...]
+    ended: str
+
+
+def _begun_elsewhere(curve: Curve, point: Point) -> tuple[Curve, Point] | None:
+    """
+    Return the curve with the period begun at another instant, and the point on it.
+
+    What happens at the instant at which the period of the event map begins may have come to be
+    a reversal or an impact.
+    """
+    if not isinstance(curve.family, ShootingFamily):
+        return None
+    family = family_of(point.orbit, curve.family.name)
+    fresh = Curve(family, curve.scale)
+    place = np.append(family.start(point.orbit), point.place[-1])
+    normal = np.zeros_like(place)
+    normal[-1] = math.copysign(1.0, point.tangent[-1])
+    again = fresh.correct(place, normal)
+    return None if again is None else (fresh, again)
+
+
+def _edge(curve: Curve, here: Point, step: float, bounds: tuple[float, float]) -> Point | None:
+    """Return the branch's point on the bound that the next step would pass, if it would."""
+    ahead = curve.value(here.place + step * here.tangent)
+    if bounds[0] <= ahead <= bounds[1]:
+        return None
+    bound = bounds[0] if ahead < bounds[0] else bounds[1]
+    share = (bound / curve.scale - here.place[-1]) / here.tangent[-1]
+    guess = here.place + share * here.tangent
+    guess[-1] = bound / curve.scale
+    normal = np.zeros_like(guess)
+    normal[-1] = math.copysign(1.0, here.tangent[-1])
+    last = curve.correct(guess, normal)
+    if last is None or float(last.tangent @ here.tangent) < _SHARPEST_TURN:
+        return None
+    return last
+
+
+def _leapt(
+    curve: Curve, here: Point, largest_step: float, bounds: tuple[float, float]
+) -> tuple[Point, float] | None:
+    """
+    Return a point beyond a place where motions change their kind, and the step to it.
+
+    Where the relative velocity comes to touch zero, or an impact to graze, the derivatives are
+    unbounded on one side, and small steps fail.
+    """
+    for share in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0):
+        step = share * largest_step
+        there = curve.ahead(here, step)
+        if there is None or not bounds[0] <= curve.value(there.place) <= bounds[1]:
+            continue
+        same = there.orbit.stops == here.orbit.stops
+        if same and there.orbit.differs(here.orbit) < 4.0 * largest_step:
+            return there, step
+    return None
+
+
+def _follow(
+    curve: Curve,
+    point: Point,
+    bounds: tuple[float, float],
+    first_step: float,
+    largest_step: float,
+    most_points: int,
+) -> Branch:
+    """Step along a branch until it leaves the bounds, ends or closes."""
+    points = [point]
+    special: list[SpecialPoint] = []
+    step = first_step
+    fresh_tried: Point | None = None
+    moved = False
+    ended = f'{most_points} points'
+    while len(points) < most_points:
+        here = points[-1]
+        last = _edge(curve, here, step, bounds)
+        if last is not None:
+            span = float((last.place - here.place) @ here.tangent)
+            special += special_points(curve, here, last, span)
+            points.append(last)
+            bound = min(bounds, key=lambda b: abs(b - curve.value(last.place)))
+            ended = f'{curve.family.name} = {bound:g}, the end of the range'
+            break
+        there = curve.ahead(here, step)
+        if (
+            there is None
+            or float(there.tangent @ here.tangent) < _SHARPEST_TURN
+            or not bounds[0] <= curve.value(there.place) <= bounds[1]
+        ):
+            step *= 0.5
+            if step >= _LEAST_STEP * largest_step:
+                continue
+            fresh = _begun_elsewhere(curve, here) if fresh_tried is not here else None
+            leap = None if fresh else _leapt(curve, here, largest_step, bounds)
+            if leap is not None:
+                there, step = leap
+                special += special_points(curve, here, there, step)
+                points.append(there)
+                continue
+            if fresh is None:
+                ended = 'no motion nearby: the corrector fails'
+                break
+            curve, points[-1] = fresh
+            fresh_tried, step, moved = points[-1], first_step, True
+            continue
+        special += special_points(curve, here, there, step)
+        points.append(there)
+        if (
+            not moved
+            and len(points) > 4
+            and np.linalg.norm(there.place - point.place) < 0.5 * step
+        ):
+            ended = 'the branch closes'
+            break
+        step = min(largest_step, _GROWTH * step)
+    return Branch(
+        name=curve.family.name,
+        values=tuple(value_of(p.orbit.parameters, curve.family.name) for p in points),
+        orbits=tuple(p.orbit for p in points),
+        special=tuple(special),
+        ended=ended,
+    )
+
+
+def continue_orbit(
+    orbit: PeriodicOrbit,
+    name: str,
+    low: float,
+    high: float,
+    *,
+    upwards: bool = True,
+    largest_step: float = 0.05,
+    most_points: int = 400,
+) -> Branch:
+    """
+    Follow a periodic motion while a parameter of the rig varies.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        The motion to begin with.
+    name : str
+        The parameter: a number of `RigParameters`, the first entry of an array, or 'restitution'
+        for both coefficients.
+    low, high : float
+        Range of the parameter; the branch may turn within it.
+    upwards : bool, optional
+        Whether the parameter rises at first.
+    largest_step : float, optional
+        Longest step, relative to the displacements, phases and the parameter.
+    most_points : int, optional
+        Most points on the branch.
+
+    Returns
+    -------
+    Branch
+        The motions and the special points between them.
+
+    Raises
+    ------
+    OrbitError
+        If the parameter cannot be varied.
+
+    Examples
+    --------
+    >>> from impact_damper_ros.orbits import find_orbits
+    >>> from impact_damper_ros.rig import RigParameters
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2)).orbits[0]
+    >>> branch = continue_orbit(orbit, 'gap', 20.0, 40.0)
+    >>> branch.ended
+    'gap = 40, the end of the range'
+    """
+    family = family_of(orbit, name)
+    value = value_of(orbit.parameters, name)
+    curve = Curve(family, abs(value) or max(abs(low), abs(high)) or 1.0)
+    place = np.append(family.start(orbit), value / curve.scale)
+    normal = np.zeros_like(place)
+    normal[-1] = 1.0 if upwards else -1.0
+    point = curve.correct(place, normal)
+    if point is None:
+        return Branch(name=name, values=(), orbits=(), special=(), ended='no motion to begin with')
+    return _follow(curve, point, (low, high), 0.1 * largest_step, largest_step, most_points)
+
+
+def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[Family, Array]:
+    """Return the family of some periods of a motion, and its unknowns there."""
+    family = family_of(orbit, name)
+    unknowns = family.start(orbit)
+    if not isinstance(family, EquationFamily):
+        shot = ShootingFamily(orbit, name, times)
+        return shot, shot.start(orbit)
+    longer = EquationFamily(orbit.parameters, name, orbit.stops * times, orbit.cycles * times)
+    n = orbit.impacts
+    turns = math.tau * orbit.cycles * np.arange(times)
+    x = np.tile(unknowns[:n] * (family.length / longer.length), times)
+    return longer, np.concatenate([x, (unknowns[n:] + turns[:, None]).ravel()])
+
+
+def switch_branch(
+    special: SpecialPoint,
+    name: str,
+    low: float,
+    high: float,
+    *,
+    largest_step: float = 0.05,
+    most_points: int = 400,
+    mirrored: bool = False,
+) -> Branch:
+    """
+    Follow the branch that leaves another one at a period doubling or a branch point.
+
+    Parameters
+    ----------
+    special : SpecialPoint
+        Where it leaves.
+    name : str
+        The parameter varied, as in `continue_orbit`.
+    low, high : float
+        Range of the parameter.
+    largest_step : float, optional
+        Longest step, as in `continue_orbit`.
+    most_points : int, optional
+        Most points on the branch.
+    mirrored : bool, optional
+        Begin in the opposite direction.
+
+    Returns
+    -------
+    Branch
+        The motions that branch off: of twice the period at a period doubling.
+
+    Raises
+    ------
+    ValueError
+        If the point is of another kind.
+    """
+    orbit = special.orbit
+    if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
+        raise ValueError(f'no branch leaves at a {special.kind.value}')
+    times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
+    family, unknowns = _repeated(orbit, name, times)
+    curve = Curve(family, abs(special.value) or 1.0)
+    place = np.append(unknowns, special.value / curve.scale)
+    by_unknowns = family.residual(unknowns, special.value)[1]
+    direction = np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)
+    direction = -direction if mirrored else direction
+    step = 0.1 * largest_step
+    point = curve.correct(place + step * direction, direction)
+    if point is None:
+        return Branch(name=name, values=(), orbits=(), special=(), ended='no branch found')
+    return _follow(curve, point, (low, high), step, largest_step, most_points)

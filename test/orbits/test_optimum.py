@@ -1,0 +1,84 @@
+"""The optimal gap against brute force, closed forms, and edges that end the motion."""
+
+import math
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.orbits import OrbitError, find_orbits
+from impact_damper_ros.orbits.optimum import Limit, gap_range, optimal_gap, smallest_motion
+from impact_damper_ros.rig import RigParameters
+
+LEVEL = RigParameters(gravity=0.0)
+
+
+def brute_force(rig, gaps):
+    """Return the smallest |X| over stable, viable motions at these gaps."""
+    swings = [
+        orbit.x_max
+        for gap in gaps
+        for orbit in find_orbits(rig.replace(gap=float(gap)), (1, 2), simulate=False).orbits
+        if orbit.stable and orbit.viable
+    ]
+    return min(swings)
+
+
+@pytest.mark.parametrize(('angle', 'gravity', 'rate'), [(0.0, 0.0, 1.0), (0.3, 9.81, 1.0)])
+def test_no_gap_is_better(angle, gravity, rate):
+    rig = LEVEL.replace(angle=angle, gravity=gravity, force_frequencies=(rate,))
+    best = optimal_gap(rig, gaps=(40.0, 62.0), points=12)
+    assert best.limit is Limit.MINIMUM
+    assert best.beyond == ''
+    assert best.bracket[0] <= best.gap <= best.bracket[1]
+    assert best.bracket[1] - best.bracket[0] < 2e-7 * best.gap
+    near = np.linspace(0.999, 1.001, 9) * best.gap
+    assert best.x_max <= brute_force(rig, [*np.linspace(40.0, 62.0, 25), *near])
+
+
+def test_resonant_optimum_follows_from_equivalent_damping():
+    rig = LEVEL
+    best = optimal_gap(rig, gaps=(50.0, 65.0), points=8)
+    equivalent = 2.0 / math.pi * rig.mass_ratio / (1.0 + rig.mass_ratio) * 7.0
+    ratio = rig.zeta / (rig.zeta + equivalent)
+    # M's motion is nearly harmonic there; see the heavy limit of the impact damper
+    assert best.orbit.amplitude_ratio == pytest.approx(ratio, rel=3e-3)
+    expected_gap = math.pi * ratio * rig.response_amplitude * 7.0 / 1.042
+    assert best.gap == pytest.approx(expected_gap, rel=0.03)
+
+
+def test_edge_of_stability_is_named():
+    best = optimal_gap(
+        LEVEL.replace(gravity=9.81, angle=0.5 * math.pi), gaps=(50.0, 65.0), points=12
+    )
+    assert best.limit is Limit.STABILITY
+    assert 'period doubling' in best.beyond
+    assert best.gap == pytest.approx(59.2426, abs=2e-3)
+    assert abs(best.orbit.multipliers[0]) == pytest.approx(1.0, abs=1e-4)
+    left, right = (smallest_motion(best.orbit.parameters.replace(gap=g)) for g in best.bracket)
+    assert (left is None) != (right is None)
+
+
+def test_end_of_the_range_is_named():
+    best = optimal_gap(LEVEL, gaps=(40.0, 45.0), points=4)
+    assert best.limit is Limit.RANGE
+    assert best.gap == pytest.approx(45.0, rel=1e-6)
+
+
+def test_default_range_holds_the_optimum():
+    low, high = gap_range(LEVEL)
+    assert low < 20.0
+    assert high > 100.0
+
+
+@pytest.mark.parametrize(
+    ('rig', 'options', 'words'),
+    [
+        (LEVEL.replace(one_sided=True), {}, 'one-sided'),
+        (LEVEL, {'gaps': (30.0, 20.0)}, 'low < high'),
+        (LEVEL, {'gaps': (1.0, 2.0), 'points': 3}, 'no stable, viable motion'),
+        (LEVEL.replace(damping=0.0), {}, 'gaps=\\(low, high\\)'),
+    ],
+)
+def test_errors_hold_the_remedy(rig, options, words):
+    with pytest.raises(OrbitError, match=words):
+        optimal_gap(rig, **options)
