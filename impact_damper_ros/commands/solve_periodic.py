@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import cmath
 import json
+import os
 import math
 import sys
 from collections.abc import Sequence
@@ -221,10 +222,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             return EXIT_WRITE
     if not arguments.quiet:
         table = sys.stderr if to_stdout else sys.stdout
-        for search in searches:
-            print(search.report.text, file=table)
-        for number, orbit in enumerate(orbits, 1):
-            print('\n' + _orbit_text(number, orbit), file=table)
+        texts = [search.report.text for search in searches]
+        texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
+        try:
+            print('\n'.join(texts), file=table, flush=True)
+        except BrokenPipeError:
+            # Whoever reads has seen enough, as in `solve_periodic ... | head`.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     code, complaint = _verdict(searches, arguments)
     if complaint:
         print(f'solve_periodic: {complaint}', file=sys.stderr)
