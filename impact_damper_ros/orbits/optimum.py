@@ -1,0 +1,354 @@
+"""
+The gap with which the primary mass swings least.
+
+Bapat (1995), Figure 5. The largest |X| of the stable, viable motions is followed over the gap.
+It need not be smooth: motions begin and end at folds, lose stability, or meet another impact.
+Each of these is a jump upwards, to another motion or to none at all. The search for the minimum
+is therefore one by comparison only, a golden section, which ends at such an edge as well as in a
+smooth minimum.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from impact_damper_ros.rig import PARAMETER_SPECS, RigParameters
+
+from .error import OrbitError, check_forcing
+from .orbit import PeriodicOrbit
+from .search import find_orbits
+
+__all__ = ['Limit', 'OptimalGap', 'gap_range', 'optimal_gap', 'smallest_motion']
+
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+_MOST_STEPS = 80
+_WINDOW_STEPS = 12
+#: Smallest and largest gap looked at unless told otherwise, relative to `_gap_scale`.
+_LEAST_SHARE, _LARGEST_SHARE = 0.004, 1.0
+#: A motion further off, across a tiny change of the gap, is not the same one.
+_SAME_BRANCH = 0.02
+#: A pair of multipliers this close to 1 and -1 in angle counts as real, rad.
+_REAL_ANGLE = 1e-6
+
+
+class Limit(Enum):
+    """What keeps a better gap from being found; the value says it in words."""
+
+    MINIMUM = 'interior minimum'
+    STABILITY = 'edge of stability'
+    VIABILITY = 'edge of viability'
+    FOLD = 'fold: the motion ends'
+    RANGE = 'end of the range looked at'
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimalGap:
+    """
+    The best gap, and what limits it.
+
+    Attributes
+    ----------
+    gap : float
+        The gap, m; at an edge the last one at which the motion is stable and viable.
+    orbit : PeriodicOrbit
+        The motion there.
+    bracket : tuple of float
+        Gaps between which the optimum lies, m.
+    limit : Limit
+        Whether it is a minimum, or what ends the motion just beyond.
+    beyond : str
+        What happens just beyond, with numbers; empty for a minimum.
+    evaluations : int
+        Number of gaps at which the motions were found.
+    """
+
+    gap: float
+    orbit: PeriodicOrbit
+    bracket: tuple[float, float]
+    limit: Limit
+    beyond: str
+    evaluations: int
+
+    @property
+    def x_max(self) -> float:
+        """Largest |X| at the best gap, m."""
+        return self.orbit.x_max
+
+
+def _gap_scale(rig: RigParameters) -> float:
+    """Return a gap beyond which M, swinging no more than without impacts, drives no motion."""
+    amplitude = rig.response_amplitude
+    restitution = min(max(rig.restitution_1, rig.restitution_2), 0.95)
+    return amplitude * (
+        2.0 + math.pi * (1.0 + restitution) / ((1.0 - restitution) * (1.0 + rig.mass_ratio))
+    )
+
+
+def gap_range(rig: RigParameters) -> tuple[float, float]:
+    """
+    Return the gaps that `optimal_gap` looks at unless told otherwise, m.
+
+    Raises
+    ------
+    OrbitError
+        If the rig is undamped and driven at resonance, so that it has no scale of length.
+    """
+    scale = _gap_scale(rig)
+    if not math.isfinite(scale) or scale == 0.0:
+        raise OrbitError(
+            f'the response without impacts is {rig.response_amplitude:g} m: give the gaps to '
+            'look at, as gaps=(low, high)'
+        )
+    spec = PARAMETER_SPECS['gap']
+    assert spec.low is not None
+    assert spec.high is not None
+    return max(spec.low, _LEAST_SHARE * scale), min(spec.high, _LARGEST_SHARE * scale)
+
+
+def smallest_motion(
+    rig: RigParameters, stops: Sequence[int] = (1, 2), cycles: int = 1, *, simulate: bool = False
+) -> PeriodicOrbit | None:
+    """
+    Return the stable, viable motion with the smallest |X|, if there is one.
+
+    Parameters
+    ----------
+    rig : RigParameters
+        The rig, driven by one harmonic.
+    stops : sequence of int, optional
+        Stops hit in one period.
+    cycles : int, optional
+        Period in cycles of the force.
+    simulate : bool, optional
+        Whether simulated motion gives starts too; see `find_orbits`.
+    """
+    return _smallest(_motions(rig, stops, cycles, simulate))
+
+
+def _motions(
+    rig: RigParameters, stops: Sequence[int], cycles: int, simulate: bool
+) -> tuple[PeriodicOrbit, ...]:
+    return find_orbits(rig, stops, cycles, simulate=simulate).orbits
+
+
+def _smallest(orbits: Sequence[PeriodicOrbit]) -> PeriodicOrbit | None:
+    fit = [orbit for orbit in orbits if orbit.stable and orbit.viable]
+    return min(fit, key=lambda orbit: orbit.x_max, default=None)
+
+
+class _Search:
+    """The smallest stable, viable motion as a function of the gap."""
+
+    def __init__(
+        self, rig: RigParameters, stops: Sequence[int], cycles: int, simulate: bool
+    ) -> None:
+        self.rig = rig
+        self.stops = tuple(stops)
+        self.cycles = cycles
+        self.simulate = simulate
+        self.known: dict[float, tuple[PeriodicOrbit, ...]] = {}
+
+    def viable(self, gap: float) -> tuple[PeriodicOrbit, ...]:
+        """Return the viable motions at a gap."""
+        if gap not in self.known:
+            found = _motions(self.rig.replace(gap=gap), self.stops, self.cycles, self.simulate)
+            self.known[gap] = tuple(orbit for orbit in found if orbit.viable)
+        return self.known[gap]
+
+    def motion(self, gap: float) -> PeriodicOrbit | None:
+        return _smallest(self.viable(gap))
+
+    def modulus(self, gap: float) -> float:
+        """Return how far the most nearly stable motion is from being stable."""
+        return min((abs(o.multipliers[0]) for o in self.viable(gap)), default=math.inf)
+
+    def stable_between(self, low: float, middle: float, high: float) -> float | None:
+        """Return a gap with a stable motion next to the one where it is most nearly so."""
+        for _ in range(_WINDOW_STEPS):
+            if self.motion(middle) is not None:
+                return middle
+            right = high - middle > middle - low
+            trial = middle + (1.0 - _GOLDEN) * ((high if right else low) - middle)
+            if self.modulus(trial) < self.modulus(middle):
+                low, middle, high = (middle, trial, high) if right else (low, trial, middle)
+            elif right:
+                high = trial
+            else:
+                low = trial
+        return None
+
+    def refined(self, grid: list[float]) -> list[float]:
+        """Return a grid with a gap more in each narrow window of stability between its gaps."""
+        inner = zip(grid, grid[1:], grid[2:], strict=False)
+        windows = [
+            self.stable_between(low, middle, high)
+            for low, middle, high in inner
+            if self.motion(middle) is None
+            and self.modulus(middle) <= min(self.modulus(low), self.modulus(high))
+            and math.isfinite(self.modulus(middle))
+        ]
+        return sorted({*grid, *(gap for gap in windows if gap is not None)})
+
+    def swing(self, gap: float) -> float:
+        orbit = self.motion(gap)
+        return math.inf if orbit is None else orbit.x_max
+
+    def minimum(self, low: float, middle: float, high: float, tolerance: float) -> list[float]:
+        """Narrow (low, high) around its best gap `middle`; return the three at the end."""
+        for _ in range(_MOST_STEPS):
+            if high - low <= tolerance * high:
+                break
+            right = high - middle > middle - low
+            trial = middle + (1.0 - _GOLDEN) * ((high if right else low) - middle)
+            if self.swing(trial) < self.swing(middle):
+                low, middle, high = (middle, trial, high) if right else (low, trial, middle)
+            elif right:
+                high = trial
+            else:
+                low = trial
+        return [low, middle, high]
+
+    def verdict(self, orbit: PeriodicOrbit, beyond: float) -> tuple[Limit, str]:
+        """Say what became of a motion just beyond an edge."""
+        rig = self.rig.replace(gap=beyond)
+        found = _motions(rig, self.stops, self.cycles, self.simulate)
+        same = min(found, key=orbit.differs, default=None)
+        if same is None or orbit.differs(same) > _SAME_BRANCH:
+            return Limit.FOLD, f'no such motion at a gap of {beyond:.9g} m'
+        if not same.viable:
+            return Limit.VIABILITY, same.reason
+        if not same.stable:
+            return Limit.STABILITY, _instability(same)
+        return Limit.MINIMUM, ''
+
+
+def _instability(orbit: PeriodicOrbit) -> str:
+    """Say how a motion loses stability."""
+    value = orbit.multipliers[0]
+    angle = abs(math.atan2(value.imag, value.real))
+    if angle < _REAL_ANGLE:
+        return f'a multiplier passes +1 ({value.real:.6f})'
+    if math.pi - angle < _REAL_ANGLE:
+        return f'period doubling: a multiplier passes -1 ({value.real:.6f})'
+    return (
+        f'Neimark-Sacker: a pair of multipliers of modulus {abs(value):.6f} at '
+        f'+-{math.degrees(angle):.2f} degrees leaves the unit circle'
+    )
+
+
+def optimal_gap(
+    rig: RigParameters,
+    *,
+    gaps: tuple[float, float] | None = None,
+    stops: Sequence[int] = (1, 2),
+    cycles: int = 1,
+    points: int = 90,
+    tolerance: float = 1e-7,
+    simulate: bool = False,
+) -> OptimalGap:
+    """
+    Find the gap that makes the largest |X| smallest, over stable and viable motions.
+
+    Parameters
+    ----------
+    rig : RigParameters
+        The rig, two-sided and driven by one harmonic; its gap does not matter.
+    gaps : tuple of float, optional
+        Least and largest gap to look at, m; `gap_range(rig)` if not given.
+    stops : sequence of int, optional
+        Stops hit in one period; two alternating impacts if not given.
+    cycles : int, optional
+        Period in cycles of the force.
+    points : int, optional
+        Number of gaps, in geometric progression, at which the search begins. Where a motion is
+        stable over less than one step, it is found by its largest multiplier, which dips there;
+        one that is also viable over less than a step may be missed.
+    tolerance : float, optional
+        Width of the bracket at the end, relative to the gap. Below 1e-8 a smooth minimum is
+        lost in round-off.
+    simulate : bool, optional
+        Whether motions in which m reverses, sticks or rests are looked for as well, from
+        simulated starts; far slower.
+
+    Returns
+    -------
+    OptimalGap
+        The gap, the motion there, and what limits it.
+
+    Raises
+    ------
+    OrbitError
+        If the rig has no gap to choose, the range is not admissible, or no motion of these stops
+        is stable and viable in it.
+
+    Examples
+    --------
+    >>> best = optimal_gap(RigParameters(gravity=0.0), gaps=(30.0, 80.0), points=20)
+    >>> best.limit.value
+    'interior minimum'
+    """
+    check_forcing(rig)
+    if rig.one_sided:
+        raise OrbitError('the rig is one-sided, it has no gap to choose: give one_sided: false')
+    low, high = gap_range(rig) if gaps is None else gaps
+    if not 0.0 < low < high or points < 3:
+        raise OrbitError(
+            f'gaps from {low:g} to {high:g} m at {points} points: give 0 < low < high and at '
+            'least 3 points'
+        )
+    search = _Search(rig, stops, cycles, simulate)
+    grid = search.refined([float(gap) for gap in np.geomspace(low, high, points)])
+    swings = [search.swing(gap) for gap in grid]
+    best = min(range(len(grid)), key=swings.__getitem__)
+    if math.isinf(swings[best]):
+        raise OrbitError(
+            f'no stable, viable motion with stops {",".join(map(str, search.stops))} in '
+            f'{cycles} cycles at gaps from {low:g} to {high:g} m: try other gaps, more points or '
+            'other stops'
+        )
+    # The lowest of the grid need not lie in the deepest valley: try every one that may be.
+    deepest: list[float] | None = None
+    for i in range(len(grid)):
+        left, right = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
+        if math.isinf(swings[i]) or swings[i] > min(search.swing(left), search.swing(right)):
+            continue
+        if swings[i] > 1.2 * swings[best]:
+            continue
+        valley = search.minimum(left, grid[i], right, tolerance)
+        if deepest is None or search.swing(valley[1]) < search.swing(deepest[1]):
+            deepest = valley
+    assert deepest is not None
+    left, gap, right = deepest
+    orbit = search.motion(gap)
+    assert orbit is not None
+    limit, beyond = _limit(search, orbit, deepest, (low, high))
+    return OptimalGap(
+        gap=gap,
+        orbit=orbit,
+        bracket=(left, right),
+        limit=limit,
+        beyond=beyond,
+        evaluations=len(search.known),
+    )
+
+
+def _limit(
+    search: _Search,
+    orbit: PeriodicOrbit,
+    bracket: Sequence[float],
+    ends: tuple[float, float],
+) -> tuple[Limit, str]:
+    """Say what limits the best gap: what lies on either side of the bracket."""
+    left, gap, right = bracket
+    if gap in ends:
+        return Limit.RANGE, f'the range looked at ends at {gap:g} m'
+    for side in (right, left):
+        limit, beyond = search.verdict(orbit, side)
+        if limit is not Limit.MINIMUM:
+            return limit, beyond
+    return Limit.MINIMUM, ''
