@@ -72,6 +72,8 @@ setup(
     entry_points={
         'console_scripts': [
             'recover_run = impact_damper_ros.commands.recover_run:main',
+            'replay_run = impact_damper_ros.commands.replay_run:main',
+            'reproduce_paper = impact_damper_ros.commands.reproduce_paper:main',
             'sim_node = impact_damper_ros.nodes.sim_node:main',
             'simulate_rig = impact_damper_ros.commands.simulate_rig:main',
             'solve_periodic = impact_damper_ros.commands.solve_periodic:main',

@@ -17,7 +17,7 @@ from enum import Enum
 
 import numpy as np
 
-from impact_damper_ros.rig import PARAMETER_SPECS, RigParameters
+from impact_damper_ros.rig import RigParameters
 
 from .error import OrbitError, check_forcing
 from .orbit import PeriodicOrbit
@@ -28,9 +28,8 @@ __all__ = ['Limit', 'OptimalGap', 'gap_range', 'optimal_gap', 'smallest_motion']
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _MOST_STEPS = 80
 _WINDOW_STEPS = 12
-#: Smallest and largest gap looked at unless told otherwise, relative to `_gap_scale`.
-_LEAST_SHARE, _LARGEST_SHARE = 0.004, 1.0
-#: A motion further off, across a tiny change of the gap, is not the same one.
+#: Smallest gap looked at unless told otherwise, relative to the largest.
+_LEAST_SHARE = 0.004
 _SAME_BRANCH = 0.02
 #: A pair of multipliers this close to 1 and -1 in angle counts as real, rad.
 _REAL_ANGLE = 1e-6
@@ -104,10 +103,7 @@ def gap_range(rig: RigParameters) -> tuple[float, float]:
             f'the response without impacts is {rig.response_amplitude:g} m: give the gaps to '
             'look at, as gaps=(low, high)'
         )
-    spec = PARAMETER_SPECS['gap']
-    assert spec.low is not None
-    assert spec.high is not None
-    return max(spec.low, _LEAST_SHARE * scale), min(spec.high, _LARGEST_SHARE * scale)
+    return _LEAST_SHARE * scale, scale
 
 
 def smallest_motion(

@@ -427,7 +427,7 @@ class Simulator:
             time = float(snapshot['time'])
             unreported = [
                 Event(event[0], EventKind(event[1]), *event[2:])
-                for event in snapshot['unreported']
+                for event in snapshot.get('unreported', [])
             ]
         except (KeyError, TypeError) as error:
             raise ValueError(f'snapshot is not complete: {error}') from error

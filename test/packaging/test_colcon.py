@@ -16,7 +16,14 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 NAME = 'impact_damper_ros'
-COMMANDS = ['recover_run', 'sim_node', 'simulate_rig', 'solve_periodic']
+COMMANDS = [
+    'recover_run',
+    'replay_run',
+    'reproduce_paper',
+    'sim_node',
+    'simulate_rig',
+    'solve_periodic',
+]
 NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'install', 'log', 'demo_run')
 
 COLCON = 'from colcon_core.command import main; raise SystemExit(main())'

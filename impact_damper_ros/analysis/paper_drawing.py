@@ -1,0 +1,214 @@
+"""How the paper's figures are drawn: colours, line styles, marks and files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .paper_settled import SettledMotion
+from .paper_sweep import Curve, Point, Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    'BLUE',
+    'GREEN',
+    'ORANGE',
+    'PURPLE',
+    'blank_figure',
+    'draw_curves',
+    'draw_marks',
+    'finish_panel',
+    'legend_below',
+    'save_figure',
+]
+
+# Okabe and Ito's colours, told apart with any kind of colour vision
+BLUE, ORANGE, GREEN, PURPLE = '#0072B2', '#D55E00', '#009E73', '#AA4499'
+_STYLES: dict[Status, dict[str, Any]] = {
+    Status.STABLE: {'linestyle': '-', 'linewidth': 1.7},
+    Status.UNSTABLE: {'linestyle': (0, (4, 2.2)), 'linewidth': 0.9},
+}
+_FONT = {
+    'font.size': 9,
+    'axes.labelsize': 9,
+    'axes.titlesize': 9,
+    'legend.fontsize': 8.5,
+    'mathtext.fontset': 'dejavusans',
+    'svg.hashsalt': 'impact_damper_ros',
+}
+
+
+def blank_figure(width: float, height: float) -> Figure:
+    """Return an empty figure, its size in inches."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    mpl.rcParams.update(_FONT)
+    return Figure(figsize=(width, height), layout='constrained', dpi=180)
+
+
+def _stretches(points: Sequence[Point]) -> Iterator[tuple[Status, list[Point]]]:
+    """Yield stretches of one status; each reaches to the first point of the next."""
+    run: list[Point] = []
+    for point in points:
+        if run and point.status != run[-1].status:
+            # The edge is found to a fraction of a line's width; either style may bridge it
+            bridged = point.status != Status.NOT_VIABLE
+            yield run[-1].status, [*run, point] if bridged else run
+            run = []
+        run.append(point)
+    if run:
+        yield run[-1].status, run
+
+
+def draw_curves(
+    axes: Any,
+    curves: Sequence[Curve],
+    color: str,
+    quantity: Callable[[Point], Sequence[float]],
+    scale: float = 1.0,
+) -> None:
+    """
+    Draw theory: stable motions solid, unstable ones dashed, those not viable not at all.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where.
+    curves : sequence of Curve
+        The curves.
+    color : str
+        Their colour.
+    quantity : callable
+        Gives the ordinates of a point, one line for each.
+    scale : float, optional
+        Factor of the line widths.
+    """
+    for curve in curves:
+        for status, points in _stretches(curve.points):
+            if status == Status.NOT_VIABLE:
+                continue
+            style = dict(_STYLES[status])
+            style['linewidth'] *= scale
+            rows = zip(*(quantity(point) for point in points), strict=True)
+            for row in rows:
+                axes.plot([p.value for p in points], row, color=color, zorder=2, **style)
+
+
+def draw_marks(
+    axes: Any,
+    motions: Sequence[SettledMotion],
+    impacts: int,
+    color: str,
+    marker: str,
+    quantity: Callable[[SettledMotion], Sequence[float]],
+) -> None:
+    """
+    Draw simulation: settled motions with a number of impacts in one cycle of the force.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where.
+    motions : sequence of SettledMotion
+        The motions.
+    impacts : int
+        The number.
+    color, marker : str
+        How.
+    quantity : callable
+        Gives the ordinates of a motion.
+    """
+    pairs = [
+        (motion.value, ordinate)
+        for motion in motions
+        if motion.cycles == 1 and len(motion.stops) == impacts
+        for ordinate in quantity(motion)
+    ]
+    if pairs:
+        axes.plot(
+            *zip(*pairs, strict=True),
+            linestyle='none',
+            marker=marker,
+            markersize=4.2,
+            markeredgewidth=0.9,
+            markeredgecolor=color,
+            markerfacecolor='white',
+            zorder=3,
+            clip_on=False,
+        )
+
+
+def finish_panel(axes: Any, panel: str, x_label: str, y_label: str) -> None:
+    """Label a panel: its letter, axes, a light grid."""
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    # Marks are drawn whole at the frame, but not beyond it
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    for line in axes.lines:
+        if line.get_linestyle() == 'None':
+            pairs = zip(*line.get_data(), strict=True)
+            inside = [(x, y) for x, y in pairs if left <= x <= right and bottom <= y <= top]
+            line.set_data(*zip(*inside, strict=True) if inside else ([], []))
+    axes.grid(color='0.9', linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(direction='in', top=True, right=True)
+    if panel:
+        axes.set_title(f'({panel})', loc='left', fontweight='bold')
+
+
+def legend_below(
+    where: Any, series: Sequence[tuple[str, str, str]], columns: int, *, marks: bool = True
+) -> None:
+    """
+    Put the legend of a figure below its panels.
+
+    Parameters
+    ----------
+    where : matplotlib.figure.Figure
+        The figure.
+    series : sequence of (str, str, str)
+        Label, colour and marker of each series.
+    columns : int
+        Number of columns.
+    marks : bool, optional
+        Whether there are simulated motions.
+    """
+    from matplotlib.lines import Line2D
+
+    look: dict[str, Any] = {'markersize': 4.5, 'markerfacecolor': 'white'}
+    handles = [
+        Line2D([], [], color=color, marker=marker, linewidth=1.7, label=label, **look)
+        for label, color, marker in series
+    ]
+    handles += [
+        Line2D([], [], color='0.3', label='theory, stable', **_STYLES[Status.STABLE]),
+        Line2D([], [], color='0.3', label='theory, unstable', **_STYLES[Status.UNSTABLE]),
+    ]
+    if marks:
+        handles.append(
+            Line2D([], [], color='0.3', marker='o', linestyle='none', label='simulation', **look)
+        )
+    where.legend(handles=handles, loc='outside lower center', ncols=columns, frameon=False)
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """
+    Write a figure as PNG, whole or not at all, without a date.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    path : Path
+        The file.
+    """
+    part = path.with_name(f'.{path.name}.part')
+    try:
+        figure.savefig(part, format='png', metadata={'Software': None})
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,264 @@
+"""The figures of Bapat (1995), drawn from computed series."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from impact_damper_ros.orbits.optimum import Limit
+
+from .paper_drawing import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    blank_figure,
+    draw_curves,
+    draw_marks,
+    finish_panel,
+    legend_below,
+)
+from .paper_optimal_gap import OptimumPoint
+from .paper_plan import Series
+from .paper_rigs import CASES, VARIABLES
+from .paper_sweep import Curve, Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ['draw_figure_2', 'draw_figure_3', 'draw_figure_4', 'draw_figure_5', 'draw_figure_6']
+
+_RATIO = r'$X_{\max}/A$'
+_DURATION = r'$(t_{i+1}-t_i)\,\Omega/\pi$'
+#: Curves over less of the sweep than this are no more than dots, and left out.
+_LEAST_SPAN = 1e-3
+_LOOKS = ((BLUE, 'o'), (ORANGE, 's'), (GREEN, '^'), (PURPLE, 'D'))
+
+
+def _ratio(point: Any) -> Sequence[float]:
+    return (point.ratio,)
+
+
+def _durations(point: Any) -> Sequence[float]:
+    durations: tuple[float, ...] = point.durations
+    return durations
+
+
+def _viable_span(curve: Curve) -> float:
+    values = [p.value for p in curve.points if p.status != Status.NOT_VIABLE]
+    return max(values) - min(values) if values else 0.0
+
+
+def _ever_stable(curves: Sequence[Curve]) -> list[Curve]:
+    return [c for c in curves if any(p.status == Status.STABLE for p in c.points)]
+
+
+def _series(axes: Any, one: Series, impacts: int, look: tuple[str, str], quantity: Any) -> None:
+    curves = one.of(impacts) if impacts == 2 else _ever_stable(one.of(impacts))
+    values = one.sweep.values
+    curves = [c for c in curves if _viable_span(c) > _LEAST_SPAN * (values[-1] - values[0])]
+    draw_curves(axes, curves, look[0], quantity)
+    draw_marks(axes, one.marks, impacts, *look, quantity)
+
+
+def _case_series(results: Mapping[str, Series], gravity: float) -> list[Series]:
+    inclined, friction = CASES[1:]
+    names = [f'2 {case.key} g={gravity:g}' for case in (inclined, friction)]
+    return [results[name] for name in ('2 horizontal', *names)]
+
+
+def draw_figure_2(results: Mapping[str, Series], gravity: float) -> Figure:
+    """
+    Draw durations between impacts and the largest displacement against the gap.
+
+    Parameters
+    ----------
+    results : mapping of str to Series
+        Series by name.
+    gravity : float
+        1, as in the caption, or 2, as in the text.
+    """
+    figure = blank_figure(8.2, 9.2)
+    series = _case_series(results, gravity)
+    limits = {2: (15.0, 64.0, 0.1, 0.55), 3: (9.0, 24.0, 0.36, 0.46), 4: (4.0, 14.0, 0.4, 0.5)}
+    heights = {2: (0.2, 1.8), 3: (0.3, 1.2), 4: (0.2, 1.0)}
+    for row, (impacts, (low, high, bottom, top)) in enumerate(limits.items()):
+        for column, quantity in enumerate((_durations, _ratio)):
+            axes = figure.add_subplot(3, 2, 2 * row + column + 1)
+            for one, look in zip(series, _LOOKS, strict=False):
+                _series(axes, one, impacts, look, quantity)
+            axes.set_xlim(low, high)
+            if column:
+                axes.set_ylim(bottom, top)
+            else:
+                axes.set_ylim(*heights[impacts])
+            label = _RATIO if column else _DURATION
+            finish_panel(axes, 'abcdef'[2 * row + column], VARIABLES['gap'].label, label)
+            word = {2: 'two', 3: 'three', 4: 'four'}[impacts]
+            axes.set_title(f'{word} impacts per cycle', loc='right')
+    cases = [(case.label, *look) for case, look in zip(CASES, _LOOKS, strict=False)]
+    legend_below(figure, cases, 2)
+    return figure
+
+
+def _panel_3a(axes: Any, results: Mapping[str, Series]) -> None:
+    for case, look in zip(CASES, _LOOKS, strict=False):
+        draw_curves(axes, results[f'3a {case.key} equal'].of(2), look[0], _ratio, 0.55)
+        _series(axes, results[f'3a {case.key} unequal'], 2, look, _ratio)
+    axes.set_xlim(30.0, 66.0)
+    axes.set_ylim(0.0, 0.2)
+    finish_panel(axes, 'a', VARIABLES['gap'].label, _RATIO)
+    short = ('horizontal', 'inclined 45°', 'inclined, γ = 0.5')
+    entries = [(name, *look) for name, look in zip(short, _LOOKS, strict=False)]
+    _legend_inside(axes, entries, 'upper right')
+    axes.text(
+        0.03,
+        0.05,
+        'thick: $R_1, R_2$ = 0.78, 0.72\nthin: $R_1 = R_2$ = 0.75',
+        transform=axes.transAxes,
+        fontsize=8,
+    )
+
+
+def _legend_inside(axes: Any, entries: Sequence[tuple[str, str, str]], where: str) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color=c, marker=m, markersize=4.2, markerfacecolor='white', label=name)
+        for name, c, m in entries
+    ]
+    axes.legend(handles=handles, loc=where, frameon=True, framealpha=0.9, edgecolor='none')
+
+
+def draw_figure_3(results: Mapping[str, Series]) -> Figure:
+    """Draw what restitution, angle, frequency and friction do to the largest displacement."""
+    figure = blank_figure(8.2, 7.0)
+    _panel_3a(figure.add_subplot(2, 2, 1), results)
+
+    axes = figure.add_subplot(2, 2, 2)
+    names = ('3b r=1', '3b r=1.02')
+    for name, look in zip(names, _LOOKS, strict=False):
+        _series(axes, results[name], 2, look, _ratio)
+    entries = [('$r$ = 1', *_LOOKS[0]), ('$r$ = 1.02', *_LOOKS[1])]
+    axes.set_xlim(0.0, 90.0)
+    axes.set_ylim(0.05, 0.32)
+    finish_panel(axes, 'b', VARIABLES['angle'].label, _RATIO)
+    _legend_inside(axes, entries, 'upper left')
+
+    axes = figure.add_subplot(2, 2, 3)
+    tilted = tuple(f'3c θ={angle}°' for angle in (0, 5, 10, 15))
+    for name, look in zip(tilted, _LOOKS, strict=True):
+        _series(axes, results[name], 2, look, _ratio)
+    axes.set_xlim(0.999, 1.12)
+    axes.set_ylim(0.08, 0.55)
+    finish_panel(axes, 'c', VARIABLES['frequency'].label, _RATIO)
+    entries = [(name[3:].replace('=', ' = '), *k) for name, k in zip(tilted, _LOOKS, strict=True)]
+    _legend_inside(axes, entries, 'upper left')
+
+    axes = figure.add_subplot(2, 2, 4)
+    _series(axes, results['3d'], 2, _LOOKS[0], _ratio)
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(bottom=0.0)
+    finish_panel(axes, 'd', VARIABLES['friction'].label, _RATIO)
+    legend_below(figure, [], 3)
+    return figure
+
+
+def draw_figure_4(results: Mapping[str, Series]) -> Figure:
+    """Draw the largest displacement against the natural frequency."""
+    figure = blank_figure(5.6, 4.2)
+    axes = figure.add_subplot()
+    for name, look in zip(('4 ζ=0.005', '4 ζ=0.005 level'), (_LOOKS[2], _LOOKS[0]), strict=True):
+        _series(axes, results[name], 2, look, _ratio)
+    axes.set_xscale('log')
+    axes.set_xlim(0.5, 20.0)
+    axes.set_xticks([0.5, 1, 2, 5, 10, 20], ['0.5', '1', '2', '5', '10', '20'])
+    axes.minorticks_off()
+    axes.set_ylim(0.0, 0.2)
+    finish_panel(axes, '', VARIABLES['omega'].label, _RATIO)
+    entries = [
+        ('inclined (θ = 15°, γ = 0.5)', *_LOOKS[2]),
+        ('horizontal, no friction', *_LOOKS[0]),
+    ]
+    legend_below(figure, entries, 3)
+    return figure
+
+
+def draw_figure_5(points: Sequence[OptimumPoint]) -> Figure:
+    """Draw the optimal gap and what it leaves of the displacement against the angle."""
+    figure = blank_figure(8.2, 3.7)
+    angles = [point.angle for point in points]
+    edges = [point for point in points if point.best.limit is not Limit.MINIMUM]
+    quantities: tuple[tuple[str, Any], ...] = (
+        ('optimal gap [m]', lambda point: point.best.gap),
+        (_RATIO + ' at the optimal gap', lambda point: point.best.orbit.amplitude_ratio),
+    )
+    for column, (label, quantity) in enumerate(quantities):
+        axes = figure.add_subplot(1, 2, column + 1)
+        axes.plot(angles, [quantity(p) for p in points], color=BLUE, linewidth=1.7)
+        axes.plot(
+            [p.angle for p in edges],
+            [quantity(p) for p in edges],
+            linestyle='none',
+            marker='|',
+            markersize=11,
+            color='0.2',
+            zorder=4,
+            clip_on=False,
+        )
+        if column:
+            good = [p for p in points if p.settled.stops == p.best.orbit.stops]
+            draw_marks(axes, [p.settled for p in good], 2, BLUE, 'o', _ratio)
+            axes.set_ylim(0.0, 0.06)
+        else:
+            axes.set_ylim(56.0, 61.0)
+        axes.set_xlim(0.0, 90.0)
+        finish_panel(axes, 'ab'[column], VARIABLES['angle'].label, label)
+    _legend_5(figure)
+    return figure
+
+
+def _legend_5(figure: Figure) -> None:
+    from matplotlib.lines import Line2D
+
+    look: dict[str, Any] = {'linestyle': 'none', 'markerfacecolor': 'white'}
+    handles = [
+        Line2D([], [], color=BLUE, linewidth=1.7, label='theory, stable'),
+        Line2D([], [], color=BLUE, marker='o', markersize=4.5, label='simulation', **look),
+        Line2D(
+            [],
+            [],
+            color='0.2',
+            marker='|',
+            markersize=11,
+            linestyle='none',
+            label='limited by stability, not a minimum',
+        ),
+    ]
+    figure.legend(handles=handles, loc='outside lower center', ncols=3, frameon=False)
+
+
+def draw_figure_6(results: Mapping[str, Series]) -> Figure:
+    """Draw the largest displacement against the force of compressed air."""
+    figure = blank_figure(5.6, 4.2)
+    axes = figure.add_subplot()
+    for name, look in zip(('6 r=1', '6 r=1.02'), _LOOKS, strict=False):
+        _series(axes, results[name], 2, look, _ratio)
+    axes.set_xlim(0.0, 5.5)
+    axes.set_ylim(0.0, 0.6)
+    for share, text in ((1.0, 'air cancels friction'), (2.0, 'air is twice friction')):
+        axes.axvline(share, color='0.6', linewidth=0.8, linestyle=':')
+        axes.annotate(
+            text,
+            (share, 0.585),
+            rotation=90,
+            fontsize=8,
+            color='0.35',
+            xytext=(2, 0),
+            textcoords='offset points',
+            va='top',
+        )
+    finish_panel(axes, '', VARIABLES['air'].label, _RATIO)
+    entries = [('$r$ = 1', *_LOOKS[0]), ('$r$ = 1.02', *_LOOKS[1])]
+    legend_below(figure, entries, 3)
+    return figure

@@ -1,0 +1,207 @@
+"""What `replay_run` says: the findings of a replay, and what if, as text and as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from impact_damper_ros.analysis.response import Response
+from impact_damper_ros.recording.replay_findings import Difference, Findings, Verdict
+from impact_damper_ros.recording.run_history import RunHistory
+
+__all__ = ['as_json', 'comparison_text', 'findings_text']
+
+_VERDICTS = {
+    Verdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',
+    Verdict.DIFFERENT: 'DIFFERENT: the run is not reproduced from its log',
+    Verdict.PARTIAL: 'identical as far as it could be compared; the bag is not whole',
+}
+
+
+def _count(number: int, noun: str) -> str:
+    return f'{number} {noun}{"" if number == 1 else "s"}'
+
+
+def _value(value: Any, unit: str) -> str:
+    if value is None:
+        return 'none'
+    return f'{value!r} {unit}'.rstrip()
+
+
+def _difference_lines(first: Difference, start: float) -> list[str]:
+    lines = [
+        f'first at    rig time {first.time:.9f} s, {first.time - start:.9f} s into the bag '
+        f'(stamp {first.stamp_ns} ns)',
+        f'            {first.topic}, {first.quantity}',
+        f'  recorded  {_value(first.recorded, first.unit)}',
+        f'  replayed  {_value(first.replayed, first.unit)}',
+    ]
+    if not math.isnan(first.amount):
+        ulps = f', {first.ulps:.4g} units in the last place' if first.ulps < 1e6 else ''
+        lines.append(f'  difference {first.amount:.6g} {first.unit}'.rstrip() + ulps)
+    lines.append(f'  after     {first.after}')
+    return lines
+
+
+def _divergence_lines(findings: Findings) -> list[str]:
+    divergence = findings.divergence
+    if not divergence.samples:
+        return []
+    lines = [
+        f'samples     {divergence.samples} of {findings.samples} differ, from '
+        f'{divergence.first:.9f} s to {divergence.last:.9f} s; up to {divergence.largest_x:.3g} m '
+        f'in X and {divergence.largest_z:.3g} m in Z'
+    ]
+    end = (findings.end_ns or 0) / 1e9
+    if divergence.last < end:
+        lines.append('            after that, all samples are as recorded again')
+    if len(divergence.marks) > 1:
+        lines.append('growth      sample   rig time [s]     X [m]       Z [m]')
+        lines += [
+            f'            {number:>6}   {time:<14.6f} {x:> .3e}  {z:> .3e}'
+            for number, time, x, z in divergence.marks
+        ]
+    if findings.by_another_library:
+        lines.append(
+            'hint        it begins in the last place: the bag may have been recorded where the '
+            'mathematical functions (C library) round otherwise'
+        )
+    return lines
+
+
+def findings_text(findings: Findings, history: RunHistory) -> str:
+    """Return what was compared, what was found, and the verdict."""
+    start, end = (findings.start_ns or 0) / 1e9, (findings.end_ns or 0) / 1e9
+    node = history.topics.node or history.topics.namespace
+    impacts = _count(findings.impacts, 'impact')
+    if not history.topics.impacts:
+        impacts = 'no impacts (their topic was not recorded)'
+    lines = [
+        f'replayed    {history.reader.path}, node {node}',
+        f'compared    {_count(findings.samples, "sample")}, {impacts}, '
+        f'{_count(findings.snapshots, "snapshot")}',
+        f'time span   {start:.9g} s to {end:.9g} s of rig time',
+        f'meanwhile   {_count(findings.changes, "change")}, {_count(findings.resets, "reset")}, '
+        f'{_count(findings.pauses, "pause")}',
+    ]
+    if findings.gap_count:
+        gap = findings.gaps[0]
+        lines.append(
+            f'missing     {_count(findings.missing_samples, "sample")} in '
+            f'{_count(findings.gap_count, "gap")}, the first after {gap.time:.9g} s: the recorder '
+            'has not got them'
+        )
+    if findings.missing_impacts:
+        lines.append(
+            f'missing     {_count(findings.missing_impacts, "impact")} of the replay, where the '
+            'recorder may have dropped messages'
+        )
+    lines += [f'note        {remark}' for remark in findings.remarks]
+    lines += [f'fault       {fault}' for fault in findings.faults]
+    if (first := findings.first) is not None:
+        lines += _difference_lines(first, start)
+        parts = ', '.join(f'{n} on {topic}' for topic, n in findings.by_topic.items())
+        lines.append(f'differences {parts}')
+        lines += _divergence_lines(findings)
+    if not findings.samples:
+        lines.append('verdict     nothing could be compared')
+    else:
+        lines.append(f'verdict     {_VERDICTS[findings.verdict]}')
+    return '\n'.join(lines)
+
+
+def comparison_text(
+    held: Mapping[str, tuple[Any, Any]], recorded: Response, what_if: Response, how: str
+) -> str:
+    """
+    Return the motion with and without the held parameters, side by side.
+
+    Parameters
+    ----------
+    held : mapping
+        Name of each held parameter, with its value at the start of the bag and the held one.
+    recorded, what_if : Response
+        The runs.
+    how : str
+        How the what-if starts.
+    """
+    parts = [f'{name} = {now!r} (recorded: {was!r})' for name, (was, now) in held.items()]
+    rows: list[tuple[str, float, float]] = [
+        ('largest |X| [m]', recorded.largest, what_if.largest),
+        ('rms X [m]', recorded.rms, what_if.rms),
+        ('impacts', recorded.impacts, what_if.impacts),
+        ('energy lost in impacts [J]', recorded.energy, what_if.energy),
+    ]
+    lines = [
+        f'what if     {", ".join(parts)}',
+        f'start       {how}',
+        f'{"":<28}{"recorded":>14}{"what if":>14}{"ratio":>10}',
+    ]
+    for name, was, now in rows:
+        ratio = f'{now / was:.4f}' if was else '-'
+        lines.append(f'{name:<28}{was:>14.7g}{now:>14.7g}{ratio:>10}')
+    return '\n'.join(lines)
+
+
+def _finite(value: Any) -> Any:
+    """Return a value, or its name if JSON has none for it."""
+    return repr(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _difference(difference: Difference) -> dict[str, Any]:
+    amount = difference.amount
+    return {
+        'time': difference.time,
+        'stamp_ns': difference.stamp_ns,
+        'topic': difference.topic,
+        'quantity': difference.quantity,
+        'unit': difference.unit,
+        'recorded': _finite(difference.recorded),
+        'replayed': _finite(difference.replayed),
+        'difference': amount if math.isfinite(amount) else None,
+        'after': difference.after,
+    }
+
+
+def as_json(findings: Findings, history: RunHistory) -> dict[str, Any]:
+    """Return the findings as what JSON can hold; times in s of rig time, stamps in ns."""
+    divergence, first = findings.divergence, findings.first
+    return {
+        'bag': str(history.reader.path),
+        'node': history.topics.node or history.topics.namespace,
+        'complete': history.reader.complete,
+        'verdict': findings.verdict.name.lower(),
+        'compared': {
+            'samples': findings.samples,
+            'impacts': findings.impacts,
+            'snapshots': findings.snapshots,
+            'changes': findings.changes,
+            'resets': findings.resets,
+            'pauses': findings.pauses,
+            'start': None if findings.start_ns is None else findings.start_ns / 1e9,
+            'end': None if findings.end_ns is None else findings.end_ns / 1e9,
+        },
+        'difference_count': findings.difference_count,
+        'difference_count_by_topic': findings.by_topic,
+        'first_difference': _difference(first) if first else None,
+        'differences': [_difference(d) for d in findings.differences],
+        'divergence': {
+            'samples': divergence.samples,
+            'first': divergence.first if divergence.samples else None,
+            'last': divergence.last if divergence.samples else None,
+            'largest_x': divergence.largest_x,
+            'largest_z': divergence.largest_z,
+            'growth': [
+                {'sample': n, 'time': t, 'x': x, 'z': z} for n, t, x, z in divergence.marks
+            ],
+        },
+        'missing_samples': findings.missing_samples,
+        'missing_impacts': findings.missing_impacts,
+        'gaps': [
+            {'after': g.time, 'from_stamp_ns': g.from_ns, 'missing': g.missing}
+            for g in findings.gaps
+        ],
+        'remarks': findings.remarks,
+        'faults': findings.faults,
+    }

@@ -1,0 +1,179 @@
+"""`reproduce_paper`: the figures and claims of Bapat (1995), computed anew."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from impact_damper_ros.analysis.paper_claims import Claim
+    from impact_damper_ros.analysis.paper_optimal_gap import OptimumPoint
+    from impact_damper_ros.analysis.paper_plan import Series
+
+__all__ = ['EXIT_INPUT', 'EXIT_WRITE', 'main']
+
+EXIT_WRITE = 1
+EXIT_INPUT = 2
+
+_DESCRIPTION = """\
+Compute the figures of Bapat (1995) from the periodic theory and the exact simulator, draw them,
+and hold every claim of the paper's section 3 and conclusions against the numbers. Writes PNG
+files, a CSV file for each figure and, when all figures are made, README.md with captions and
+the table of claims, which is printed too.
+"""
+_EPILOG = """\
+Exit code: 0; 2 if the input is not usable or matplotlib is missing; 1 if a file could not be
+written or a process died; 130 on Ctrl-C, which leaves no half-written file.
+Example: reproduce_paper --only 3a,5 --output /tmp/paper
+"""
+
+
+def _jobs(text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if not 1 <= value <= 64:
+        raise argparse.ArgumentTypeError(f'{text!r}: give a whole number from 1 to 64')
+    return value
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        'reproduce_paper',
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        '--output', type=Path, default=Path('docs/paper'), metavar='DIR', help='[docs/paper]'
+    )
+    parser.add_argument('--jobs', type=_jobs, default=2, metavar='N', help='processes [2]')
+    parser.add_argument(
+        '--quick', action='store_true', help='a quarter of the values: a look in half a minute'
+    )
+    parser.add_argument(
+        '--only',
+        metavar='2a,4,...',
+        help='these figures only; a panel stands for its figure, and README.md is not written',
+    )
+    return parser
+
+
+def _quiet_worker() -> None:
+    """Leave Ctrl-C to the parent, and the cores to the processes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _compute(
+    figures: Sequence[str], jobs: int, quick: bool
+) -> tuple[dict[str, Series], list[OptimumPoint]]:
+    """Run all sweeps and optima in processes, under one progress bar; the order is fixed."""
+    from tqdm import tqdm
+
+    from impact_damper_ros.analysis.paper_optimal_gap import figure_5_angles, optimum_at
+    from impact_damper_ros.analysis.paper_plan import run_sweep, sweeps_of
+
+    sweeps = [sweep for figure in figures for sweep in sweeps_of(figure, quick=quick)]
+    angles = figure_5_angles(quick=quick) if '5' in figures else ()
+    pool = ProcessPoolExecutor(jobs, get_context('spawn'), initializer=_quiet_worker)
+    try:
+        series: list[Future[Series]] = [pool.submit(run_sweep, sweep) for sweep in sweeps]
+        optima: list[Future[OptimumPoint]] = [pool.submit(optimum_at, v) for v in angles]
+        work: list[Future[Any]] = [*series, *optima]
+        for done in tqdm(as_completed(work), total=len(work), desc='curves', unit=''):
+            done.result()
+        results = [future.result() for future in series]
+        points = [future.result() for future in optima]
+        return {one.sweep.name: one for one in results}, points
+    except BaseException:
+        # A sweep takes up to a minute: do not wait for those under way
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _print_claims(claims: Sequence[Claim]) -> None:
+    for number, claim in enumerate(claims, 1):
+        print(f'\n{number}. [{claim.figure}] {claim.claim}')
+        print(f'   {claim.computed}')
+        print(f'   -> {claim.verdict.value}' + (f': {claim.remark}' if claim.remark else ''))
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from impact_damper_ros.analysis.paper_plan import FIGURES, figure_of
+    from impact_damper_ros.analysis.paper_report import claims_of, write_figure, write_report
+
+    figures = list(FIGURES)
+    if arguments.only is not None:
+        asked = {figure_of(name.strip()) for name in arguments.only.split(',')}
+        figures = [figure for figure in FIGURES if figure in asked]
+    # Before the work, not after it
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    results, optima = _compute(figures, arguments.jobs, arguments.quick)
+    for figure in figures:
+        for path in write_figure(figure, results, optima, arguments.output):
+            print(path)
+    if arguments.only is None:
+        claims = write_report(results, optima, arguments.output)
+        print(arguments.output / 'README.md')
+    else:
+        claims = [claim for figure in figures for claim in claims_of(figure, results, optima)]
+    _print_claims(claims)
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the command.
+
+    Returns
+    -------
+    int
+        0; 1 if a file could not be written or a process died; 2 if the input is not usable; 130
+        on Ctrl-C.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        import matplotlib  # noqa: F401
+    except ModuleNotFoundError:
+        print(
+            'reproduce_paper: matplotlib is missing: install it, or the package with its extra '
+            '[plot]',
+            file=sys.stderr,
+        )
+        return EXIT_INPUT
+    try:
+        return _run(arguments)
+    except ValueError as error:
+        print(f'reproduce_paper: {error}', file=sys.stderr)
+        return EXIT_INPUT
+    except BrokenProcessPool:
+        print(
+            'reproduce_paper: a process died, perhaps for want of memory: give fewer --jobs',
+            file=sys.stderr,
+        )
+        return EXIT_WRITE
+    except OSError as error:
+        print(
+            f'reproduce_paper: cannot write {error.filename or arguments.output}: '
+            f'{error.strerror}: give a directory that can be written, with room on the disk',
+            file=sys.stderr,
+        )
+        return EXIT_WRITE
+    except KeyboardInterrupt:
+        print('reproduce_paper: interrupted, nothing half-written is left', file=sys.stderr)
+        return 130
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,220 @@
+"""The recorded run and a what-if, measured side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_damper_ros.analysis.motion import Motion
+from impact_damper_ros.analysis.replay_figure import Side, draw_what_if
+from impact_damper_ros.analysis.response import Envelope, Response
+from impact_damper_ros.commands.overrides import overridden
+from impact_damper_ros.commands.replay_report import comparison_text
+from impact_damper_ros.recording.replay import Replay, Tick
+from impact_damper_ros.recording.what_if import Ending, Trace, WhatIf
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    Event,
+    InitialConditions,
+    RigParameters,
+    Sample,
+)
+
+__all__ = ['Comparison', 'held_values']
+
+_CLOSEUP_CYCLES = 4
+_CLOSEUP_POINTS = 2400
+_FEW_CYCLES = 60
+_MOST_STRETCHES = 2000
+
+
+def held_values(
+    settings: Sequence[str], parameters: RigParameters
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """
+    Read ``--set`` options.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        What was given, each NAME=VALUE.
+    parameters : RigParameters
+        The rig as recorded.
+
+    Returns
+    -------
+    held, held_initial : dict
+        Rig parameters and initial conditions, with the values at which to hold them.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, a value cannot be read, or the changed rig is not admissible.
+    """
+    changed, initial = overridden(settings, parameters, InitialConditions())
+    names = [setting.partition('=')[0] for setting in settings]
+    return (
+        {n: getattr(changed, n) for n in names if n in PARAMETER_SPECS},
+        {n: getattr(initial, n) for n in names if n in INITIAL_SPECS},
+    )
+
+
+def _cycle(parameters: RigParameters) -> float:
+    """Return the longest period of the force, or the natural one of a rig without force."""
+    harmonics = zip(parameters.force_amplitudes, parameters.force_frequencies, strict=True)
+    frequencies = [w for amplitude, w in harmonics if amplitude and w]
+    return math.tau / min([*frequencies, 1e9 if frequencies else parameters.omega])
+
+
+class Comparison:
+    """
+    The recorded run and the what-if, side by side.
+
+    Parameters
+    ----------
+    replay : Replay
+        The replay, at its first sample.
+    settings : sequence of str
+        What is held, each NAME=VALUE.
+    drawn : bool
+        Whether what a picture needs is to be kept.
+
+    Attributes
+    ----------
+    other : WhatIf
+        The rig of the what-if.
+    recorded, what_if : Response
+        What both amount to, so far.
+
+    Raises
+    ------
+    ValueError
+        If the settings are not admissible.
+    """
+
+    def __init__(self, replay: Replay, settings: Sequence[str], *, drawn: bool) -> None:
+        start = replay.history.start
+        logged = RigParameters(**start.state['parameters'])
+        held, held_initial = held_values(settings, logged)
+        initial = replay.replayed.first_initial
+        self._was = {
+            **{n: getattr(logged, n) for n in held},
+            **{n: getattr(initial, n) if initial else None for n in held_initial},
+        }
+        self._now = {**held, **held_initial}
+        self.other = WhatIf(start, initial, held, held_initial)
+        self.recorded, self.what_if = Response(), Response()
+        cycle = max(_cycle(logged), _cycle(self.other.rig.parameters))
+        reader = replay.history.reader
+        total = reader.topics[replay.history.topics.joint_states].message_count
+        cycles = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9 / cycle
+        # Of many cycles, only how far each goes can be seen.
+        stretches = _MOST_STRETCHES if cycles < _FEW_CYCLES else min(cycles, _MOST_STRETCHES)
+        self._envelopes = Envelope(total, int(stretches)), Envelope(total, int(stretches))
+        self._ending = Ending(replay, self.other, _CLOSEUP_CYCLES * cycle) if drawn else None
+        self._changes: list[tuple[float, str]] = []
+        self._varied: set[str] = set()
+        self._last = logged
+
+    def look(self, tick: Tick) -> tuple[Sample, list[Event]]:
+        """Take the next sample of the replay; return that of the what-if, and its events."""
+        sample, events = self.other.follow(tick)
+        # As recorded; the velocity serves to find the largest displacement between samples.
+        recorded = tick.sample._replace(x=tick.x, primary_velocity=tick.primary_velocity)
+        self.recorded.look(recorded, tick.events)
+        self.what_if.look(sample, events)
+        if self._ending is not None:
+            for envelope, x in zip(self._envelopes, (tick.x, sample.x), strict=True):
+                envelope.look(tick.sample.time, x)
+            self._ending.look(tick)
+            for time_ns, step in tick.steps:
+                self._changes.append((time_ns / 1e9, self._label(step)))
+        return sample, events
+
+    def _label(self, step: RigParameters | InitialConditions) -> str:
+        if isinstance(step, InitialConditions):
+            return 'reset'
+        before, self._last = self._last.as_dict(), step
+        parts = []
+        for name, value in step.as_dict().items():
+            if value != before[name]:
+                shown = f'{value:g}' if isinstance(value, float) else str(value)
+                parts.append(f'{name} {shown}' + (' (held)' if name in self._now else ''))
+                self._varied.add(name)
+        return ', '.join(parts)
+
+    def text(self) -> str:
+        """Return both as a table."""
+        how = 'with the recorded state, to which the rig was changed as a live one would be'
+        if self.other.from_initial:
+            how = 'from the initial conditions, as the recorded run did'
+        held = {name: (self._was[name], now) for name, now in self._now.items()}
+        return comparison_text(held, self.recorded, self.what_if, how)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return both as what JSON can hold, in SI units."""
+        sides = {
+            name: {
+                'largest_x': response.largest,
+                'rms_x': None if math.isnan(response.rms) else response.rms,
+                'impacts': response.impacts,
+                'energy_lost_in_impacts': response.energy,
+            }
+            for name, response in (('recorded', self.recorded), ('what_if', self.what_if))
+        }
+        return {'set': self._now, 'from_initial': self.other.from_initial, **sides}
+
+    def draw(self, path: Path) -> None:
+        """Draw both."""
+        assert self._ending is not None
+        traces = self._ending.traces(_CLOSEUP_POINTS)
+        texts = [f'{n} = {_shown(v, n)}' for n, v in self._now.items()]
+        was = [
+            f'{n} = {_shown(v, n)}' + (' at first' if n in self._varied else '')
+            for n, v in self._was.items()
+            if v is not None
+        ]
+        sides = [
+            Side(f'{label}\n{_brief(response)}', envelope, _motion(trace))
+            for label, response, envelope, trace in zip(
+                (f'recorded: {", ".join(was)}', f'what if {", ".join(texts)}'),
+                (self.recorded, self.what_if),
+                self._envelopes,
+                traces,
+                strict=True,
+            )
+        ]
+        title = f'The recorded run, and the same history with {", ".join(texts)}'
+        draw_what_if(sides[0], sides[1], self._changes, title).savefig(path, dpi=150)
+
+
+def _shown(value: Any, name: str) -> str:
+    spec = PARAMETER_SPECS.get(name) or INITIAL_SPECS[name]
+    if isinstance(value, tuple):
+        shown = f'[{", ".join(f"{v:g}" for v in value)}]'
+    else:
+        shown = str(value).lower() if isinstance(value, bool) else f'{value:g}'
+    return f'{shown} {spec.unit}'.rstrip()
+
+
+def _brief(response: Response) -> str:
+    factor, unit = (1.0, 'm') if response.largest >= 0.5 else (1e3, 'mm')
+    return (
+        f'{response.impacts} impacts, largest |X| {factor * response.largest:.4g} {unit}, '
+        f'rms {factor * response.rms:.4g} {unit}'
+    )
+
+
+def _motion(trace: Trace) -> Motion:
+    samples = np.array(trace.samples).reshape(-1, 7)
+    impacts = np.array(
+        [(e.time, e.x + e.y, e.stop, e.impulse) for e in trace.impacts], dtype=float
+    ).reshape(-1, 4)
+    time, x, _, z, _, stop_1, stop_2 = samples.T
+    hit, where, stop, impulse = impacts.T
+    return Motion(time, x, z, stop_1, stop_2, hit, where, stop.astype(np.int64), impulse)

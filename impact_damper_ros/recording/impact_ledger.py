@@ -1,0 +1,247 @@
+"""
+Recorded against replayed impacts, both in the order in which they happened.
+
+They pair one to one. Where they do not, an exact match a few impacts further on tells that one is
+missing on either side; without such a match the two are taken for the same impact, altered.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Iterator
+from itertools import islice
+from typing import NamedTuple
+
+from impact_damper_ros.rig import Event
+
+from .cdr import CdrError
+from .joint_state_bytes import JointStateBytes, header_ns
+from .replay_findings import Difference, Findings, SampleGap
+
+__all__ = ['ImpactLedger', 'bits']
+
+_JOINTS = ('primary', 'damper')
+_QUANTITIES = (
+    ('position of primary', 'm'),
+    ('position of damper', 'm'),
+    ('velocity of primary', 'm/s'),
+    ('velocity of damper', 'm/s'),
+    ('effort of primary', 'N s'),
+    ('effort of damper', 'N s'),
+)
+#: How many impacts further on a match is looked for.
+_REACH = 16
+#: Impacts of the replay that are kept until the first recorded message comes.
+_KEPT_BEFORE = 4096
+#: Stretches without samples that are remembered, to excuse the impacts missing there.
+_REMEMBERED_GAPS = 64
+
+
+def bits(value: float) -> bytes:
+    """Return a double as it is stored, in which 0.0 and -0.0 differ."""
+    return struct.pack('<d', value)
+
+
+class _Expected(NamedTuple):
+    """An impact of the replay."""
+
+    stamp_ns: int
+    event: Event
+    after: str
+
+    @property
+    def frame_id(self) -> str:
+        return f'stop_{self.event.stop}'
+
+    def numbers(self) -> tuple[tuple[float, float], ...]:
+        """Return positions, velocities and efforts as the node publishes them."""
+        event = self.event
+        # The impulse that M received: stop 1, the lower one, is hit downwards.
+        impulse = event.impulse if event.stop == 1 else -event.impulse
+        return (
+            (event.x, event.x + event.y),
+            (event.primary_velocity_after, event.damper_velocity_after),
+            (impulse, -impulse),
+        )
+
+
+class _Recorded(NamedTuple):
+    """An impact of the bag."""
+
+    stamp_ns: int
+    content: bytes
+    shape: JointStateBytes
+
+    def equals(self, expected: _Expected) -> bool:
+        return (
+            self.shape.frame_id == expected.frame_id
+            and self.shape.filled(expected.stamp_ns, *expected.numbers()) == self.content
+        )
+
+
+class ImpactLedger:
+    """
+    Pairs the impacts of a bag with those of its replay.
+
+    Parameters
+    ----------
+    topic : str
+        Of the impacts.
+    findings : Findings
+        Takes what is found.
+    stamped : bool
+        Whether the bag holds every message of the node from its start on. Otherwise an impact
+        that is missing may be one that the recorder did not get.
+    """
+
+    def __init__(self, topic: str, findings: Findings, *, stamped: bool) -> None:
+        self._topic = topic
+        self._findings = findings
+        self._stamped = stamped
+        self._recorded: deque[_Recorded] = deque()
+        self._expected: deque[_Expected] = deque()
+        self._shapes: list[JointStateBytes] = []
+        self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
+        self._begun = stamped
+        self.last_ns = 0
+
+    def take(self, content: bytes) -> None:
+        """
+        Take a recorded impact.
+
+        Raises
+        ------
+        CdrError
+            If it cannot be decoded, or is not one of a rig.
+        """
+        shape = next((s for s in self._shapes if s.fits(content)), None)
+        if shape is None:
+            shape = JointStateBytes(content)
+            if shape.names != _JOINTS or shape.counts != (2, 2, 2):
+                raise CdrError(f'its joints are {", ".join(shape.names) or "none"}')
+            self._shapes = [shape, *self._shapes[:3]]
+        self.last_ns = header_ns(content)
+        self._findings.recorded_impacts += 1
+        self._recorded.append(_Recorded(self.last_ns, content, shape))
+
+    def expect(self, stamp_ns: int, event: Event) -> None:
+        """Take an impact of the replay."""
+        self._expected.append(_Expected(stamp_ns, event, self._findings.after))
+        if not self._begun and len(self._expected) > _KEPT_BEFORE:
+            self._expected.popleft()
+
+    def begin(self, stamp_ns: int) -> None:
+        """Forget the impacts from before the first recorded message; `stamp_ns` is its stamp."""
+        if not self._begun:
+            self._begun = True
+            first_ns = min([stamp_ns, *(r.stamp_ns for r in self._recorded)])
+            while self._expected and self._expected[0].stamp_ns < first_ns:
+                self._expected.popleft()
+
+    def excuse(self, gap: SampleGap) -> None:
+        """Take note of a stretch in which messages are missing."""
+        self._gaps.append(gap)
+
+    def settle(self, *, final: bool = False) -> None:
+        """
+        Pair what can be paired.
+
+        Parameters
+        ----------
+        final : bool, optional
+            Whether nothing more will come, so that what is left has no counterpart.
+        """
+        recorded, expected = self._recorded, self._expected
+        while recorded and expected:
+            if recorded[0].equals(expected[0]):
+                self._findings.impacts += 1
+                recorded.popleft()
+                expected.popleft()
+            elif final or min(len(recorded), len(expected)) > _REACH:
+                self._settle_unequal()
+            else:
+                return
+        while len(expected) > (0 if final else 4 * _REACH):
+            self._missing(expected.popleft())
+        while len(recorded) > (0 if final else 4 * _REACH):
+            self._surplus(recorded.popleft())
+
+    def drop_after(self, stamp_ns: int) -> None:
+        """Forget the impacts of the replay after a stamp, where the bag ends."""
+        while self._expected and self._expected[-1].stamp_ns > stamp_ns:
+            self._expected.pop()
+
+    def _settle_unequal(self) -> None:
+        recorded, expected = self._recorded, self._expected
+        for ahead, candidate in enumerate(islice(expected, 1, _REACH), 1):
+            if recorded[0].equals(candidate):
+                for _ in range(ahead):
+                    self._missing(expected.popleft())
+                return
+        for ahead, found in enumerate(islice(recorded, 1, _REACH), 1):
+            if found.equals(expected[0]):
+                for _ in range(ahead):
+                    self._surplus(recorded.popleft())
+                return
+        self._findings.impacts += 1
+        self._altered(recorded.popleft(), expected.popleft())
+
+    def _altered(self, recorded: _Recorded, expected: _Expected) -> None:
+        for quantity, unit, there, here in _differing(recorded, expected):
+            self._differ(expected, quantity, unit, there, here)
+            break
+
+    def _missing(self, expected: _Expected) -> None:
+        findings = self._findings
+        excused = any(g.from_ns <= expected.stamp_ns <= g.to_ns for g in self._gaps)
+        if excused or not self._stamped:
+            findings.missing_impacts += 1
+        else:
+            self._differ(expected, 'impact', '', None, expected.frame_id)
+
+    def _surplus(self, recorded: _Recorded) -> None:
+        findings = self._findings
+        findings.differ(
+            Difference(
+                time=(recorded.stamp_ns - findings.offset_ns) / 1e9,
+                stamp_ns=recorded.stamp_ns,
+                topic=self._topic,
+                quantity='impact',
+                unit='',
+                recorded=recorded.shape.frame_id,
+                replayed=None,
+                after=findings.after,
+            )
+        )
+
+    def _differ(
+        self, expected: _Expected, quantity: str, unit: str, there: object, here: object
+    ) -> None:
+        self._findings.differ(
+            Difference(
+                time=expected.event.time,
+                stamp_ns=expected.stamp_ns,
+                topic=self._topic,
+                quantity=quantity,
+                unit=unit,
+                recorded=there,
+                replayed=here,
+                after=expected.after,
+            )
+        )
+
+
+def _differing(
+    recorded: _Recorded, expected: _Expected
+) -> Iterator[tuple[str, str, object, object]]:
+    """Yield quantity, unit, recorded and replayed value of all that differs."""
+    if recorded.stamp_ns != expected.stamp_ns:
+        yield 'stamp', 'ns', recorded.stamp_ns, expected.stamp_ns
+    if recorded.shape.frame_id != expected.frame_id:
+        yield 'stop', '', recorded.shape.frame_id, expected.frame_id
+    there = [v for part in recorded.shape.numbers(recorded.content) for v in part]
+    here = [v for part in expected.numbers() for v in part]
+    for (name, unit), a, b in zip(_QUANTITIES, there, here, strict=True):
+        if bits(a) != bits(b):
+            yield name, unit, a, b

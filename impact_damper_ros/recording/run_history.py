@@ -1,0 +1,327 @@
+"""
+What a bag tells of one rig, in the order in which it happened.
+
+A bag that the node wrote itself stamps every message with rig time, and holds the parameter events
+at the very instants of the changes. One recorded by ``ros2 bag record`` is stamped with the times
+of arrival, in which topics overtake each other; there the stamps in the messages give the order,
+and the parameter events (of rclpy, with their own stamps) only tell what was changed one by one.
+"""
+
+from __future__ import annotations
+
+import heapq
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
+
+from .cdr import CdrError
+from .errors import RecordingError
+from .joint_state_bytes import header_ns
+from .messages import Parameter, ParameterEvent, String, decode
+from .run_reader import Record, RunReader
+
+__all__ = ['Change', 'Item', 'RigTopics', 'RunHistory', 'Snapshot', 'StateRecord']
+
+#: Format of the snapshots that this version reads.
+FORMAT = 1
+_STRING = 'std_msgs/msg/String'
+_JOINT_STATE = 'sensor_msgs/msg/JointState'
+_PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
+#: Messages among which those of one topic may overtake another's on their way to a recorder.
+_OVERTAKING = 2000
+
+
+class StateRecord(NamedTuple):
+    """A recorded JointState, still serialised: joint states of the rig, or an impact."""
+
+    stamp_ns: int
+    content: bytes
+    impact: bool
+
+
+class Change(NamedTuple):
+    """
+    A parameter event.
+
+    `exact` tells whether it is stamped with the instant at which the rig was changed (else
+    `stamp_ns` is roughly when it came); `dump` whether it lists the values that all parameters
+    have, without changing any.
+    """
+
+    stamp_ns: int
+    values: Mapping[str, Any]
+    exact: bool
+    dump: bool
+
+
+class Snapshot(NamedTuple):
+    """A snapshot of the simulator: its state, and how rig time and stamps are related."""
+
+    stamp_ns: int
+    offset_ns: int
+    time_ns: int
+    reason: str
+    state: dict[str, Any]
+
+
+Item = StateRecord | Change | Snapshot
+
+
+@dataclass(frozen=True)
+class RigTopics:
+    """The topics of one rig, by their full names; those that are not in the bag are empty."""
+
+    node: str
+    snapshot: str
+    joint_states: str
+    impacts: str = ''
+    parameter_events: str = ''
+
+    @property
+    def namespace(self) -> str:
+        """Of the node, with a slash at its end."""
+        return self.snapshot.rpartition('/')[0] + '/'
+
+
+@dataclass
+class Disorder:
+    """Messages that are not where they belong: how many by topic, and the stamp of the first."""
+
+    doubled: dict[str, int] = field(default_factory=dict)
+    late: dict[str, int] = field(default_factory=dict)
+    first_ns: int | None = None
+
+    def note(self, counts: dict[str, int], topic: str, stamp_ns: int) -> None:
+        """Count one."""
+        counts[topic] = counts.get(topic, 0) + 1
+        if self.first_ns is None:
+            self.first_ns = stamp_ns
+
+    def __bool__(self) -> bool:
+        return bool(self.doubled or self.late)
+
+
+def find_topics(reader: RunReader, node: str | None = None) -> RigTopics:
+    """
+    Find the topics of the rig in a bag.
+
+    Parameters
+    ----------
+    reader : RunReader
+        The bag.
+    node : str, optional
+        Name or namespace of the node, if there are several.
+
+    Raises
+    ------
+    RecordingError
+        If there is no rig in it, or a choice between several.
+    """
+    topics = reader.topics
+    events = [t.name for t in topics.values() if t.type == _PARAMETER_EVENT]
+    notes = reader.custom
+    if notes.get('snapshot') in topics and notes.get('joint_states') in topics:
+        found = [
+            RigTopics(
+                notes.get('node', ''),
+                notes['snapshot'],
+                notes['joint_states'],
+                notes['impacts'] if notes.get('impacts') in topics else '',
+                events[0] if events else '',
+            )
+        ]
+    else:
+        found = []
+        for topic in sorted(topics):
+            space, _, name = topic.rpartition('/')
+            states, impacts = f'{space}/joint_states', f'{space}/impacts'
+            if name != 'snapshot' or topics[topic].type != _STRING or states not in topics:
+                continue
+            held = impacts if impacts in topics else ''
+            found.append(RigTopics('', topic, states, held, events[0] if events else ''))
+    if node is not None:
+        chosen = [t for t in found if node in (t.node, t.namespace, t.namespace.rstrip('/'))]
+        # A node is in the namespace of its topics.
+        chosen = chosen or [
+            t for t in found if not t.node and node.rpartition('/')[0] + '/' == t.namespace
+        ]
+    else:
+        chosen = found
+    if len(chosen) == 1:
+        return chosen[0]
+    if not found:
+        held = ', '.join(sorted(topics)) or 'none'
+        cause = f'no rig is recorded in it: no topics snapshot and joint_states (topics: {held})'
+        remedy = 'give a bag that sim_node has recorded, or record these topics too'
+        raise RecordingError('replay', reader.path, cause, remedy)
+    names = ', '.join(t.node or t.namespace for t in found)
+    if node is not None and not chosen:
+        raise RecordingError('replay', reader.path, f'it holds no node {node!r}; it has {names}')
+    cause = f'it holds several rigs: {names}'
+    raise RecordingError('replay', reader.path, cause, 'choose one with --node')
+
+
+class RunHistory:
+    """
+    The history of a recorded rig.
+
+    Parameters
+    ----------
+    path : Path or str
+        A bag directory or ``.mcap`` file.
+    node : str, optional
+        Name or namespace of the node, if there are several rigs in the bag.
+
+    Attributes
+    ----------
+    reader : RunReader
+        The bag.
+    topics : RigTopics
+        What is read of it.
+    start : Snapshot
+        Where the history begins.
+    stamped : bool
+        Whether the bag is stamped with rig time, as the node itself records it.
+    disorder : Disorder
+        What was out of order, so far.
+    early : int
+        Joint states and impacts from before `start`, which cannot be replayed.
+    damage : RecordingError or None
+        Why `items` ended before the end of the bag.
+
+    Raises
+    ------
+    RecordingError
+        If the bag cannot be read, or cannot be replayed.
+    """
+
+    def __init__(self, path: Path | str, node: str | None = None) -> None:
+        self.reader = RunReader(path)
+        if not self.reader.message_count:
+            cause = 'it holds no whole message'
+            raise RecordingError('replay', path, cause, 'record a run with record:=true')
+        self.topics = find_topics(self.reader, node)
+        self.disorder = Disorder()
+        self.early = 0
+        self.damage: RecordingError | None = None
+        first = next(self.reader.records([self.topics.snapshot]), None)
+        if first is None:
+            cause = f'there is no message on {self.topics.snapshot}: the start is not known'
+            remedy = 'sim_node records one first; with ros2 bag record, record this topic too'
+            raise RecordingError('replay', path, cause, remedy)
+        self.start = self._snapshot(first)
+        self.stamped = first.stamp_ns == self.start.stamp_ns
+        if not self.reader.topics[self.topics.joint_states].message_count:
+            cause = f'there is no message on {self.topics.joint_states}: nothing to compare'
+            raise RecordingError('replay', path, cause)
+
+    def items(self) -> Iterator[Item]:
+        """
+        Yield what the bag holds, from the first snapshot on.
+
+        Of a bag that turns out to be damaged, all before the damage; `damage` is set then.
+        """
+        began = False
+        items = self._raw_items()
+        for item in items if self.stamped else _sorted(items):
+            began = began or isinstance(item, Snapshot)
+            if began or isinstance(item, Change):
+                yield item
+            else:
+                self.early += 1
+
+    def _raw_items(self) -> Iterator[Item]:
+        """Yield the messages as items, as stored."""
+        names = self.topics
+        wanted = {names.snapshot, names.joint_states, names.impacts, names.parameter_events}
+        last: dict[str, tuple[int, bytes]] = {}
+        stamped = self.stamped
+        states, impacts = names.joint_states, names.impacts
+        now_ns = self.start.stamp_ns
+        record = None
+        try:
+            for record in self.reader.records(wanted - {''}):
+                topic, _, stamp_ns, content = record
+                if topic in (states, impacts):
+                    within_ns = header_ns(content)
+                    before = last.get(topic)
+                    if before is not None and within_ns <= before[0]:
+                        if content == before[1]:
+                            self.disorder.note(self.disorder.doubled, topic, stamp_ns)
+                            continue
+                        if within_ns < before[0]:
+                            self.disorder.note(self.disorder.late, topic, stamp_ns)
+                    last[topic] = (within_ns, content)
+                    now_ns = stamp_ns if stamped else within_ns
+                    yield StateRecord(now_ns, content, topic == impacts)
+                elif topic == names.snapshot:
+                    yield self._snapshot(record)
+                elif (change := self._change(record, now_ns)) is not None:
+                    yield change
+        except RecordingError as error:
+            self.damage = error
+        except CdrError as error:
+            assert record is not None
+            cause = f'the message of {record.topic} at {record.stamp_ns} ns is damaged: {error}'
+            self.damage = RecordingError('read', self.reader.path, cause)
+
+    def _snapshot(self, record: Record) -> Snapshot:
+        where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
+        try:
+            message = decode(_STRING, record.content)
+            assert isinstance(message, String)
+            held = json.loads(message.data)
+            version = held['format'] if isinstance(held, dict) else None
+        except (CdrError, ValueError, KeyError) as error:
+            cause = f'{where} cannot be read: {error!r}'
+            raise RecordingError('replay', self.reader.path, cause) from error
+        if version != FORMAT or held.get('state', {}).get('format', FORMAT) != FORMAT:
+            cause = f'{where} is of format {version!r}; this version reads format {FORMAT}'
+            remedy = 'replay the bag with the version of impact_damper_ros that recorded it'
+            raise RecordingError('replay', self.reader.path, cause, remedy)
+        try:
+            offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
+            reason, state = str(held['reason']), dict(held['state'])
+        except (KeyError, TypeError, ValueError) as error:
+            cause = f'{where} is not complete: {error!r}'
+            raise RecordingError('replay', self.reader.path, cause) from error
+        return Snapshot(offset_ns + time_ns, offset_ns, time_ns, reason, state)
+
+    def _change(self, record: Record, now_ns: int) -> Change | None:
+        """Return what a parameter event says of the rig; None if nothing."""
+        event = decode(_PARAMETER_EVENT, record.content)
+        assert isinstance(event, ParameterEvent)
+        node = self.topics.node
+        if event.node != node and (
+            node or event.node.rpartition('/')[0] + '/' != self.topics.namespace
+        ):
+            return None
+        dump = not event.changed_parameters
+        values = _rig_values(event.new_parameters if dump else event.changed_parameters)
+        exact = record.stamp_ns == event.stamp_ns
+        if not values:
+            return None
+        return Change(event.stamp_ns if exact else now_ns, values, exact, dump)
+
+
+def _rig_values(parameters: tuple[Parameter, ...]) -> dict[str, Any]:
+    known = (*PARAMETER_SPECS, *INITIAL_SPECS, 'state_rate')
+    return {p.name: p.value for p in parameters if p.name in known}
+
+
+def _sorted(items: Iterator[Item]) -> Iterator[Item]:
+    """Put items in the order of their stamps that overtook each other on their way."""
+    pending: list[tuple[int, bool, int, Item]] = []
+    for number, item in enumerate(items):
+        # At one instant the cause comes before what it does.
+        entry = (item.stamp_ns, isinstance(item, StateRecord), number, item)
+        if len(pending) < _OVERTAKING:
+            heapq.heappush(pending, entry)
+        else:
+            yield heapq.heappushpop(pending, entry)[3]
+    while pending:
+        yield heapq.heappop(pending)[3]

@@ -1,0 +1,238 @@
+"""
+What if: another rig on the history of a recorded one.
+
+The other rig starts as the recorded one did, gets the same force, and everything that was done to
+the recorded one is done to it, too; but some parameters are held at other values all the time.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from impact_damper_ros.rig import (
+    Event,
+    InitialConditions,
+    ParameterError,
+    RigParameters,
+    Sample,
+    Simulator,
+)
+
+from .replay import Replay, Tick
+from .replayed_rig import Step
+from .run_history import Snapshot
+
+__all__ = ['Ending', 'Trace', 'WhatIf', 'trace']
+
+
+class WhatIf:
+    """
+    A rig with some parameters held, on a recorded history.
+
+    Parameters
+    ----------
+    start : Snapshot
+        Where the history begins.
+    initial : InitialConditions or None
+        The recorded rig's at that time, as far as they are known.
+    held : mapping
+        Rig parameters and their values.
+    held_initial : mapping, optional
+        Initial conditions and their values.
+
+    Attributes
+    ----------
+    rig : Simulator
+        The rig.
+    from_initial : bool
+        Whether it started from the initial conditions. Otherwise it took over the recorded state,
+        and the held values came as a change at that instant: a gap that is too narrow closes on m
+        as it does on a live rig.
+
+    Raises
+    ------
+    ParameterError
+        If the values are not admissible.
+    ValueError
+        If initial conditions are held and the history does not begin with them.
+    """
+
+    def __init__(
+        self,
+        start: Snapshot,
+        initial: InitialConditions | None,
+        held: Mapping[str, Any],
+        held_initial: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._held = dict(held)
+        self._held_initial = dict(held_initial or {})
+        self._logged = RigParameters(**start.state['parameters'])
+        parameters = self._logged.replace(**held)
+        self.early_events: list[Event] = []
+        rig = _from_initial(start, self._logged, initial, parameters, self._held_initial)
+        self.from_initial = rig is not None
+        if rig is None:
+            if self._held_initial:
+                raise ValueError(
+                    f'{", ".join(self._held_initial)} cannot be set: the bag does not begin where '
+                    'the run began, the state there is what was recorded; set rig parameters only'
+                )
+            rig = Simulator.restore(start.state)
+            self.early_events += rig.change(parameters)
+        self.rig = rig
+
+    def copied(self) -> WhatIf:
+        """Return another one that goes on from here."""
+        other = copy.copy(self)
+        other.rig = Simulator.restore(self.rig.snapshot())
+        return other
+
+    def follow(self, tick: Tick) -> tuple[Sample, list[Event]]:
+        """
+        Go on to a sample of the recorded run.
+
+        Returns
+        -------
+        sample : Sample
+            The motion there.
+        events : list of Event
+            What happened on the way.
+
+        Raises
+        ------
+        ParameterError
+            If what was done to the recorded rig cannot be done to this one.
+        """
+        events, self.early_events = self.early_events, []
+        for time_ns, step in tick.steps:
+            events += self.advance(time_ns)
+            events += self.carry_out(step)
+        events += self.advance(tick.time_ns)
+        return self.rig.sample(), events
+
+    def advance(self, time_ns: int) -> list[Event]:
+        """Go on to an instant; once only, as the node does."""
+        time = time_ns / 1e9
+        return self.rig.advance(time) if time > self.rig.time else []
+
+    def carry_out(self, step: Step) -> list[Event]:
+        """
+        Do what was done to the recorded rig, with the held values.
+
+        Raises
+        ------
+        ParameterError
+            If that cannot be.
+        """
+        rig = self.rig
+        if isinstance(step, RigParameters):
+            self._logged = step
+            return rig.change(step.replace(**self._held))
+        initial = InitialConditions(**{**step.as_dict(), **self._held_initial})
+        try:
+            rig.reset(initial)
+        except ParameterError:
+            # m would be outside a narrower gap, which then closes on it, as at the start.
+            parameters = rig.parameters
+            rig.change(self._logged)
+            rig.reset(initial)
+            return rig.change(parameters)
+        return []
+
+
+def _from_initial(
+    start: Snapshot,
+    logged: RigParameters,
+    initial: InitialConditions | None,
+    parameters: RigParameters,
+    held_initial: Mapping[str, Any],
+) -> Simulator | None:
+    """Return a rig at its initial conditions, if the history begins at those of the logged one."""
+    if initial is None or start.time_ns != 0:
+        return None
+    try:
+        if Simulator(logged, initial).snapshot() != start.state:
+            return None
+        return Simulator(parameters, InitialConditions(**{**initial.as_dict(), **held_initial}))
+    except ParameterError:
+        if held_initial:
+            raise
+        return None
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Closely sampled motion of a rig, and the impacts meanwhile."""
+
+    samples: Sequence[Sample]
+    impacts: Sequence[Event]
+
+
+class Ending:
+    """
+    The last moments of a replay and of its what-if, to be looked at closely afterwards.
+
+    Parameters
+    ----------
+    replay : Replay
+        The replay.
+    other : WhatIf
+        Runs along with it.
+    span : float
+        How much of the end is kept, s of rig time.
+    """
+
+    def __init__(self, replay: Replay, other: WhatIf, span: float) -> None:
+        self._replay = replay
+        self._other = other
+        self._span_ns = round(span * 1e9)
+        self._kept: deque[tuple[int, Simulator, WhatIf]] = deque()
+        self._steps: deque[tuple[int, Step]] = deque()
+        self._time_ns = 0
+
+    def look(self, tick: Tick) -> None:
+        """Take the next sample, at which both rigs stand."""
+        now_ns = self._time_ns = tick.time_ns
+        self._steps.extend(tick.steps)
+        kept = self._kept
+        if not kept or now_ns - kept[-1][0] >= self._span_ns // 4:
+            rig = Simulator.restore(self._replay.replayed.rig.snapshot())
+            kept.append((now_ns, rig, self._other.copied()))
+        while len(kept) > 1 and kept[1][0] <= now_ns - self._span_ns:
+            kept.popleft()
+        while self._steps and self._steps[0][0] < kept[0][0]:
+            self._steps.popleft()
+
+    def traces(self, points: int) -> tuple[Trace, Trace]:
+        """Return recorded rig and what-if, each at so many instants."""
+        if not self._kept:
+            return Trace((), ()), Trace((), ())
+        from_ns, rig, other = self._kept[0]
+        start_ns = max(from_ns, self._time_ns - self._span_ns)
+        instants = [
+            start_ns + (self._time_ns - start_ns) * k // max(1, points - 1) for k in range(points)
+        ]
+        # Those at the very first instant had been done when it was kept.
+        steps = [step for step in self._steps if step[0] > from_ns]
+        plain = other.copied()
+        plain.rig, plain._held, plain._held_initial = Simulator.restore(rig.snapshot()), {}, {}
+        return trace(plain, steps, instants), trace(other.copied(), steps, instants)
+
+
+def trace(rig: WhatIf, steps: Sequence[tuple[int, Step]], instants: Sequence[int]) -> Trace:
+    """Run a rig through what is done to it, and sample it at instants in nanoseconds."""
+    samples, events = [], []
+    waiting = deque(steps)
+    for instant in instants:
+        while waiting and waiting[0][0] <= instant:
+            time_ns, step = waiting.popleft()
+            events += rig.advance(time_ns)
+            events += rig.carry_out(step)
+        events += rig.advance(instant)
+        samples.append(rig.rig.sample())
+    first = samples[0].time if samples else 0.0
+    return Trace(samples, [e for e in events if e.impulse > 0.0 and e.time >= first])
