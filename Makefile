@@ -48,6 +48,7 @@ colcon:  ## build with colcon into build/ and install/, as in a ROS 2 workspace
 bench:  ## measure speed, accuracy and jitter against general tools (some minutes)
 	@$(VENV) ros,plot,test
 	@$(PY) benchmarks/simulator.py $(ARGS)
+	@$(PY) benchmarks/orbits.py $(ARGS)
 	@$(PY) benchmarks/node.py $(ARGS)
 
 env:  ## only make .venv, with all tools for development

@@ -7,6 +7,7 @@ Importable without ROS; needs numpy.
 from .continuation import Branch, continue_orbit, switch_branch
 from .equations import ImpactEquations
 from .error import OrbitError, plausible_stops
+from .optimum import OptimalGap, optimal_gap
 from .orbit import Node, PeriodicOrbit
 from .report import StartReport
 from .search import OrbitSearch, find_orbits
@@ -17,6 +18,7 @@ __all__ = [
     'Branch',
     'ImpactEquations',
     'Node',
+    'OptimalGap',
     'OrbitError',
     'OrbitSearch',
     'PeriodicOrbit',
@@ -26,6 +28,7 @@ __all__ = [
     'StartReport',
     'continue_orbit',
     'find_orbits',
+    'optimal_gap',
     'plausible_stops',
     'section_on',
     'shoot',
