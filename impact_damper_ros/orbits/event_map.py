@@ -34,9 +34,8 @@ from impact_damper_ros.rig.mode import (
     Origin,
     launch,
     mode_at_rest,
-    sines_of,
-    turned_angles,
 )
+from impact_damper_ros.rig.phase import sines_of, turned_angles
 from impact_damper_ros.rig.transition import Transition, carried, moving_mode, resolve
 
 from .equations import Array

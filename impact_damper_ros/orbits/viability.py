@@ -20,8 +20,8 @@ from impact_damper_ros.rig.mode import (
     Origin,
     launch,
     make_machine,
-    turned_angles,
 )
+from impact_damper_ros.rig.phase import turned_angles
 from impact_damper_ros.rig.transition import struck
 
 from .equations import Array, ImpactEquations, ImpactVelocities

@@ -9,13 +9,14 @@ both masses for sticking in the gap and for rest on a stop.
 from __future__ import annotations
 
 from enum import IntEnum
-from math import cos, floor, inf, sin
+from math import cos, inf, sin
 from typing import NamedTuple
 
 from .flight import Flight
-from .kernels import elementwise, kernel
+from .kernels import kernel
 from .oscillator import Oscillator, acceleration_at, make_oscillator
 from .parameters import RigParameters
+from .phase import cosines_of, sines_of
 
 __all__ = [
     'CHATTER_1',
@@ -29,15 +30,11 @@ __all__ = [
     'Machine',
     'Mode',
     'Origin',
-    'advance_time',
     'air_acceleration',
-    'cosines_of',
     'launch',
     'make_machine',
     'mode_at_rest',
-    'sines_of',
     'support_need',
-    'turned_angles',
 ]
 
 FREE = 0
@@ -176,44 +173,6 @@ def make_machine(parameters: RigParameters) -> Machine:
         one_sided=parameters.one_sided,
         phases=parameters.force_phases,
     )
-
-
-@kernel
-def advance_time(time: float, time_low: float, tau: float) -> tuple[float, float]:
-    """
-    Add a duration to an instant held as an unevaluated sum.
-
-    Returns
-    -------
-    time, time_low : float
-        The nearest float to the sum, and what it misses.
-    """
-    total = time + tau
-    back = total - time
-    low = time_low + ((time - (total - back)) + (tau - back))
-    rounded = total + low
-    return rounded, low - (rounded - total)
-
-
-@elementwise
-def turned_angles(angle: float, frequency: float, tau: float) -> float:
-    """Return angles after turning at their frequencies for a time, reduced mod 2 pi."""
-    total = angle + frequency * tau
-    turns = floor(total / 6.283185307179586)
-    # 2 pi in two parts: the reduction must not shift the frequency.
-    return total - turns * 6.283185307179586 - turns * 2.4492935982947064e-16
-
-
-@elementwise
-def sines_of(phase: float, angle: float) -> float:
-    """Return the sine of each harmonic."""
-    return sin(angle + phase)
-
-
-@elementwise
-def cosines_of(phase: float, angle: float) -> float:
-    """Return the cosine of each harmonic."""
-    return cos(angle + phase)
 
 
 @kernel

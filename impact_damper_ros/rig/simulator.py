@@ -10,6 +10,7 @@ from __future__ import annotations
 from math import inf, nextafter
 from typing import Any
 
+from .change import changed, offset_of
 from .contact import (
     ARRIVAL,
     CONTACT_1,
@@ -30,26 +31,19 @@ from .mode import (
     Machine,
     Mode,
     Origin,
-    advance_time,
     launch,
     make_machine,
 )
 from .parameters import InitialConditions, RigParameters
+from .phase import advance_time
+from .snapshot import Snapshot
 from .transition import Transition, at_rest, carried, moving_mode, resolve, struck
 
 __all__ = ['Simulator']
 
-_SNAPSHOT_FORMAT = 1
 # Far more events than any chatter has, in this part of a radian of the natural vibration.
 _MOST_EVENTS_AT_ONCE = 100_000
 _AT_ONCE = 1e-9
-
-
-def _offset(origin: Origin) -> float:
-    """Return Y, from the nearer stop."""
-    if origin.clearance_1 <= origin.clearance_2:
-        return origin.stop_1 - origin.clearance_1
-    return origin.stop_2 + origin.clearance_2
 
 
 class Simulator:
@@ -262,7 +256,7 @@ class Simulator:
             kind,
             stop,
             origin.x,
-            _offset(origin),
+            offset_of(origin),
             before,
             after,
             before + transition.relative_velocity_before,
@@ -334,36 +328,11 @@ class Simulator:
         """
         if parameters == self._parameters:
             return []
-        here = self._here()
         machine = make_machine(parameters)
         shift = self._parameters.static_deflection - parameters.static_deflection
-        count = len(parameters.force_phases)
-        angles = (here.angles + (0.0,) * count)[:count]
-        offset = _offset(here)
-        stop_1 = max(machine.stop, offset)
-        stop_2 = -machine.stop if machine.one_sided else min(-machine.stop, offset)
-        # Clearances move by what the stops move, so that the tiny ones keep their digits.
-        clearance_1 = max(0.0, here.clearance_1 + (stop_1 - here.stop_1))
-        if stop_1 == offset and stop_1 > machine.stop:
-            clearance_1 = 0.0
-        if machine.one_sided:
-            clearance_2 = inf
-        elif here.clearance_2 == inf:
-            clearance_2 = max(0.0, offset - stop_2)
-        else:
-            clearance_2 = max(0.0, here.clearance_2 - (stop_2 - here.stop_2))
-        if stop_2 == offset and stop_2 < -machine.stop and not machine.one_sided:
-            clearance_2 = 0.0
+        origin = changed(self._here(), machine, shift)
         self._parameters = parameters
         self._machine = machine
-        origin = here._replace(
-            x=here.x + shift,
-            angles=angles,
-            stop_1=stop_1,
-            stop_2=stop_2,
-            clearance_1=clearance_1,
-            clearance_2=clearance_2,
-        )
         return self._begin_all(origin)
 
     def reset(self, initial: InitialConditions | None = None) -> None:
@@ -387,20 +356,9 @@ class Simulator:
             The origin of the present flight, the parameters and the time reached; it goes
             through JSON without loss.
         """
-        origin = {
-            name: None if value in (inf, -inf) else value
-            for name, value in self._origin._asdict().items()
-        }
-        return {
-            'format': _SNAPSHOT_FORMAT,
-            'time': self._time,
-            'origin': {**origin, 'angles': list(self._origin.angles)},
-            'unreported': [list(event) for event in self._unreported],
-            'parameters': {
-                name: list(value) if isinstance(value, tuple) else value
-                for name, value in self._parameters.as_dict().items()
-            },
-        }
+        return Snapshot(
+            self._parameters, self._origin, self._time, tuple(self._unreported)
+        ).as_dict()
 
     @classmethod
     def restore(cls, snapshot: dict[str, Any]) -> Simulator:
@@ -412,29 +370,11 @@ class Simulator:
         ValueError
             If the snapshot is of another format or lacks something.
         """
-        if snapshot.get('format') != _SNAPSHOT_FORMAT:
-            raise ValueError(
-                f'snapshot of format {snapshot.get("format")!r}: this version reads format '
-                f'{_SNAPSHOT_FORMAT}'
-            )
-        try:
-            parameters = RigParameters(**snapshot['parameters'])
-            stored = snapshot['origin']
-            values: dict[str, Any] = {
-                name: inf if value is None else value for name, value in stored.items()
-            }
-            origin = Origin(**{**values, 'angles': tuple(stored['angles'])})
-            time = float(snapshot['time'])
-            unreported = [
-                Event(event[0], EventKind(event[1]), *event[2:])
-                for event in snapshot.get('unreported', [])
-            ]
-        except (KeyError, TypeError) as error:
-            raise ValueError(f'snapshot is not complete: {error}') from error
+        state = Snapshot.from_dict(snapshot)
         rig = cls.__new__(cls)
-        rig._parameters = parameters
-        rig._machine = make_machine(parameters)
-        rig._time = time
-        rig._unreported = unreported
-        rig._begin(origin)
+        rig._parameters = state.parameters
+        rig._machine = make_machine(state.parameters)
+        rig._time = state.time
+        rig._unreported = list(state.unreported)
+        rig._begin(state.origin)
         return rig

@@ -25,14 +25,12 @@ from .mode import (
     STICK,
     Machine,
     Origin,
-    advance_time,
     launch,
     mode_at_rest,
-    sines_of,
     support_need,
-    turned_angles,
 )
 from .oscillator import derivative_bound
+from .phase import advance_time, sines_of, turned_angles
 
 __all__ = ['Transition', 'at_rest', 'carried', 'moving_mode', 'resolve', 'struck']
 

@@ -1,0 +1,83 @@
+"""Snapshots: all that a rig's future depends on, in a form that goes through JSON without loss."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any, NamedTuple
+
+from .event import Event, EventKind
+from .mode import Origin
+from .parameters import RigParameters
+
+__all__ = ['Snapshot']
+
+_FORMAT = 1
+
+
+class Snapshot(NamedTuple):
+    """
+    A rig at one instant.
+
+    Attributes
+    ----------
+    parameters : RigParameters
+        The rig.
+    origin : Origin
+        Origin of the present flight, after the event that began it.
+    time : float
+        Time reached, s; the flight's origin may be earlier.
+    unreported : tuple of Event
+        Events of the very start that have not been reported yet.
+    """
+
+    parameters: RigParameters
+    origin: Origin
+    time: float
+    unreported: tuple[Event, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the snapshot as numbers, texts, lists and dictionaries."""
+        origin = {
+            name: None if value in (inf, -inf) else value
+            for name, value in self.origin._asdict().items()
+        }
+        return {
+            'format': _FORMAT,
+            'time': self.time,
+            'origin': {**origin, 'angles': list(self.origin.angles)},
+            'unreported': [list(event) for event in self.unreported],
+            'parameters': {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in self.parameters.as_dict().items()
+            },
+        }
+
+    @classmethod
+    def from_dict(cls, stored: dict[str, Any]) -> Snapshot:
+        """
+        Read what `as_dict` has written.
+
+        Raises
+        ------
+        ValueError
+            If the snapshot is of another format or lacks something.
+        """
+        if stored.get('format') != _FORMAT:
+            raise ValueError(
+                f'snapshot of format {stored.get("format")!r}: this version reads format {_FORMAT}'
+            )
+        try:
+            values: dict[str, Any] = {
+                name: inf if value is None else value for name, value in stored['origin'].items()
+            }
+            return cls(
+                parameters=RigParameters(**stored['parameters']),
+                origin=Origin(**{**values, 'angles': tuple(values['angles'])}),
+                time=float(stored['time']),
+                unreported=tuple(
+                    Event(event[0], EventKind(event[1]), *event[2:])
+                    for event in stored.get('unreported', [])
+                ),
+            )
+        except (KeyError, TypeError) as error:
+            raise ValueError(f'snapshot is not complete: {error}') from error
