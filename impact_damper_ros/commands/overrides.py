@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from contextlib import suppress
 
@@ -14,7 +15,18 @@ from impact_damper_ros.rig import (
     RigParameters,
 )
 
-__all__ = ['overridden']
+__all__ = ['add_set_option', 'overridden']
+
+
+def add_set_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command that takes a parameters file also take ``--set``."""
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='override a parameter of the file, for example --set gap=30; may be repeated',
+    )
 
 
 def overridden(

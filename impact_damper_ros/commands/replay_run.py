@@ -9,17 +9,16 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO
 
 from tqdm import tqdm
 
+from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.commands.replay_report import as_json, findings_text
-from impact_damper_ros.commands.simulate_rig import IMPACT_COLUMNS
 from impact_damper_ros.commands.what_if_comparison import Comparison, held_values
 from impact_damper_ros.recording import RecordingError
 from impact_damper_ros.recording.replay import Replay
 from impact_damper_ros.recording.run_history import RunHistory
-from impact_damper_ros.rig import Event, EventKind, Sample
+from impact_damper_ros.rig import Event, Sample
 
 __all__ = ['main']
 
@@ -82,29 +81,15 @@ class _Table:
     """The states and impacts of the rig, as CSV files like those of `simulate_rig`."""
 
     def __init__(self, states: Path | None, impacts: Path | None, stack: ExitStack) -> None:
-        self._states = self._opened(states, Sample._fields, stack)
-        self._impacts = self._opened(impacts, IMPACT_COLUMNS, stack)
-
-    def _opened(
-        self, path: Path | None, columns: Sequence[str], stack: ExitStack
-    ) -> IO[str] | None:
-        if path is None:
-            return None
-        stream = stack.enter_context(path.open('w', encoding='utf-8', newline=''))
-        stream.write(','.join(columns) + '\n')
-        return stream
+        self._states = open_table(states, Sample._fields, stack) if states else None
+        self._impacts = open_table(impacts, IMPACT_COLUMNS, stack) if impacts else None
 
     def write(self, sample: Sample, events: Sequence[Event]) -> None:
         """Write a sample, and the impacts among the events before it."""
         if self._states is not None:
-            self._states.write(','.join(f'{v:.17g}' for v in sample) + '\n')
+            self._states.write(row(sample))
         if self._impacts is not None:
-            for e in events:
-                if e.kind in (EventKind.IMPACT, EventKind.REST):
-                    row = (e.x, *e[5:9])
-                    self._impacts.write(
-                        f'{e.time:.17g},{e.stop},' + ','.join(f'{v:.17g}' for v in row) + '\n'
-                    )
+            self._impacts.write(impact_rows(events))
 
 
 def _run(arguments: argparse.Namespace, replay: Replay) -> Comparison | None:

@@ -17,7 +17,8 @@ from typing import IO
 from tqdm import tqdm
 
 from impact_damper_ros.analysis.swing import Swing
-from impact_damper_ros.commands.overrides import overridden
+from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
+from impact_damper_ros.commands.overrides import add_set_option, overridden
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -32,15 +33,6 @@ from impact_damper_ros.rig import (
 
 __all__ = ['main', 'parameter_table']
 
-IMPACT_COLUMNS = (
-    'time',
-    'stop',
-    'x',
-    'primary_velocity_before',
-    'primary_velocity_after',
-    'damper_velocity_before',
-    'damper_velocity_after',
-)
 EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:])
 
 # The end of a run that its summary describes, and how closely it looks for the largest X.
@@ -88,13 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--rate', type=_positive, default=200.0, metavar='HZ', help='rate of --states [200]'
     )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help='override a parameter of the file, for example --set gap=30; may be repeated',
-    )
+    add_set_option(parser)
     parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
     return parser
 
@@ -156,37 +142,17 @@ def _instants(
     yield duration
 
 
-def _row(values: Sequence[object]) -> str:
-    return ','.join(f'{v:.17g}' if isinstance(v, float) else str(v) for v in values) + '\n'
-
-
-def _impact_row(event: Event) -> str:
-    return _row(
-        (
-            event.time,
-            event.stop,
-            event.x,
-            event.primary_velocity_before,
-            event.primary_velocity_after,
-            event.damper_velocity_before,
-            event.damper_velocity_after,
-        )
-    )
-
-
 def _event_row(event: Event) -> str:
-    return _row((event.kind.name.lower(), event.time, *event[2:]))
+    return row((event.kind.name.lower(), event.time, *event[2:]))
 
 
 def _open(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
     if path is None:
         return None
-    if str(path) == '-':
-        stream: IO[str] = sys.stdout
-    else:
-        stream = stack.enter_context(path.open('w', encoding='utf-8', newline=''))
-    stream.write(','.join(columns) + '\n')
-    return stream
+    if str(path) != '-':
+        return open_table(path, columns, stack)
+    sys.stdout.write(row(columns))
+    return sys.stdout
 
 
 def _cycle(parameters: RigParameters) -> float:
@@ -259,12 +225,12 @@ def _run(
                     last[event.stop] = event
                 if others is not None:
                     others.write(_event_row(event))
-                if impacts is not None and event.kind in (EventKind.IMPACT, EventKind.REST):
-                    impacts.write(_impact_row(event))
+            if impacts is not None:
+                impacts.write(impact_rows(events))
             if instant >= watched_from:
                 swing.look(rig.sample(), events)
             if states is not None and instant == due / arguments.rate:
-                states.write(_row(rig.sample()))
+                states.write(row(rig.sample()))
                 due += 1
             bar.update(rig.time - before)
     spent = time.perf_counter() - started

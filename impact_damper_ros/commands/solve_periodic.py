@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from impact_damper_ros.commands.overrides import overridden
+from impact_damper_ros.commands.overrides import add_set_option, overridden
 from impact_damper_ros.orbits import (
     OrbitSearch,
     PeriodicOrbit,
@@ -83,13 +83,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--json', type=Path, metavar='FILE', help='write the motions as a list (- : stdout)'
     )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help='override a parameter of the file, for example --set gap=30; may be repeated',
-    )
+    add_set_option(parser)
     parser.add_argument('--quiet', action='store_true', help='no table')
     return parser
 

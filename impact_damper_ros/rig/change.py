@@ -9,11 +9,9 @@ from .mode import Machine, Origin
 __all__ = ['changed', 'offset_of']
 
 
-def offset_of(origin: Origin) -> float:
-    """Return Y, from the nearer stop, m."""
-    if origin.clearance_1 <= origin.clearance_2:
-        return origin.stop_1 - origin.clearance_1
-    return origin.stop_2 + origin.clearance_2
+def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: float) -> float:
+    """Return Y from the clearances and positions of the stops, by the nearer one, m."""
+    return stop_1 - clearance_1 if clearance_1 <= clearance_2 else stop_2 + clearance_2
 
 
 def changed(here: Origin, machine: Machine, shift: float) -> Origin:
@@ -37,7 +35,7 @@ def changed(here: Origin, machine: Machine, shift: float) -> Origin:
     """
     count = len(machine.phases)
     angles = (here.angles + (0.0,) * count)[:count]
-    offset = offset_of(here)
+    offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
     stop_1 = max(machine.stop, offset)
     stop_2 = -machine.stop if machine.one_sided else min(-machine.stop, offset)
     # Clearances move by what the stops move, so that the tiny ones keep their digits.

@@ -37,7 +37,7 @@ from .mode import (
 from .parameters import InitialConditions, RigParameters
 from .phase import advance_time
 from .snapshot import Snapshot
-from .transition import Transition, at_rest, carried, moving_mode, resolve, struck
+from .transition import Transition, at_rest, carried, moving_mode, placed, resolve, struck
 
 __all__ = ['Simulator']
 
@@ -256,7 +256,7 @@ class Simulator:
             kind,
             stop,
             origin.x,
-            offset_of(origin),
+            offset_of(origin.clearance_1, origin.clearance_2, origin.stop_1, origin.stop_2),
             before,
             after,
             before + transition.relative_velocity_before,
@@ -287,22 +287,18 @@ class Simulator:
         """Return the motion at the present time, after any event at that instant."""
         origin, flight = self._origin, self._flight
         motion = motion_at(flight, max(0.0, self._tau(self._time)))
+        place = placed(origin, flight, motion.travel)
+        _, _, stop_1, stop_2 = place
+        speed = 0.0 if flight.joint else motion.relative_velocity
         x, velocity = motion.x, motion.velocity
-        stop_1, stop_2 = origin.stop_1, origin.stop_2
-        clearance_1, clearance_2 = origin.clearance_1, origin.clearance_2
-        speed = 0.0
-        if not flight.joint:
-            speed = motion.relative_velocity
-            if flight.arrival == inf:
-                clearance_1 = max(0.0, clearance_1 - motion.travel)
-                clearance_2 = max(0.0, clearance_2 + motion.travel)
-            elif flight.direction < 0:
-                stop_1 += motion.travel
-            else:
-                stop_2 += motion.travel
-        offset = stop_1 - clearance_1 if clearance_1 <= clearance_2 else stop_2 + clearance_2
         return Sample(
-            self._time, x, velocity, x + offset, velocity + speed, x + stop_1, x + stop_2
+            self._time,
+            x,
+            velocity,
+            x + offset_of(*place),
+            velocity + speed,
+            x + stop_1,
+            x + stop_2,
         )
 
     def change(self, parameters: RigParameters) -> list[Event]:

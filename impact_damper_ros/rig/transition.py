@@ -32,7 +32,7 @@ from .mode import (
 from .oscillator import derivative_bound
 from .phase import advance_time, sines_of, turned_angles
 
-__all__ = ['Transition', 'at_rest', 'carried', 'moving_mode', 'resolve', 'struck']
+__all__ = ['Transition', 'at_rest', 'carried', 'moving_mode', 'placed', 'resolve', 'struck']
 
 
 class Transition(NamedTuple):
@@ -68,6 +68,40 @@ def moving_mode(machine: Machine, relative_velocity: float) -> int:
 
 
 @kernel
+def placed(origin: Origin, flight: Flight, travel: float) -> tuple[float, float, float, float]:
+    """
+    Return where m and the stops are, once m has travelled relative to M.
+
+    Parameters
+    ----------
+    origin, flight : Origin, Flight
+        The flight with its origin.
+    travel : float
+        Y - Y(origin), m.
+
+    Returns
+    -------
+    clearance_1, clearance_2, stop_1, stop_2 : float
+        Distance of m from each stop, and position Y of each stop, m.
+    """
+    clearance_1 = origin.clearance_1
+    clearance_2 = origin.clearance_2
+    stop_1 = origin.stop_1
+    stop_2 = origin.stop_2
+    if not flight.joint:
+        if flight.arrival < inf and flight.direction < 0:
+            stop_1 += travel
+            clearance_2 = max(0.0, clearance_2 + travel)
+        elif flight.arrival < inf:
+            stop_2 += travel
+            clearance_1 = max(0.0, clearance_1 - travel)
+        else:
+            clearance_1 = max(0.0, clearance_1 - travel)
+            clearance_2 = max(0.0, clearance_2 + travel)
+    return clearance_1, clearance_2, stop_1, stop_2
+
+
+@kernel
 def carried(origin: Origin, flight: Flight, tau: float) -> Origin:
     """
     Return the state that a flight reaches, as the origin of another one.
@@ -87,22 +121,8 @@ def carried(origin: Origin, flight: Flight, tau: float) -> Origin:
     time, time_low = advance_time(origin.time, origin.time_low, tau)
     angles = turned_angles(origin.angles, flight.oscillator.frequencies, tau)
     motion: Motion = motion_at(flight, tau)
-    clearance_1 = origin.clearance_1
-    clearance_2 = origin.clearance_2
-    stop_1 = origin.stop_1
-    stop_2 = origin.stop_2
-    speed = 0.0
-    if not flight.joint:
-        speed = motion.relative_velocity
-        if flight.arrival < inf and flight.direction < 0:
-            stop_1 += motion.travel
-            clearance_2 = max(0.0, clearance_2 + motion.travel)
-        elif flight.arrival < inf:
-            stop_2 += motion.travel
-            clearance_1 = max(0.0, clearance_1 - motion.travel)
-        else:
-            clearance_1 = max(0.0, clearance_1 - motion.travel)
-            clearance_2 = max(0.0, clearance_2 + motion.travel)
+    clearance_1, clearance_2, stop_1, stop_2 = placed(origin, flight, motion.travel)
+    speed = 0.0 if flight.joint else motion.relative_velocity
     return Origin(
         time,
         time_low,
