@@ -9,9 +9,8 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Any
 
-from impact_damper_ros.orbits import PeriodicOrbit
+from impact_damper_ros.orbits import PeriodicOrbit, orbit_near
 from impact_damper_ros.orbits.settled import repeated_impacts
-from impact_damper_ros.orbits.shooting import section_on, shoot
 from impact_damper_ros.rig import (
     Event,
     EventKind,
@@ -118,32 +117,6 @@ def _watch(rig: RigParameters, simulator: Simulator, cycles: int, begun: int) ->
     return swing.largest
 
 
-def _orbit_near(rig: RigParameters, impact: Event, cycles: int) -> PeriodicOrbit | None:
-    """Return the periodic motion that shooting finds from the state after an impact."""
-    cycle = math.tau / rig.force_frequencies[0]
-    guess = PeriodicOrbit(
-        parameters=rig,
-        stops=(impact.stop,),
-        cycles=cycles,
-        phases=(impact.time / cycle % 1.0,),
-        x=(impact.x,),
-        primary_velocity_before=(impact.primary_velocity_before,),
-        primary_velocity_after=(impact.primary_velocity_after,),
-        damper_velocity_before=(impact.damper_velocity_before,),
-        damper_velocity_after=(impact.damper_velocity_after,),
-        x_max=math.nan,
-        multipliers=(),
-        stable=False,
-        viable=False,
-        reason='a guess',
-        residual=math.inf,
-        residual_history=(),
-    )
-    section = section_on(guess)
-    shot = None if section is None else shoot(rig, section, cycles)
-    return None if shot is None else shot[0]
-
-
 def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
     """
     Simulate until the motion repeats.
@@ -176,7 +149,7 @@ def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
         period, cycles = repeated
         instants = [e.time for e in period]
         ends = [*instants[1:], instants[0] + cycles * cycle]
-        orbit = _orbit_near(rig, recent[-1], cycles)
+        orbit = orbit_near(rig, recent[-1], recent[-1].time / cycle, cycles)
         seeds = (orbit,) if orbit is not None and cycles == 1 else _seeds(rig, recent)
         return SettledMotion(
             value=value,
@@ -192,7 +165,9 @@ def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
 
 def _seeds(rig: RigParameters, impacts: Sequence[Event]) -> tuple[PeriodicOrbit, ...]:
     """Shoot for one cycle of the force from the last impacts of a run."""
-    tries = (_orbit_near(rig, impact, 1) for impact in impacts[-_SEED_IMPACTS:])
+    cycle = math.tau / rig.force_frequencies[0]
+    last = impacts[-_SEED_IMPACTS:]
+    tries = (orbit_near(rig, impact, impact.time / cycle, 1) for impact in last)
     return tuple(orbit for orbit in tries if orbit is not None)
 
 

@@ -7,6 +7,7 @@ Importable without ROS; needs numpy.
 from .continuation import Branch, continue_orbit, switch_branch
 from .equations import ImpactEquations
 from .error import OrbitError, plausible_stops
+from .nearby import orbit_near
 from .optimum import OptimalGap, optimal_gap
 from .orbit import Node, PeriodicOrbit
 from .report import StartReport
@@ -29,6 +30,7 @@ __all__ = [
     'continue_orbit',
     'find_orbits',
     'optimal_gap',
+    'orbit_near',
     'plausible_stops',
     'section_on',
     'shoot',
