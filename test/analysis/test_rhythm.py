@@ -13,9 +13,8 @@ from impact_damper_ros.rig import EventKind, RigParameters, Simulator
 INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
 
 
-def repeating(phases, x, cycles, periods, wobble=None):
+def repeating(phases, x, cycles, periods, wobble=lambda _: 0.0):
     """Return instants and X of a motion that repeats, but for `wobble(period)`."""
-    wobble = wobble or (lambda period: 0.0)
     instants = [k * cycles + p + wobble(k) for k in range(periods) for p in phases]
     return instants, [value + wobble(k) for k in range(periods) for value in x]
 
