@@ -3,17 +3,22 @@ Registry of the scalar kernels: functions of floats and named tuples that numba 
 
 A kernel runs as plain Python, so that a program starts without waiting for a compiler.
 `compiled` returns the same functions compiled; both forms do the same floating-point operations
-in the same order.
+in the same order. Where a kernel takes a tuple with an entry for each harmonic, the compiled one
+also takes an array, and is then the same code for any number of them.
 """
 
 from __future__ import annotations
 
 import types
 from collections.abc import Callable
+from functools import cache
 from itertools import repeat
+from pathlib import Path
 from typing import Any, TypeVar
 
-__all__ = ['compiled', 'elementwise', 'kernel']
+from .kernel_cache import stamp_file
+
+__all__ = ['compiled', 'elementwise', 'kernel', 'stamp']
 
 F = TypeVar('F', bound=Callable[..., Any])
 
@@ -62,9 +67,41 @@ def elementwise(function: Callable[..., float]) -> Callable[..., tuple[float, ..
     return along
 
 
+def _unrolled(arguments: list[Any], rows: int) -> str:
+    """Return the source of a function that applies `scalar` along tuples of that length."""
+    from numba import types as nb
+
+    names = ', '.join(f'a{i}' for i in range(len(arguments)))
+    cells = [
+        ', '.join(
+            f'a{i}[{row}]' if isinstance(a, nb.BaseTuple) else f'a{i}'
+            for i, a in enumerate(arguments)
+        )
+        for row in range(rows)
+    ]
+    return f'def along({names}):\n    return ({"".join(f"scalar({c}), " for c in cells)})'
+
+
+def _looped(arguments: list[Any]) -> str:
+    """Return the source of a function that applies `scalar` along arrays."""
+    from numba import types as nb
+
+    names = ', '.join(f'a{i}' for i in range(len(arguments)))
+    arrays = [i for i, a in enumerate(arguments) if isinstance(a, nb.Array)]
+    cells = ', '.join(f'a{i}[row]' if i in arrays else f'a{i}' for i in range(len(arguments)))
+    return (
+        f'def along({names}):\n'
+        f'    out = empty(len(a{arrays[0]}))\n'
+        f'    for row in range(len(out)):\n'
+        f'        out[row] = scalar({cells})\n'
+        f'    return out'
+    )
+
+
 def _compile_elementwise(scalar: Any) -> Any:
-    """Return a compiled function that unrolls over tuples of any length."""
+    """Return a compiled function along tuples, unrolled, or arrays."""
     import numba
+    import numpy as np
     from numba import types as nb
 
     def along(*arguments: Any) -> Any:
@@ -73,29 +110,36 @@ def _compile_elementwise(scalar: Any) -> Any:
     @numba.extending.overload(along)  # type: ignore[untyped-decorator]
     def overloaded(*arguments: Any) -> Any:
         tuples = [a for a in arguments if isinstance(a, nb.BaseTuple)]
-        names = ', '.join(f'a{i}' for i in range(len(arguments)))
-        rows = ''
-        for row in range(len(tuples[0])):
-            cells = ', '.join(
-                f'a{i}[{row}]' if isinstance(a, nb.BaseTuple) else f'a{i}'
-                for i, a in enumerate(arguments)
-            )
-            rows += f'scalar({cells}), '
-        scope: dict[str, Any] = {'scalar': scalar}
-        exec(f'def unrolled({names}):\n    return ({rows})', scope)
-        unrolled = numba.njit(scope['unrolled'])
+        if tuples:
+            source = _unrolled(list(arguments), len(tuples[0]))
+        else:
+            source = _looped(list(arguments))
+        scope: dict[str, Any] = {'scalar': scalar, 'empty': np.empty}
+        exec(source, scope)
+        inner = numba.njit(scope['along'])
 
         def implementation(*arguments: Any) -> Any:
-            return unrolled(*arguments)
+            return inner(*arguments)
 
         return implementation
 
     return along
 
 
-def compiled() -> dict[str, Any]:
+@cache
+def stamp() -> Path | None:
+    """Return the stamp file of the cache of compiled kernels; see `kernel_cache.stamp_file`."""
+    return stamp_file()
+
+
+def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
     """
     Compile every kernel imported so far with numba.
+
+    Parameters
+    ----------
+    cached : tuple of str, optional
+        Kernels whose code, with all that they call, is kept for later processes.
 
     Returns
     -------
@@ -117,9 +161,14 @@ def compiled() -> dict[str, Any]:
         namespace[name] = _compile_elementwise(numba.njit(function))
     for name, function in _KERNELS.items():
         assert isinstance(function, types.FunctionType)
+        code = function.__code__
+        keep = stamp() if name in cached else None
+        if keep is not None:
+            code = code.replace(co_filename=str(keep))
         twin = types.FunctionType(
-            function.__code__, namespace, name, function.__defaults__, function.__closure__
+            code, namespace, name, function.__defaults__, function.__closure__
         )
+        twin.__module__ = function.__module__
         # No fast-math: the operations and their order stay those of the plain kernel.
-        namespace[name] = numba.njit(twin)
+        namespace[name] = numba.njit(twin, nogil=True, cache=keep is not None)
     return {name: namespace[name] for name in _KERNELS}

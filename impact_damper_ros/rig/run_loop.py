@@ -1,0 +1,310 @@
+"""
+The run loop as a kernel: from flight to flight through a series of instants.
+
+It goes the way of `Simulator.advance`, writes samples and events into arrays, and stops where an
+array is full or the rig has had as many events as it may. What it reaches depends on the origin
+alone, so that it may stop and be called again anywhere.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any, NamedTuple
+
+from . import change
+from .certificate import least_step
+from .contact import (
+    ARRIVAL,
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    REVERSAL,
+    first_event,
+)
+from .event import EventKind
+from .flight import Flight, Motion, motion_at
+from .kernels import kernel
+from .mode import CHATTER_1, REST_1, REST_2, STICK, Machine, Origin, launch
+from .phase import advance_time
+from .transition import Transition, placed, resolve
+
+__all__ = ['DONE', 'FULL', 'RUNAWAY', 'SPENT', 'Progress', 'run_through']
+
+#: All instants were reached.
+DONE = 0
+#: The array of events is full.
+FULL = 1
+#: The rig has had as many events as it may.
+SPENT = 2
+#: The rig has an endless number of events at one instant.
+RUNAWAY = 3
+
+_IMPACT = int(EventKind.IMPACT)
+_REST = int(EventKind.REST)
+_STICK = int(EventKind.STICK)
+_RELEASE = int(EventKind.RELEASE)
+_REVERSAL = int(EventKind.REVERSAL)
+_STOP_ARRIVED = int(EventKind.STOP_ARRIVED)
+
+_MOST_AT_ONCE = 100_000
+# The tolerance of the search, so that an event which rounds to the end of a search belongs to it
+_NEXT = 4.440892098500626e-16
+
+offset_of = kernel(change.offset_of)
+
+
+class Progress(NamedTuple):
+    """
+    How far the run loop has come.
+
+    Attributes
+    ----------
+    status : int
+        `DONE`, `FULL`, `SPENT` or `RUNAWAY`.
+    origin : Origin
+        Origin of the present flight.
+    time : float
+        Time reached, s; the instant of the last sample or event, or the end.
+    sampled, written, happened : int
+        Samples and events written, and transitions made, written or not.
+    """
+
+    status: int
+    origin: Origin
+    time: float
+    sampled: int
+    written: int
+    happened: int
+
+
+@kernel
+def _write_event(
+    numbers: Any,
+    codes: Any,
+    row: int,
+    kind: int,
+    stop: int,
+    origin: Origin,
+    before: float,
+    after: float,
+    damper_before: float,
+    damper_after: float,
+    impulse: float,
+) -> int:
+    """Write one event into a row; return the next one."""
+    numbers[row, 0] = origin.time
+    numbers[row, 1] = origin.x
+    numbers[row, 2] = offset_of(
+        origin.clearance_1, origin.clearance_2, origin.stop_1, origin.stop_2
+    )
+    numbers[row, 3] = before
+    numbers[row, 4] = after
+    numbers[row, 5] = damper_before
+    numbers[row, 6] = damper_after
+    numbers[row, 7] = impulse
+    codes[row, 0] = kind
+    codes[row, 1] = stop
+    codes[row, 2] = origin.mode
+    return row + 1
+
+
+@kernel
+def _write_transition(
+    machine: Machine,
+    damper_mass: float,
+    kind: int,
+    mode_before: int,
+    transition: Transition,
+    numbers: Any,
+    codes: Any,
+    row: int,
+) -> int:
+    """Write what an event is reported as, none to two rows; return the next free row."""
+    origin = transition.origin
+    mode = origin.mode
+    before = transition.velocity_before
+    after = transition.velocity_after
+    damper_before = before + transition.relative_velocity_before
+    damper_after = after + transition.relative_velocity_after
+    code = 0
+    stop = 0
+    impulse = 0.0
+    if kind in (CONTACT_1, CONTACT_2):
+        code = _IMPACT
+        stop = transition.stop
+        restitution = machine.restitution_1 if stop == 1 else machine.restitution_2
+        impulse = (
+            damper_mass
+            * (1.0 + restitution)
+            / (1.0 + machine.mass_ratio)
+            * abs(transition.relative_velocity_before)
+        )
+    elif kind == ARRIVAL:
+        code = _STOP_ARRIVED
+        stop = 1 if origin.clearance_1 == 0.0 else 2
+    elif kind in (RELEASE_UP, RELEASE_DOWN):
+        code = _RELEASE
+        if mode_before == REST_1:
+            stop = 1
+        elif mode_before == REST_2:
+            stop = 2
+    elif mode in (REST_1, REST_2):
+        code = _REST
+        stop = 1 if mode == REST_1 else 2
+    elif mode == STICK:
+        code = _STICK
+    elif kind == REVERSAL:
+        code = _REVERSAL
+    if code == 0:
+        return row
+    row = _write_event(
+        numbers,
+        codes,
+        row,
+        code,
+        stop,
+        origin,
+        before,
+        after,
+        damper_before,
+        damper_after,
+        impulse,
+    )
+    if code == _IMPACT and mode in (REST_1, REST_2):
+        row = _write_event(
+            numbers, codes, row, _REST, stop, origin, after, after, after, damper_after, 0.0
+        )
+    return row
+
+
+@kernel
+def _write_sample(
+    samples: Any, row: int, time: float, origin: Origin, flight: Flight, tau: float
+) -> None:
+    """Write the motion at one instant."""
+    motion: Motion = motion_at(flight, tau)
+    clearance_1, clearance_2, stop_1, stop_2 = placed(origin, flight, motion.travel)
+    speed = 0.0 if flight.joint else motion.relative_velocity
+    samples[row, 0] = time
+    samples[row, 1] = motion.x
+    samples[row, 2] = motion.velocity
+    samples[row, 3] = motion.x + offset_of(clearance_1, clearance_2, stop_1, stop_2)
+    samples[row, 4] = motion.velocity + speed
+    samples[row, 5] = motion.x + stop_1
+    samples[row, 6] = motion.x + stop_2
+
+
+@kernel
+def run_through(
+    machine: Machine,
+    damper_mass: float,
+    origin: Origin,
+    time: float,
+    end: float,
+    instants: Any,
+    sampled: int,
+    samples: Any,
+    numbers: Any,
+    codes: Any,
+    most: int,
+    in_mode: Any,
+) -> Progress:
+    """
+    Let a rig run to a later time.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    damper_mass : float
+        Mass m, kg, for the impulses.
+    origin : Origin
+        Origin of the present flight.
+    time : float
+        Time reached so far, s; not before the origin.
+    end : float
+        Time to reach, s.
+    instants : array of float, shape (n,)
+        Instants at which to sample, ascending, from `time` to `end`.
+    sampled : int
+        How many of them are done already.
+    samples : array of float, shape (n, 7)
+        Takes the samples, in the order of `Sample`.
+    numbers : array of float, shape (rows, 8)
+        Takes time, X, Y, velocities of M and m before and after, and impulse of each event.
+        Without a row, events are counted only.
+    codes : array of int, shape (rows, 3)
+        Takes kind, stop and mode after each event.
+    most : int
+        How many transitions may be made.
+    in_mode : array of float, shape (8,)
+        Time spent in each mode is added to it, s.
+
+    Returns
+    -------
+    Progress
+        Where it stopped, and why.
+    """
+    writing = len(codes) > 0
+    flight: Flight = launch(machine, origin)
+    node = 0.0
+    kind = NO_EVENT
+    known = False
+    written = 0
+    happened = 0
+    instant = -inf
+    at_once = 0
+    count = len(instants)
+    # Of the present flight, what belongs to the time before
+    begun = (time - origin.time) - origin.time_low
+    at_once_span = least_step(machine.joint.horizon) * 0.5
+    while True:
+        target = end
+        if sampled < count:
+            target = float(instants[sampled])
+        since = (target - origin.time) - origin.time_low
+        if origin.mode >= CHATTER_1:
+            node = origin.chatter_left
+            known = True
+        if not known:
+            kind, node = first_event(flight, node, since + _NEXT * abs(target))
+            known = kind != NO_EVENT
+        if not known or advance_time(origin.time, origin.time_low, node)[0] > target:
+            time = target
+            if sampled == count:
+                in_mode[origin.mode] += since - begun
+                return Progress(DONE, origin, time, sampled, written, happened)
+            _write_sample(samples, sampled, target, origin, flight, max(0.0, since))
+            sampled += 1
+            continue
+        status = DONE
+        if happened >= most:
+            status = SPENT
+        elif at_once > _MOST_AT_ONCE:
+            status = RUNAWAY
+        elif writing and written + 2 > len(codes):
+            status = FULL
+        if status != DONE:
+            time = max(time, origin.time)
+            in_mode[origin.mode] += max(0.0, ((time - origin.time) - origin.time_low) - begun)
+            return Progress(status, origin, time, sampled, written, happened)
+        in_mode[origin.mode] += node - begun
+        before = origin.mode
+        transition: Transition = resolve(machine, origin, flight, kind, node)
+        origin = transition.origin
+        happened += 1
+        if writing:
+            written = _write_transition(
+                machine, damper_mass, kind, before, transition, numbers, codes, written
+            )
+        if origin.time > instant + at_once_span:
+            instant = origin.time
+            at_once = 0
+        at_once += 1
+        flight = launch(machine, origin)
+        node = 0.0
+        begun = 0.0
+        kind = NO_EVENT
+        known = False

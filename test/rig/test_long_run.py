@@ -1,0 +1,271 @@
+"""Long runs are runs of the simulator, to the last bit, plain and compiled."""
+
+import json
+import os
+import subprocess
+import sys
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.rig import (
+    EventKind,
+    InitialConditions,
+    Mode,
+    RigParameters,
+    Simulator,
+    kernel_cache,
+)
+from impact_damper_ros.rig.long_run import EVENT_TYPE, SAMPLE_TYPE, LongRun, Outcome
+from rig.random_rigs import random_rig
+
+ROOT = Path(__file__).parents[2]
+GOLDEN = (
+    {'gravity': 0.0},
+    {'angle': pi / 4, 'gravity': 1.0, 'force_frequencies': (1.02,)},
+    {'angle': pi / 4, 'gravity': 1.0, 'friction': 0.5, 'force_frequencies': (1.02,)},
+)
+#: Bounces on elastic stops under gravity, ever faster.
+ENDLESS = (
+    RigParameters(restitution_1=1.0, angle=1.0, force_amplitudes=[0.0]),
+    InitialConditions(initial_damper_offset=18.5, initial_damper_velocity=-1e-5),
+)
+
+
+@pytest.fixture(params=[False, True], ids=['plain', 'compiled'])
+def compiled(request):
+    if request.param:
+        pytest.importorskip('numba')
+    return request.param
+
+
+def rows(events):
+    """Return events of the simulator as the table of a long run has them, without the mode."""
+    names = [name for name in EVENT_TYPE.names if name != 'mode']
+    return [tuple(getattr(event, name) for name in names) for event in events]
+
+
+def without_mode(table):
+    return [tuple(row)[:-1] for row in table.tolist()]
+
+
+def followed(rig, instants):
+    """Return what the simulator makes of a series of instants."""
+    events, samples = [], []
+    for instant in instants:
+        events += rig.advance(float(instant))
+        samples.append(tuple(rig.sample()))
+    return events, samples
+
+
+def assert_same(run, rig, instants):
+    """Compare a long run over some instants with the simulator, bit for bit."""
+    stretch = run.advance(float(instants[-1]), instants)
+    events, samples = followed(rig, instants)
+    assert stretch.outcome == Outcome.COMPLETE
+    assert stretch.reason == ''
+    assert stretch.samples.tolist() == samples
+    assert without_mode(stretch.events) == rows(events)
+    mine, its = run.snapshot(), rig.snapshot()
+    assert mine == its
+    return stretch
+
+
+@pytest.mark.parametrize('harmonics', [1, 3])
+def test_random_rigs(compiled, harmonics):
+    """Friction, slopes, air, one stop, all modes: samples, events and where it ends."""
+    modes, happened = set(), 0
+    for seed in range(40):
+        parameters, initial = random_rig(
+            f'long {seed}',
+            force_amplitudes=[1.0 / (k + 1) for k in range(harmonics)],
+            force_frequencies=[0.7 + 0.6 * k for k in range(harmonics)],
+            force_phases=[0.1 * k for k in range(harmonics)],
+            restitution_1=0.6 + 0.005 * seed,
+        )
+        run = LongRun(parameters, initial, compiled=compiled)
+        rig = Simulator(parameters, initial)
+        for end in (7.0, 7.0, 30.0):
+            stretch = assert_same(run, rig, np.linspace(run.time, end, 23))
+            modes |= set(stretch.events['mode'].tolist())
+            happened += stretch.event_count
+    assert happened > 1000
+    assert modes >= {0, 1, 2, 3, 4, 5}
+
+
+@pytest.mark.parametrize('changes', GOLDEN)
+def test_golden_rigs(compiled, changes):
+    rig, run = (
+        Simulator(RigParameters(**changes)),
+        LongRun(RigParameters(**changes), compiled=compiled),
+    )
+    stretch = assert_same(run, rig, np.arange(0.0, 400.0, 0.5))
+    assert len(stretch.impacts()) > 100
+    assert len(stretch.impacts(1)) + len(stretch.impacts(2)) == len(stretch.impacts())
+    assert stretch.time_in_mode.sum() == pytest.approx(stretch.time, rel=1e-12)
+
+
+def test_time_in_mode_is_that_between_events(compiled):
+    run = LongRun(RigParameters(**GOLDEN[2]), compiled=compiled)
+    parts = [run.advance(t) for t in (0.5, 3.0, 3.0, 40.0)]
+    spent = sum(part.time_in_mode for part in parts)
+    events = np.concatenate([part.events for part in parts])
+    release = events['time'][events['kind'] == EventKind.RELEASE]
+    stick = events['time'][events['kind'] == EventKind.STICK]
+    assert spent[Mode.STICK] == pytest.approx(release.sum() - stick.sum(), rel=1e-13)
+    assert spent[Mode.SLIDE_DOWN] + spent[Mode.SLIDE_UP] == pytest.approx(
+        40.0 - spent[Mode.STICK], rel=1e-13
+    )
+
+
+def test_without_recording_it_goes_the_same_way(compiled):
+    runs = [LongRun(RigParameters(**GOLDEN[0]), compiled=compiled) for _ in range(2)]
+    silent = runs[0].advance(300.0, record=False)
+    told = runs[1].advance(300.0)
+    assert len(silent.events) == 0
+    assert silent.event_count == told.event_count == len(told.events)
+    assert runs[0].snapshot() == runs[1].snapshot()
+
+
+def test_more_events_than_one_array_takes(compiled):
+    """A gap this small has thousands of impacts, which take several arrays."""
+    parameters = RigParameters(gap=0.02, gravity=0.0, restitution_1=0.95, restitution_2=0.95)
+    run, rig = LongRun(parameters, compiled=compiled), Simulator(parameters)
+    stretch = assert_same(run, rig, np.array([80.0]))
+    assert len(stretch.events) > 4096
+
+
+def test_events_without_end_are_an_outcome(compiled):
+    parameters, initial = ENDLESS
+    run = LongRun(parameters, initial, compiled=compiled)
+    stretch = run.advance(10.0, np.array([0.0, 10.0]), most_events=5000)
+    assert stretch.outcome == Outcome.TOO_MANY_EVENTS
+    assert stretch.event_count == 5000
+    assert len(stretch.events) == 5000
+    assert len(stretch.samples) == 1
+    assert run.time == stretch.time == stretch.events['time'][-1]
+    assert '5000 events from 0.0 s to 0.0' in stretch.reason
+    # It goes on from there, and the way is that of the simulator.
+    later = run.advance(2.0 * run.time)
+    rig = Simulator(parameters, initial)
+    assert rows(rig.advance(run.time)) == without_mode(stretch.events) + without_mode(later.events)
+
+
+def test_a_runaway_is_an_outcome(compiled, monkeypatch):
+    """The simulator raises an error in its place."""
+    if compiled:
+        pytest.skip('numbers in compiled code cannot be changed')
+    monkeypatch.setattr('impact_damper_ros.rig.run_loop._MOST_AT_ONCE', 50)
+    monkeypatch.setattr('impact_damper_ros.rig.run_loop.least_step', lambda horizon: horizon)
+    stretch = LongRun(*ENDLESS, compiled=False).advance(10.0)
+    assert stretch.outcome == Outcome.RUNAWAY
+    assert stretch.event_count == 51
+    assert 'events without end at' in stretch.reason
+
+
+def test_hand_over_and_back(compiled):
+    parameters = RigParameters(**GOLDEN[2])
+    alone = Simulator(parameters)
+    alone.advance(50.0)
+    alone.change(RigParameters(**{**GOLDEN[2], 'gap': 20.0}))
+    alone.advance(120.0)
+
+    first = Simulator(parameters)
+    first.advance(21.3)
+    run = LongRun.restore(first.snapshot(), compiled=compiled)
+    run.advance(50.0)
+    run.change(RigParameters(**{**GOLDEN[2], 'gap': 20.0}))
+    run.advance(80.0)
+    last = run.simulator()
+    last.advance(120.0)
+    assert last.snapshot() == alone.snapshot()
+    assert run.parameters.gap == 20.0
+    assert run.mode == Mode.SLIDE_UP or run.mode == Mode.SLIDE_DOWN
+
+
+def test_an_impact_with_which_the_rig_starts(compiled):
+    initial = InitialConditions(initial_damper_offset=18.5, initial_damper_velocity=1.0)
+    run = LongRun(RigParameters(), initial, compiled=compiled)
+    rig = Simulator(RigParameters(), initial)
+    stretch = assert_same(run, rig, np.array([0.0, 5.0]))
+    assert stretch.events[0]['kind'] == EventKind.IMPACT
+    assert stretch.events[0]['time'] == 0.0
+    assert len(run.advance(6.0).events) == len(rig.advance(6.0))
+
+
+def test_what_it_cannot_do(compiled):
+    run = LongRun(RigParameters(), time=2.0, compiled=compiled)
+    with pytest.raises(ValueError, match=r'cannot advance to 1\.0 s: .* not before 2\.0 s'):
+        run.advance(1.0)
+    for instants in ([1.0, 3.0], [3.0, 2.5], [3.0, 5.0]):
+        with pytest.raises(ValueError, match=r'instants must ascend from 2\.0 s to 4\.0 s'):
+            run.advance(4.0, instants)
+    assert run.time == 2.0
+    assert run.advance(2.0, [2.0]).samples.dtype == SAMPLE_TYPE
+
+
+START = (
+    'from impact_damper_ros.rig import RigParameters\n'
+    'from impact_damper_ros.rig.long_run import LongRun\n'
+    'import sys\n'
+    'run = LongRun(RigParameters(gravity=0.0), compiled=True)\n'
+    'run.advance(100.0)\n'
+    'print(run.snapshot())\n'
+)
+
+
+def start(**environment):
+    """Begin a process that compiles, or loads, and tells where it got to."""
+    return subprocess.Popen(
+        [sys.executable, '-c', START],
+        env={**os.environ, 'PYTHONPATH': str(ROOT), **environment},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_compiled_code_is_kept_and_two_may_compile_at_once(tmp_path):
+    pytest.importorskip('numba')
+    processes = [start(NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2)]
+    told = {process.communicate(timeout=300)[0] for process in processes}
+    assert [process.returncode for process in processes] == [0, 0]
+    code = sorted(tmp_path.rglob('*.nbc'))
+    assert len(code) == 1
+    written = code[0].stat().st_mtime_ns
+    again = start(NUMBA_CACHE_DIR=str(tmp_path))
+    told.add(again.communicate(timeout=300)[0])
+    assert len(told) == 1
+    assert code[0].stat().st_mtime_ns == written
+    assert sorted(tmp_path.rglob('*.nbc')) == code
+    run = LongRun(RigParameters(gravity=0.0), compiled=False)
+    run.advance(100.0)
+    assert told == {f'{run.snapshot()}\n'}
+
+
+def test_the_cache_goes_where_it_may(tmp_path, monkeypatch):
+    blocked = tmp_path / 'a file'
+    blocked.write_text('not a directory')
+    monkeypatch.setenv('HOME', str(blocked))
+    monkeypatch.setenv('XDG_CACHE_HOME', str(blocked))
+    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
+    assert kernel_cache.stamp_file() is None
+    with kernel_cache.compiling_alone(None):
+        pass
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
+    stamp = kernel_cache.stamp_file()
+    assert stamp.is_relative_to(tmp_path / 'cache' / 'impact_damper_ros')
+    before = stamp.stat()
+    assert kernel_cache.stamp_file() == stamp
+    assert stamp.stat().st_mtime_ns == before.st_mtime_ns == 0
+    monkeypatch.setattr(kernel_cache, '_digest', lambda: 'other sources')
+    assert kernel_cache.stamp_file().parent != stamp.parent
+
+
+def test_snapshots_are_those_of_the_simulator(compiled):
+    run = LongRun(RigParameters(**GOLDEN[1]), compiled=compiled)
+    run.advance(77.0)
+    stored = json.loads(json.dumps(run.snapshot(), allow_nan=False))
+    rig = Simulator.restore(stored)
+    assert_same(LongRun.restore(stored, compiled=compiled), rig, np.linspace(77.0, 99.0, 5))
