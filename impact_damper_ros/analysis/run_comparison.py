@@ -18,6 +18,7 @@ import numpy as np
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import RigParameters
 
+from .motion_kind import MotionKind
 from .run_curves import StretchCurves
 from .stretch_measures import Decay, EnergyBalance, Finding, MeasuredMotion
 
@@ -39,22 +40,6 @@ class Beginning(Enum):
     RESUME = 'resume'
     #: Messages are missing before it.
     GAP = 'gap'
-
-
-class MotionKind(Enum):
-    """What a motion is, as measured."""
-
-    AT_REST = 'at rest'
-    #: M moves, m hits no stop.
-    NO_IMPACTS = 'without impacts'
-    TRANSIENT = 'transient'
-    PERIODIC = 'periodic'
-    QUASI_PERIODIC = 'quasi-periodic'
-    CHAOTIC = 'chaotic'
-    #: Neither periodic nor long enough to tell more.
-    UNDECIDED = 'undecided'
-    #: Under a force, or a control, that never repeats.
-    NOT_PERIODICALLY_DRIVEN = 'not periodically driven'
 
 
 class Verdict(Enum):

@@ -1,4 +1,4 @@
-"""`simulate_rig`: run a rig without ROS and write its impacts, events and states as CSV."""
+"""`simulate_rig`: run a rig without ROS; impacts, events and states as CSV, or all as a bag."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from tqdm import tqdm
 from impact_damper_ros.analysis.swing import Swing
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.commands.overrides import add_set_option, overridden
+from impact_damper_ros.recording import RecordingError
+from impact_damper_ros.recording.rig_recorder import RigRecorder
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -78,7 +80,14 @@ def _parser() -> argparse.ArgumentParser:
         '--states', type=Path, metavar='FILE', help='write sampled states as CSV (- : stdout)'
     )
     parser.add_argument(
-        '--rate', type=_positive, default=200.0, metavar='HZ', help='rate of --states [200]'
+        '--bag', type=Path, metavar='DIR', help='record to MCAP what sim_node would; DIR is new'
+    )
+    parser.add_argument(
+        '--rate',
+        type=_positive,
+        default=200.0,
+        metavar='HZ',
+        help='rate of --states and of the joint states in --bag [200]',
     )
     add_set_option(parser)
     parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
@@ -122,13 +131,17 @@ def _positive(text: str) -> float:
 
 
 def _instants(
-    duration: float, rate: float | None, cycle: float, watched_from: float
+    duration: float,
+    rate: float | None,
+    cycle: float,
+    watched_from: float,
+    ticks: Iterator[float],
 ) -> Iterator[float]:
     """
     Yield the instants to advance to, in order; the motion does not depend on them.
 
-    They are the sampling grid, if there is one, else one per cycle; and in the end of the run
-    that is watched for its largest displacement as many as that takes.
+    They are the sampling grid, if there is one, else one per cycle; the ticks of the recording;
+    and in the end of the run that is watched for its largest displacement as many as that takes.
     """
     grid = rate if rate is not None else 1.0 / cycle
     last = math.floor(duration * grid * (1.0 + 1e-15))
@@ -136,7 +149,7 @@ def _instants(
     close = cycle / _LOOKS_PER_CYCLE
     looks = math.floor((duration - watched_from) / close)
     watched = (watched_from + k * close for k in range(looks + 1))
-    for instant in heapq.merge(regular, watched):
+    for instant in heapq.merge(regular, watched, ticks):
         if instant < duration:
             yield instant
     yield duration
@@ -204,6 +217,11 @@ def _run(
         impacts = _open(arguments.impacts, IMPACT_COLUMNS, stack)
         others = _open(arguments.events, EVENT_COLUMNS, stack)
         states = _open(arguments.states, Sample._fields, stack)
+        recording = None
+        if arguments.bag is not None:
+            listed = {**parameters.as_dict(), **initial.as_dict()}
+            recording = RigRecorder(arguments.bag, rig, listed, arguments.rate, duration)
+            stack.callback(recording.close)
         bar = stack.enter_context(
             tqdm(
                 total=duration,
@@ -215,8 +233,10 @@ def _run(
             )
         )
         rate = arguments.rate if states is not None else None
+        ticks = recording.ticks() if recording is not None else iter(())
+        instants = _instants(duration, rate, cycle, watched_from, ticks)
         due = 0
-        for instant in itertools.chain([0.0], _instants(duration, rate, cycle, watched_from)):
+        for instant in itertools.chain([0.0], instants):
             before = rig.time
             events = rig.advance(instant)
             for event in events:
@@ -225,6 +245,8 @@ def _run(
                     last[event.stop] = event
                 if others is not None:
                     others.write(_event_row(event))
+            if recording is not None:
+                recording.look(instant, events)
             if impacts is not None:
                 impacts.write(impact_rows(events))
             if instant >= watched_from:
@@ -261,6 +283,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
     except BrokenPipeError:
         sys.stderr.close()
+        return 1
+    except RecordingError as error:
+        print(f'simulate_rig: {error}', file=sys.stderr)
         return 1
     except OSError as error:
         where = error.filename or 'output'

@@ -108,20 +108,15 @@ class Recorder:
         )
 
     def _topics(self) -> list[Any]:
-        from impact_damper_ros.recording import LATCHED, QosProfile, Topic
+        from impact_damper_ros.recording.rig_recorder import rig_topics
 
         outlets = self._outlets
-        states = 'sensor_msgs/msg/JointState'
-        return [
-            Topic(outlets.joint_states.topic, states, QosProfile(depth=100)),
-            Topic(outlets.impacts.topic, states, QosProfile(depth=1000)),
-            Topic(outlets.snapshot.topic, 'std_msgs/msg/String', LATCHED),
-            Topic(
+        return list(
+            rig_topics(
+                outlets.joint_states.topic,
+                outlets.impacts.topic,
+                outlets.snapshot.topic,
                 outlets.parameter_events,
-                'rcl_interfaces/msg/ParameterEvent',
-                QosProfile(depth=1000),
-            ),
-            Topic(
-                outlets.diagnostics, 'diagnostic_msgs/msg/DiagnosticArray', QosProfile(depth=10)
-            ),
-        ]
+                outlets.diagnostics,
+            )
+        )

@@ -1,5 +1,5 @@
 """
-Reading the Common Data Representation, in which ROS 2 serialises messages.
+Reading and writing the Common Data Representation, in which ROS 2 serialises messages.
 
 Plain CDR (XCDR version 1), as of DDS-XTypes 1.3, section 7.4.3: four bytes that name the
 encoding, then the fields, each aligned to its own size counted from there.
@@ -8,10 +8,10 @@ encoding, then the fields, each aligned to its own size counted from there.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-__all__ = ['CdrError', 'CdrReader']
+__all__ = ['CdrError', 'CdrReader', 'CdrWriter']
 
 T = TypeVar('T')
 
@@ -114,3 +114,40 @@ class CdrReader:
         """Take a builtin_interfaces/Time, in nanoseconds."""
         seconds = self.int32()
         return seconds * 10**9 + self.uint32()
+
+
+class CdrWriter:
+    """
+    Puts the fields of a message one after the other, little-endian, with zeros as padding.
+
+    Attributes
+    ----------
+    content : bytearray
+        The message so far, with its encapsulation header.
+    """
+
+    def __init__(self) -> None:
+        self.content = bytearray(b'\x00\x01\x00\x00')
+
+    def put(self, letter: str, *values: float) -> CdrWriter:
+        """Put numbers of one type, named as `struct` does."""
+        if values:
+            size = struct.calcsize(f'<{letter}')
+            self.content += bytes((4 - len(self.content)) % size)
+            self.content += struct.pack(f'<{len(values)}{letter}', *values)
+        return self
+
+    def sequence(self, letter: str, values: Sequence[float]) -> CdrWriter:
+        """Put a sequence of numbers of one type."""
+        return self.put('I', len(values)).put(letter, *values)
+
+    def string(self, text: str) -> CdrWriter:
+        """Put a string; its length counts the zero at its end."""
+        content = text.encode() + b'\x00'
+        self.put('I', len(content))
+        self.content += content
+        return self
+
+    def time_ns(self, stamp_ns: int) -> CdrWriter:
+        """Put a builtin_interfaces/Time."""
+        return self.put('i', stamp_ns // 10**9).put('I', stamp_ns % 10**9)

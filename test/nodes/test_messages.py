@@ -18,6 +18,7 @@ from impact_damper_ros.nodes.messages import (
     StateTemplate,
 )
 from impact_damper_ros.nodes.serialisation import restamped, serialised, time_from_ns
+from impact_damper_ros.recording.rig_messages import RigMessages
 from impact_damper_ros.rig import Event, EventKind, Sample
 
 STAMPS = (0, 1, 999_999_999, 1_000_000_000, 1_700_000_000_123_456_789, 2**31 * 10**9 - 1)
@@ -48,6 +49,17 @@ def test_joint_states_read_back(stamp_ns):
         v, w = sample.primary_velocity, sample.damper_velocity
         assert list(message.velocity) == [v, w, v, v]
         assert list(message.effort) == []
+
+
+def test_without_ros_the_same_bytes():
+    messages = RigMessages()
+    for seed in range(50):
+        sample = Sample(*numbers(7, seed))
+        expected = StateTemplate().of(STAMPS[4], sample)
+        assert messages.states(STAMPS[4], sample) == expected
+        for stop in (1, 2):
+            event = Event(1.5, EventKind.IMPACT, stop, *numbers(7, 50 + seed))
+            assert messages.impact(STAMPS[5], event) == ImpactTemplate(stop).of(STAMPS[5], event)
 
 
 @pytest.mark.parametrize('stop', [1, 2])

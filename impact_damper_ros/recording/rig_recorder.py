@@ -1,0 +1,175 @@
+"""
+Recording a rig that runs without ROS: the bag that the node would have written.
+
+The same topics, in the same order, with the same bytes. Stamps count from 0, as those of a node
+that publishes /clock.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from impact_damper_ros.rig import Event, EventKind, Sample
+
+from .rig_messages import RigMessages, parameter_event, snapshot_message
+from .run_writer import RunWriter
+from .topic import LATCHED, QosProfile, Topic
+
+__all__ = ['RigRecorder', 'RunningRig', 'rig_topics']
+
+_EVENTS = '/parameter_events'
+_JOINT_STATE = 'sensor_msgs/msg/JointState'
+#: Messages that may wait for the disk before the rig waits for them.
+_BACKLOG = 50_000
+_NAP = 0.01
+
+
+class RunningRig(Protocol):
+    """What is asked of a rig."""
+
+    def sample(self) -> Sample:
+        """Return the motion at the present time."""
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what the rig's future depends on."""
+
+
+def rig_topics(
+    joint_states: str, impacts: str, snapshot: str, parameter_events: str, diagnostics: str = ''
+) -> list[Topic]:
+    """Return the topics of a rig by their full names, with the node's quality of service."""
+    topics = [
+        Topic(joint_states, _JOINT_STATE, QosProfile(depth=100)),
+        Topic(impacts, _JOINT_STATE, QosProfile(depth=1000)),
+        Topic(snapshot, 'std_msgs/msg/String', LATCHED),
+        Topic(parameter_events, 'rcl_interfaces/msg/ParameterEvent', QosProfile(depth=1000)),
+    ]
+    if diagnostics:
+        topics.append(
+            Topic(diagnostics, 'diagnostic_msgs/msg/DiagnosticArray', QosProfile(depth=10))
+        )
+    return topics
+
+
+class RigRecorder:
+    """
+    Records a rig tick by tick, on whole nanoseconds as the node does.
+
+    Parameters
+    ----------
+    directory : Path or str
+        Of the bag; made if absent, must not hold a bag already.
+    rig : RunningRig
+        The rig, at time 0.
+    parameters : mapping
+        Parameters by name, for the list of all parameters with which the bag begins.
+    rate, duration : float
+        Ticks per second, and length of the run, s.
+    node : str, optional
+        Full name of the node that the bag is to be of; its topics are in its namespace.
+
+    Raises
+    ------
+    RecordingError
+        If the bag cannot be made.
+    """
+
+    def __init__(
+        self,
+        directory: Path | str,
+        rig: RunningRig,
+        parameters: Mapping[str, Any],
+        rate: float,
+        duration: float,
+        node: str = '/sim_node',
+    ) -> None:
+        self._rig = rig
+        self._rate = rate
+        self._due = 0
+        self._last = math.floor(duration * rate * (1.0 + 1e-15))
+        self._messages = RigMessages()
+        space = node.rpartition('/')[0]
+        self._states = f'{space}/joint_states'
+        self._impacts = f'{space}/impacts'
+        self._snapshots = f'{space}/snapshot'
+        topics = rig_topics(self._states, self._impacts, self._snapshots, _EVENTS)
+        notes = {
+            'node': node,
+            'joint_states': self._states,
+            'impacts': self._impacts,
+            'snapshot': self._snapshots,
+        }
+        self._writer = RunWriter(directory, topics, custom=notes)
+        dump = parameter_event(
+            0, node, {**parameters, 'state_rate': rate, 'record': True}, new=True
+        )
+        self._snapshot('record')
+        self._writer.write(_EVENTS, dump, 0)
+        self._snapshot('start')
+        self._tick()
+
+    def _snapshot(self, reason: str) -> None:
+        content = snapshot_message(0, 0, reason, self._rig.snapshot())
+        self._writer.write(self._snapshots, content, 0)
+
+    def _instant_ns(self, tick: int) -> int:
+        return round(tick * 1e9 / self._rate)
+
+    def _tick(self) -> None:
+        """Record the joint states; the rig stands at the tick that is due."""
+        time_ns = self._instant_ns(self._due)
+        content = self._messages.states(time_ns, self._rig.sample())
+        self._writer.write(self._states, content, time_ns)
+        self._due += 1
+        while self._writer.backlog > _BACKLOG and self._writer.error is None:
+            time.sleep(_NAP)
+
+    def ticks(self) -> Iterator[float]:
+        """Yield the instants of the ticks after the start, s: the rig must stop at each."""
+        return (self._instant_ns(tick) / 1e9 for tick in range(1, self._last + 1))
+
+    def look(self, instant: float, events: Iterable[Event]) -> None:
+        """
+        Record what happened up to an instant, at which the rig stands.
+
+        Parameters
+        ----------
+        instant : float
+            The instant, s: a tick, or one between two.
+        events : iterable of Event
+            Everything since the last instant.
+
+        Raises
+        ------
+        RecordingError
+            If the recording has failed.
+        """
+        if self._writer.error is not None:
+            raise self._writer.error
+        if self._due > self._last:
+            # A bag ends with a whole tick.
+            return
+        for event in events:
+            if event.kind is EventKind.IMPACT:
+                stamp_ns = round(event.time * 1e9)
+                content = self._messages.impact(stamp_ns, event)
+                self._writer.write(self._impacts, content, stamp_ns)
+        if instant == self._instant_ns(self._due) / 1e9:
+            self._tick()
+
+    def close(self) -> None:
+        """
+        Finish the bag.
+
+        Raises
+        ------
+        RecordingError
+            If it could not be written in whole.
+        """
+        summary = self._writer.close()
+        if summary.error is not None:
+            raise summary.error

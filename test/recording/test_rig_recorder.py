@@ -1,0 +1,63 @@
+"""Bags of the headless command against those that the test driver writes by another library."""
+
+import json
+
+import pytest
+from recording import samples
+from recording.recorded_rig import LIVELY, RecordedRig
+
+from impact_damper_ros.commands.simulate_rig import main
+from impact_damper_ros.recording import RunReader
+from impact_damper_ros.recording.messages import decode
+from impact_damper_ros.recording.rig_messages import parameter_event
+from impact_damper_ros.rig import InitialConditions
+
+
+def simulated(tmp_path, initial, *arguments, rig=LIVELY):
+    """Let the command record the rig of the test driver."""
+    values = {**rig.as_dict(), **initial.as_dict()}
+    plain = {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
+    params = tmp_path / 'params.yaml'
+    params.write_text(json.dumps({'/**': {'ros__parameters': plain}}))
+    assert main([str(params), '--bag', str(tmp_path / 'bag'), '--quiet', *arguments]) == 0
+    return RunReader(tmp_path / 'bag')
+
+
+@pytest.mark.parametrize('rate', [200.0, 333.0])
+def test_the_same_messages_in_the_same_order(tmp_path, rate):
+    initial = InitialConditions(initial_damper_offset=0.005, initial_damper_velocity=0.5)
+    # Other tables ask for instants of their own; the last tick comes before the end.
+    table = ('--states', str(tmp_path / 'states.csv'))
+    duration = ('--duration', '2.001', '--rate', str(rate))
+    reader = simulated(tmp_path, initial, *duration, *table)
+    ticks = int(2.001 * rate)
+    driver = RecordedRig(initial=initial, rate=rate, offset=0).start().run(ticks)
+    assert reader.complete
+    assert reader.custom['joint_states'] == '/joint_states'
+    recorded = [(r.topic, r.content, r.stamp_ns) for r in reader.records()]
+    assert recorded == driver.messages
+    assert reader.topics['/impacts'].message_count > 20
+    assert {t.name for t in samples.TOPICS} - set(reader.topics) == {'/diagnostics'}
+
+
+def test_parameters_of_all_types():
+    values = {'one_sided': True, 'lines': -3, 'gap': 0.25, 'mode': 'off µ', 'phases': (0.5, -1.0)}
+    event = decode(samples.PARAMETER_EVENT, parameter_event(7 * 10**9 + 1, '/a/b', values))
+    assert (event.stamp_ns, event.node) == (7 * 10**9 + 1, '/a/b')
+    assert {p.name: p.value for p in event.changed_parameters} == values
+    assert event.new_parameters == ()
+    parts = [
+        samples.parameter(n, k, values[n]) for n, k in zip(values, (1, 2, 3, 4, 8), strict=True)
+    ]
+    message = samples.make(
+        samples.PARAMETER_EVENT, samples.time(7 * 10**9 + 1), '/a/b', parts, [], []
+    )
+    expected = samples.serialise(samples.PARAMETER_EVENT, message)
+    assert parameter_event(7 * 10**9 + 1, '/a/b', values, new=True) == expected
+
+
+def test_nothing_is_overwritten(tmp_path, capsys):
+    simulated(tmp_path, InitialConditions(), '--duration', '1')
+    arguments = [str(tmp_path / 'params.yaml'), '--duration', '1', '--bag', str(tmp_path / 'bag')]
+    assert main(arguments) == 1
+    assert 'holds a bag already' in capsys.readouterr().err
