@@ -1,0 +1,224 @@
+"""Pictures of the motion in time: the whole run, and the end of a stretch against theory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .report_axes import DASHED, Picture, draw_stop, figure_of, legend_above, rings
+from .report_svg import COLORS
+from .report_units import unit_for
+from .run_comparison import StretchComparison
+from .run_curves import Array, MotionCurve, PredictedCurve, SwingEnvelope
+
+__all__ = ['draw_history', 'draw_run', 'predicted_impacts', 'predicted_motion']
+
+#: Stretches that are numbered in the picture of the whole run; more would run into each other.
+_MOST_NUMBERS = 30
+#: Pieces of the picture of the whole run, all stretches together.
+_MOST_PIECES = 1200
+
+
+def _thinned(envelope: SwingEnvelope, most: int) -> tuple[Array, Array, Array]:
+    """Return an envelope of no more than so many pieces."""
+    size = max(1, -(-len(envelope.time) // most))
+    starts = np.arange(0, len(envelope.time), size)
+    low = np.fmin.reduceat(envelope.low, starts)
+    return envelope.time[starts], low, np.fmax.reduceat(envelope.high, starts)
+
+
+def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
+    """
+    Draw X over the whole run, with what theory has for its largest value in each stretch.
+
+    Parameters
+    ----------
+    stretches : sequence of StretchComparison
+        All of them.
+
+    Returns
+    -------
+    Picture or None
+        None if there is nothing to draw.
+    """
+    shown = [
+        (stretch, stretch.curves.envelope)
+        for stretch in stretches
+        if stretch.curves.envelope is not None and len(stretch.curves.envelope.time)
+    ]
+    if not shown:
+        return None
+    levels = [s.predicted.x_max for s in stretches if s.predicted is not None]
+    sizes = [np.abs([envelope.low, envelope.high]).ravel() for _, envelope in shown]
+    joined = np.concatenate([*sizes, levels])
+    reach = float(np.max(joined[np.isfinite(joined)], initial=0.0))
+    unit = unit_for('m', reach)
+    reach = unit.factor * reach or 1.0
+    figure, axes = figure_of('rig time [s]', f'X [{unit.name}]', wide=True, height=2.8)
+    for stretch, envelope in shown:
+        time, low, high = _thinned(envelope, max(8, _MOST_PIECES // len(shown)))
+        # The last piece reaches to the end of the stretch.
+        time = np.append(time, stretch.end)
+        low, high = (unit.factor * np.append(edge, edge[-1]) for edge in (low, high))
+        axes.fill_between(
+            time, low, high, color=COLORS['primary'], alpha=0.6, linewidth=0.6, zorder=2
+        )
+    for stretch in stretches:
+        if stretch.predicted is not None:
+            level = unit.factor * stretch.predicted.x_max
+            since = stretch.start if stretch.settled_at is None else stretch.settled_at
+            style = {'color': COLORS['theory'], 'linewidth': 1.5, 'linestyle': DASHED}
+            axes.hlines([-level, level], since, stretch.end, zorder=3, **style)
+        if stretch is not stretches[0]:
+            axes.axvline(stretch.start, color=COLORS['quiet'], linewidth=0.7)
+        if len(stretches) <= _MOST_NUMBERS:
+            axes.annotate(
+                str(stretch.number),
+                (stretch.start, 1.28 * reach),
+                xytext=(4, 0),
+                textcoords='offset points',
+                va='top',
+                fontweight='bold',
+            )
+    axes.set_ylim(-1.12 * reach, 1.3 * reach)
+    begin, end = stretches[0].start, stretches[-1].end
+    axes.set_xlim(begin, end if end > begin else begin + 1.0)
+    legend = [('patch', 'primary', 'X as recorded')]
+    if levels:
+        legend.append(('dashed', 'theory', 'predicted largest |X| of the steady motion'))
+    legend_above(axes, legend)
+    caption = 'Displacement of the primary mass over the whole run; upright lines: where a '
+    caption += 'stretch begins.'
+    return Picture(figure, 'The whole run', caption, wide=True)
+
+
+def _occurrences(curve: PredictedCurve, phase: float, start: float, end: float) -> Array:
+    """Return the instants from `start` to `end` at which a phase of the motion comes."""
+    period = curve.cycles * curve.cycle
+    once = curve.force_zero + phase * curve.cycle
+    if not (np.isfinite([once, start, end]).all() and period > 0.0):
+        return np.empty(0)
+    first, last = np.ceil((start - once) / period), np.floor((end - once) / period)
+    return once + period * np.arange(first, last + 1.0)
+
+
+def predicted_motion(
+    curve: PredictedCurve, start: float, end: float
+) -> tuple[Array, Array, Array]:
+    """
+    Return the predicted motion over a stretch of time.
+
+    Parameters
+    ----------
+    curve : PredictedCurve
+        One period.
+    start, end : float
+        Rig time, s.
+
+    Returns
+    -------
+    time, x, y : ndarray
+        Instants, s; X and Y there, m.
+    """
+    if not len(curve.phase):
+        return np.empty(0), np.empty(0), np.empty(0)
+    period = curve.cycles * curve.cycle
+    begins = _occurrences(curve, float(curve.phase[0]), start - period, end)
+    within = (curve.phase - curve.phase[0]) * curve.cycle
+    time = (begins[:, None] + within).ravel()
+    inside = (time >= start) & (time <= end)
+    x, y = (np.tile(values, len(begins))[inside] for values in (curve.x, curve.y))
+    return time[inside], x, y
+
+
+def predicted_impacts(stretch: StretchComparison, start: float, end: float) -> tuple[Array, Array]:
+    """
+    Return the predicted impacts from `start` to `end`, s.
+
+    Returns
+    -------
+    time, z : ndarray
+        Instants, s; where m then is, m.
+    """
+    orbit, curve = stretch.predicted, stretch.curves.predicted
+    if orbit is None or curve is None:
+        return np.empty(0), np.empty(0)
+    half = 0.5 * orbit.parameters.gap
+    instants = [_occurrences(curve, phase, start, end) for phase in orbit.phases]
+    places = [
+        np.full(len(row), x + (half if stop == 1 else -half))
+        for row, stop, x in zip(instants, orbit.stops, orbit.x, strict=True)
+    ]
+    return np.concatenate([[], *instants]), np.concatenate([[], *places])
+
+
+def _where(stretch: StretchComparison, motion: MotionCurve) -> dict[str, tuple[Array, Array]]:
+    """Return instants and places of the recorded impacts, by the marks that show the stops."""
+    impacts = stretch.curves.impacts
+    marks: dict[str, tuple[Array, Array]] = {}
+    if impacts is None:
+        return marks
+    inside = (impacts.time >= motion.time[0]) & (impacts.time <= motion.time[-1])
+    for stop, marker, edge in ((1, '^', motion.stop_1), (2, 'v', motion.stop_2)):
+        chosen = inside & (impacts.stop == stop)
+        if chosen.any():
+            time = impacts.time[chosen]
+            marks[marker] = (time, impacts.x[chosen] + np.interp(time, motion.time, edge))
+    return marks
+
+
+def draw_history(stretch: StretchComparison) -> Picture | None:
+    """
+    Draw the end of a stretch as recorded, with the predicted motion and impacts over it.
+
+    Parameters
+    ----------
+    stretch : StretchComparison
+        The stretch.
+
+    Returns
+    -------
+    Picture or None
+        None if there is nothing to draw.
+    """
+    motion, theory = stretch.curves.motion, stretch.curves.predicted
+    if motion is None or len(motion.time) < 2 or not np.isfinite(motion.time).all():
+        return None
+    z = motion.x + motion.y
+    unit = unit_for('m', motion.x, z)
+    figure, axes = figure_of('rig time [s]', f'position along the axis [{unit.name}]', wide=True)
+    width = motion.stop_1 - motion.stop_2
+    depth = 0.1 * unit.factor * float(np.max(width[np.isfinite(width)], initial=0.0))
+    for edge, side in ((motion.stop_1, 1.0), (motion.stop_2, -1.0)):
+        if np.isfinite(edge).any():
+            draw_stop(axes, unit.factor * (motion.x + edge), motion.time, side * depth)
+    axes.plot(motion.time, unit.factor * motion.x, color=COLORS['primary'], linewidth=2.6)
+    axes.plot(motion.time, unit.factor * z, color=COLORS['damper'], linewidth=1.9)
+    legend = [
+        ('line', 'primary', 'X, primary mass'),
+        ('line', 'damper', 'Z, loose mass'),
+        ('patch', 'stop', 'stops'),
+    ]
+    marks = _where(stretch, motion)
+    for marker, (time, place) in marks.items():
+        style = {'linestyle': 'none', 'marker': marker, 'markersize': 7, 'markeredgewidth': 0}
+        axes.plot(time, unit.factor * place, color=COLORS['damper'], zorder=4, **style)
+    if marks:
+        legend.append(('^', 'damper', 'impact'))
+    start, end = float(motion.time[0]), float(motion.time[-1])
+    caption = 'The end of the stretch as recorded.'
+    if theory is not None:
+        time, x, y = predicted_motion(theory, start, end)
+        for line in (x, x + y):
+            style = {'linewidth': 1.0, 'linestyle': DASHED}
+            axes.plot(time, unit.factor * line, color=COLORS['theory'], zorder=3.5, **style)
+        hit, place = predicted_impacts(stretch, start, end)
+        for at in hit:
+            axes.axvline(at, color=COLORS['quiet'], linewidth=0.6, zorder=1)
+        rings(axes, hit, unit.factor * place)
+        legend += [('dashed', 'theory', 'predicted'), ('o', 'theory', 'predicted impact')]
+        caption += ' Over it the predicted motion, with its impacts as rings.'
+    axes.set_xlim(start, end if end > start else start + 1e-9)
+    legend_above(axes, legend)
+    return Picture(figure, 'Time history', caption, wide=True)

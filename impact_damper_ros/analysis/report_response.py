@@ -1,0 +1,214 @@
+"""Pictures of how a stretch settles, of its spectrum, and of its place on the gap curve."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from .report_axes import DASHED, Picture, figure_of, finite_range, legend_above, log_axis, rings
+from .report_svg import COLORS
+from .report_units import number, unit_for
+from .run_comparison import StretchComparison
+from .run_curves import Array, Convergence, GapCurve, PredictedCurve
+
+__all__ = ['draw_convergence', 'draw_gap_curve', 'draw_spectrum', 'predicted_lines']
+
+#: Harmonics of the force up to which the spectrum is drawn, with room for the last.
+_HARMONICS = 9.4
+#: How far below the largest line the spectrum is drawn, as a factor.
+_DEPTH = 1e-6
+
+
+def _slopes(axes: Any, curve: Convergence) -> list[tuple[str, str, str]]:
+    """Draw the decay as measured and as predicted; return the entries of the legend."""
+    part = slice(curve.fitted_from, curve.fitted_to)
+    time, distance = curve.time[part], curve.distance[part]
+    count = np.arange(len(time))
+    used = np.isfinite(distance) & (distance > 0.0)
+    legend = []
+    if used.sum() > 1:
+        for factor, name, look, label in (
+            (curve.measured, 'damper', 'line', 'measured'),
+            (curve.predicted, 'theory', 'dashed', 'predicted'),
+        ):
+            if math.isfinite(factor) and factor > 0.0:
+                # Through the middle of the points: the slope is what is to be seen.
+                begin = np.mean(np.log(distance[used]) - count[used] * math.log(factor))
+                axes.plot(
+                    time,
+                    np.exp(begin + count * math.log(factor)),
+                    color=COLORS[name],
+                    linewidth=1.8,
+                    linestyle='-' if look == 'line' else DASHED,
+                    zorder=3,
+                )
+                legend.append((look, name, f'{label}: × {number(factor, 4)} per period'))
+    return legend
+
+
+def draw_convergence(stretch: StretchComparison) -> Picture | None:
+    """Draw the distance from the periodic motion; None if there is nothing to draw."""
+    curve = stretch.curves.convergence
+    if curve is None:
+        return None
+    shown = np.isfinite(curve.distance) & (curve.distance > 0.0)
+    if shown.sum() < 2:
+        return None
+    figure, axes = figure_of('rig time [s]', 'relative distance')
+    low, high = float(curve.distance[shown].min()), float(curve.distance[shown].max())
+    legend = [('line', 'primary', 'as recorded')]
+    if curve.floor > 0.0:
+        low = min(low, curve.floor)
+        axes.axhspan(1e-3 * low, curve.floor, color=COLORS['stop'], alpha=0.3, linewidth=0)
+        legend.append(('patch', 'stop', 'below the resolution of the log'))
+    log_axis(axes, 0.2 * low, 4.0 * high)
+    axes.plot(
+        curve.time[shown],
+        curve.distance[shown],
+        color=COLORS['primary'],
+        marker='o' if shown.sum() < 150 else None,
+        markersize=2.4,
+        linewidth=1.0,
+    )
+    legend += _slopes(axes, curve)
+    axes.set_xlim(*finite_range(curve.time[shown], margin=0.02))
+    legend_above(axes, legend, columns=2)
+    caption = 'How far the impacts of each period are from those of the periodic motion. The '
+    caption += 'slope is the decay per period; theory has the largest multiplier for it.'
+    return Picture(figure, 'Convergence', caption)
+
+
+def predicted_lines(curve: PredictedCurve, highest: float) -> tuple[Array, Array]:
+    """
+    Return the lines of the spectrum of the predicted X.
+
+    Parameters
+    ----------
+    curve : PredictedCurve
+        One period.
+    highest : float
+        Highest frequency, Hz.
+
+    Returns
+    -------
+    frequency, amplitude : ndarray
+        Multiples of the motion's frequency, Hz; amplitudes there, m.
+    """
+    period = curve.cycles * curve.cycle
+    if not (len(curve.phase) > 2 and highest * period >= 1.0):
+        return np.empty(0), np.empty(0)
+    orders = np.arange(1, math.floor(highest * period) + 1)
+    angle = math.tau * (curve.phase - curve.phase[0]) / curve.cycles
+    signal = curve.x * np.exp(-1j * orders[:, None] * angle)
+    lines = (0.5 * (signal[:, 1:] + signal[:, :-1]) * np.diff(angle)).sum(axis=1) / math.pi
+    return orders / period, np.abs(lines)
+
+
+def draw_spectrum(stretch: StretchComparison) -> Picture | None:
+    """Draw the amplitude spectrum of X; None if there is nothing to draw."""
+    curve = stretch.curves.spectrum
+    if curve is None or len(curve.frequency) < 2:
+        return None
+    finite = np.isfinite(curve.amplitude)
+    largest = float(np.max(curve.amplitude[finite], initial=0.0))
+    highest = float(curve.frequency[-1])
+    driven = curve.force_frequency > 0.0
+    if driven:
+        highest = min(highest, _HARMONICS * curve.force_frequency)
+    if largest <= 0.0 or not highest > 0.0:
+        return None
+    unit, rate = unit_for('m', largest), unit_for('Hz', highest)
+    figure, axes = figure_of(f'frequency [{rate.name}]', f'amplitude of X [{unit.name}]')
+    log_axis(axes, _DEPTH * unit.factor * largest, 5.0 * unit.factor * largest)
+    inside = finite & (curve.frequency <= highest) & (curve.amplitude > 0.0)
+    x, y = rate.factor * curve.frequency[inside], unit.factor * curve.amplitude[inside]
+    axes.plot(x, y, color=COLORS['primary'], linewidth=1.1)
+    legend = [('line', 'primary', 'as recorded')]
+    caption = f'The end of the stretch, {curve.window} window, lines {number(curve.resolution, 3)}'
+    caption += ' Hz wide.'
+    if driven:
+        for n in range(1, math.floor(highest / curve.force_frequency) + 1):
+            line = rate.factor * n * curve.force_frequency
+            axes.axvline(line, color=COLORS['quiet'], linewidth=0.7, linestyle=(0, (1, 1.8)))
+        legend.append(('dotted', 'quiet', 'multiples of the force'))
+    if stretch.curves.predicted is not None:
+        at, amplitude = predicted_lines(stretch.curves.predicted, highest)
+        seen = amplitude > _DEPTH * largest
+        rings(axes, rate.factor * at[seen], unit.factor * amplitude[seen], 8.0)
+        legend.append(('o', 'theory', 'predicted'))
+        caption += ' Rings: the Fourier coefficients of the predicted motion.'
+    axes.set_xlim(0.0, rate.factor * highest)
+    legend_above(axes, legend)
+    return Picture(figure, 'Spectrum', caption)
+
+
+def _branch(axes: Any, curve: GapCurve, factor: float) -> list[tuple[str, str, str]]:
+    """Draw the branch by pieces of one kind; return the entries of the legend."""
+    kinds = np.where(curve.viable, np.where(curve.stable, 0, 1), 2)
+    edges = [0, *(np.flatnonzero(np.diff(kinds)) + 1), len(kinds)]
+    looks: list[tuple[str, str, str, Any, float]] = [
+        ('line', 'theory', 'stable', '-', 2.0),
+        ('dashed', 'theory', 'unstable', DASHED, 1.2),
+        ('dotted', 'quiet', 'not viable', (0, (1, 1.8)), 1.0),
+    ]
+    for begin, end in pairwise(edges):
+        _, color, _, style, width = looks[kinds[begin]]
+        # Each piece reaches to the first point of the next.
+        piece = slice(begin, end + 1)
+        x, y = factor * curve.gap[piece], curve.ratio[piece]
+        axes.plot(x, y, color=COLORS[color], linestyle=style, linewidth=width)
+    return [looks[kind][:3] for kind in sorted(set(kinds.tolist()))]
+
+
+def draw_gap_curve(stretch: StretchComparison) -> Picture | None:
+    """Draw Xmax/A over the gap, with this run; None if there is nothing to draw."""
+    curve = stretch.curves.gap_curve
+    if curve is None or not np.isfinite(curve.ratio).any():
+        return None
+    unit = unit_for('m', curve.measured_gap)
+    figure, axes = figure_of(f'gap d [{unit.name}]', 'Xmax / A')
+    legend = _branch(axes, curve, unit.factor)
+    special = np.isfinite(curve.special_ratio)
+    if special.any():
+        axes.plot(
+            unit.factor * curve.special_gap[special],
+            curve.special_ratio[special],
+            linestyle='none',
+            marker='D',
+            markersize=5,
+            markeredgewidth=1.2,
+            markeredgecolor=COLORS['special'],
+            markerfacecolor='none',
+            zorder=3,
+        )
+        legend.append(('D', 'special', 'special point'))
+    if math.isfinite(curve.measured_ratio):
+        at = unit.factor * curve.measured_gap
+        axes.axvline(at, color=COLORS['quiet'], linewidth=0.7, zorder=1)
+        style = {'linestyle': 'none', 'marker': '*', 'markersize': 14, 'markeredgewidth': 0}
+        axes.plot([at], [curve.measured_ratio], color=COLORS['damper'], zorder=4, **style)
+        legend.append(('*', 'damper', 'this run'))
+    top = finite_range(curve.ratio[curve.viable], [curve.measured_ratio, 0.0], margin=0.08)[1]
+    axes.set_ylim(0.0, top)
+    legend_above(axes, legend, columns=3)
+    return Picture(figure, 'Largest |X| over the gap', _gap_caption(curve, unit.factor, unit.name))
+
+
+def _gap_caption(curve: GapCurve, factor: float, unit: str) -> str:
+    stops = ', '.join(map(str, curve.stops))
+    caption = f'The predicted motion (stops {stops}) followed in the gap, all else as logged; A '
+    caption += 'is the amplitude without impacts.'
+    sound = np.flatnonzero(curve.stable & curve.viable & np.isfinite(curve.ratio))
+    if len(sound):
+        best = sound[np.argmin(curve.ratio[sound])]
+        caption += f' Least on this branch: {number(float(curve.ratio[best]), 3)} with a gap of '
+        caption += f'{number(factor * float(curve.gap[best]), 3)} {unit}.'
+    special = zip(curve.special_kind, curve.special_gap, strict=False)
+    told = [f'{kind} at {number(factor * float(gap), 4)} {unit}' for kind, gap in special]
+    if told:
+        more = f' and {len(told) - 6} more' if len(told) > 6 else ''
+        caption += f' Special points: {", ".join(told[:6])}{more}.'
+    return caption

@@ -1,0 +1,214 @@
+"""
+A figure as inline SVG of a page: small, in the colours of the page, and always the same bytes.
+
+matplotlib's SVG is a document of its own. Several of them in one page would share their ids, and
+their colours would not follow a dark scheme; here it becomes a part of the page.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ['BOTH', 'COLORS', 'drawing_style', 'inline_svg']
+
+#: Colours of the figures by the name of the page's variable, which has another value in a dark
+#: scheme. Blue and vermilion are Okabe and Ito's, told apart with any kind of colour vision; the
+#: theory is in ink, over both.
+COLORS = {
+    'ink': '#1b1f24',
+    'quiet': '#5c6570',
+    'grid': '#dfe3e8',
+    'stop': '#98a2ae',
+    'primary': '#0072b2',
+    'damper': '#d55e00',
+    'theory': '#0b0d10',
+    'special': '#aa4499',
+}
+#: Colours that stand out on a light and on a dark page, for what is drawn as pixels.
+BOTH = {'primary': '#2b83c4', 'damper': '#d0661c'}
+
+_SVG = '{http://www.w3.org/2000/svg}'
+_LINK = '{http://www.w3.org/1999/xlink}href'
+_VARIABLE = {color: f'var(--{name})' for name, color in COLORS.items()}
+_COLOR = re.compile('|'.join(COLORS.values()))
+_NUMBER = re.compile(r'-?\d+\.\d+')
+_REFERENCE = re.compile(r'url\(#([^)]+)\)')
+_NO_ROTATION = re.compile(r'rotate\(-?0(\.0)? [^)]*\)')
+# The page's own font is used. Older matplotlib writes `font: 9px 'A', ...`, newer `font-family:`.
+_FONT = re.compile(r"font-family:[^;]*|font:\s*(?P<size>[\d.]+px)\s*'[^;]*")
+_NUMERIC = ('d', 'x', 'y', 'width', 'height', 'transform', 'viewBox')
+
+
+@contextmanager
+def drawing_style() -> Iterator[None]:
+    """Draw in the style of the page; matplotlib's own settings come back afterwards."""
+    import matplotlib as mpl
+
+    ink, quiet = COLORS['ink'], COLORS['quiet']
+    style = {
+        'axes.axisbelow': True,
+        'axes.edgecolor': quiet,
+        'axes.facecolor': 'none',
+        'axes.formatter.useoffset': False,
+        'axes.grid': True,
+        'axes.labelcolor': ink,
+        'axes.labelsize': 9.5,
+        'axes.linewidth': 0.8,
+        'axes.spines.right': False,
+        'axes.spines.top': False,
+        'axes.titlesize': 9.5,
+        'figure.dpi': 72,
+        'figure.facecolor': 'none',
+        'font.family': 'sans-serif',
+        'font.size': 9.5,
+        'grid.color': COLORS['grid'],
+        'grid.linewidth': 0.7,
+        'legend.fontsize': 8.5,
+        'legend.frameon': False,
+        'legend.labelcolor': ink,
+        'path.simplify_threshold': 0.15,
+        'savefig.facecolor': 'none',
+        'svg.fonttype': 'none',
+        'svg.hashsalt': 'impact_damper_ros',
+        'text.color': ink,
+        'text.parse_math': False,
+        'xtick.color': quiet,
+        'xtick.labelcolor': ink,
+        'xtick.labelsize': 8.5,
+        'ytick.color': quiet,
+        'ytick.labelcolor': ink,
+        'ytick.labelsize': 8.5,
+    }
+    # Not what a matplotlibrc of the reader's says: the page is the same everywhere.
+    with mpl.rc_context({**mpl.rcParamsDefault, 'backend': mpl.rcParams['backend'], **style}):
+        yield
+
+
+def _rounded(match: re.Match[str]) -> str:
+    """Return a number with two decimals, without zeros that say nothing."""
+    text = f'{float(match[0]):.2f}'.rstrip('0').rstrip('.')
+    return '0' if text in ('-0', '') else text
+
+
+def _without_document(root: ElementTree.Element) -> None:
+    """Remove what belongs to a file of its own, and the names of namespaces."""
+    for parent in root.iter():
+        for child in list(parent):
+            if child.tag in (f'{_SVG}metadata', f'{_SVG}style'):
+                parent.remove(child)
+    for element in root.iter():
+        element.tag = element.tag.rpartition('}')[2]
+        if _LINK in element.attrib:
+            element.set('href', element.attrib.pop(_LINK).replace('\n', ''))
+        element.text = (element.text or '').strip() or None
+        element.tail = None
+    for name in ('width', 'height', 'version'):
+        root.attrib.pop(name, None)
+
+
+def _own_ids(root: ElementTree.Element, key: str) -> None:
+    """Keep the ids that something refers to, and make them the figure's own."""
+    wanted: set[str] = set()
+    for element in root.iter():
+        link = element.get('href', '')
+        if link.startswith('#'):
+            wanted.add(link[1:])
+        for value in element.attrib.values():
+            wanted.update(_REFERENCE.findall(value))
+    names: dict[str, str] = {}
+    for element in root.iter():
+        name = element.attrib.pop('id', None)
+        if name in wanted and name not in names:
+            names[name] = f'{key}-{len(names)}'
+            element.set('id', names[name])
+    for element in root.iter():
+        for attribute, value in element.attrib.items():
+            if attribute == 'href' and value.startswith('#'):
+                element.set(attribute, f'#{names[value[1:]]}')
+            elif 'url(#' in value:
+                element.set(attribute, _REFERENCE.sub(lambda m: f'url(#{names[m[1]]})', value))
+
+
+def _set(element: ElementTree.Element, name: str, value: str) -> None:
+    if value:
+        element.set(name, value)
+    else:
+        element.attrib.pop(name, None)
+
+
+def _slim(root: ElementTree.Element) -> None:
+    """Shorten numbers and styles."""
+    for element in root.iter():
+        for name in _NUMERIC:
+            if name in element.attrib:
+                value = _NO_ROTATION.sub('', element.attrib[name])
+                value = ' '.join(_NUMBER.sub(_rounded, value).split())
+                if name == 'd' and 'C' not in value:
+                    # What follows a move is a line anyway.
+                    value = value.replace(' L ', ' ')
+                _set(element, name, value)
+        style = element.get('style')
+        if style is not None:
+            style = _FONT.sub(lambda m: f'font-size: {m["size"]}' if m['size'] else '', style)
+            style = _COLOR.sub(lambda m: _VARIABLE[m[0]], style)
+            parts = [part.strip().replace(': ', ':') for part in style.split(';')]
+            _set(element, 'style', ';'.join(part for part in parts if part))
+    for group in root.iter('g'):
+        styles = {child.get('style') for child in group if child.tag == 'use'}
+        alike = len(styles) == 1 and all(child.tag == 'use' for child in group)
+        if alike and len(group) > 1 and 'style' not in group.attrib:
+            _set(group, 'style', styles.pop() or '')
+            for mark in group:
+                mark.attrib.pop('style', None)
+
+
+def _prune(parent: ElementTree.Element) -> None:
+    """Remove what draws nothing, and groups that say nothing."""
+    kept: list[ElementTree.Element] = []
+    for child in parent:
+        _prune(child)
+        invisible = child.tag == 'path' and child.get('style') == 'fill:none'
+        empty = child.tag in ('defs', 'g') and not len(child)
+        if child.tag == 'g' and not child.attrib:
+            kept.extend(child)
+        elif not invisible and not empty:
+            kept.append(child)
+    parent[:] = kept
+
+
+def inline_svg(figure: Figure, key: str, label: str) -> str:
+    """
+    Return a figure as an element of an HTML page.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure, drawn within `drawing_style`, in colours of `COLORS` and `BOTH`.
+    key : str
+        Begins the ids; no other figure of the page may have it.
+    label : str
+        Read out in place of the picture.
+
+    Returns
+    -------
+    str
+        The element; well-formed as XML too. Its colours are variables of the page's style.
+    """
+    content = io.BytesIO()
+    nothing = dict.fromkeys(('Date', 'Creator', 'Format', 'Type'))
+    figure.savefig(content, format='svg', metadata=nothing, dpi=144)
+    root = ElementTree.fromstring(content.getvalue())
+    _without_document(root)
+    _own_ids(root, key)
+    _slim(root)
+    _prune(root)
+    root.attrib.update({'class': 'plot', 'role': 'img', 'aria-label': label})
+    return ElementTree.tostring(root, encoding='unicode')

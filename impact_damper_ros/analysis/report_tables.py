@@ -1,0 +1,290 @@
+"""The tables of a report: one line per stretch, and the numbers of a stretch."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Collection, Sequence
+from typing import Any
+
+from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
+
+from .report_html import Column, Html, safe, table
+from .report_units import NONE, aligned, difference, instant, number, unit_for
+from .run_comparison import StretchComparison, Verdict
+
+__all__ = [
+    'badge',
+    'comparison_table',
+    'energy_table',
+    'multiplier_table',
+    'overview_table',
+    'parameter_table',
+]
+
+#: Class of a verdict in the page's style, and a sign that needs no colour.
+_BADGES = {
+    Verdict.AGREES: ('good', '✓'),
+    Verdict.DIFFERS: ('bad', '✗'),
+    Verdict.NOT_SETTLED: ('open', '…'),
+    Verdict.PREDICTED_UNSTABLE: ('open', '!'),
+    Verdict.NO_PREDICTION: ('none', '–'),
+    Verdict.TOO_SHORT: ('none', '–'),
+}
+#: Impacts of a period that are listed; chatter has many.
+_MOST_IMPACTS = 8
+
+_QUANTITIES: tuple[tuple[str, str, str], ...] = (
+    ('phases', 'phase', 'cycles'),
+    ('x', 'X', 'm'),
+    ('primary_velocity_before', "X' before", 'm/s'),
+    ('primary_velocity_after', "X' after", 'm/s'),
+    ('damper_velocity_before', "Z' before", 'm/s'),
+    ('damper_velocity_after', "Z' after", 'm/s'),
+    ('impulse', 'impulse', 'N s'),
+)
+
+
+def badge(verdict: Verdict, count: int | None = None) -> Html:
+    """Return a verdict, and how often, as a label with a sign besides its colour."""
+    kind, sign = _BADGES[verdict]
+    times = '' if count is None else f': {count}'
+    return Html(f'<span class="badge {kind}">{sign} {safe(verdict.value)}{times}</span>')
+
+
+def motion_of(stretch: StretchComparison) -> str:
+    """Return the kind of motion in a few words."""
+    count, cycles = stretch.impacts_per_period, stretch.cycles
+    if not count or not cycles:
+        return stretch.kind.value
+    impacts = f'{count} impact{"s" if count > 1 else ""}'
+    return f'{stretch.kind.value}: {impacts} in {cycles} cycle{"s" if cycles > 1 else ""}'
+
+
+def overview_table(
+    stretches: Sequence[StretchComparison], detailed: Collection[int], note: str
+) -> Html:
+    """
+    Return the table of all stretches.
+
+    Parameters
+    ----------
+    stretches : sequence of StretchComparison
+        Those to list.
+    detailed : collection of int
+        Numbers of those that have a section of their own, to link to.
+    note : str
+        What to say of those left out.
+    """
+    swings = [s.measured.x_max for s in stretches if s.measured is not None]
+    unit = unit_for('m', swings)
+    rows = []
+    for stretch in stretches:
+        name = str(stretch.number)
+        if stretch.number in detailed:
+            name = Html(f'<a href="#stretch-{stretch.number}">{stretch.number}</a>')
+        measured, predicted = stretch.measured, stretch.predicted
+        rows.append(
+            (
+                name,
+                badge(stretch.verdict),
+                f'{instant(stretch.start)} to {instant(stretch.end)}',
+                stretch.cause,
+                motion_of(stretch),
+                NONE if measured is None else number(measured.impacts_per_cycle, 4),
+                NONE if measured is None else number(unit.factor * measured.x_max, 5),
+                NONE if predicted is None else number(unit.factor * predicted.x_max, 5),
+            )
+        )
+    columns = (
+        Column('stretch', 'text'),
+        Column('verdict', 'text'),
+        Column('rig time [s]', 'span'),
+        Column('begins with', 'text'),
+        Column('motion', 'text'),
+        Column('impacts per cycle'),
+        Column(f'largest |X| [{unit.name}]'),
+        Column(f'predicted [{unit.name}]'),
+    )
+    return table('All stretches', columns, [('', rows)], note=note)
+
+
+def _pair(
+    name: str, unit: str, measured: float, predicted: float, apart: float | None = None
+) -> tuple[str, str, str, str, str]:
+    """Return a row with a measured and a predicted value."""
+    handy = unit_for(unit, measured, predicted) if unit not in ('', 'cycles') else None
+    factor = 1.0 if handy is None else handy.factor
+    one, other = aligned((factor * measured, factor * predicted), 7)
+    far = measured - predicted if apart is None else apart
+    return name, one, other, difference(factor * far), unit if handy is None else handy.name
+
+
+def comparison_table(stretch: StretchComparison) -> Html:
+    """Return what was measured beside what is predicted; empty if nothing was measured."""
+    measured, orbit = stretch.measured, stretch.predicted
+    if measured is None:
+        return Html()
+    nan = math.nan
+    whole = [
+        _pair('largest |X|', 'm', measured.x_max, nan if orbit is None else orbit.x_max),
+        _pair(
+            'Xmax / A',
+            '',
+            measured.amplitude_ratio,
+            nan if orbit is None else orbit.amplitude_ratio,
+        ),
+        _pair('rms of X', 'm', measured.x_rms, nan),
+        _pair(
+            'impacts per cycle',
+            '',
+            measured.impacts_per_cycle,
+            nan if orbit is None else orbit.impacts / orbit.cycles,
+        ),
+        _pair(
+            'mean impulse',
+            'N s',
+            measured.mean_impulse,
+            _mean(stretch.predicted_impulse) if orbit is not None else nan,
+        ),
+    ]
+    if stretch.decay is not None:
+        decay = stretch.decay
+        whole.append(_pair('decay per period', '', decay.measured, decay.predicted))
+    groups = [('Motion', whole)]
+    last = measured.last_period
+    count = 0 if last is None else len(last.stops)
+    for i in range(min(count, _MOST_IMPACTS)):
+        rows = []
+        for field, name, unit in _QUANTITIES:
+            one = _entry(getattr(last, field), i)
+            source = stretch.predicted_impulse if field == 'impulse' else getattr(orbit, field, ())
+            other = _entry(source, i)
+            apart = None
+            if field == 'phases' and orbit is not None:
+                # The same instant may be counted from another cycle of the force.
+                apart = math.remainder(one - other, orbit.cycles)
+            rows.append(_pair(name, unit, one, other, apart))
+        assert last is not None
+        groups.append((f'Impact {i + 1}, on stop {last.stops[i]}', rows))
+    note = ''
+    if count > _MOST_IMPACTS:
+        note = f'The first {_MOST_IMPACTS} of {count} impacts of the period.'
+    columns = (
+        Column('quantity', 'text'),
+        Column('measured'),
+        Column('predicted'),
+        Column('difference'),
+        Column('unit', 'text'),
+    )
+    return table('Measured and predicted', columns, groups, note=note)
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values) if values else math.nan
+
+
+def _entry(values: Sequence[float], index: int) -> float:
+    return float(values[index]) if index < len(values) else math.nan
+
+
+def energy_table(stretch: StretchComparison) -> Html:
+    """Return where the energy of a period came from and went; empty if that is not known."""
+    energy = stretch.energy
+    if energy is None:
+        return Html()
+    periods = max(1, energy.periods)
+    given = [('work of the force', energy.force), ('compressed air', energy.air)]
+    taken = [
+        ('dashpot', energy.dashpot),
+        ('friction', energy.friction),
+        ('impacts', energy.impacts),
+        ('change of what is stored', energy.stored),
+        ('unexplained', energy.residual),
+    ]
+    everything = [value / periods for _, value in given + taken]
+    unit = unit_for('J', everything)
+    most = max((abs(v) for v in everything if math.isfinite(v)), default=0.0)
+    total = sum(value for _, value in given)
+    values = [value for _, value in given + taken]
+    amounts = dict(
+        zip(values, aligned([unit.factor * v / periods for v in values], 5), strict=True)
+    )
+    percent = [100.0 * v / total if total > 0.0 else math.nan for v in values]
+    shares = dict(zip(values, aligned(percent, 5), strict=True))
+
+    def rows(entries: Sequence[tuple[str, float]], kind: str) -> list[tuple[str, ...]]:
+        lines: list[tuple[str, ...]] = []
+        for name, value in entries:
+            length = 100.0 * abs(value / periods) / most if most > 0.0 else 0.0
+            style = f'width:{length:.1f}%' if math.isfinite(length) else 'width:0'
+            bar = Html(f'<span class="bar {kind}" style="{style}"></span>')
+            lines.append((name, amounts[value], shares[value], bar))
+        return lines
+
+    columns = (
+        Column('', 'text'),
+        Column(f'{unit.name} per period'),
+        Column('% of input'),
+        Column('', 'bars'),
+    )
+    tolerance = number(unit.factor * energy.tolerance / periods, 2)
+    note = f'Mean of {energy.periods} periods from {instant(energy.start)} to '
+    note += f'{instant(energy.end)} s, from the log alone; between the samples the balance is '
+    note += f'known to {tolerance} {unit.name}.'
+    groups = [('Put in', rows(given, '')), ('Taken out', rows(taken, 'taken'))]
+    return table('Energy balance', columns, groups, note=note)
+
+
+def multiplier_table(stretch: StretchComparison) -> Html:
+    """Return the stability multipliers of the predicted motion; empty without a prediction."""
+    orbit = stretch.predicted
+    if orbit is None or not orbit.multipliers:
+        return Html()
+    rows = [
+        (str(i), number(abs(m), 6), number(math.degrees(cmath.phase(m)), 5))
+        for i, m in enumerate(orbit.multipliers, 1)
+    ]
+    columns = (Column('', 'text'), Column('modulus'), Column('angle [°]'))
+    stable = 'all within the unit circle' if orbit.stable else 'not all within the unit circle'
+    note = f'Deviations are multiplied so in each period: {stable}.'
+    return table('Multipliers of the predicted motion', columns, [('', rows)], note=note)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
+    if isinstance(value, int | float):
+        return number(float(value), 9)
+    if isinstance(value, list | tuple):
+        return f'[{", ".join(_value(entry) for entry in value)}]'
+    return str(value)
+
+
+def parameter_table(stretch: StretchComparison, before: StretchComparison | None) -> Html:
+    """
+    Return the parameters of a stretch, those highlighted that are not as before.
+
+    Parameters
+    ----------
+    stretch : StretchComparison
+        The stretch.
+    before : StretchComparison or None
+        The one before it.
+    """
+    values = {**stretch.parameters.as_dict(), **stretch.control}
+    earlier = {} if before is None else {**before.parameters.as_dict(), **before.control}
+    changed = [name for name, value in values.items() if earlier.get(name, value) != value]
+    specs = {**PARAMETER_SPECS, **INITIAL_SPECS}
+    rows = []
+    for name, value in values.items():
+        cells = [name, _value(value), specs[name].unit if name in specs else '']
+        if changed:
+            cells.append(_value(earlier[name]) if name in changed else '')
+        rows.append(tuple(cells))
+    columns = [Column('parameter', 'text'), Column('value'), Column('unit', 'text')]
+    note = 'As logged.'
+    if changed:
+        columns.append(Column('before'))
+        note += ' Highlighted: what is not as in the stretch before.'
+    return table('Parameters', columns, [('', rows)], note=note, marked=changed)
