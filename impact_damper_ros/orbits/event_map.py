@@ -171,6 +171,8 @@ def origin_at(
         last_stop=last_stop,
         released=False,
         chatter_left=0.0,
+        target_1=half,
+        target_2=-half,
     )
     if resting:
         return origin._replace(

@@ -63,6 +63,8 @@ def _origin(
         last_stop=stop,
         released=False,
         chatter_left=0.0,
+        target_1=machine.stop,
+        target_2=-machine.stop,
     )
 
 

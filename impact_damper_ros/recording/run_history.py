@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
+from impact_damper_ros.rig.snapshot import FORMATS, upgraded
 
 from .cdr import CdrError
 from .errors import RecordingError
@@ -279,13 +280,17 @@ class RunHistory:
         except (CdrError, ValueError, KeyError) as error:
             cause = f'{where} cannot be read: {error!r}'
             raise RecordingError('replay', self.reader.path, cause) from error
-        if version != FORMAT or held.get('state', {}).get('format', FORMAT) != FORMAT:
-            cause = f'{where} is of format {version!r}; this version reads format {FORMAT}'
+        known = [FORMAT]
+        if version == FORMAT and isinstance(held.get('state'), dict):
+            version, known = held['state'].get('format'), list(FORMATS)
+        if version not in known:
+            formats = ' and '.join(map(str, known))
+            cause = f'{where} is of format {version!r}; this version reads format {formats}'
             remedy = 'replay the bag with the version of impact_damper_ros that recorded it'
             raise RecordingError('replay', self.reader.path, cause, remedy)
         try:
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
-            reason, state = str(held['reason']), dict(held['state'])
+            reason, state = str(held['reason']), upgraded(held['state'])
         except (KeyError, TypeError, ValueError) as error:
             cause = f'{where} is not complete: {error!r}'
             raise RecordingError('replay', self.reader.path, cause) from error

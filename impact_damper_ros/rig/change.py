@@ -4,37 +4,18 @@ from __future__ import annotations
 
 from math import inf
 
-from .mode import Machine, Origin
+from .mode import Machine
+from .origin import Origin, offset_of
 
-__all__ = ['changed', 'offset_of']
-
-
-def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: float) -> float:
-    """Return Y from the clearances and positions of the stops, by the nearer one, m."""
-    return stop_1 - clearance_1 if clearance_1 <= clearance_2 else stop_2 + clearance_2
+__all__ = ['changed']
 
 
-def changed(here: Origin, machine: Machine, shift: float) -> Origin:
+def regapped(here: Origin, machine: Machine) -> Origin:
     """
-    Return the state just after a change, before m hits a stop that has come up to it.
+    Return the state with both stops sent to the places that the machine has for them, at once.
 
-    Parameters
-    ----------
-    here : Origin
-        State just before the change.
-    machine : Machine
-        The rig after it.
-    shift : float
-        By how much X grows because its zero, the static equilibrium, moves, m.
-
-    Returns
-    -------
-    Origin
-        The state, its mode still to be found. Stops stand where the machine has them, or where m
-        is in their way. Harmonics keep the angle they have turned; added ones have turned none.
+    A stop that would pass m comes up to it, and follows it inwards from then on.
     """
-    count = len(machine.phases)
-    angles = (here.angles + (0.0,) * count)[:count]
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
     stop_1 = max(machine.stop, offset)
     stop_2 = -machine.stop if machine.one_sided else min(-machine.stop, offset)
@@ -51,10 +32,39 @@ def changed(here: Origin, machine: Machine, shift: float) -> Origin:
     if stop_2 == offset and stop_2 < -machine.stop and not machine.one_sided:
         clearance_2 = 0.0
     return here._replace(
-        x=here.x + shift,
-        angles=angles,
         stop_1=stop_1,
         stop_2=stop_2,
         clearance_1=clearance_1,
         clearance_2=clearance_2,
+        target_1=machine.stop,
+        target_2=-machine.stop,
+        stop_velocity_1=0.0,
+        stop_velocity_2=0.0,
     )
+
+
+def changed(here: Origin, before: Machine, machine: Machine, shift: float) -> Origin:
+    """
+    Return the state just after a change, before m hits a stop that has come up to it.
+
+    Parameters
+    ----------
+    here : Origin
+        State just before the change.
+    before, machine : Machine
+        The rig before and after it.
+    shift : float
+        By how much X grows because its zero, the static equilibrium, moves, m.
+
+    Returns
+    -------
+    Origin
+        The state, its mode still to be found. Stops go to their places if these have changed; else
+        they stay, or go on their way. Harmonics keep the angle they have turned; added ones have
+        turned none.
+    """
+    count = len(machine.phases)
+    angles = (here.angles + (0.0,) * count)[:count]
+    if before.stop != machine.stop or before.one_sided != machine.one_sided:
+        here = regapped(here, machine)
+    return here._replace(x=here.x + shift, angles=angles)

@@ -1,7 +1,8 @@
 """
 The certified first event of a flight.
 
-Each flight watches a few functions: clearances, the relative speed, the support that is left.
+Each flight watches a few functions: clearances, the relative speed, the support that is left. A
+stop that moves adds a constant to the first derivative of its clearance, and nothing else.
 From node to node it steps by the least of their certified steps (`certificate`), until the step
 ends on a root. So the first event is found, grazing and double roots included; a flight in which
 nothing happens is known to have no event.
@@ -18,7 +19,7 @@ from math import inf
 from .certificate import ROUND_OFF, least_step, look_ahead, look_past, safe_step
 from .flight import Flight, Motion, motion_at
 from .kernels import kernel
-from .oscillator import derivative_bound
+from .oscillator import Oscillator, derivative_bound
 
 __all__ = [
     'ARRIVAL',
@@ -28,6 +29,8 @@ __all__ = [
     'RELEASE_DOWN',
     'RELEASE_UP',
     'REVERSAL',
+    'STOP_ARRIVED_1',
+    'STOP_ARRIVED_2',
     'first_event',
 ]
 
@@ -38,6 +41,8 @@ REVERSAL = 3
 ARRIVAL = 4
 RELEASE_UP = 5
 RELEASE_DOWN = 6
+STOP_ARRIVED_1 = 7
+STOP_ARRIVED_2 = 8
 
 _EPSILON = 2.220446049250313e-16
 
@@ -76,26 +81,35 @@ def _leave_support(flight: Flight, motion: Motion) -> float:
     jerk_bound = jerk + bound * horizon
     if flight.arrival < inf:
         step = min(step, safe_step(flight.arrival, 0.0, 0.0, jerk_bound, horizon))
-    if flight.direction >= 0 and flight.clearance_1 > 0.0:
-        step = min(step, safe_step(flight.clearance_1, 0.0, 0.0, jerk_bound, horizon))
-    if flight.direction <= 0 and flight.clearance_2 > 0.0:
-        step = min(step, safe_step(flight.clearance_2, 0.0, 0.0, jerk_bound, horizon))
+    opening_1 = flight.stop_velocity_1
+    opening_2 = -flight.stop_velocity_2
+    ahead = flight.direction >= 0 or opening_1 < 0.0
+    if ahead and (flight.clearance_1 > 0.0 or opening_1 > 0.0):
+        step = min(step, safe_step(flight.clearance_1, opening_1, 0.0, jerk_bound, horizon))
+    ahead = flight.direction <= 0 or opening_2 < 0.0
+    if ahead and (flight.clearance_2 > 0.0 or opening_2 > 0.0):
+        step = min(step, safe_step(flight.clearance_2, opening_2, 0.0, jerk_bound, horizon))
     return step
 
 
 @kernel
 def _approach(
-    flight: Flight, motion: Motion, clearance: float, side: int, bound_3: float, tau: float
+    oscillator: Oscillator,
+    motion: Motion,
+    clearance: float,
+    closing: float,
+    side: int,
+    bound_3: float,
+    tau: float,
 ) -> tuple[float, bool]:
     """
     Look ahead for contact with the stop on one side, +1 for stop 1 and -1 for stop 2.
 
-    While m recedes from it, it cannot hit it; just after a release that reaches further than the
-    clearance does, when both have hardly begun to grow.
+    `closing` is the rate at which m comes up to it. While m recedes from it, it cannot hit it;
+    just after a release that reaches further than the clearance does, when both have hardly begun
+    to grow.
     """
-    oscillator = flight.oscillator
     horizon = oscillator.horizon
-    closing = side * motion.relative_velocity
     closing_1 = side * motion.relative_2
     ahead, root = look_ahead(clearance, -closing, -closing_1, bound_3, horizon, tau)
     if ahead < horizon and closing < 0.0:
@@ -113,13 +127,22 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, flo
     direction = flight.direction
     horizon = oscillator.horizon
     motion: Motion = motion_at(flight, tau)
-    supported = direction != 0 or flight.clearance_1 == 0.0 or flight.clearance_2 == 0.0
+    velocity_1 = flight.stop_velocity_1
+    velocity_2 = flight.stop_velocity_2
+    supported = (
+        direction != 0
+        or (flight.clearance_1 == 0.0 and velocity_1 == 0.0)
+        or (flight.clearance_2 == 0.0 and velocity_2 == 0.0)
+    )
     still = flight.relative_velocity == 0.0 and flight.relative_acceleration == 0.0
     if tau == 0.0 and supported and still:
         tau = _leave_support(flight, motion)
         if tau < 0.0:
             return REVERSAL, 0.0
         motion = motion_at(flight, tau)
+    # The stop that m leaves is watched if it comes after m.
+    watched_1 = direction >= 0 or velocity_1 < 0.0
+    watched_2 = direction <= 0 or velocity_2 > 0.0
     while tau <= limit:
         bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, oscillator.bound_3)
         speed = motion.relative_velocity
@@ -127,24 +150,26 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, flo
         step = horizon
         kind = NO_EVENT
         found = False
-        if direction >= 0:
-            clearance = flight.clearance_1 - motion.travel
+        if watched_1:
+            clearance = flight.clearance_1 + velocity_1 * tau - motion.travel
+            closing = speed - velocity_1
             if clearance <= 0.0:
-                if speed > 0.0:
+                if closing > 0.0:
                     return CONTACT_1, tau
                 clearance = 0.0
-            ahead, root = _approach(flight, motion, clearance, 1, bound_3, tau)
+            ahead, root = _approach(oscillator, motion, clearance, closing, 1, bound_3, tau)
             if ahead < step:
                 step = ahead
                 kind = CONTACT_1
                 found = root
-        if direction <= 0:
-            clearance = flight.clearance_2 + motion.travel
+        if watched_2:
+            clearance = flight.clearance_2 - velocity_2 * tau + motion.travel
+            closing = velocity_2 - speed
             if clearance <= 0.0:
-                if speed < 0.0:
+                if closing > 0.0:
                     return CONTACT_2, tau
                 clearance = 0.0
-            ahead, root = _approach(flight, motion, clearance, -1, bound_3, tau)
+            ahead, root = _approach(oscillator, motion, clearance, closing, -1, bound_3, tau)
             if ahead < step:
                 step = ahead
                 kind = CONTACT_2
@@ -240,13 +265,20 @@ def first_event(flight: Flight, node: float, limit: float) -> tuple[int, float]:
     Returns
     -------
     kind : int
-        `CONTACT_1`, `CONTACT_2`, `REVERSAL`, `ARRIVAL`, `RELEASE_UP` or `RELEASE_DOWN`; or
-        `NO_EVENT`, if there is none up to the returned time.
+        `CONTACT_1`, `CONTACT_2`, `REVERSAL`, `ARRIVAL`, `RELEASE_UP`, `RELEASE_DOWN`,
+        `STOP_ARRIVED_1` or `STOP_ARRIVED_2`; or `NO_EVENT`, if there is none up to the returned
+        time. It may be beyond the limit.
     tau : float
         The event's time since the origin, or the node reached.
     """
     if node > limit:
         return NO_EVENT, node
+    deadline = flight.deadline
+    until = limit if limit < deadline else deadline
     if flight.joint:
-        return _first_in_joint(flight, node, limit)
-    return _first_in_motion(flight, node, limit)
+        kind, tau = _first_in_joint(flight, node, until)
+    else:
+        kind, tau = _first_in_motion(flight, node, until)
+    if tau > deadline:
+        return flight.deadline_kind, deadline
+    return kind, tau

@@ -21,8 +21,12 @@ class EventKind(IntEnum):
     RELEASE = 4
     #: The relative velocity changed sign within the gap, and with it friction.
     REVERSAL = 5
-    #: A stop that had to follow m has reached the position asked for.
+    #: A stop that moved, or had to follow m, has reached the position asked for.
     STOP_ARRIVED = 6
+    #: X passed through zero; only reported where it is asked for.
+    CROSSING = 7
+    #: A moving stop and m have met: the stop stays there until it is moved again.
+    STOP_TOUCHED = 8
 
 
 class Event(NamedTuple):

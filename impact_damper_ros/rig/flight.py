@@ -20,7 +20,7 @@ cancellation:
 
 from __future__ import annotations
 
-from math import cos, expm1, sin
+from math import cos, expm1, inf, sin
 from typing import NamedTuple
 
 from .kernels import kernel
@@ -45,6 +45,10 @@ class Flight(NamedTuple):
       far (the stop that follows it is then where it should be). `direction` 0 is free flight.
     - `joint` true, M and m move as one: the acceleration m needs from its support, X'' - `slope`,
       leaves the interval from `support_low` to `support_high`.
+    - In both cases, no later than after `deadline` s, what `deadline_kind` names: a moving stop
+      arrives, or comes up to m that does not move relative to M.
+
+    `stop_velocity_1` and `stop_velocity_2` are the velocities of the stops relative to M.
     """
 
     oscillator: Oscillator
@@ -64,6 +68,10 @@ class Flight(NamedTuple):
     slope: float
     support_low: float
     support_high: float
+    stop_velocity_1: float = 0.0
+    stop_velocity_2: float = 0.0
+    deadline: float = inf
+    deadline_kind: int = 0
 
 
 class Motion(NamedTuple):

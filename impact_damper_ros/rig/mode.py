@@ -12,8 +12,10 @@ from enum import IntEnum
 from math import cos, inf, sin
 from typing import NamedTuple
 
+from .contact import CONTACT_1, CONTACT_2, NO_EVENT, STOP_ARRIVED_1, STOP_ARRIVED_2
 from .flight import Flight
 from .kernels import kernel
+from .origin import Origin
 from .oscillator import Oscillator, acceleration_at, make_oscillator
 from .parameters import RigParameters
 from .phase import cosines_of, sines_of
@@ -101,49 +103,6 @@ class Machine(NamedTuple):
     phases: tuple[float, ...]
 
 
-class Origin(NamedTuple):
-    """
-    State at the origin of a flight, *after* the event that began it.
-
-    Attributes
-    ----------
-    time, time_low : float
-        The instant, s, as an unevaluated sum: a long run loses no digits.
-    mode : int
-        The mode that begins.
-    x, velocity, relative_velocity : float
-        X, X' and Y'.
-    clearance_1, clearance_2 : float
-        Distance of m from each stop, m; infinite for a stop that is not there.
-    stop_1, stop_2 : float
-        Position Y of each stop, m; beyond half the gap where m holds a stop back that has been
-        asked to close.
-    angles : tuple of float
-        Angle turned by each harmonic since it was switched on, without its phase, mod 2 pi.
-    last_stop : int
-        Stop hit last, 0 before the first impact; the air force points away from it.
-    released : bool
-        The support has just given way: the relative acceleration is exactly zero.
-    chatter_left : float
-        Time until a chatter accumulates, s; 0 in other modes.
-    """
-
-    time: float
-    time_low: float
-    mode: int
-    x: float
-    velocity: float
-    relative_velocity: float
-    clearance_1: float
-    clearance_2: float
-    stop_1: float
-    stop_2: float
-    angles: tuple[float, ...]
-    last_stop: int
-    released: bool
-    chatter_left: float
-
-
 def make_machine(parameters: RigParameters) -> Machine:
     """
     Return the kernels' constants of a rig.
@@ -212,13 +171,14 @@ def mode_at_rest(machine: Machine, origin: Origin, sines: tuple[float, ...]) -> 
     Return the mode that follows when m has no velocity relative to M.
 
     m rests on stop 1 while n <= grip, on stop 2 while n >= -grip, sticks in the gap while
-    |n| <= grip, and otherwise leaves in the direction in which its support fails.
+    |n| <= grip, and otherwise leaves in the direction in which its support fails. A stop that
+    moves is no support.
     """
     need = support_need(machine, origin, sines, origin.velocity)
     grip = machine.grip
-    if origin.clearance_1 == 0.0 and need <= grip:
+    if origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0 and need <= grip:
         return REST_1
-    if origin.clearance_2 == 0.0 and need >= -grip:
+    if origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0 and need >= -grip:
         return REST_2
     if grip == 0.0:
         return FREE
@@ -227,6 +187,38 @@ def mode_at_rest(machine: Machine, origin: Origin, sines: tuple[float, ...]) -> 
     if need < -grip:
         return SLIDE_DOWN
     return STICK
+
+
+@kernel
+def _stop_deadline(origin: Origin) -> tuple[int, float]:
+    """
+    Return what a moving stop does at a time that is known beforehand, and when.
+
+    It arrives at its target; or comes up to m, if m does not move relative to M. If both happen at
+    once, it is the latter.
+    """
+    velocity_1 = origin.stop_velocity_1
+    velocity_2 = origin.stop_velocity_2
+    kind = NO_EVENT
+    first = inf
+    if origin.mode >= STICK:
+        if velocity_1 < 0.0:
+            kind = CONTACT_1
+            first = origin.clearance_1 / -velocity_1
+        if velocity_2 > 0.0 and origin.clearance_2 / velocity_2 < first:
+            kind = CONTACT_2
+            first = origin.clearance_2 / velocity_2
+    if velocity_1 != 0.0:
+        arrival = max(0.0, (origin.target_1 - origin.stop_1) / velocity_1)
+        if arrival < first:
+            kind = STOP_ARRIVED_1
+            first = arrival
+    if velocity_2 != 0.0:
+        arrival = max(0.0, (origin.target_2 - origin.stop_2) / velocity_2)
+        if arrival < first:
+            kind = STOP_ARRIVED_2
+            first = arrival
+    return kind, first
 
 
 @kernel
@@ -250,6 +242,14 @@ def launch(machine: Machine, origin: Origin) -> Flight:
     cosines = cosines_of(machine.phases, origin.angles)
     air = air_acceleration(machine, origin)
     mode = origin.mode
+    velocity_1 = origin.stop_velocity_1
+    velocity_2 = origin.stop_velocity_2
+    deadline_kind = NO_EVENT
+    deadline = inf
+    if velocity_1 != 0.0 or velocity_2 != 0.0:
+        deadline_kind, deadline = _stop_deadline(origin)
+    standing_1 = origin.clearance_1 == 0.0 and velocity_1 == 0.0
+    standing_2 = origin.clearance_2 == 0.0 and velocity_2 == 0.0
     if mode >= STICK:
         share = machine.mass_ratio / (1.0 + machine.mass_ratio)
         constant = share * machine.slope
@@ -269,8 +269,13 @@ def launch(machine: Machine, origin: Origin) -> Flight:
             0,
             inf,
             machine.slope + air,
-            -inf if mode == REST_1 else -machine.grip,
-            inf if mode == REST_2 else machine.grip,
+            # Between two stops that have both come up to it, m cannot move at all.
+            -inf if mode == REST_1 or standing_1 else -machine.grip,
+            inf if mode == REST_2 or standing_2 else machine.grip,
+            velocity_1,
+            velocity_2,
+            deadline,
+            deadline_kind,
         )
     direction = 0
     if mode == SLIDE_DOWN:
@@ -284,8 +289,8 @@ def launch(machine: Machine, origin: Origin) -> Flight:
         relative = 0.0
     elif origin.relative_velocity == 0.0 and (
         direction * relative < 0.0
-        or (mode == FREE and origin.clearance_1 == 0.0 and relative > 0.0)
-        or (mode == FREE and origin.clearance_2 == 0.0 and relative < 0.0)
+        or (mode == FREE and standing_1 and relative > 0.0)
+        or (mode == FREE and standing_2 and relative < 0.0)
     ):
         # `mode_at_rest` found m to leave the other way: the balance is exact to round-off.
         relative = 0.0
@@ -294,11 +299,11 @@ def launch(machine: Machine, origin: Origin) -> Flight:
     inwards = origin.relative_velocity
     if inwards == 0.0:
         inwards = relative
-    if origin.clearance_1 == 0.0 and origin.stop_1 > machine.stop and inwards <= 0.0:
-        arrival = origin.stop_1 - machine.stop
+    if standing_1 and origin.stop_1 > origin.target_1 and inwards <= 0.0:
+        arrival = origin.stop_1 - origin.target_1
         direction = -1
-    elif origin.clearance_2 == 0.0 and origin.stop_2 < -machine.stop and inwards >= 0.0:
-        arrival = -machine.stop - origin.stop_2
+    elif standing_2 and origin.stop_2 < origin.target_2 and inwards >= 0.0:
+        arrival = origin.target_2 - origin.stop_2
         direction = 1
     return Flight(
         machine.free,
@@ -318,4 +323,8 @@ def launch(machine: Machine, origin: Origin) -> Flight:
         0.0,
         -inf,
         inf,
+        velocity_1,
+        velocity_2,
+        deadline,
+        deadline_kind,
     )

@@ -9,8 +9,20 @@ the documentation take them from here.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, NamedTuple, TypeAlias, cast
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+from .parameter_spec import (
+    MAX_HARMONICS,
+    ParameterError,
+    ParameterSpec,
+    Value,
+    array_field,
+    bool_field,
+    check_fields,
+    double_field,
+    specs_of,
+)
 
 __all__ = [
     'INITIAL_SPECS',
@@ -22,134 +34,6 @@ __all__ = [
     'RigParameters',
     'Value',
 ]
-
-Value: TypeAlias = float | bool | tuple[float, ...]
-Kind: TypeAlias = Literal['double', 'bool', 'double_array']
-
-#: Most harmonics the force may have.
-MAX_HARMONICS = 1024
-
-
-class ParameterError(ValueError):
-    """
-    A parameter value that the rig cannot take.
-
-    Attributes
-    ----------
-    name : str
-        Name of the offending parameter.
-    """
-
-    def __init__(self, name: str, message: str) -> None:
-        """Keep the name apart, so that callers can point at the parameter."""
-        super().__init__(message)
-        self.name = name
-
-
-class ParameterSpec(NamedTuple):
-    """
-    What a parameter is: its meaning, unit and closed range.
-
-    `low` and `high` are finite, and None for a bool; for an array they hold for each entry.
-    """
-
-    name: str
-    description: str
-    unit: str
-    low: float | None
-    high: float | None
-    kind: Kind
-    default: Value
-
-    @property
-    def label(self) -> str:
-        """Name with unit, for messages, tables and plots."""
-        return f'{self.name} [{self.unit}]' if self.unit else self.name
-
-    def checked(self, value: Any) -> Value:
-        """
-        Return the value as float, bool or tuple of floats.
-
-        Parameters
-        ----------
-        value : Any
-            A number, a bool or a sequence of numbers, as the kind asks. Integers become floats.
-
-        Returns
-        -------
-        Value
-            The value, of the type that the kind names.
-
-        Raises
-        ------
-        ParameterError
-            If the type is wrong or a number is outside the range, NaN or infinite.
-        """
-        if self.kind == 'bool':
-            if not isinstance(value, bool):
-                raise ParameterError(self.name, f'{self.name} is {value!r}: give true or false')
-            return value
-        if self.kind == 'double':
-            return self._number(value, self.name)
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            value = (value,)
-        if isinstance(value, str | bytes) or not hasattr(value, '__iter__'):
-            raise ParameterError(
-                self.name, f'{self.name} is {value!r}: give a list of numbers, such as [1.0]'
-            )
-        entries = tuple(value)
-        if not 1 <= len(entries) <= MAX_HARMONICS:
-            raise ParameterError(
-                self.name,
-                f'{self.name} has {len(entries)} entries: give 1 to {MAX_HARMONICS}, one for each '
-                'harmonic (amplitude 0 switches the force off)',
-            )
-        return tuple(self._number(v, f'{self.name}[{i}]') for i, v in enumerate(entries))
-
-    def _number(self, value: Any, where: str) -> float:
-        assert self.low is not None
-        assert self.high is not None
-        unit = f' {self.unit}' if self.unit else ''
-        remedy = f'give a number from {self.low:g} to {self.high:g}{unit}'
-        if isinstance(value, bool) or not hasattr(value, '__float__'):
-            raise ParameterError(self.name, f'{where} is {value!r}: {remedy}')
-        try:
-            number = float(value)
-        except (TypeError, ValueError, OverflowError):
-            raise ParameterError(self.name, f'{where} is {value!r}: {remedy}') from None
-        if not self.low <= number <= self.high:
-            raise ParameterError(self.name, f'{where} is {number!r}{unit}: {remedy}')
-        return number
-
-
-def _double(default: float, low: float, high: float, unit: str, description: str) -> Any:
-    return field(
-        default=default,
-        metadata={'spec': (description, unit, low, high, 'double', default)},
-    )
-
-
-def _bool(default: bool, description: str) -> Any:
-    return field(
-        default=default, metadata={'spec': (description, '', None, None, 'bool', default)}
-    )
-
-
-def _array(default: float, low: float, high: float, unit: str, description: str) -> Any:
-    return field(
-        default=(default,),
-        metadata={'spec': (description, unit, low, high, 'double_array', (default,))},
-    )
-
-
-def _specs(cls: type) -> dict[str, ParameterSpec]:
-    return {f.name: ParameterSpec(f.name, *f.metadata['spec']) for f in fields(cls)}
-
-
-def _check_fields(instance: Any, specs: dict[str, ParameterSpec]) -> None:
-    for name, spec in specs.items():
-        # The dataclass is frozen; this is its own initialisation.
-        object.__setattr__(instance, name, spec.checked(getattr(instance, name)))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -167,48 +51,50 @@ class RigParameters:
         underdamped. `PARAMETER_SPECS` has the ranges.
     """
 
-    primary_mass: float = _double(1.0, 1e-6, 1e9, 'kg', 'Primary mass M.')
-    stiffness: float = _double(1.0, 1e-6, 1e15, 'N/m', 'Stiffness K of the spring under M.')
-    damping: float = _double(
+    primary_mass: float = double_field(1.0, 1e-6, 1e9, 'kg', 'Primary mass M.')
+    stiffness: float = double_field(1.0, 1e-6, 1e15, 'N/m', 'Stiffness K of the spring under M.')
+    damping: float = double_field(
         0.01, 0.0, 1e12, 'N s/m', 'Damping C of the dashpot; below 2 sqrt(K M).'
     )
-    damper_mass: float = _double(0.042, 1e-9, 1e9, 'kg', 'Loose damper mass m.')
-    gap: float = _double(
+    damper_mass: float = double_field(0.042, 1e-9, 1e9, 'kg', 'Loose damper mass m.')
+    gap: float = double_field(
         37.0, 1e-9, 1e9, 'm', 'Total gap d; stop 1 is at +d/2 from the middle, stop 2 at -d/2.'
     )
-    restitution_1: float = _double(
+    restitution_1: float = double_field(
         0.75, 0.0, 1.0, '', 'Coefficient of restitution R1 at stop 1 (the lower one).'
     )
-    restitution_2: float = _double(
+    restitution_2: float = double_field(
         0.75, 0.0, 1.0, '', 'Coefficient of restitution R2 at stop 2 (the upper one).'
     )
     # 1.5708 is what people type for 90 degrees.
-    angle: float = _double(
+    angle: float = double_field(
         0.0, -1.5708, 1.5708, 'rad', 'Inclination of the axis, positive downwards.'
     )
-    friction: float = _double(0.0, 0.0, 100.0, '', 'Coulomb friction coefficient between m and M.')
-    gravity: float = _double(9.81, 0.0, 1e4, 'm/s^2', 'Gravitational acceleration g.')
-    air_force: float = _double(
+    friction: float = double_field(
+        0.0, 0.0, 100.0, '', 'Coulomb friction coefficient between m and M.'
+    )
+    gravity: float = double_field(9.81, 0.0, 1e4, 'm/s^2', 'Gravitational acceleration g.')
+    air_force: float = double_field(
         0.0,
         0.0,
         1e9,
         'N',
         'Compressed-air force on m, away from the stop it hit last; zero until the first impact.',
     )
-    one_sided: bool = _bool(False, 'True removes stop 2, so that m can hit stop 1 only.')
-    force_amplitudes: tuple[float, ...] = _array(
+    one_sided: bool = bool_field(False, 'True removes stop 2, so that m can hit stop 1 only.')
+    force_amplitudes: tuple[float, ...] = array_field(
         1.0, -1e12, 1e12, 'N', 'Amplitudes of the harmonics of the force on M.'
     )
-    force_frequencies: tuple[float, ...] = _array(
+    force_frequencies: tuple[float, ...] = array_field(
         1.0, 0.0, 1e6, 'rad/s', 'Circular frequencies of the harmonics of the force on M.'
     )
-    force_phases: tuple[float, ...] = _array(
+    force_phases: tuple[float, ...] = array_field(
         0.0, -1e6, 1e6, 'rad', 'Phases of the harmonics of the force on M.'
     )
 
     def __post_init__(self) -> None:
         """Promote and check every field, then what holds between them."""
-        _check_fields(self, PARAMETER_SPECS)
+        check_fields(self, PARAMETER_SPECS)
         count = len(self.force_amplitudes)
         for name in ('force_frequencies', 'force_phases'):
             length = len(getattr(self, name))
@@ -308,20 +194,20 @@ class InitialConditions:
         If a value is out of range; `INITIAL_SPECS` has the ranges.
     """
 
-    initial_primary_position: float = _double(
+    initial_primary_position: float = double_field(
         0.0, -1e9, 1e9, 'm', 'Initial displacement X of M from its static equilibrium.'
     )
-    initial_primary_velocity: float = _double(0.0, -1e9, 1e9, 'm/s', 'Initial velocity of M.')
-    initial_damper_offset: float = _double(
+    initial_primary_velocity: float = double_field(0.0, -1e9, 1e9, 'm/s', 'Initial velocity of M.')
+    initial_damper_offset: float = double_field(
         0.0, -1e9, 1e9, 'm', 'Initial position Y of m relative to M, within the gap.'
     )
-    initial_damper_velocity: float = _double(
+    initial_damper_velocity: float = double_field(
         0.0, -1e9, 1e9, 'm/s', 'Initial absolute velocity of m.'
     )
 
     def __post_init__(self) -> None:
         """Promote and check every field."""
-        _check_fields(self, INITIAL_SPECS)
+        check_fields(self, INITIAL_SPECS)
 
     def check_within(self, parameters: RigParameters) -> None:
         """
@@ -346,5 +232,5 @@ class InitialConditions:
         return {name: cast(float, getattr(self, name)) for name in INITIAL_SPECS}
 
 
-PARAMETER_SPECS: dict[str, ParameterSpec] = _specs(RigParameters)
-INITIAL_SPECS: dict[str, ParameterSpec] = _specs(InitialConditions)
+PARAMETER_SPECS: dict[str, ParameterSpec] = specs_of(RigParameters)
+INITIAL_SPECS: dict[str, ParameterSpec] = specs_of(InitialConditions)

@@ -1,52 +1,24 @@
-"""
-The exact simulator: flight, event, next flight, for as long as asked.
-
-A flight is never re-originated to sample it or to pause. Hence the motion does not depend on the
-sampling rate or on how a run is cut into pieces, to the last bit.
-"""
+"""The exact simulator: a rig in motion, and all that can be done to it on the way."""
 
 from __future__ import annotations
 
-from math import inf, nextafter
+from math import inf
 from typing import Any
 
-from .change import changed, offset_of
-from .contact import (
-    ARRIVAL,
-    CONTACT_1,
-    CONTACT_2,
-    NO_EVENT,
-    RELEASE_DOWN,
-    RELEASE_UP,
-    REVERSAL,
-    first_event,
-)
-from .event import Event, EventKind, Sample
-from .flight import motion_at
-from .mode import (
-    CHATTER_1,
-    REST_1,
-    REST_2,
-    STICK,
-    Machine,
-    Mode,
-    Origin,
-    launch,
-    make_machine,
-)
+from .change import changed
+from .event import Event, EventKind
+from .hybrid_motion import HybridMotion
+from .mode import STICK, Machine, make_machine
+from .origin import Origin
 from .parameters import InitialConditions, RigParameters
-from .phase import advance_time
+from .report import make_event, quiet, support_events
 from .snapshot import Snapshot
-from .transition import Transition, at_rest, carried, moving_mode, placed, resolve, struck
+from .stops import Outcome, check_command, commanded, supports
 
 __all__ = ['Simulator']
 
-# Far more events than any chatter has, in this part of a radian of the natural vibration.
-_MOST_EVENTS_AT_ONCE = 100_000
-_AT_ONCE = 1e-9
 
-
-class Simulator:
+class Simulator(HybridMotion):
     """
     The hybrid motion of one rig.
 
@@ -106,200 +78,14 @@ class Simulator:
             last_stop=0,
             released=False,
             chatter_left=0.0,
+            target_1=half,
+            target_2=-half,
         )
         self._parameters = parameters
         self._machine = machine
         self._time = time
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported = self._begin_all(origin)
-
-    def _begin(self, origin: Origin) -> None:
-        """Make an origin the present one."""
-        self._origin = origin
-        self._flight = launch(self._machine, origin)
-        self._node = 0.0
-        self._event: tuple[int, float] | None = None
-        if origin.mode >= CHATTER_1:
-            self._event = (NO_EVENT, origin.chatter_left)
-
-    def _begin_all(self, origin: Origin) -> list[Event]:
-        """Begin from a state of unknown mode; m may be about to hit the stop it is on."""
-        events: list[Event] = []
-        if origin.relative_velocity == 0.0:
-            self._begin(at_rest(self._machine, origin))
-            return events
-        outward = (origin.clearance_1 == 0.0 and origin.relative_velocity > 0.0) or (
-            origin.clearance_2 == 0.0 and origin.relative_velocity < 0.0
-        )
-        if outward:
-            stop = 1 if origin.relative_velocity > 0.0 else 2
-            transition = struck(self._machine, origin, stop)
-            self._begin(transition.origin)
-            events += self._impact(transition)
-        else:
-            mode = moving_mode(self._machine, origin.relative_velocity)
-            self._begin(origin._replace(mode=mode, chatter_left=0.0))
-        return events
-
-    @property
-    def time(self) -> float:
-        """Time reached, s."""
-        return self._time
-
-    @property
-    def parameters(self) -> RigParameters:
-        """The rig's present parameters."""
-        return self._parameters
-
-    @property
-    def mode(self) -> Mode:
-        """Present mode, after any event at the present time."""
-        return Mode(self._origin.mode)
-
-    @property
-    def stops(self) -> tuple[float, float]:
-        """Present positions Y of stop 1 and stop 2, m."""
-        here = self._here()
-        return here.stop_1, here.stop_2
-
-    def _tau(self, time: float) -> float:
-        return (time - self._origin.time) - self._origin.time_low
-
-    def _here(self) -> Origin:
-        """Return the present state as an origin, without making it one."""
-        return carried(self._origin, self._flight, max(0.0, self._tau(self._time)))
-
-    def advance(self, time: float) -> list[Event]:
-        """
-        Let the rig run to a later time.
-
-        Parameters
-        ----------
-        time : float
-            Time to reach, s; not before the present one.
-
-        Returns
-        -------
-        list of Event
-            All events after the present time up to and including the new one; and an impact with
-            which the rig started, or was reset.
-
-        Raises
-        ------
-        ValueError
-            If the time is before the present one or not finite.
-        """
-        if not self._time <= time < inf:
-            raise ValueError(
-                f'cannot advance to {time!r} s: give a finite time not before {self._time!r} s'
-            )
-        events, self._unreported = self._unreported, []
-        instant, at_once = -inf, 0
-        while True:
-            if self._event is None:
-                # An event that rounds to the time asked for belongs to it.
-                limit = self._tau(nextafter(time, inf))
-                kind, tau = first_event(self._flight, self._node, limit)
-                if kind == NO_EVENT:
-                    self._node = tau
-                    break
-                self._event = (kind, tau)
-            kind, tau = self._event
-            if advance_time(self._origin.time, self._origin.time_low, tau)[0] > time:
-                break
-            mode = self._origin.mode
-            transition = resolve(self._machine, self._origin, self._flight, kind, tau)
-            self._begin(transition.origin)
-            events += self._report(kind, mode, transition)
-            if self._origin.time > instant + _AT_ONCE / self._machine.joint.frequency:
-                instant, at_once = self._origin.time, 0
-            at_once += 1
-            if at_once > _MOST_EVENTS_AT_ONCE:
-                raise RuntimeError(
-                    f'the rig has {at_once} events at {instant!r} s, which should not be '
-                    f'possible; please report it with {self.snapshot()!r}'
-                )
-        self._time = time
-        return events
-
-    def _impact(self, transition: Transition) -> list[Event]:
-        """Report an impact, and the rest that a plastic one leads to."""
-        machine, parameters = self._machine, self._parameters
-        stop = transition.stop
-        restitution = machine.restitution_1 if stop == 1 else machine.restitution_2
-        impulse = (
-            parameters.damper_mass
-            * (1.0 + restitution)
-            / (1.0 + machine.mass_ratio)
-            * abs(transition.relative_velocity_before)
-        )
-        events = [self._make(EventKind.IMPACT, stop, transition, impulse)]
-        if transition.origin.mode in (REST_1, REST_2):
-            events.append(
-                self._make(
-                    EventKind.REST,
-                    stop,
-                    transition._replace(
-                        velocity_before=transition.velocity_after, relative_velocity_before=0.0
-                    ),
-                )
-            )
-        return events
-
-    def _make(
-        self, kind: EventKind, stop: int, transition: Transition, impulse: float = 0.0
-    ) -> Event:
-        origin = transition.origin
-        before, after = transition.velocity_before, transition.velocity_after
-        return Event(
-            origin.time,
-            kind,
-            stop,
-            origin.x,
-            offset_of(origin.clearance_1, origin.clearance_2, origin.stop_1, origin.stop_2),
-            before,
-            after,
-            before + transition.relative_velocity_before,
-            after + transition.relative_velocity_after,
-            impulse,
-        )
-
-    def _report(self, kind: int, mode_before: int, transition: Transition) -> list[Event]:
-        mode = transition.origin.mode
-        if kind in (CONTACT_1, CONTACT_2):
-            return self._impact(transition)
-        if kind == ARRIVAL:
-            stop = 1 if transition.origin.clearance_1 == 0.0 else 2
-            return [self._make(EventKind.STOP_ARRIVED, stop, transition)]
-        if kind in (RELEASE_UP, RELEASE_DOWN):
-            stop = {REST_1: 1, REST_2: 2}.get(mode_before, 0)
-            return [self._make(EventKind.RELEASE, stop, transition)]
-        # A reversal, or the end of a chatter
-        if mode in (REST_1, REST_2):
-            return [self._make(EventKind.REST, 1 if mode == REST_1 else 2, transition)]
-        if mode == STICK:
-            return [self._make(EventKind.STICK, 0, transition)]
-        if kind == REVERSAL:
-            return [self._make(EventKind.REVERSAL, 0, transition)]
-        return []
-
-    def sample(self) -> Sample:
-        """Return the motion at the present time, after any event at that instant."""
-        origin, flight = self._origin, self._flight
-        motion = motion_at(flight, max(0.0, self._tau(self._time)))
-        place = placed(origin, flight, motion.travel)
-        _, _, stop_1, stop_2 = place
-        speed = 0.0 if flight.joint else motion.relative_velocity
-        x, velocity = motion.x, motion.velocity
-        return Sample(
-            self._time,
-            x,
-            velocity,
-            x + offset_of(*place),
-            velocity + speed,
-            x + stop_1,
-            x + stop_2,
-        )
 
     def change(self, parameters: RigParameters) -> list[Event]:
         """
@@ -319,17 +105,78 @@ class Simulator:
         -----
         The angle turned by each harmonic is continuous, so that a change of frequency does not
         jump the force; an added harmonic starts at its phase. The position of M in the laboratory
-        is continuous where its static deflection changes. Stops open at once; a stop that would
-        pass m comes up to it instead, is hit if m moves outwards, and follows if m moves inwards.
+        is continuous where its static deflection changes.
+
+        Another `gap` or `one_sided` sends both stops to half the gap from the middle, at once, and
+        ends what `move_stops` has begun. A stop that would pass m comes up to it instead, is hit
+        if m moves outwards, and follows if m moves inwards.
         """
         if parameters == self._parameters:
             return []
         machine = make_machine(parameters)
         shift = self._parameters.static_deflection - parameters.static_deflection
-        origin = changed(self._here(), machine, shift)
+        here = self._here()
+        if shift == 0.0:
+            here = self._sided(here)
+        origin = changed(here, self._machine, machine, shift)
         self._parameters = parameters
         self._machine = machine
         return self._begin_all(origin)
+
+    def move_stops(
+        self, stop_1: float | None, stop_2: float | None, speed: float = inf
+    ) -> list[Event]:
+        """
+        Let stops move to other places in M, from the present time on.
+
+        Parameters
+        ----------
+        stop_1, stop_2 : float or None
+            Position Y to which each stop is to go, m; None leaves it as it is, or on its way.
+        speed : float, optional
+            Speed relative to M, m/s. Infinite, they are there at once.
+
+        Returns
+        -------
+        list of Event
+            What happens at once. Sooner or later each movement ends with one event, unless
+            another command comes before: `STOP_ARRIVED` at its target, or `STOP_TOUCHED`.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such stop or a number is not admissible; nothing changes then.
+
+        Notes
+        -----
+        A moving stop never does work. Where it meets m, either may have come up to the other, it
+        stays for good, until its next command (`STOP_TOUCHED`); if m moves outwards, towards it,
+        m then hits the standing stop (`IMPACT`). One that is to be beyond m at once goes up to m.
+        A stop that moves away from m at rest on it leaves m without support: friction holds m, or
+        m leaves (`RELEASE`) and may catch up with the stop. Where both stops have come up to m, m
+        cannot move in M, and the impact that ends its motion there is a plastic one.
+        """
+        machine = self._machine
+        targets = [(n, t) for n, t in ((1, stop_1), (2, stop_2)) if t is not None]
+        for stop, target in targets:
+            check_command(machine.one_sided, stop, target, speed)
+        before = self._here()
+        here, outcomes = self._sided(before), []
+        for stop, target in targets:
+            here, outcome = commanded(machine.one_sided, here, stop, float(target), float(speed))
+            outcomes.append((stop, outcome))
+        kinds = {Outcome.ARRIVED: EventKind.STOP_ARRIVED, Outcome.TOUCHED: EventKind.STOP_TOUCHED}
+        events = [
+            make_event(kinds[outcome], stop, quiet(here))
+            for stop, outcome in outcomes
+            if outcome in kinds
+        ]
+        if supports(here) == supports(before):
+            self._begin(here)
+        else:
+            hit = self._begin_all(here)
+            events += hit or support_events(before.mode, quiet(self._origin))
+        return events
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """

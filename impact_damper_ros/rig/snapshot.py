@@ -6,12 +6,14 @@ from math import inf
 from typing import Any, NamedTuple
 
 from .event import Event, EventKind
-from .mode import Origin
+from .origin import Origin
 from .parameters import RigParameters
 
-__all__ = ['Snapshot']
+__all__ = ['FORMATS', 'Snapshot', 'upgraded']
 
-_FORMAT = 1
+_FORMAT = 2
+#: Formats that can be read. The first knew neither stops that move nor the side of X.
+FORMATS = (1, 2)
 
 
 class Snapshot(NamedTuple):
@@ -62,16 +64,20 @@ class Snapshot(NamedTuple):
         ValueError
             If the snapshot is of another format or lacks something.
         """
-        if stored.get('format') != _FORMAT:
-            raise ValueError(
-                f'snapshot of format {stored.get("format")!r}: this version reads format {_FORMAT}'
-            )
+        version = stored.get('format')
+        if version not in FORMATS:
+            known = ' and '.join(map(str, FORMATS))
+            raise ValueError(f'snapshot of format {version!r}: this version reads {known}')
         try:
+            parameters = RigParameters(**stored['parameters'])
             values: dict[str, Any] = {
                 name: inf if value is None else value for name, value in stored['origin'].items()
             }
+            if version == 1:
+                half = 0.5 * parameters.gap
+                values = {**values, 'target_1': half, 'target_2': -half}
             return cls(
-                parameters=RigParameters(**stored['parameters']),
+                parameters=parameters,
                 origin=Origin(**{**values, 'angles': tuple(values['angles'])}),
                 time=float(stored['time']),
                 unreported=tuple(
@@ -81,3 +87,15 @@ class Snapshot(NamedTuple):
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f'snapshot is not complete: {error}') from error
+
+
+def upgraded(stored: dict[str, Any]) -> dict[str, Any]:
+    """
+    Return a stored snapshot as this version would have written it, and what else it holds.
+
+    Raises
+    ------
+    ValueError
+        If it is of another format or lacks something.
+    """
+    return {**stored, **Snapshot.from_dict(stored).as_dict()}

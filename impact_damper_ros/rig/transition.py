@@ -10,7 +10,15 @@ from math import inf
 from typing import NamedTuple
 
 from .certificate import least_step
-from .contact import ARRIVAL, CONTACT_1, CONTACT_2, RELEASE_UP, REVERSAL
+from .contact import (
+    ARRIVAL,
+    CONTACT_1,
+    CONTACT_2,
+    RELEASE_UP,
+    REVERSAL,
+    STOP_ARRIVED_1,
+    STOP_ARRIVED_2,
+)
 from .flight import Flight, Motion, motion_at
 from .impact import bounce_duration, chatter_duration, rebound
 from .kernels import kernel
@@ -24,15 +32,23 @@ from .mode import (
     SLIDE_UP,
     STICK,
     Machine,
-    Origin,
     launch,
     mode_at_rest,
     support_need,
 )
+from .origin import Origin, carried, locked, on_stop, placed, stopped, with_motion
 from .oscillator import derivative_bound
-from .phase import advance_time, sines_of, turned_angles
+from .phase import sines_of
 
-__all__ = ['Transition', 'at_rest', 'carried', 'moving_mode', 'placed', 'resolve', 'struck']
+__all__ = [
+    'Transition',
+    'at_rest',
+    'carried',
+    'moving_mode',
+    'placed',
+    'resolve',
+    'struck',
+]
 
 
 class Transition(NamedTuple):
@@ -68,136 +84,11 @@ def moving_mode(machine: Machine, relative_velocity: float) -> int:
 
 
 @kernel
-def placed(origin: Origin, flight: Flight, travel: float) -> tuple[float, float, float, float]:
-    """
-    Return where m and the stops are, once m has travelled relative to M.
-
-    Parameters
-    ----------
-    origin, flight : Origin, Flight
-        The flight with its origin.
-    travel : float
-        Y - Y(origin), m.
-
-    Returns
-    -------
-    clearance_1, clearance_2, stop_1, stop_2 : float
-        Distance of m from each stop, and position Y of each stop, m.
-    """
-    clearance_1 = origin.clearance_1
-    clearance_2 = origin.clearance_2
-    stop_1 = origin.stop_1
-    stop_2 = origin.stop_2
-    if not flight.joint:
-        if flight.arrival < inf and flight.direction < 0:
-            stop_1 += travel
-            clearance_2 = max(0.0, clearance_2 + travel)
-        elif flight.arrival < inf:
-            stop_2 += travel
-            clearance_1 = max(0.0, clearance_1 - travel)
-        else:
-            clearance_1 = max(0.0, clearance_1 - travel)
-            clearance_2 = max(0.0, clearance_2 + travel)
-    return clearance_1, clearance_2, stop_1, stop_2
-
-
-@kernel
-def carried(origin: Origin, flight: Flight, tau: float) -> Origin:
-    """
-    Return the state that a flight reaches, as the origin of another one.
-
-    Parameters
-    ----------
-    origin, flight : Origin, Flight
-        The flight with its origin.
-    tau : float
-        Time since the origin, s.
-
-    Returns
-    -------
-    Origin
-        State just *before* whatever happens at that instant, mode unchanged.
-    """
-    time, time_low = advance_time(origin.time, origin.time_low, tau)
-    angles = turned_angles(origin.angles, flight.oscillator.frequencies, tau)
-    motion: Motion = motion_at(flight, tau)
-    clearance_1, clearance_2, stop_1, stop_2 = placed(origin, flight, motion.travel)
-    speed = 0.0 if flight.joint else motion.relative_velocity
-    return Origin(
-        time,
-        time_low,
-        origin.mode,
-        motion.x,
-        motion.velocity,
-        speed,
-        clearance_1,
-        clearance_2,
-        stop_1,
-        stop_2,
-        angles,
-        origin.last_stop,
-        False,
-        max(0.0, origin.chatter_left - tau),
-    )
-
-
-@kernel
-def _with(
-    origin: Origin,
-    mode: int,
-    velocity: float,
-    relative_velocity: float,
-    last_stop: int,
-    released: bool,
-    chatter_left: float,
-) -> Origin:
-    """Return an origin with another mode and other velocities."""
-    return Origin(
-        origin.time,
-        origin.time_low,
-        mode,
-        origin.x,
-        velocity,
-        relative_velocity,
-        origin.clearance_1,
-        origin.clearance_2,
-        origin.stop_1,
-        origin.stop_2,
-        origin.angles,
-        last_stop,
-        released,
-        chatter_left,
-    )
-
-
-@kernel
-def _on_stop(machine: Machine, origin: Origin, stop: int, stop_1: float, stop_2: float) -> Origin:
-    """Return an origin with m exactly on a stop, and the stops placed."""
-    across = inf if machine.one_sided else stop_1 - stop_2
-    return Origin(
-        origin.time,
-        origin.time_low,
-        origin.mode,
-        origin.x,
-        origin.velocity,
-        origin.relative_velocity,
-        0.0 if stop == 1 else across,
-        across if stop == 1 else 0.0,
-        stop_1,
-        stop_2,
-        origin.angles,
-        origin.last_stop,
-        False,
-        0.0,
-    )
-
-
-@kernel
 def at_rest(machine: Machine, origin: Origin) -> Origin:
     """Return the state that follows when the relative velocity has become zero."""
-    still = _with(origin, origin.mode, origin.velocity, 0.0, origin.last_stop, False, 0.0)
+    still = with_motion(origin, origin.mode, origin.velocity, 0.0, origin.last_stop, False, 0.0)
     mode = mode_at_rest(machine, still, sines_of(machine.phases, still.angles))
-    return _with(still, mode, still.velocity, 0.0, still.last_stop, False, 0.0)
+    return with_motion(still, mode, still.velocity, 0.0, still.last_stop, False, 0.0)
 
 
 @kernel
@@ -228,15 +119,18 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
     else:
         relative_before = min(relative_before, 0.0)
         restitution = machine.restitution_2
+    if origin.clearance_1 == 0.0 and origin.clearance_2 == 0.0:
+        # With no room between the stops the impacts on both have no end before m is at rest.
+        restitution = 0.0
     after, relative_after = rebound(before, relative_before, restitution, machine.mass_ratio)
     if relative_after == 0.0:
         # -0.0 would be taken for a direction
         relative_after = 0.0
-        hit = _with(origin, origin.mode, after, 0.0, stop, False, 0.0)
+        hit = with_motion(origin, origin.mode, after, 0.0, stop, False, 0.0)
         return Transition(
             at_rest(machine, hit), stop, before, relative_before, after, relative_after
         )
-    hit = _with(
+    hit = with_motion(
         origin,
         moving_mode(machine, relative_after),
         after,
@@ -245,7 +139,7 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
         False,
         0.0,
     )
-    held = hit.stop_1 > machine.stop if stop == 1 else hit.stop_2 < -machine.stop
+    held = hit.stop_1 > hit.target_1 if stop == 1 else hit.stop_2 < hit.target_2
     if not held:
         share = machine.mass_ratio / (1.0 + machine.mass_ratio)
         common = after + share * relative_after
@@ -265,8 +159,22 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
             left = 0.0
         if left < inf:
             mode = CHATTER_1 if stop == 1 else CHATTER_2
-            hit = _with(hit, mode, common, 0.0, stop, False, left)
+            hit = with_motion(hit, mode, common, 0.0, stop, False, left)
     return Transition(hit, stop, before, relative_before, after, relative_after)
+
+
+@kernel
+def _touched(machine: Machine, there: Origin, stop: int) -> Transition:
+    """Resolve the meeting of m with a moving stop: it stays where it is, and m may hit it."""
+    before = there.velocity
+    relative_before = there.relative_velocity
+    there = locked(machine.one_sided, there, stop)
+    outward = relative_before > 0.0 if stop == 1 else relative_before < 0.0
+    if outward:
+        return struck(machine, there, stop)
+    if relative_before == 0.0:
+        there = at_rest(machine, there)
+    return Transition(there, stop, before, relative_before, before, relative_before)
 
 
 @kernel
@@ -293,22 +201,31 @@ def resolve(machine: Machine, origin: Origin, flight: Flight, kind: int, tau: fl
     relative_before = there.relative_velocity
     if kind in (CONTACT_1, CONTACT_2):
         stop = 1 if kind == CONTACT_1 else 2
-        there = _on_stop(machine, there, stop, there.stop_1, there.stop_2)
+        velocity = there.stop_velocity_1 if stop == 1 else there.stop_velocity_2
+        if velocity != 0.0:
+            return _touched(machine, there, stop)
+        there = on_stop(machine.one_sided, there, stop, there.stop_1, there.stop_2)
         return struck(machine, there, stop)
     if kind == ARRIVAL:
         if flight.direction < 0:
-            there = _on_stop(machine, there, 1, machine.stop, there.stop_2)
+            there = on_stop(machine.one_sided, there, 1, there.target_1, there.stop_2)
         else:
-            there = _on_stop(machine, there, 2, there.stop_1, -machine.stop)
+            there = on_stop(machine.one_sided, there, 2, there.stop_1, there.target_2)
+        return Transition(there, 0, before, relative_before, before, relative_before)
+    if kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
+        stop = 1 if kind == STOP_ARRIVED_1 else 2
+        stop_1 = there.target_1 if stop == 1 else there.stop_1
+        stop_2 = there.target_2 if stop == 2 else there.stop_2
+        there = stopped(there, stop, stop_1, stop_2, there.target_1, there.target_2)
         return Transition(there, 0, before, relative_before, before, relative_before)
     if kind == REVERSAL and tau == 0.0:
         # m was about to leave its support and does not: the support holds to round-off.
         mode = STICK
-        if there.clearance_1 == 0.0:
+        if there.clearance_1 == 0.0 and there.stop_velocity_1 == 0.0:
             mode = REST_1
-        elif there.clearance_2 == 0.0:
+        elif there.clearance_2 == 0.0 and there.stop_velocity_2 == 0.0:
             mode = REST_2
-        there = _with(there, mode, before, 0.0, there.last_stop, False, 0.0)
+        there = with_motion(there, mode, before, 0.0, there.last_stop, False, 0.0)
         return Transition(there, 0, before, relative_before, before, 0.0)
     if kind == REVERSAL or origin.mode >= CHATTER_1:
         there = at_rest(machine, there)
@@ -317,5 +234,5 @@ def resolve(machine: Machine, origin: Origin, flight: Flight, kind: int, tau: fl
     mode = FREE
     if machine.grip > 0.0:
         mode = SLIDE_UP if kind == RELEASE_UP else SLIDE_DOWN
-    there = _with(there, mode, before, 0.0, there.last_stop, True, 0.0)
+    there = with_motion(there, mode, before, 0.0, there.last_stop, True, 0.0)
     return Transition(there, 0, before, 0.0, before, 0.0)

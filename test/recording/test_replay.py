@@ -297,8 +297,8 @@ def test_a_bag_may_end_anywhere(tmp_path, messages, lost):
 
 def test_other_formats_are_refused(tmp_path, messages):
     topic, content, stamp = messages[0]
-    other = (topic, content.replace(b'"format": 1', b'"format": 2'), stamp)
-    with pytest.raises(RecordingError, match='is of format 2; this version reads format 1'):
+    other = (topic, content.replace(b'"format": 1', b'"format": 7'), stamp)
+    with pytest.raises(RecordingError, match='is of format 7; this version reads format 1'):
         replayed(samples.record(tmp_path / 'all', [other, *messages[1:]], custom=NOTES))
     place = places(messages, '/snapshot')[-1]
     topic, content, stamp = messages[place]

@@ -52,6 +52,17 @@ def random_rig(seed: int | str, **fixed: Any) -> tuple[RigParameters, InitialCon
     return parameters, random_initial(rng, parameters)
 
 
+def random_command(rng: random.Random, rig: Simulator) -> tuple[float | None, float | None, float]:
+    """Return places and a speed: closing past m, opening, one stop or both, any speed."""
+    half = rig.parameters.gap / 2
+    width = rng.choice([rng.uniform(-1.2, 1.2), rng.uniform(-1.0, 1.0), 1.0, rng.uniform(0, 3)])
+    place = half * width
+    other = half * rng.choice([rng.uniform(-1.0, 1.0), 1.0, rng.uniform(0.0, 3.0)])
+    first = rng.choice([None, place, place])
+    second = None if rig.parameters.one_sided else rng.choice([None, -other, -other])
+    return first, second, rng.choice([math.inf, 10 ** rng.uniform(-2, 1.5)])
+
+
 def through_json(rig: Simulator) -> Simulator:
     """Return the rig after a journey of its snapshot through a JSON text."""
     return Simulator.restore(json.loads(json.dumps(rig.snapshot(), allow_nan=False)))

@@ -1,20 +1,34 @@
 """Compiled kernels do the same arithmetic as the plain ones, to the last bit."""
 
+import random
 from math import inf
 
 import pytest
 
 from impact_damper_ros.rig import Simulator, kernels
-from impact_damper_ros.rig.contact import NO_EVENT, first_event
+from impact_damper_ros.rig.contact import (
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    STOP_ARRIVED_1,
+    STOP_ARRIVED_2,
+    first_event,
+)
+from impact_damper_ros.rig.crossing import first_crossing, starting_side
 from impact_damper_ros.rig.flight import motion_at
 from impact_damper_ros.rig.mode import CHATTER_1, launch
 from impact_damper_ros.rig.transition import resolve
-from rig.random_rigs import random_rig
+from rig.random_rigs import random_command, random_rig
 
 PLAIN = {'first_event': first_event, 'resolve': resolve, 'launch': launch, 'motion_at': motion_at}
 
 # Kernels compile anew for every number of harmonics; this one stands for all.
 HARMONICS = 2
+DRIVE = {
+    'force_amplitudes': [0.4 + 0.3 * k for k in range(HARMONICS)],
+    'force_frequencies': [0.7 + 0.6 * k for k in range(HARMONICS)],
+    'force_phases': [0.1 * k for k in range(HARMONICS)],
+}
 
 
 @pytest.fixture(scope='module')
@@ -31,6 +45,8 @@ def flights(kernel, machine, origin, until, most):
         limit = until - origin.time
         if origin.mode >= CHATTER_1:
             kind, tau = NO_EVENT, origin.chatter_left
+            if flight.deadline <= tau:
+                kind, tau = flight.deadline_kind, flight.deadline
         else:
             kind, tau = first(flight, 0.0, limit)
             if kind == NO_EVENT:
@@ -48,14 +64,11 @@ def test_bit_for_bit(compiled):
     """Every number of every flight and transition, over random rigs in all modes."""
     modes, steps = set(), 0
     for seed in range(60):
-        force = [0.4 + 0.3 * k for k in range(HARMONICS)]
-        parameters, initial = random_rig(
-            f'compiled {seed}',
-            force_amplitudes=force,
-            force_frequencies=[0.7 + 0.6 * k for k in range(HARMONICS)],
-            force_phases=[0.1 * k for k in range(HARMONICS)],
-        )
+        parameters, initial = random_rig(f'compiled {seed}', **DRIVE)
         rig = Simulator(parameters, initial)
+        if seed % 2:
+            # Their movements end in contacts and arrivals, and are repeated now and then.
+            rig.move_stops(*random_command(random.Random(seed), rig)[:2], 0.3)
         machine, origin = rig._machine, rig._origin
         plain = flights(PLAIN, machine, origin, 60.0, 150)
         fast = flights(compiled, machine, origin, 60.0, 150)
@@ -66,6 +79,46 @@ def test_bit_for_bit(compiled):
                 modes.add(a[0][2])
     assert steps > 2000
     assert modes >= {0, 1, 2, 3, 4, 5}
+
+
+def test_moving_stops_bit_for_bit(compiled):
+    """Contacts with moving stops and their arrivals, one command after the other."""
+    kinds = set()
+    for seed in range(150):
+        rng = random.Random(seed)
+        parameters, initial = random_rig(f'compiled {seed}', **DRIVE)
+        rig = Simulator(parameters, initial)
+        for _ in range(4):
+            rig.move_stops(*random_command(rng, rig)[:2], 10 ** rng.uniform(-1, 1))
+            machine, origin = rig._machine, rig._origin
+            plain = flights(PLAIN, machine, origin, rig.time + 3.0, 4)
+            fast = flights(compiled, machine, origin, rig.time + 3.0, 4)
+            for a, b in zip(plain, fast, strict=True):
+                assert a == b
+                if len(a) == 4:
+                    kinds.add((a[2], a[0][2]))
+            rig.advance(rig.time + rng.uniform(0.0, 1.0))
+    moving = {kind for kind, _ in kinds}
+    assert moving >= {NO_EVENT, CONTACT_1, CONTACT_2, STOP_ARRIVED_1, STOP_ARRIVED_2}
+    # In joint motion, too
+    assert {(CONTACT_1, 3), (CONTACT_2, 3), (STOP_ARRIVED_1, 3), (STOP_ARRIVED_2, 3)} <= kinds
+
+
+def test_crossings_bit_for_bit(compiled):
+    found = 0
+    for seed in range(60):
+        rig = Simulator(*random_rig(f'compiled {seed}', **DRIVE))
+        flight = rig._flight
+        node, side = 0.0, starting_side(flight, 0)
+        assert compiled['starting_side'](flight, 0) == side
+        for _ in range(5):
+            plain = first_crossing(flight, side, node, 20.0)
+            assert compiled['first_crossing'](flight, side, node, 20.0) == plain
+            crossed, _, node = plain
+            if not crossed:
+                break
+            found, side = found + 1, -side
+    assert found > 100
 
 
 def test_every_kernel_is_there(compiled):

@@ -336,7 +336,7 @@ class TestReproducibility:
 
     def test_bad_snapshots(self):
         good = Simulator(RigParameters()).snapshot()
-        for bad in ({}, {**good, 'format': 2}, {**good, 'origin': {}}, {'format': 1}):
+        for bad in ({}, {**good, 'format': 3}, {**good, 'origin': {}}, {'format': 1}):
             with pytest.raises(ValueError, match='snapshot'):
                 Simulator.restore(bad)
 

@@ -1,0 +1,196 @@
+"""
+Passages of X through zero, certified, on the side: watching for them leaves the motion alone.
+
+Within a flight X obeys the oscillator's equation, so that its third derivative is bounded as that
+of a clearance is, and certified steps (`certificate`) cannot miss a passage. A passage counts once
+X is on the other side by more than its round-off; a touch of zero is none.
+
+A flight's passages are counted from its origin, whenever one begins to watch, and each has one
+instant, a float. So they do not depend on how a run is cut up. A flight that begins where X cannot
+be told from zero takes over the side on which the one before has left it (`Origin.side`).
+"""
+
+from __future__ import annotations
+
+from math import inf, nextafter
+
+from .certificate import ROUND_OFF, least_step, safe_step
+from .flight import Flight, Motion, motion_at
+from .kernels import kernel
+from .origin import Origin
+from .oscillator import Oscillator, derivative_bound
+from .phase import advance_time
+
+__all__ = ['CrossingWatch', 'first_crossing', 'hardly_off_zero', 'starting_side']
+
+_EPSILON = 2.220446049250313e-16
+# Where X is smaller than this part of its scale, it is left to the watch to tell its side.
+_NEAR_ZERO = 1e-9
+# A search goes on beyond its limit while X is within round-off of zero; by this part of the
+# horizon at most.
+_OVERTIME = 1e-3
+
+
+@kernel
+def starting_side(flight: Flight, side: int) -> int:
+    """Return the sign of X just after a flight's origin: as given, or if that is 0 from X."""
+    if side != 0:
+        return side
+    motion: Motion = motion_at(flight, 0.0)
+    leading = motion.x
+    for derivative in (motion.velocity, motion.x_2, motion.x_3, motion.x_4, motion.x_5):
+        if leading != 0.0:
+            break
+        leading = derivative
+    return -1 if leading < 0.0 else 1
+
+
+@kernel
+def _root_of_x(flight: Flight, side: int, low: float, high: float) -> float:
+    """Return the root of X between two times, where `side` X becomes negative."""
+    tau = high
+    for _ in range(200):
+        motion: Motion = motion_at(flight, tau)
+        if side * motion.x > 0.0:
+            low = tau
+        else:
+            high = tau
+        following = 0.5 * (low + high)
+        if motion.velocity != 0.0:
+            newton = tau - motion.x / motion.velocity
+            if low < newton < high:
+                following = newton
+        if abs(following - tau) <= 0.5 * _EPSILON * tau or high - low <= _EPSILON * high:
+            break
+        tau = following
+    return high if tau > high else tau
+
+
+@kernel
+def first_crossing(
+    flight: Flight, side: int, node: float, limit: float
+) -> tuple[bool, float, float]:
+    """
+    Find the first passage of X through zero after a node.
+
+    Parameters
+    ----------
+    flight : Flight
+        The flight.
+    side : int
+        Sign of X at the node.
+    node : float
+        Time since the flight's origin: 0, or what an earlier call returned.
+    limit : float
+        Stop searching once the node is beyond this time.
+
+    Returns
+    -------
+    found : bool
+        Whether there is one up to the returned node.
+    tau : float
+        Its time since the origin.
+    node : float
+        The node reached; with the sign of X changed, if one was found.
+    """
+    oscillator: Oscillator = flight.oscillator
+    horizon = oscillator.horizon
+    above = node
+    tau = node
+    # A flight that begins at a passage may have its rest before it, by the round-off of its time.
+    arriving = node == 0.0
+    while True:
+        motion: Motion = motion_at(flight, tau)
+        height = side * motion.x
+        # What X is the sum of, and with it its round-off
+        scale = (
+            abs(motion.velocity) * horizon
+            + (abs(motion.x_2) + abs(flight.constant)) / oscillator.omega_squared
+        )
+        band = ROUND_OFF * (abs(motion.x) + scale)
+        bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, oscillator.bound_3)
+        if height < -band:
+            rate = side * motion.velocity
+            if not arriving or rate <= 0.0:
+                return True, _root_of_x(flight, side, above, tau), tau
+            step = safe_step(-height, -rate, -side * motion.x_2, bound_3, horizon)
+            tau += max(step, least_step(horizon), _EPSILON * tau)
+            continue
+        arriving = False
+        if height > band:
+            above = tau
+            if tau > limit:
+                return False, tau, tau
+        elif tau > limit + _OVERTIME * horizon:
+            return False, tau, tau
+        step = safe_step(
+            max(0.0, height + band),
+            side * motion.velocity,
+            side * motion.x_2,
+            bound_3,
+            horizon,
+        )
+        tau += max(step, least_step(horizon), _EPSILON * tau)
+
+
+def hardly_off_zero(oscillator: Oscillator, origin: Origin) -> bool:
+    """Return whether X is so small that its sign may be one of round-off."""
+    scale = abs(origin.velocity) * oscillator.horizon
+    if abs(origin.x) <= _NEAR_ZERO * scale:
+        return True
+    for force in oscillator.forces:
+        scale += abs(force) / oscillator.omega_squared
+    return abs(origin.x) <= _NEAR_ZERO * scale
+
+
+class CrossingWatch:
+    """
+    The passages of one flight through X = 0, in order.
+
+    Parameters
+    ----------
+    origin, flight : Origin, Flight
+        The flight with its origin.
+    """
+
+    def __init__(self, origin: Origin, flight: Flight) -> None:
+        """Begin at the origin."""
+        self._origin = origin
+        self._flight = flight
+        self._side = starting_side(flight, origin.side)
+        self._node = 0.0
+        # A passage at the origin itself belongs to this flight, and comes after it.
+        self._earliest = nextafter(origin.time, inf)
+        self._next: float | None = None
+
+    def _seek(self, until: float) -> None:
+        """Look for the next passage, if none is known, up to an instant at least."""
+        if self._next is not None:
+            return
+        origin = self._origin
+        limit = (nextafter(until, inf) - origin.time) - origin.time_low
+        if self._node > limit + _OVERTIME * self._flight.oscillator.horizon:
+            return
+        found, tau, self._node = first_crossing(self._flight, self._side, self._node, limit)
+        if found:
+            instant = advance_time(origin.time, origin.time_low, tau)[0]
+            self._next = max(self._earliest, instant)
+
+    def after(self, now: float, until: float) -> float | None:
+        """
+        Return the first passage after one instant and not after another.
+
+        Neither instant may be earlier than at the call before.
+        """
+        while True:
+            self._seek(until)
+            if self._next is None or self._next > until:
+                return None
+            if self._next > now:
+                return self._next
+            self._side, self._next = -self._side, None
+
+    def side_at(self, instant: float) -> int:
+        """Return the sign of X just after an instant, no earlier than that of the call before."""
+        self.after(instant, instant)
+        return self._side

@@ -1,0 +1,264 @@
+"""
+The hybrid motion: flight, event, next flight, for as long as asked.
+
+A flight is never re-originated to sample it, to watch it or to pause. Hence the motion does not
+depend on the sampling rate or on how a run is cut into pieces, to the last bit.
+"""
+
+from __future__ import annotations
+
+from math import inf, nextafter, ulp
+from typing import Any
+
+from .contact import NO_EVENT, first_event
+from .crossing import CrossingWatch, hardly_off_zero
+from .event import Event, EventKind, Sample
+from .flight import motion_at
+from .mode import CHATTER_1, Machine, Mode, launch
+from .origin import Origin, carried, offset_of, placed
+from .parameters import RigParameters
+from .phase import advance_time
+from .report import impact_events, make_event, quiet, transition_events
+from .stops import supports
+from .transition import at_rest, moving_mode, resolve, struck
+
+__all__ = ['HybridMotion']
+
+# Far more events than any chatter has, in this part of a radian of the natural vibration.
+_MOST_EVENTS_AT_ONCE = 100_000
+_AT_ONCE = 1e-9
+
+
+class HybridMotion:
+    """
+    The motion of one rig whose parameters and stops nobody touches.
+
+    A subclass sets the rig up, and does to it what is to be done between two advances.
+    """
+
+    _parameters: RigParameters
+    _machine: Machine
+    _time: float
+    _unreported: list[Event]
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what the rig's future depends on."""
+        raise NotImplementedError
+
+    def _begin(self, origin: Origin) -> None:
+        """Make an origin the present one."""
+        self._origin = origin
+        self._flight = launch(self._machine, origin)
+        self._node = 0.0
+        self._clear = -inf
+        self._due = inf
+        self._watch: CrossingWatch | None = None
+        if origin.mode >= CHATTER_1:
+            if self._flight.deadline <= origin.chatter_left:
+                self._expect(self._flight.deadline_kind, self._flight.deadline)
+            else:
+                self._expect(NO_EVENT, origin.chatter_left)
+
+    def _expect(self, kind: int, tau: float) -> None:
+        """Note the event that ends the flight, and its instant."""
+        self._event = (kind, tau)
+        self._due = advance_time(self._origin.time, self._origin.time_low, tau)[0]
+
+    def _begin_all(self, origin: Origin) -> list[Event]:
+        """Begin from a state of unknown mode; m may be about to hit the stop it is on."""
+        if origin.relative_velocity == 0.0:
+            self._begin(at_rest(self._machine, origin))
+            return []
+        on_1, on_2 = supports(origin)
+        if (on_1 and origin.relative_velocity > 0.0) or (on_2 and origin.relative_velocity < 0.0):
+            stop = 1 if origin.relative_velocity > 0.0 else 2
+            transition = struck(self._machine, origin, stop)
+            self._begin(transition.origin)
+            return impact_events(self._machine, self._parameters.damper_mass, transition)
+        mode = moving_mode(self._machine, origin.relative_velocity)
+        self._begin(origin._replace(mode=mode, chatter_left=0.0))
+        return []
+
+    def _sided(self, origin: Origin) -> Origin:
+        """Return the next origin, with the side of X if X is too small to tell."""
+        if not hardly_off_zero(self._machine.free, origin):
+            return origin
+        return origin._replace(side=self._crossings().side_at(origin.time))
+
+    def _crossings(self) -> CrossingWatch:
+        """Return the present flight's passages through X = 0."""
+        if self._watch is None:
+            self._watch = CrossingWatch(self._origin, self._flight)
+        return self._watch
+
+    @property
+    def time(self) -> float:
+        """Time reached, s."""
+        return self._time
+
+    @property
+    def parameters(self) -> RigParameters:
+        """The rig's present parameters."""
+        return self._parameters
+
+    @property
+    def mode(self) -> Mode:
+        """Present mode, after any event at the present time."""
+        return Mode(self._origin.mode)
+
+    @property
+    def stops(self) -> tuple[float, float]:
+        """Present positions Y of stop 1 and stop 2, m."""
+        here = self._here()
+        return here.stop_1, here.stop_2
+
+    @property
+    def stop_velocities(self) -> tuple[float, float]:
+        """Present velocities of stop 1 and stop 2 relative to M, m/s."""
+        origin, flight = self._origin, self._flight
+        velocity_1, velocity_2 = origin.stop_velocity_1, origin.stop_velocity_2
+        if not flight.joint and flight.arrival < inf:
+            # One of them follows m.
+            speed = self._here().relative_velocity
+            return (speed, velocity_2) if flight.direction < 0 else (velocity_1, speed)
+        return velocity_1, velocity_2
+
+    @property
+    def stop_targets(self) -> tuple[float, float]:
+        """Positions Y to which stop 1 and stop 2 go, or at which they are, m."""
+        return self._origin.target_1, self._origin.target_2
+
+    def _tau(self, time: float) -> float:
+        return (time - self._origin.time) - self._origin.time_low
+
+    def _here(self) -> Origin:
+        """Return the present state as an origin, without making it one."""
+        return carried(self._origin, self._flight, max(0.0, self._tau(self._time)))
+
+    def advance(self, time: float) -> list[Event]:
+        """
+        Let the rig run to a later time.
+
+        Parameters
+        ----------
+        time : float
+            Time to reach, s; not before the present one.
+
+        Returns
+        -------
+        list of Event
+            All events after the present time up to and including the new one; and an impact with
+            which the rig started, or was reset.
+
+        Raises
+        ------
+        ValueError
+            If the time is before the present one or not finite.
+        """
+        return self._run(time, watch=False)
+
+    def advance_to_crossing(self, time: float) -> list[Event]:
+        """
+        Let the rig run until X passes through zero, or to a later time.
+
+        Parameters
+        ----------
+        time : float
+            Time to reach at most, s; not before the present one.
+
+        Returns
+        -------
+        list of Event
+            As of `advance`, up to and including the instant reached. If the last one is of kind
+            `CROSSING`, that is the first instant after the one before at which X passes through
+            zero.
+
+        Raises
+        ------
+        ValueError
+            If the time is before the present one or not finite.
+
+        Notes
+        -----
+        The motion is to the last bit what `advance` makes of it. X has to change its sign: a touch
+        of zero, or an excursion beyond it within round-off, is not a passage; neither is a change
+        of parameters that moves the static equilibrium, from which X is measured.
+        """
+        return self._run(time, watch=True)
+
+    def _run(self, time: float, watch: bool) -> list[Event]:
+        """Advance to a time, or to the first passage of X through zero."""
+        if not self._time <= time < inf:
+            raise ValueError(
+                f'cannot advance to {time!r} s: give a finite time not before {self._time!r} s'
+            )
+        events, self._unreported = self._unreported, []
+        instant, at_once = -inf, 0
+        until, passing = time, False
+        while True:
+            if self._due == inf and until >= self._clear:
+                self._search(until)
+            due = self._due
+            if watch and not passing:
+                crossing = self._crossings().after(self._time, min(due, until))
+                if crossing is not None:
+                    # What else happens at that instant comes first.
+                    until, passing = crossing, True
+            if due > until:
+                break
+            events += self._pass_event()
+            if self._origin.time > instant + _AT_ONCE / self._machine.joint.frequency:
+                instant, at_once = self._origin.time, 0
+            at_once += 1
+            if at_once > _MOST_EVENTS_AT_ONCE:
+                raise RuntimeError(
+                    f'the rig has {at_once} events at {instant!r} s, which should not be '
+                    f'possible; please report it with {self.snapshot()!r}'
+                )
+        self._time = until
+        if passing:
+            events.append(
+                make_event(EventKind.CROSSING, 0, quiet(self._here()))._replace(time=until)
+            )
+        return events
+
+    def _search(self, time: float) -> None:
+        """Look for the event that ends the flight, up to a time at least."""
+        # An event that rounds to the time asked for belongs to it.
+        limit = self._tau(nextafter(time, inf))
+        kind, tau = first_event(self._flight, self._node, limit)
+        if kind == NO_EVENT:
+            self._node = tau
+            # Up to here, and a digit less, there is no need to ask again.
+            reached = advance_time(self._origin.time, self._origin.time_low, tau)[0]
+            self._clear = reached - 4.0 * ulp(reached)
+        else:
+            self._expect(kind, tau)
+
+    def _pass_event(self) -> list[Event]:
+        """Let the event that ends the flight happen."""
+        kind, tau = self._event
+        before = self._origin
+        transition = resolve(self._machine, before, self._flight, kind, tau)
+        self._begin(self._sided(transition.origin))
+        mass = self._parameters.damper_mass
+        return transition_events(self._machine, mass, kind, before, transition)
+
+    def sample(self) -> Sample:
+        """Return the motion at the present time, after any event at that instant."""
+        origin, flight = self._origin, self._flight
+        tau = max(0.0, self._tau(self._time))
+        motion = motion_at(flight, tau)
+        place = placed(origin, flight, tau, motion.travel)
+        _, _, stop_1, stop_2 = place
+        speed = 0.0 if flight.joint else motion.relative_velocity
+        x, velocity = motion.x, motion.velocity
+        return Sample(
+            self._time,
+            x,
+            velocity,
+            x + offset_of(*place),
+            velocity + speed,
+            x + stop_1,
+            x + stop_2,
+        )

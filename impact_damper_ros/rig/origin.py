@@ -1,0 +1,298 @@
+"""
+Origins: the state of the rig at the beginning of a flight, and how one comes from another.
+
+An origin is never changed; kernels can build it only as a whole, which is done here.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import NamedTuple
+
+from .flight import Flight, Motion, motion_at
+from .kernels import kernel
+from .phase import advance_time, turned_angles
+
+__all__ = [
+    'Origin',
+    'carried',
+    'locked',
+    'offset_of',
+    'on_stop',
+    'placed',
+    'stopped',
+    'with_motion',
+]
+
+
+class Origin(NamedTuple):
+    """
+    State at the origin of a flight, *after* the event that began it.
+
+    Attributes
+    ----------
+    time, time_low : float
+        The instant, s, as an unevaluated sum: a long run loses no digits.
+    mode : int
+        The mode that begins.
+    x, velocity, relative_velocity : float
+        X, X' and Y'.
+    clearance_1, clearance_2 : float
+        Distance of m from each stop, m; infinite for a stop that is not there.
+    stop_1, stop_2 : float
+        Position Y of each stop, m; beyond its target where m holds a stop back that has been
+        asked to close.
+    angles : tuple of float
+        Angle turned by each harmonic since it was switched on, without its phase, mod 2 pi.
+    last_stop : int
+        Stop hit last, 0 before the first impact; the air force points away from it.
+    released : bool
+        The support has just given way: the relative acceleration is exactly zero.
+    chatter_left : float
+        Time until a chatter accumulates, s; 0 in other modes.
+    target_1, target_2 : float
+        Position Y at which each stop is to be, m.
+    stop_velocity_1, stop_velocity_2 : float
+        Velocity relative to M of each stop that is on its way to its target, m/s. One at rest
+        that is not there follows m inwards.
+    side : int
+        Sign of X just after the instant, +1 or -1, where X is too small to tell; else 0.
+    """
+
+    time: float
+    time_low: float
+    mode: int
+    x: float
+    velocity: float
+    relative_velocity: float
+    clearance_1: float
+    clearance_2: float
+    stop_1: float
+    stop_2: float
+    angles: tuple[float, ...]
+    last_stop: int
+    released: bool
+    chatter_left: float
+    target_1: float
+    target_2: float
+    stop_velocity_1: float = 0.0
+    stop_velocity_2: float = 0.0
+    side: int = 0
+
+
+def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: float) -> float:
+    """Return Y from the clearances and positions of the stops, by the nearer one, m."""
+    return stop_1 - clearance_1 if clearance_1 <= clearance_2 else stop_2 + clearance_2
+
+
+@kernel
+def placed(
+    origin: Origin, flight: Flight, tau: float, travel: float
+) -> tuple[float, float, float, float]:
+    """
+    Return where m and the stops are, once m has travelled relative to M.
+
+    Parameters
+    ----------
+    origin, flight : Origin, Flight
+        The flight with its origin.
+    tau : float
+        Time since the origin, s.
+    travel : float
+        Y - Y(origin), m.
+
+    Returns
+    -------
+    clearance_1, clearance_2, stop_1, stop_2 : float
+        Distance of m from each stop, and position Y of each stop, m.
+    """
+    clearance_1 = origin.clearance_1
+    clearance_2 = origin.clearance_2
+    stop_1 = origin.stop_1
+    stop_2 = origin.stop_2
+    if flight.deadline < inf:
+        # A stop that stands moves by nothing.
+        stop_1 += origin.stop_velocity_1 * tau
+        clearance_1 += origin.stop_velocity_1 * tau
+        stop_2 += origin.stop_velocity_2 * tau
+        clearance_2 -= origin.stop_velocity_2 * tau
+    if not flight.joint:
+        if flight.arrival < inf and flight.direction < 0:
+            stop_1 += travel
+            clearance_2 += travel
+        elif flight.arrival < inf:
+            stop_2 += travel
+            clearance_1 -= travel
+        else:
+            clearance_1 -= travel
+            clearance_2 += travel
+    return max(0.0, clearance_1), max(0.0, clearance_2), stop_1, stop_2
+
+
+@kernel
+def carried(origin: Origin, flight: Flight, tau: float) -> Origin:
+    """
+    Return the state that a flight reaches, as the origin of another one.
+
+    Parameters
+    ----------
+    origin, flight : Origin, Flight
+        The flight with its origin.
+    tau : float
+        Time since the origin, s.
+
+    Returns
+    -------
+    Origin
+        State just *before* whatever happens at that instant, mode unchanged.
+    """
+    time, time_low = advance_time(origin.time, origin.time_low, tau)
+    angles = turned_angles(origin.angles, flight.oscillator.frequencies, tau)
+    motion: Motion = motion_at(flight, tau)
+    clearance_1, clearance_2, stop_1, stop_2 = placed(origin, flight, tau, motion.travel)
+    speed = 0.0 if flight.joint else motion.relative_velocity
+    return Origin(
+        time,
+        time_low,
+        origin.mode,
+        motion.x,
+        motion.velocity,
+        speed,
+        clearance_1,
+        clearance_2,
+        stop_1,
+        stop_2,
+        angles,
+        origin.last_stop,
+        origin.released and tau == 0.0,
+        max(0.0, origin.chatter_left - tau),
+        origin.target_1,
+        origin.target_2,
+        origin.stop_velocity_1,
+        origin.stop_velocity_2,
+        0,
+    )
+
+
+@kernel
+def with_motion(
+    origin: Origin,
+    mode: int,
+    velocity: float,
+    relative_velocity: float,
+    last_stop: int,
+    released: bool,
+    chatter_left: float,
+) -> Origin:
+    """Return an origin with another mode and other velocities."""
+    return Origin(
+        origin.time,
+        origin.time_low,
+        mode,
+        origin.x,
+        velocity,
+        relative_velocity,
+        origin.clearance_1,
+        origin.clearance_2,
+        origin.stop_1,
+        origin.stop_2,
+        origin.angles,
+        last_stop,
+        released,
+        chatter_left,
+        origin.target_1,
+        origin.target_2,
+        origin.stop_velocity_1,
+        origin.stop_velocity_2,
+        origin.side,
+    )
+
+
+@kernel
+def on_stop(one_sided: bool, origin: Origin, stop: int, stop_1: float, stop_2: float) -> Origin:
+    """Return an origin with m exactly on a stop, and the stops placed."""
+    across = inf if one_sided else max(0.0, stop_1 - stop_2)
+    return Origin(
+        origin.time,
+        origin.time_low,
+        origin.mode,
+        origin.x,
+        origin.velocity,
+        origin.relative_velocity,
+        0.0 if stop == 1 else across,
+        across if stop == 1 else 0.0,
+        stop_1,
+        stop_2,
+        origin.angles,
+        origin.last_stop,
+        False,
+        0.0,
+        origin.target_1,
+        origin.target_2,
+        origin.stop_velocity_1,
+        origin.stop_velocity_2,
+        origin.side,
+    )
+
+
+@kernel
+def stopped(
+    origin: Origin, stop: int, stop_1: float, stop_2: float, target_1: float, target_2: float
+) -> Origin:
+    """Return an origin with a moving stop at rest, and the stops placed."""
+    return Origin(
+        origin.time,
+        origin.time_low,
+        origin.mode,
+        origin.x,
+        origin.velocity,
+        origin.relative_velocity,
+        origin.clearance_1,
+        origin.clearance_2,
+        stop_1,
+        stop_2,
+        origin.angles,
+        origin.last_stop,
+        origin.released,
+        origin.chatter_left,
+        target_1,
+        target_2,
+        0.0 if stop == 1 else origin.stop_velocity_1,
+        0.0 if stop == 2 else origin.stop_velocity_2,
+        origin.side,
+    )
+
+
+@kernel
+def locked(one_sided: bool, origin: Origin, stop: int) -> Origin:
+    """
+    Return the state once a moving stop has come up to m and stays there.
+
+    Parameters
+    ----------
+    one_sided : bool
+        Whether stop 2 is absent.
+    origin : Origin
+        State at that instant, the stop still moving.
+    stop : int
+        The stop, 1 or 2.
+    """
+    stop_1 = origin.stop_1
+    stop_2 = origin.stop_2
+    target_1 = origin.target_1
+    target_2 = origin.target_2
+    if stop == 1:
+        # The stops are as far apart as m on the other one shows, and never cross.
+        if origin.clearance_2 == 0.0 or (not one_sided and stop_1 < stop_2):
+            stop_1 = stop_2
+        target_1 = stop_1
+    else:
+        if origin.clearance_1 == 0.0 or stop_2 > stop_1:
+            stop_2 = stop_1
+        target_2 = stop_2
+    there = stopped(origin, stop, stop_1, stop_2, target_1, target_2)
+    left = there.chatter_left
+    there = on_stop(one_sided, there, stop, stop_1, stop_2)
+    return with_motion(
+        there, there.mode, there.velocity, there.relative_velocity, there.last_stop, False, left
+    )

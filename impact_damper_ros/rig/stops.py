@@ -1,0 +1,120 @@
+"""
+Stops that are moved: what a command makes of the state at its instant.
+
+A stop moves relative to M at constant speed towards its target. It never does work: where it and m
+meet it stays, at rest relative to M, before m may hit it. So the velocity of a stop does not enter
+any impact, and the energy of M and m is that of a rig with standing stops.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from math import isinf, isnan
+
+from .origin import Origin, locked, offset_of
+from .parameter_spec import ParameterError
+
+__all__ = ['Outcome', 'check_command', 'commanded', 'supports']
+
+_FARTHEST = 1e9
+_SLOWEST = 1e-9
+
+
+class Outcome(IntEnum):
+    """What a command does to a stop at its instant."""
+
+    #: It is on its way.
+    MOVING = 0
+    #: It is where it should be.
+    ARRIVED = 1
+    #: m is in its way already.
+    TOUCHED = 2
+
+
+def check_command(one_sided: bool, stop: int, target: float, speed: float) -> None:
+    """
+    Check the target and speed of a stop.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such stop, or a number is not admissible.
+    """
+    name = f'stop_{stop}'
+    if stop == 2 and one_sided:
+        raise ParameterError(
+            name,
+            f'{name} is {target!r} m but the rig is one-sided: give None, or one_sided: false',
+        )
+    if not -_FARTHEST <= target <= _FARTHEST:
+        raise ParameterError(
+            name,
+            f'{name} is {target!r} m: give the place Y where it is to go, a number from '
+            f'{-_FARTHEST:g} to {_FARTHEST:g} m',
+        )
+    if isnan(speed) or speed < _SLOWEST:
+        raise ParameterError(
+            'speed',
+            f'speed is {speed!r} m/s: give a number from {_SLOWEST:g} m/s, or inf for at once',
+        )
+
+
+def supports(origin: Origin) -> tuple[bool, bool]:
+    """Return whether m is on stop 1, and on stop 2, and that stands."""
+    return (
+        origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0,
+        origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0,
+    )
+
+
+def commanded(
+    one_sided: bool, here: Origin, stop: int, target: float, speed: float
+) -> tuple[Origin, Outcome]:
+    """
+    Return the state just after a stop has been told to move, mode and velocities unchanged.
+
+    Parameters
+    ----------
+    one_sided : bool
+        Whether stop 2 is absent.
+    here : Origin
+        State just before.
+    stop : int
+        The stop, 1 or 2.
+    target : float
+        Position Y to which it is to go, m.
+    speed : float
+        Speed relative to M, m/s; infinite for at once.
+    """
+    outwards = 1.0 if stop == 1 else -1.0
+    place = here.stop_1 if stop == 1 else here.stop_2
+    clearance = here.clearance_1 if stop == 1 else here.clearance_2
+    way = target - place
+    velocity = 0.0
+    if way != 0.0 and not isinf(speed):
+        velocity = speed if way > 0.0 else -speed
+    moved = _set_off(here, stop, target, velocity)
+    if velocity != 0.0:
+        closing = outwards * (here.relative_velocity - velocity)
+        if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
+            return locked(one_sided, moved, stop), Outcome.TOUCHED
+        return moved, Outcome.MOVING
+    if way == 0.0:
+        return moved, Outcome.ARRIVED
+    offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
+    if outwards * way < 0.0 and outwards * (target - offset) <= 0.0:
+        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), Outcome.TOUCHED
+    # Clearances move by what the stop moves, so that tiny ones keep their digits.
+    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), Outcome.ARRIVED
+
+
+def _set_off(here: Origin, stop: int, target: float, velocity: float) -> Origin:
+    if stop == 1:
+        return here._replace(target_1=target, stop_velocity_1=velocity)
+    return here._replace(target_2=target, stop_velocity_2=velocity)
+
+
+def _put(here: Origin, stop: int, place: float, clearance: float) -> Origin:
+    if stop == 1:
+        return here._replace(stop_1=place, clearance_1=clearance)
+    return here._replace(stop_2=place, clearance_2=clearance)
