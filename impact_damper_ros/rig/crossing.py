@@ -17,11 +17,11 @@ from math import inf, nextafter
 from .certificate import ROUND_OFF, least_step, safe_step
 from .flight import Flight, Motion, motion_at
 from .kernels import kernel
-from .origin import Origin
+from .origin import Origin, with_side
 from .oscillator import Oscillator, derivative_bound
 from .phase import advance_time
 
-__all__ = ['CrossingWatch', 'first_crossing', 'hardly_off_zero', 'starting_side']
+__all__ = ['CrossingWatch', 'first_crossing', 'sided', 'starting_side']
 
 _EPSILON = 2.220446049250313e-16
 # Where X is smaller than this part of its scale, it is left to the watch to tell its side.
@@ -133,14 +133,43 @@ def first_crossing(
         tau += max(step, least_step(horizon), _EPSILON * tau)
 
 
-def hardly_off_zero(oscillator: Oscillator, origin: Origin) -> bool:
-    """Return whether X is so small that its sign may be one of round-off."""
+@kernel
+def _side_at(origin: Origin, flight: Flight, instant: float) -> int:
+    """Return the sign of X just after an instant of a flight; as `CrossingWatch` counts."""
+    side = starting_side(flight, origin.side)
+    if instant <= origin.time:
+        return side
+    # At least one float more than the instant
+    limit = (instant - origin.time) - origin.time_low + 2.0 * _EPSILON * abs(instant)
+    node = 0.0
+    while node <= limit + _OVERTIME * flight.oscillator.horizon:
+        found, tau, node = first_crossing(flight, side, node, limit)
+        if not found or advance_time(origin.time, origin.time_low, tau)[0] > instant:
+            break
+        side = -side
+    return side
+
+
+@kernel
+def sided(oscillator: Oscillator, before: Origin, flight: Flight, origin: Origin) -> Origin:
+    """
+    Return the origin of the next flight, with the side of X if X is too small to tell it.
+
+    Parameters
+    ----------
+    oscillator : Oscillator
+        M alone, for the scale of X.
+    before, flight : Origin, Flight
+        The flight that ends, with its origin.
+    origin : Origin
+        The state after whatever ends it, X being continuous.
+    """
     scale = abs(origin.velocity) * oscillator.horizon
-    if abs(origin.x) <= _NEAR_ZERO * scale:
-        return True
-    for force in oscillator.forces:
-        scale += abs(force) / oscillator.omega_squared
-    return abs(origin.x) <= _NEAR_ZERO * scale
+    for j in range(len(oscillator.forces)):
+        scale += abs(oscillator.forces[j]) / oscillator.omega_squared
+    if abs(origin.x) > _NEAR_ZERO * scale:
+        return origin
+    return with_side(origin, _side_at(before, flight, origin.time))
 
 
 class CrossingWatch:
@@ -189,8 +218,3 @@ class CrossingWatch:
             if self._next > now:
                 return self._next
             self._side, self._next = -self._side, None
-
-    def side_at(self, instant: float) -> int:
-        """Return the sign of X just after an instant, no earlier than that of the call before."""
-        self.after(instant, instant)
-        return self._side

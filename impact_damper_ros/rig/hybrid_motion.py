@@ -11,7 +11,7 @@ from math import inf, nextafter, ulp
 from typing import Any
 
 from .contact import NO_EVENT, first_event
-from .crossing import CrossingWatch, hardly_off_zero
+from .crossing import CrossingWatch, sided
 from .event import Event, EventKind, Sample
 from .flight import motion_at
 from .mode import CHATTER_1, Machine, Mode, launch
@@ -81,9 +81,7 @@ class HybridMotion:
 
     def _sided(self, origin: Origin) -> Origin:
         """Return the next origin, with the side of X if X is too small to tell."""
-        if not hardly_off_zero(self._machine.free, origin):
-            return origin
-        return origin._replace(side=self._crossings().side_at(origin.time))
+        return sided(self._machine.free, self._origin, self._flight, origin)
 
     def _crossings(self) -> CrossingWatch:
         """Return the present flight's passages through X = 0."""

@@ -22,6 +22,7 @@ __all__ = [
     'placed',
     'stopped',
     'with_motion',
+    'with_side',
 ]
 
 
@@ -80,6 +81,7 @@ class Origin(NamedTuple):
     side: int = 0
 
 
+@kernel
 def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: float) -> float:
     """Return Y from the clearances and positions of the stops, by the nearer one, m."""
     return stop_1 - clearance_1 if clearance_1 <= clearance_2 else stop_2 + clearance_2
@@ -205,6 +207,32 @@ def with_motion(
         origin.stop_velocity_1,
         origin.stop_velocity_2,
         origin.side,
+    )
+
+
+@kernel
+def with_side(origin: Origin, side: int) -> Origin:
+    """Return an origin with the side of X just after it."""
+    return Origin(
+        origin.time,
+        origin.time_low,
+        origin.mode,
+        origin.x,
+        origin.velocity,
+        origin.relative_velocity,
+        origin.clearance_1,
+        origin.clearance_2,
+        origin.stop_1,
+        origin.stop_2,
+        origin.angles,
+        origin.last_stop,
+        origin.released,
+        origin.chatter_left,
+        origin.target_1,
+        origin.target_2,
+        origin.stop_velocity_1,
+        origin.stop_velocity_2,
+        side,
     )
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from math import inf
 from typing import Any, NamedTuple
 
-from . import change
 from .certificate import least_step
 from .contact import (
     ARRIVAL,
@@ -21,14 +20,18 @@ from .contact import (
     RELEASE_DOWN,
     RELEASE_UP,
     REVERSAL,
+    STOP_ARRIVED_1,
+    STOP_ARRIVED_2,
     first_event,
 )
+from .crossing import sided
 from .event import EventKind
 from .flight import Flight, Motion, motion_at
 from .kernels import kernel
-from .mode import CHATTER_1, REST_1, REST_2, STICK, Machine, Origin, launch
+from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine, launch
+from .origin import Origin, offset_of, placed
 from .phase import advance_time
-from .transition import Transition, placed, resolve
+from .transition import Transition, resolve
 
 __all__ = ['DONE', 'FULL', 'RUNAWAY', 'SPENT', 'Progress', 'run_through']
 
@@ -47,12 +50,11 @@ _STICK = int(EventKind.STICK)
 _RELEASE = int(EventKind.RELEASE)
 _REVERSAL = int(EventKind.REVERSAL)
 _STOP_ARRIVED = int(EventKind.STOP_ARRIVED)
+_STOP_TOUCHED = int(EventKind.STOP_TOUCHED)
 
 _MOST_AT_ONCE = 100_000
 # The tolerance of the search, so that an event which rounds to the end of a search belongs to it
 _NEXT = 4.440892098500626e-16
-
-offset_of = kernel(change.offset_of)
 
 
 class Progress(NamedTuple):
@@ -111,17 +113,35 @@ def _write_event(
 
 
 @kernel
+def _stop_under(mode: int) -> int:
+    """Return the stop on which m rests, or bounces for the last times; 0 for none."""
+    if mode in (REST_1, CHATTER_1):
+        return 1
+    return 2 if mode in (REST_2, CHATTER_2) else 0
+
+
+@kernel
+def _support_code(mode_before: int, mode: int) -> int:
+    """Return as what a stop's coming up to m at rest is reported; 0 for nothing."""
+    if mode_before >= STICK > mode:
+        return _RELEASE
+    if mode in (REST_1, REST_2) and (mode_before < STICK or mode_before >= CHATTER_1):
+        return _REST
+    return 0
+
+
+@kernel
 def _write_transition(
     machine: Machine,
     damper_mass: float,
     kind: int,
-    mode_before: int,
+    ended: Origin,
     transition: Transition,
     numbers: Any,
     codes: Any,
     row: int,
 ) -> int:
-    """Write what an event is reported as, none to two rows; return the next free row."""
+    """Write what an event is reported as, none to three rows; return the next free row."""
     origin = transition.origin
     mode = origin.mode
     before = transition.velocity_before
@@ -132,9 +152,31 @@ def _write_transition(
     stop = 0
     impulse = 0.0
     if kind in (CONTACT_1, CONTACT_2):
-        code = _IMPACT
         stop = transition.stop
+        outward = transition.relative_velocity_before * (1.0 if stop == 1 else -1.0) > 0.0
+        code = _IMPACT
+        if (ended.stop_velocity_1 if stop == 1 else ended.stop_velocity_2) != 0.0:
+            row = _write_event(
+                numbers,
+                codes,
+                row,
+                _STOP_TOUCHED,
+                stop,
+                origin,
+                before,
+                before,
+                damper_before,
+                damper_before,
+                0.0,
+            )
+            if not outward:
+                code = _support_code(ended.mode, mode)
+                if code == 0:
+                    return row
+                stop = _stop_under(mode if code == _REST else ended.mode)
         restitution = machine.restitution_1 if stop == 1 else machine.restitution_2
+        if transition.relative_velocity_after == 0.0:
+            restitution = 0.0
         impulse = (
             damper_mass
             * (1.0 + restitution)
@@ -144,12 +186,12 @@ def _write_transition(
     elif kind == ARRIVAL:
         code = _STOP_ARRIVED
         stop = 1 if origin.clearance_1 == 0.0 else 2
+    elif kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
+        code = _STOP_ARRIVED
+        stop = 1 if kind == STOP_ARRIVED_1 else 2
     elif kind in (RELEASE_UP, RELEASE_DOWN):
         code = _RELEASE
-        if mode_before == REST_1:
-            stop = 1
-        elif mode_before == REST_2:
-            stop = 2
+        stop = _stop_under(ended.mode)
     elif mode in (REST_1, REST_2):
         code = _REST
         stop = 1 if mode == REST_1 else 2
@@ -185,7 +227,7 @@ def _write_sample(
 ) -> None:
     """Write the motion at one instant."""
     motion: Motion = motion_at(flight, tau)
-    clearance_1, clearance_2, stop_1, stop_2 = placed(origin, flight, motion.travel)
+    clearance_1, clearance_2, stop_1, stop_2 = placed(origin, flight, tau, motion.travel)
     speed = 0.0 if flight.joint else motion.relative_velocity
     samples[row, 0] = time
     samples[row, 1] = motion.x
@@ -266,7 +308,11 @@ def run_through(
             target = float(instants[sampled])
         since = (target - origin.time) - origin.time_low
         if origin.mode >= CHATTER_1:
+            kind = NO_EVENT
             node = origin.chatter_left
+            if flight.deadline <= node:
+                kind = flight.deadline_kind
+                node = flight.deadline
             known = True
         if not known:
             kind, node = first_event(flight, node, since + _NEXT * abs(target))
@@ -284,20 +330,20 @@ def run_through(
             status = SPENT
         elif at_once > _MOST_AT_ONCE:
             status = RUNAWAY
-        elif writing and written + 2 > len(codes):
+        elif writing and written + 3 > len(codes):
             status = FULL
         if status != DONE:
             time = max(time, origin.time)
             in_mode[origin.mode] += max(0.0, ((time - origin.time) - origin.time_low) - begun)
             return Progress(status, origin, time, sampled, written, happened)
         in_mode[origin.mode] += node - begun
-        before = origin.mode
-        transition: Transition = resolve(machine, origin, flight, kind, node)
-        origin = transition.origin
+        ended = origin
+        transition: Transition = resolve(machine, ended, flight, kind, node)
+        origin = sided(machine.free, ended, flight, transition.origin)
         happened += 1
         if writing:
             written = _write_transition(
-                machine, damper_mass, kind, before, transition, numbers, codes, written
+                machine, damper_mass, kind, ended, transition, numbers, codes, written
             )
         if origin.time > instant + at_once_span:
             instant = origin.time

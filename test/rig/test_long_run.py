@@ -2,6 +2,7 @@
 
 import json
 import os
+import random
 import subprocess
 import sys
 from math import pi
@@ -19,7 +20,7 @@ from impact_damper_ros.rig import (
     kernel_cache,
 )
 from impact_damper_ros.rig.long_run import EVENT_TYPE, SAMPLE_TYPE, LongRun, Outcome
-from rig.random_rigs import random_rig
+from rig.random_rigs import random_command, random_rig
 
 ROOT = Path(__file__).parents[2]
 GOLDEN = (
@@ -27,6 +28,7 @@ GOLDEN = (
     {'angle': pi / 4, 'gravity': 1.0, 'force_frequencies': (1.02,)},
     {'angle': pi / 4, 'gravity': 1.0, 'friction': 0.5, 'force_frequencies': (1.02,)},
 )
+ONE_HARMONIC = {'force_amplitudes': [1.0], 'force_frequencies': [0.9], 'force_phases': [0.1]}
 #: Bounces on elastic stops under gravity, ever faster.
 ENDLESS = (
     RigParameters(restitution_1=1.0, angle=1.0, force_amplitudes=[0.0]),
@@ -93,6 +95,39 @@ def test_random_rigs(compiled, harmonics):
             happened += stretch.event_count
     assert happened > 1000
     assert modes >= {0, 1, 2, 3, 4, 5}
+
+
+def test_stops_on_their_way(compiled):
+    """Taken over from a simulator whose stops move: met, hit, arrived, in all modes."""
+    kinds = set()
+    for seed in range(120):
+        rng = random.Random(seed)
+        rig = Simulator(*random_rig(f'long {seed}', **ONE_HARMONIC, restitution_1=0.7))
+        rig.advance(rng.uniform(0.0, 1.0))
+        for _ in range(3):
+            rig.move_stops(*random_command(rng, rig)[:2], 10 ** rng.uniform(-1, 1))
+            run = LongRun.restore(rig.snapshot(), compiled=compiled)
+            end = run.time + rng.uniform(0.0, 3.0)
+            stretch = assert_same(run, rig, np.linspace(run.time, end, 5))
+            kinds |= set(stretch.events['kind'].tolist())
+    assert kinds >= set(EventKind) - {EventKind.CROSSING}
+
+
+def test_sides_of_x_are_taken_along(compiled):
+    """Impacts at X = 0 leave the sign of X to be told."""
+    seen = set()
+    for nudge in range(-40, 41):
+        rig = Simulator(
+            RigParameters(gravity=0.0, damping=0.0, gap=2.0, force_amplitudes=[0.0]),
+            InitialConditions(
+                initial_primary_position=-1.0,
+                initial_damper_velocity=2.0 / (pi / 2) + nudge * 2.0**-52,
+            ),
+        )
+        run = LongRun.restore(rig.snapshot(), compiled=compiled)
+        assert_same(run, rig, np.array([1.6]))
+        seen.add(rig.snapshot()['origin']['side'])
+    assert seen == {-1, 1}
 
 
 @pytest.mark.parametrize('changes', GOLDEN)
