@@ -8,6 +8,7 @@ from contextlib import suppress
 
 import yaml
 
+from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -15,7 +16,7 @@ from impact_damper_ros.rig import (
     RigParameters,
 )
 
-__all__ = ['add_set_option', 'overridden']
+__all__ = ['add_set_option', 'overridden', 'overridden_control']
 
 
 def add_set_option(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +28,26 @@ def add_set_option(parser: argparse.ArgumentParser) -> None:
         metavar='NAME=VALUE',
         help='override a parameter of the file, for example --set gap=30; may be repeated',
     )
+
+
+def _values(settings: Sequence[str], names: Sequence[str]) -> dict[str, object]:
+    """Read the settings; their names must be among some."""
+    changes: dict[str, object] = {}
+    for setting in settings:
+        name, equals, text = setting.partition('=')
+        if not equals or name not in names:
+            raise ValueError(
+                f'--set {setting}: give NAME=VALUE with one of the names {", ".join(names)}'
+            )
+        try:
+            changes[name] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ValueError(f'--set {setting}: {text!r} is not a value: {error}') from error
+        if isinstance(changes[name], str):
+            # YAML 1.1 takes 1e-3 for a text
+            with suppress(ValueError):
+                changes[name] = float(text)
+    return changes
 
 
 def overridden(
@@ -52,22 +73,41 @@ def overridden(
     ValueError
         If a name is unknown, a value cannot be read, or the changed rig is not admissible.
     """
-    changes: dict[str, object] = {}
-    for setting in settings:
-        name, equals, text = setting.partition('=')
-        if not equals or (name not in PARAMETER_SPECS and name not in INITIAL_SPECS):
-            names = ', '.join([*PARAMETER_SPECS, *INITIAL_SPECS])
-            raise ValueError(f'--set {setting}: give NAME=VALUE with one of the names {names}')
-        try:
-            changes[name] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ValueError(f'--set {setting}: {text!r} is not a value: {error}') from error
-        if isinstance(changes[name], str):
-            # YAML 1.1 takes 1e-3 for a text
-            with suppress(ValueError):
-                changes[name] = float(text)
+    changes = _values(settings, [*PARAMETER_SPECS, *INITIAL_SPECS])
     parameters = parameters.replace(**{k: v for k, v in changes.items() if k in PARAMETER_SPECS})
     start = {k: v for k, v in changes.items() if k in INITIAL_SPECS}
     initial = InitialConditions(**{**initial.as_dict(), **start})  # type: ignore[arg-type]
     initial.check_within(parameters)
     return parameters, initial
+
+
+def overridden_control(
+    settings: Sequence[str], control: GapControlParameters
+) -> tuple[list[str], GapControlParameters]:
+    """
+    Apply those ``--set`` options that are of the gap control.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        What was given, each NAME=VALUE.
+    control : GapControlParameters
+        The control of the parameters file.
+
+    Returns
+    -------
+    others : list of str
+        The options that are left, for `overridden`.
+    control : GapControlParameters
+        The control with the changes.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, a value cannot be read, or the control is not admissible.
+    """
+    # An unknown name is told with all that may stand there.
+    changes = _values(settings, [*PARAMETER_SPECS, *INITIAL_SPECS, *GAP_CONTROL_SPECS])
+    own = {name: value for name, value in changes.items() if name in GAP_CONTROL_SPECS}
+    others = [s for s in settings if s.partition('=')[0] not in own]
+    return others, control.replace(**own)

@@ -9,7 +9,7 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
@@ -18,7 +18,17 @@ from tqdm import tqdm
 
 from impact_damper_ros.analysis.swing import Swing
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from impact_damper_ros.commands.overrides import add_set_option, overridden
+from impact_damper_ros.commands.overrides import (
+    add_set_option,
+    overridden,
+    overridden_control,
+)
+from impact_damper_ros.control import (
+    GAP_CONTROL_SPECS,
+    Action,
+    ControlledRig,
+    GapControlParameters,
+)
 from impact_damper_ros.recording import RecordingError
 from impact_damper_ros.recording.rig_recorder import RigRecorder
 from impact_damper_ros.rig import (
@@ -27,9 +37,9 @@ from impact_damper_ros.rig import (
     Event,
     EventKind,
     InitialConditions,
+    ParameterSpec,
     RigParameters,
     Sample,
-    Simulator,
     load_parameters,
 )
 
@@ -74,7 +84,8 @@ def _parser() -> argparse.ArgumentParser:
         '--events',
         type=Path,
         metavar='FILE',
-        help='write every event: impacts, rest, stick, release, reversals (- : stdout)',
+        help='write every event: impacts, rest, stick, release, reversals, and under gap control '
+        'what the stops do (- : stdout)',
     )
     parser.add_argument(
         '--states', type=Path, metavar='FILE', help='write sampled states as CSV (- : stdout)'
@@ -101,22 +112,25 @@ class _ListParameters(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, help=help)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        print(parameter_table(), end='')
+        print(parameter_table(PARAMETER_SPECS, INITIAL_SPECS))
+        print(parameter_table(GAP_CONTROL_SPECS), end='')
         parser.exit()
 
 
-def parameter_table() -> str:
-    """Return name, unit, range, default and meaning of every parameter of a rig, in Markdown."""
+def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
+    """Return name, unit, range, default and meaning of every parameter, in Markdown."""
     lines = ['| parameter | unit | range | default | meaning |', '| --- | --- | --- | --- | --- |']
-    for spec in (*PARAMETER_SPECS.values(), *INITIAL_SPECS.values()):
-        span = 'true, false' if spec.low is None else f'{spec.low:g} to {spec.high:g}'
+    for spec in (spec for group in groups for spec in group.values()):
         default = spec.default
-        shown = [f'{v:g}' for v in default] if isinstance(default, tuple) else f'{default:g}'
-        if isinstance(default, bool):
+        if isinstance(default, tuple):
+            shown = f'[{", ".join(f"{v:g}" for v in default)}]'
+        elif isinstance(default, bool):
             shown = str(default).lower()
-        elif isinstance(shown, list):
-            shown = f'[{", ".join(shown)}]'
-        lines.append(f'| `{spec.name}` | {spec.unit} | {span} | {shown} | {spec.description} |')
+        else:
+            shown = default if isinstance(default, str) else f'{default:g}'
+        lines.append(
+            f'| `{spec.name}` | {spec.unit} | {spec.span} | {shown} | {spec.description} |'
+        )
     return '\n'.join(lines) + '\n'
 
 
@@ -177,7 +191,12 @@ def _cycle(parameters: RigParameters) -> float:
 
 
 def _summary(
-    rig: Simulator, counts: Counter[EventKind], last: Sequence[Event], largest: float, spent: float
+    rig: ControlledRig,
+    counts: Counter[EventKind],
+    last: Sequence[Event],
+    largest: float,
+    spent: float,
+    commands: int,
 ) -> str:
     parameters = rig.parameters
     cycle = _cycle(parameters)
@@ -191,6 +210,13 @@ def _summary(
     amplitude = parameters.response_amplitude
     if math.isfinite(amplitude) and amplitude > 0.0:
         lines[-1] += f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
+    if rig.control.active:
+        spent_1, spent_2 = rig.energies
+        lines.append(
+            f'gap control {rig.control.gap_control}: {commands} commands; stop 1 spent '
+            f'{spent_1:.6g} J, stop 2 {spent_2:.6g} J; they are at Y = {rig.stops[0]:.6g} m and '
+            f'{rig.stops[1]:.6g} m'
+        )
     lines.extend(
         f'last impact on stop {event.stop}: t = {event.time:.9f} s, phase '
         f'{event.time / cycle % 1.0:.7f} cycles, X = {event.x:.7f} m; just after it '
@@ -202,10 +228,14 @@ def _summary(
 
 
 def _run(
-    arguments: argparse.Namespace, parameters: RigParameters, initial: InitialConditions
+    arguments: argparse.Namespace,
+    parameters: RigParameters,
+    initial: InitialConditions,
+    control: GapControlParameters,
 ) -> str:
     """Simulate, write the files, and return the summary."""
-    rig = Simulator(parameters, initial)
+    rig = ControlledRig(parameters, initial, control=control)
+    commands = 0
     counts: Counter[EventKind] = Counter()
     last: dict[int, Event] = {}
     swing = Swing()
@@ -219,7 +249,7 @@ def _run(
         states = _open(arguments.states, Sample._fields, stack)
         recording = None
         if arguments.bag is not None:
-            listed = {**parameters.as_dict(), **initial.as_dict()}
+            listed = {**parameters.as_dict(), **initial.as_dict(), **control.as_dict()}
             recording = RigRecorder(arguments.bag, rig, listed, arguments.rate, duration)
             stack.callback(recording.close)
         bar = stack.enter_context(
@@ -239,6 +269,7 @@ def _run(
         for instant in itertools.chain([0.0], instants):
             before = rig.time
             events = rig.advance(instant)
+            commands += sum(record.action is Action.COMMAND for record in rig.records)
             for event in events:
                 counts[event.kind] += 1
                 if event.kind is EventKind.IMPACT:
@@ -256,7 +287,8 @@ def _run(
                 due += 1
             bar.update(rig.time - before)
     spent = time.perf_counter() - started
-    return _summary(rig, counts, [last[s] for s in sorted(last)], swing.largest, spent)
+    impacts_last = [last[s] for s in sorted(last)]
+    return _summary(rig, counts, impacts_last, swing.largest, spent, commands)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -271,13 +303,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
     try:
-        parameters, initial, _ = load_parameters(arguments.params)
-        parameters, initial = overridden(arguments.set, parameters, initial)
+        parameters, initial, other = load_parameters(arguments.params)
+        control = GapControlParameters(
+            **{name: value for name, value in other.items() if name in GAP_CONTROL_SPECS}
+        )
+        settings, control = overridden_control(arguments.set, control)
+        parameters, initial = overridden(settings, parameters, initial)
     except ValueError as error:
         print(f'simulate_rig: {error}', file=sys.stderr)
         return 2
     try:
-        summary = _run(arguments, parameters, initial)
+        summary = _run(arguments, parameters, initial, control)
     except KeyboardInterrupt:
         print('simulate_rig: interrupted; what was simulated is written', file=sys.stderr)
         return 130

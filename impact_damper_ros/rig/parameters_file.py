@@ -16,6 +16,33 @@ from .parameters import INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, RigPa
 __all__ = ['ParametersFileError', 'load_parameters']
 
 _NODE_NAMES = ('/**', 'sim_node')
+# Other parameters that may stand in the same file: of the node, and of the gap control, which is
+# a layer above (`control.GAP_CONTROL_SPECS`; a test compares the names).
+_OTHER_NAMES = (
+    'state_rate',
+    'real_time_factor',
+    'publish_clock',
+    'record',
+    'bag_directory',
+    'use_sim_time',
+    'gap_control',
+    'gap_control_stops',
+    'gap_control_gain',
+    'gap_control_park',
+    'gap_control_lead',
+    'gap_control_timing_gain',
+    'gap_control_smoothing',
+    'gap_control_threshold',
+    'gap_min',
+    'gap_max',
+    'gap_control_rate',
+    'gap_control_noise_position',
+    'gap_control_noise_velocity',
+    'gap_control_seed',
+    'actuator_delay',
+    'actuator_speed',
+    'actuator_mass',
+)
 
 
 class ParametersFileError(ValueError):
@@ -82,7 +109,7 @@ def load_parameters(
     path : str or path
         YAML file with ``/**: ros__parameters:`` or the same for ``sim_node``.
     known : tuple of str, optional
-        Names of other parameters that are allowed, besides those of the node.
+        Names of other parameters that are allowed, besides those of node and gap control.
 
     Returns
     -------
@@ -118,15 +145,7 @@ def load_parameters(
             '"ros__parameters:"'
         )
     values = _parameter_blocks(tree, path)
-    node = (
-        'state_rate',
-        'real_time_factor',
-        'publish_clock',
-        'record',
-        'bag_directory',
-        'use_sim_time',
-    )
-    allowed = [*PARAMETER_SPECS, *INITIAL_SPECS, *node, *known]
+    allowed = [*PARAMETER_SPECS, *INITIAL_SPECS, *_OTHER_NAMES, *known]
     for name in values:
         base = str(name).split('.')[0]
         if base not in allowed and base != 'qos_overrides':

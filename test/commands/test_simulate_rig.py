@@ -15,6 +15,7 @@ import pytest
 import impact_damper_ros
 from impact_damper_ros.analysis.swing import Swing
 from impact_damper_ros.commands.simulate_rig import main
+from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.rig import RigParameters, Sample, Simulator
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -230,3 +231,57 @@ def test_imports_no_ros():
         check=True,
     )
     assert done.stdout.strip() == '[]'
+
+
+def test_gap_control_from_the_command_line(tmp_path):
+    """The same control as in the library, and what the stops do among the events."""
+    events, states = tmp_path / 'events.csv', tmp_path / 'states.csv'
+    settings = (
+        'gravity=0',
+        'gap_control=timed',
+        'gap_control_rate=5',
+        'actuator_speed=30',
+        'actuator_delay=0.1',
+    )
+    files = ('--events', str(events), '--states', str(states), '--rate', '2')
+    code, rows = run(tmp_path, '--duration', '400', *files, settings=settings)
+    assert code == 0
+    rig = ControlledRig(
+        RigParameters(gravity=0.0),
+        control=GapControlParameters(
+            gap_control='timed', gap_control_rate=5.0, actuator_speed=30.0, actuator_delay=0.1
+        ),
+    )
+    expected = rig.advance(400.0)
+    found = [(row['kind'], float(row['time'])) for row in table(events)]
+    assert found == [(event.kind.name.lower(), event.time) for event in expected]
+    assert {'crossing', 'stop_arrived', 'stop_touched', 'impact'} == {kind for kind, _ in found}
+    assert len(rows) == sum(kind == 'impact' for kind, _ in found)
+    # The stops are seen to move.
+    gaps = {round(float(row['stop_1']) - float(row['stop_2']), 3) for row in table(states)}
+    assert len(gaps) > 100
+
+
+def test_gap_control_from_the_parameters_file(tmp_path, capsys):
+    params = tmp_path / 'rig.yaml'
+    head = '/**:\n  ros__parameters:\n    gravity: 0.0\n'
+    params.write_text(head + '    gap_control: timed\n    gap_control_rate: 5\n')
+    assert run(tmp_path, '--duration', '900', params=params)[0] == 0
+    summary = capsys.readouterr().err
+    assert 'gap control timed: ' in summary
+    # From 0.27 of the motion without impacts, with the gap of the paper
+    share = float(summary.partition(' m in the last 20 cycles, ')[2].partition(' ')[0])
+    assert share == pytest.approx(0.0277, abs=0.0005)
+    # Unquoted, YAML takes off for false.
+    params.write_text(head + '    gap_control: off\n')
+    assert run(tmp_path, '--duration', '50', params=params)[0] == 0
+    assert 'gap control' not in capsys.readouterr().err
+    params.write_text(head + '    gap_min: 2.0\n    gap_max: 1.0\n')
+    assert run(tmp_path, '--duration', '50', params=params)[0] == 2
+    assert 'give a gap_min below gap_max' in capsys.readouterr().err
+    code, _ = run(tmp_path, '--duration', '50', settings=['gap_control=always'])
+    assert code == 2
+    assert 'give one of off, amplitude, timed' in capsys.readouterr().err
+    params.write_text(head + '    gap_contol: timed\n')
+    assert run(tmp_path, '--duration', '50', params=params)[0] == 2
+    assert 'did you mean gap_control?' in capsys.readouterr().err

@@ -17,8 +17,8 @@ PACKAGE = Path(impact_damper_ros.__file__).parent
 LEVEL = {
     'rig': 0,
     'orbits': 1,
+    'control': 1,
     'recording': 2,
-    'control': 2,
     'analysis': 2,
     'nodes': 3,
     'commands': 3,

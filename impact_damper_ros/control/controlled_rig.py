@@ -1,0 +1,351 @@
+"""
+The rig under gap control: the simulator, with sensors, controller and actuators around it.
+
+With the control off it is the simulator, bit for bit. Samples lie on the grid k/rate, crossings
+and the starts of stops at their own exact instants, so that the motion does not depend on how a
+run is cut into pieces here either.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any
+
+from impact_damper_ros.rig import (
+    Event,
+    EventKind,
+    InitialConditions,
+    Mode,
+    RigParameters,
+    Sample,
+    Simulator,
+)
+
+from .controller import Controller
+from .damper import damper_of
+from .measurement import measured
+from .parameters import GapControlParameters
+from .record import Action, ControlRecord
+
+__all__ = ['ControlledRig']
+
+_ACTIONS = {EventKind.STOP_ARRIVED: Action.ARRIVED, EventKind.STOP_TOUCHED: Action.TOUCHED}
+
+
+class ControlledRig:
+    """
+    A rig and its gap control; used as a `Simulator`.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    initial : InitialConditions, optional
+        Where it starts.
+    time : float, optional
+        Time at the start, s.
+    control : GapControlParameters, optional
+        The control; off, if not given.
+
+    Raises
+    ------
+    ParameterError
+        If m would not start between the stops.
+
+    Examples
+    --------
+    >>> from impact_damper_ros.rig import RigParameters
+    >>> rig = ControlledRig(
+    ...     RigParameters(gravity=0.0),
+    ...     control=GapControlParameters(gap_control='timed', gap_control_rate=5.0),
+    ... )
+    >>> events = rig.advance(400.0)
+    >>> round(max(abs(e.x) for e in events if e.time > 300.0), 1)
+    0.5
+    """
+
+    def __init__(
+        self,
+        parameters: RigParameters,
+        initial: InitialConditions | None = None,
+        time: float = 0.0,
+        control: GapControlParameters | None = None,
+    ) -> None:
+        """Start the rig."""
+        self._rig = Simulator(parameters, initial, time)
+        self._control = control or GapControlParameters()
+        self._records: list[ControlRecord] = []
+        self._start()
+
+    def _start(self) -> None:
+        self._controller = Controller()
+        self._controller.actuators.settle(self._half_gap)
+        self._controller.begin(self._control, self._rig.time)
+        self._describe()
+
+    def _describe(self) -> None:
+        self._damper = damper_of(self._rig.parameters)
+
+    @property
+    def _half_gap(self) -> float:
+        return 0.5 * self._rig.parameters.gap
+
+    @property
+    def time(self) -> float:
+        """Time reached, s."""
+        return self._rig.time
+
+    @property
+    def parameters(self) -> RigParameters:
+        """The rig's present parameters."""
+        return self._rig.parameters
+
+    @property
+    def control(self) -> GapControlParameters:
+        """The present parameters of the control."""
+        return self._control
+
+    @property
+    def mode(self) -> Mode:
+        """Present mode, after any event at the present time."""
+        return self._rig.mode
+
+    @property
+    def stops(self) -> tuple[float, float]:
+        """Present positions Y of stop 1 and stop 2, m."""
+        return self._rig.stops
+
+    @property
+    def amplitude(self) -> float:
+        """The controller's estimate of the amplitude of X, m."""
+        return self._controller.observer.amplitude
+
+    @property
+    def energies(self) -> tuple[float, float]:
+        """Energy spent by the actuator of each stop since the start or the last reset, J."""
+        energies = self._controller.actuators.energies
+        return energies[0], energies[1]
+
+    @property
+    def records(self) -> list[ControlRecord]:
+        """What the control did during the last call of `advance`, `change` or `reset`."""
+        return self._records
+
+    def sample(self) -> Sample:
+        """Return the motion at the present time, after any event at that instant."""
+        return self._rig.sample()
+
+    def advance(self, time: float) -> list[Event]:
+        """
+        Let the rig run to a later time.
+
+        Parameters
+        ----------
+        time : float
+            Time to reach, s; not before the present one.
+
+        Returns
+        -------
+        list of Event
+            All events after the present time up to and including the new one; under control also
+            the passages of X through zero, and what the stops do.
+
+        Raises
+        ------
+        ValueError
+            If the time is before the present one or not finite.
+        """
+        self._records = []
+        rig = self._rig
+        if not rig.time <= time < inf:
+            return rig.advance(time)
+        events: list[Event] = []
+        while True:
+            controller, active = self._controller, self._control.active
+            command, sample = controller.actuators.due, inf
+            if active or controller.returning:
+                sample = controller.sample_index / self._control.gap_control_rate
+            # A command may have become due in the past, where the delay has been shortened.
+            until = max(rig.time, min(inf if command is None else command, sample, time))
+            new = rig.advance_to_crossing(until) if active else rig.advance(until)
+            events += self._noted(new)
+            if new and new[-1].kind is EventKind.CROSSING:
+                self._cross(new[-1])
+            elif command is not None and command <= until:
+                events += self._carry_out()
+            elif sample <= until:
+                self._look()
+            else:
+                return events
+
+    def _cross(self, event: Event) -> None:
+        controller = self._controller
+        if controller.observer.holds_off(event.time):
+            return
+        rising = event.primary_velocity_after > 0.0
+        # Indices of their own, so that no noise is used twice
+        sample = measured(self._rig.sample(), -1 - controller.trigger_index, self._control)
+        controller.cross(sample, rising, self._half_gap, self._damper, self._control)
+        self._record(Action.CROSSING, event.time)
+
+    def _look(self) -> None:
+        """Sample, and act on it."""
+        controller, control, rig = self._controller, self._control, self._rig
+        if control.active:
+            sample = measured(rig.sample(), controller.sample_index, control)
+            controller.see(sample, self._damper, control)
+        if controller.returning:
+            controller.send_back(rig.time, rig.stops, self._half_gap, control)
+        controller.sample_index += 1
+
+    def _carry_out(self) -> list[Event]:
+        """Carry out the command that is due."""
+        rig, control = self._rig, self._control
+        targets = self._controller.actuators.start(rig.stops, control)
+        if rig.parameters.one_sided:
+            targets = targets[0], None
+        self._record(Action.COMMAND, rig.time)
+        return self._noted(rig.move_stops(*targets, speed=control.actuator_speed or inf))
+
+    def _noted(self, events: list[Event]) -> list[Event]:
+        """Take note of stops that have come to a stand."""
+        for event in events:
+            action = _ACTIONS.get(event.kind)
+            if action is not None:
+                # Not the event's own Y, that of m: an encoder knows exactly where a stop arrives.
+                targets = self._controller.actuators.targets
+                arrived = action is Action.ARRIVED
+                place = targets[event.stop - 1] if arrived else event.y
+                self._controller.actuators.stopped(event.stop, place)
+                self._record(action, event.time)
+        return events
+
+    def _record(self, action: Action, time: float) -> None:
+        actuators, observer = self._controller.actuators, self._controller.observer
+        target_1, target_2 = actuators.targets
+        velocity_1, velocity_2 = actuators.velocities
+        energy_1, energy_2 = actuators.energies
+        x_rate = observer.last[2] if observer.last else 0.0
+        self._records.append(
+            ControlRecord(
+                time=time,
+                action=action,
+                target_1=target_1,
+                target_2=target_2,
+                amplitude=observer.amplitude,
+                velocity_1=velocity_1,
+                velocity_2=velocity_2,
+                x_rate=x_rate,
+                energy_1=energy_1,
+                energy_2=energy_2,
+            )
+        )
+
+    def change(
+        self, parameters: RigParameters, control: GapControlParameters | None = None
+    ) -> list[Event]:
+        """
+        Let new parameters take effect at the present time, exactly.
+
+        Parameters
+        ----------
+        parameters : RigParameters
+            The new rig.
+        control : GapControlParameters, optional
+            The new control; as it was, if not given.
+
+        Returns
+        -------
+        list of Event
+            The impact that closing the gap on m causes, if any.
+
+        Notes
+        -----
+        Another `gap` puts both stops there at once, as without control, and ends what they were
+        about; a law that is on moves them on from there. The control switched off sends them back
+        to the gap, by the actuators. Another law begins anew, with the amplitude known so far.
+        """
+        self._records = []
+        before, old = self._rig.parameters, self._control
+        events = self._rig.change(parameters)
+        self._describe()
+        if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
+            self._controller.actuators.settle(self._half_gap)
+            self._controller.relearn()
+            self._controller.returning = False
+        if control is not None and control != old:
+            self._control = control
+            self._switch(old, control)
+        return events
+
+    def _switch(self, old: GapControlParameters, new: GapControlParameters) -> None:
+        controller, time = self._controller, self._rig.time
+        if not new.active:
+            if old.active:
+                controller.rest(time, self._half_gap, new)
+            if controller.returning:
+                controller.begin(new, time)
+            return
+        if not old.active:
+            fresh = Controller(actuators=controller.actuators)
+            self._controller = controller = fresh
+        if not old.active or new.gap_control_rate != old.gap_control_rate:
+            controller.begin(new, time)
+        laws = (old.gap_control, old.gap_control_stops), (new.gap_control, new.gap_control_stops)
+        if laws[0] != laws[1]:
+            controller.relearn()
+
+    def reset(self, initial: InitialConditions | None = None) -> None:
+        """
+        Put the rig back to its initial conditions; the force starts anew, time goes on.
+
+        Raises
+        ------
+        ParameterError
+            If m would not start between the stops; the rig then runs on as before.
+        """
+        self._rig.reset(initial)
+        self._records = []
+        self._start()
+
+    def snapshot(self) -> dict[str, Any]:
+        """
+        Return what the future of rig and control depends on.
+
+        Returns
+        -------
+        dict
+            The simulator's snapshot, and under `gap_control` that of the control; it goes through
+            JSON without loss.
+        """
+        control = {
+            'parameters': self._control.as_dict(),
+            'state': self._controller.as_dict(),
+        }
+        return {**self._rig.snapshot(), 'gap_control': control}
+
+    @classmethod
+    def restore(cls, snapshot: dict[str, Any]) -> ControlledRig:
+        """
+        Continue from a snapshot, bit for bit; one of a plain `Simulator` has no control.
+
+        Raises
+        ------
+        ValueError
+            If the snapshot is of another format or lacks something.
+        """
+        rig = cls.__new__(cls)
+        rig._rig = Simulator.restore({k: v for k, v in snapshot.items() if k != 'gap_control'})
+        rig._records = []
+        stored = snapshot.get('gap_control')
+        if stored is None:
+            rig._control = GapControlParameters()
+            rig._start()
+            return rig
+        try:
+            rig._control = GapControlParameters(**stored['parameters'])
+            rig._controller = Controller.from_dict(stored['state'])
+        except (AttributeError, KeyError, TypeError) as error:
+            raise ValueError(f'snapshot is not complete: gap_control: {error}') from error
+        rig._describe()
+        return rig

@@ -1,0 +1,227 @@
+"""The controller: it takes samples and crossing instants, and orders the stops about."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from math import inf
+from typing import Any
+
+from .actuator import Actuators, Command
+from .amplitude_law import StopTiming, symmetric_gap
+from .damper import Damper
+from .measurement import Measurement
+from .observer import Observer, Passage
+from .parameters import GapControlParameters
+from .search import Search
+from .timed_law import TimedLaw
+
+__all__ = ['Controller']
+
+#: A stop is not moved by less than this part of its place: each start costs energy.
+_AMPLITUDE_DEAD_BAND = 0.005
+_PARK_DEAD_BAND = 0.05
+#: A stop is not parked where m will be within this part of a half cycle.
+_CLEARANCE = 0.05
+
+
+@dataclass(slots=True)
+class Controller:
+    """
+    State of the controller and its actuators; `as_dict` goes through JSON without loss.
+
+    Attributes
+    ----------
+    sample_index : int
+        Index of the next sample; sample k is taken at k over the rate.
+    trigger_index : int
+        Index of the next trigger of the crossing detector.
+    observer : Observer
+        What it has seen.
+    search : Search
+        Where m is to be found.
+    timing : StopTiming
+        State of the amplitude law with independent stops.
+    timed : TimedLaw
+        State of the timed law.
+    actuators : Actuators
+        State of the actuators.
+    roused : bool
+        Whether the amplitude is beyond the threshold, so that the law moves the stops.
+    returning : bool
+        Whether the stops are on their way back to the gap.
+    """
+
+    sample_index: int = 0
+    trigger_index: int = 0
+    observer: Observer = field(default_factory=Observer)
+    search: Search = field(default_factory=Search)
+    timing: StopTiming = field(default_factory=StopTiming)
+    timed: TimedLaw = field(default_factory=TimedLaw)
+    actuators: Actuators = field(default_factory=Actuators)
+    roused: bool = False
+    returning: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the state as numbers, lists and dictionaries."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, stored: dict[str, Any]) -> Controller:
+        """
+        Read what `as_dict` has returned.
+
+        Raises
+        ------
+        KeyError, TypeError
+            If something is missing, or unknown.
+        """
+        actuators = Actuators(**stored['actuators'])
+        actuators.waiting = [Command(*command) for command in actuators.waiting]
+        return cls(
+            sample_index=stored['sample_index'],
+            trigger_index=stored['trigger_index'],
+            observer=Observer(**stored['observer']),
+            search=Search(**stored['search']),
+            timing=StopTiming(**stored['timing']),
+            timed=TimedLaw(**stored['timed']),
+            actuators=actuators,
+            roused=stored['roused'],
+            returning=stored['returning'],
+        )
+
+    def begin(self, p: GapControlParameters, time: float) -> None:
+        """Begin to sample, from the first sampling instant after the present time on."""
+        index = max(0, int(time * p.gap_control_rate))
+        while index / p.gap_control_rate <= time:
+            index += 1
+        self.sample_index = index
+
+    def relearn(self) -> None:
+        """Forget what the laws have learnt, not where the stops are."""
+        self.search = Search()
+        self.timing = StopTiming()
+        self.timed = TimedLaw()
+        self.roused = False
+
+    def rest(self, time: float, half_gap: float, p: GapControlParameters) -> None:
+        """Send both stops back to the gap."""
+        self.relearn()
+        if self.actuators.commanded != [half_gap, -half_gap]:
+            self.actuators.order(time, half_gap, -half_gap, p)
+            self.returning = True
+
+    def send_back(
+        self, time: float, stops: tuple[float, float], half_gap: float, p: GapControlParameters
+    ) -> None:
+        """Send stops that have met m on their way back on to the gap, at a sampling instant."""
+        actuators = self.actuators
+        if actuators.waiting or actuators.velocities != [0.0, 0.0]:
+            return
+        goal = half_gap, -half_gap
+        left = [b if a != b else None for a, b in zip(stops, goal, strict=True)]
+        self.returning = left != [None, None]
+        if self.returning:
+            actuators.order(time, left[0], left[1], p)
+
+    def see(self, sample: Measurement, damper: Damper, p: GapControlParameters) -> None:
+        """Take a sample, and act on it."""
+        self._take_in(sample, damper, p)
+        timed = self.timed
+        if p.gap_control != 'timed' or not self.roused or timed.parked == 0.0:
+            return
+        if timed.reopens(sample, self.observer):
+            stop, timed.closed = timed.closed, 0
+            self._park(sample.time, (stop,), p)
+        if timed.closed or timed.aimed or not (p.actuator_delay or p.actuator_speed):
+            return
+        ahead = self.observer.next_passage()
+        if ahead is not None:
+            horizon = (self.sample_index + 1) / p.gap_control_rate
+            closing = timed.aim(ahead, sample, horizon, self.observer, damper, p)
+            if closing is not None:
+                timed.aimed = True
+                self._order_one(*closing, p)
+
+    def _take_in(self, sample: Measurement, damper: Damper, p: GapControlParameters) -> None:
+        self.observer.see(sample, damper.rebound, p.gap_control_noise_velocity)
+        self.search.see(sample)
+
+    def cross(
+        self,
+        sample: Measurement,
+        rising: bool,
+        half_gap: float,
+        damper: Damper,
+        p: GapControlParameters,
+    ) -> None:
+        """Take the trigger of the crossing detector with the sample it has held, and act on it."""
+        self.trigger_index += 1
+        observer, time = self.observer, sample.time
+        self._take_in(sample, damper, p)
+        whole = observer.cross(time, p.gap_control_smoothing)
+        self.search.cross(observer)
+        if whole:
+            if observer.amplitude <= p.gap_control_threshold:
+                if self.roused:
+                    self.rest(time, half_gap, p)
+            else:
+                self.roused, self.returning = True, False
+                if p.gap_control == 'amplitude':
+                    self._follow(time, damper, p)
+                else:
+                    self._time_impact(sample, damper, p)
+        self.search.begin(rising)
+        observer.forget_hits()
+
+    def _symmetric(self, share: float, damper: Damper, p: GapControlParameters) -> float:
+        """Return the distance of symmetric stops from the middle, m."""
+        half = 0.5 * symmetric_gap(share, self.observer.amplitude, damper, p)
+        return max(min(half, self.search.common_limit), 0.5 * p.gap_min)
+
+    def _follow(self, time: float, damper: Damper, p: GapControlParameters) -> None:
+        if p.independent:
+            places = self.timing.cross(time, self.observer, self.search, p)
+        else:
+            places = (self._symmetric(p.gap_control_gain, damper, p),) * 2
+        self._move(time, (places[0], -places[1]), _AMPLITUDE_DEAD_BAND, p)
+
+    def _time_impact(self, now: Measurement, damper: Damper, p: GapControlParameters) -> None:
+        timed = self.timed
+        aimed, timed.aimed = timed.aimed, False
+        timed.parked = self._symmetric(p.gap_control_park, damper, p)
+        if not aimed and not timed.closed:
+            at = Passage(now.time, now.x_rate, now.y, now.y_rate)
+            closing = timed.aim(at, now, inf, self.observer, damper, p)
+            if closing is not None:
+                self._order_one(*closing, p)
+        self._park(now.time, tuple(stop for stop in (1, 2) if stop != timed.closed), p)
+
+    def _park(self, time: float, stops: tuple[int, ...], p: GapControlParameters) -> None:
+        """Send stops to where they are parked; they close on m in timed impacts only."""
+        parked, now = self.timed.parked, Measurement(*self.observer.last)
+        free: list[float | None] = []
+        for stop, side in ((1, 1.0), (2, -1.0)):
+            outwards = side * now.y
+            ahead = _CLEARANCE * self.observer.half_cycle * max(0.0, side * now.y_rate)
+            free.append(side * parked if stop in stops and outwards + ahead < parked else None)
+        self._move(time, (free[0], free[1]), _PARK_DEAD_BAND, p)
+
+    def _move(
+        self,
+        time: float,
+        places: tuple[float | None, float | None],
+        dead_band: float,
+        p: GapControlParameters,
+    ) -> None:
+        """Order those stops to places that are not there already."""
+        wanted = [
+            place if place is not None and abs(place - before) > dead_band * abs(before) else None
+            for place, before in zip(places, self.actuators.commanded, strict=True)
+        ]
+        if wanted != [None, None]:
+            self.actuators.order(time, wanted[0], wanted[1], p)
+
+    def _order_one(self, issue: float, stop: int, target: float, p: GapControlParameters) -> None:
+        self.actuators.order(
+            issue, target if stop == 1 else None, target if stop == 2 else None, p
+        )

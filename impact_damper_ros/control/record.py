@@ -1,0 +1,55 @@
+"""Records of what the gap control does: what is published, logged and compared by a replay."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+__all__ = ['Action', 'ControlRecord']
+
+
+class Action(IntEnum):
+    """What a record tells of."""
+
+    #: A command starts one or both stops.
+    COMMAND = 1
+    #: A stop has reached its target.
+    ARRIVED = 2
+    #: A stop and m have met; the stop stays there.
+    TOUCHED = 3
+    #: X passed through zero.
+    CROSSING = 4
+
+
+class ControlRecord(NamedTuple):
+    """
+    One instant of the control.
+
+    Attributes
+    ----------
+    time : float
+        The instant, s.
+    action : Action
+        What happened.
+    target_1, target_2 : float
+        Where each stop is to be, Y in m.
+    amplitude : float
+        Estimate of the amplitude of X, m.
+    velocity_1, velocity_2 : float
+        Velocity of each stop in M, m/s; 0 of one that has moved at once.
+    x_rate : float
+        X' of the last sample, m/s.
+    energy_1, energy_2 : float
+        Energy spent by each actuator so far, J.
+    """
+
+    time: float
+    action: Action
+    target_1: float
+    target_2: float
+    amplitude: float
+    velocity_1: float
+    velocity_2: float
+    x_rate: float
+    energy_1: float
+    energy_2: float

@@ -1,0 +1,167 @@
+"""
+The timed law: m is hit where X passes through zero, that is where |X'| is largest.
+
+Between the impacts the stops are parked wide apart. For a passage of X through zero at which the
+impact would take energy from M, one stop is closed on m so as to meet it at that instant, and is
+then opened again; at most one such impact for each passage.
+
+With symmetric stops, m has to be on the side of the stop that is closed, as in the reconstruction
+of the law of Masri et al. (1989). With independent stops, an extension, a stop may come past the
+middle to where m is, which matters as soon as weight, friction or a random force let the middle of
+the motion of m wander; and m must come with a good part of the speed of M, so that the one blow
+which each passage allows is not spent on a feeble one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
+
+from .damper import Damper
+from .measurement import Measurement
+from .observer import Observer, Passage
+from .parameters import GapControlParameters
+
+__all__ = ['Closing', 'TimedLaw', 'stop_to_close']
+
+#: Least approach speed with independent stops, over |X'|.
+_LEAST_APPROACH = 0.5
+#: How far past the middle an independent stop may be closed, over half the optimal gap.
+_WANDER = 1.0
+#: The stop goes past m by what m covers in this part of a half cycle, in case it is late.
+_OVERREACH = 0.1
+#: Longest delay of a timed impact after the passage, in half cycles.
+_LATEST = 0.2
+#: A stop that has met no m this long after the passage is opened, in half cycles.
+_GIVE_UP = 0.25
+
+
+class Closing(NamedTuple):
+    """A command that closes a stop on m: when to give it (s), to which stop, to which Y (m)."""
+
+    issue: float
+    stop: int
+    target: float
+
+
+def stop_to_close(
+    at: Passage, parked: float, optimal: float, damper: Damper, p: GapControlParameters
+) -> int:
+    """
+    Return which stop to close for a passage, 1 or 2, or 0 for none.
+
+    Parameters
+    ----------
+    at : Passage
+        Motion expected there.
+    parked : float
+        Distance of the parked stops from the middle, m.
+    optimal : float
+        Optimal gap d* of the present amplitude, m.
+    damper : Damper
+        The damper.
+    p : GapControlParameters
+        Range of the stops, and whether they are independent.
+
+    Notes
+    -----
+    An impact of approach speed w changes the kinetic energy of M by (M/2)((X' - c w)^2 - X'^2) < 0
+    if X' and Y' point in opposite directions and c |w| < 2 |X'|, c = mu (1 + R)/(1 + mu).
+    """
+    approach, speed = abs(at.y_rate), abs(at.x_rate)
+    if at.x_rate * at.y_rate >= 0.0 or damper.push * approach >= 2.0 * speed:
+        return 0
+    stop = 1 if at.y_rate > 0.0 else 2
+    outwards = at.y if stop == 1 else -at.y
+    if outwards >= parked:
+        # It hits the parked stop before.
+        return 0
+    if not p.independent:
+        return stop if 2.0 * outwards > p.gap_min else 0
+    if approach < _LEAST_APPROACH * speed or outwards < -_WANDER * 0.5 * optimal:
+        return 0
+    return stop
+
+
+@dataclass(slots=True)
+class TimedLaw:
+    """
+    State of the law.
+
+    Attributes
+    ----------
+    parked : float
+        Distance of the parked stops from the middle, m; 0 before they are parked.
+    aimed : bool
+        Whether the coming passage has been dealt with.
+    closed : int
+        The stop that is being closed, or 0.
+    until : float
+        When it is opened at the latest, s.
+    """
+
+    parked: float = 0.0
+    aimed: bool = False
+    closed: int = 0
+    until: float = 0.0
+
+    def aim(
+        self,
+        at: Passage,
+        now: Measurement,
+        horizon: float,
+        observer: Observer,
+        damper: Damper,
+        p: GapControlParameters,
+    ) -> Closing | None:
+        """
+        Return the command that lets a stop meet m at a passage ahead; None if not by now.
+
+        Parameters
+        ----------
+        at : Passage
+            Motion expected at the passage.
+        now : Measurement
+            Present instant, and where the stops are.
+        horizon : float
+            When the next chance to decide comes, s.
+        observer, damper, p : Observer, Damper, GapControlParameters
+            Rhythm, damper and actuators.
+        """
+        optimal = damper.optimal_gap(observer.amplitude, p.gap_max)
+        stop = stop_to_close(at, self.parked, optimal, damper, p)
+        if stop == 0:
+            return None
+        side = 1.0 if stop == 1 else -1.0
+        place, other = (now.stop_1, now.stop_2) if stop == 1 else (now.stop_2, now.stop_1)
+        way = side * (place - at.y)
+        room = side * (at.y - other) - p.gap_min
+        if room < 0.0 or way < 0.0:
+            return None
+        speed = p.actuator_speed or inf
+        issue = at.time - way / speed - p.actuator_delay
+        if issue >= horizon:
+            return None
+        late = now.time - issue
+        if late > 0.0:
+            # From now on m and the stop approach one another.
+            late *= 1.0 if speed == inf else speed / (speed + abs(at.y_rate))
+            if late > _LATEST * observer.half_cycle:
+                return None
+            issue = now.time
+        beyond = min(room, _OVERREACH * observer.half_cycle * abs(at.y_rate))
+        target = side * at.y - beyond
+        if not p.independent:
+            target = max(target, 0.5 * p.gap_min)
+        self.closed = stop
+        self.until = at.time + max(0.0, late)
+        return Closing(issue, stop, side * target)
+
+    def reopens(self, now: Measurement, observer: Observer) -> bool:
+        """Return whether a sample says that the stop that was closed has done its work."""
+        if self.closed == 0 or not observer.last:
+            return False
+        away = now.y_rate <= 0.0 if self.closed == 1 else now.y_rate >= 0.0
+        overdue = now.time >= self.until + _GIVE_UP * observer.half_cycle
+        return overdue or (away and now.time >= self.until - _OVERREACH * observer.half_cycle)

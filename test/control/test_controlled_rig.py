@@ -1,0 +1,233 @@
+"""The controlled rig as a simulator: bits, cuts, snapshots, switching."""
+
+import itertools
+import random
+
+import pytest
+from rig.random_rigs import random_rig
+
+from control.controlled_rigs import (
+    TRIAL,
+    control,
+    random_control,
+    random_controlled_rig,
+    through_json,
+)
+from impact_damper_ros.control import Action, ControlledRig, GapControlParameters
+from impact_damper_ros.rig import (
+    EventKind,
+    InitialConditions,
+    ParameterError,
+    RigParameters,
+    Simulator,
+)
+
+SEEDS = range(12)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_off_is_the_simulator_bit_for_bit(seed):
+    parameters, initial = random_rig(seed)
+    plain, rig = Simulator(parameters, initial), ControlledRig(parameters, initial)
+    rng = random.Random(seed)
+    for _ in range(10):
+        time = plain.time + rng.uniform(0.0, 3.0)
+        assert rig.advance(time) == plain.advance(time)
+        # A stop that had to follow m is told of, too.
+        assert {r.action for r in rig.records} <= {Action.ARRIVED}
+        assert rig.sample() == plain.sample()
+        assert (rig.mode, rig.stops, rig.parameters) == (plain.mode, plain.stops, plain.parameters)
+        changed = plain.parameters.replace(gap=rng.uniform(0.5, 3.0), gravity=rng.uniform(0, 2))
+        assert rig.change(changed) == plain.change(changed)
+        snapshot = rig.snapshot()
+        assert snapshot.pop('gap_control')['parameters']['gap_control'] == 'off'
+        assert snapshot == plain.snapshot()
+
+
+def run_in_pieces(rig, until, cuts):
+    events, records = [], []
+    for time in [*sorted(cuts), until]:
+        events += rig.advance(time)
+        records += rig.records
+    return events, records
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_does_not_depend_on_how_it_is_cut(seed):
+    rng = random.Random(seed)
+    whole, parts = random_controlled_rig(seed), random_controlled_rig(seed)
+    until = 25.0
+    events = whole.advance(until)
+    # Cuts also on the sampling grid, at events, and twice at the same place
+    rate = whole.control.gap_control_rate
+    cuts = [rng.uniform(0.0, until) for _ in range(20)]
+    cuts += [k / rate for k in range(1, int(until * rate), 7)]
+    cuts += [event.time for event in events[::5]]
+    cuts += cuts[:5]
+    assert run_in_pieces(parts, until, cuts) == (events, whole.records)
+    assert parts.snapshot() == whole.snapshot()
+    assert parts.sample() == whole.sample()
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_continues_from_a_snapshot_bit_for_bit(seed):
+    rng = random.Random(seed)
+    rig, twin = random_controlled_rig(f's{seed}'), random_controlled_rig(f's{seed}')
+    moving = waiting = 0
+    for _ in range(30):
+        time = rig.time + rng.expovariate(1.0)
+        assert (rig.advance(time), rig.records) == (twin.advance(time), twin.records)
+        state = rig.snapshot()['gap_control']['state']['actuators']
+        moving += any(state['velocities'])
+        waiting += bool(state['waiting'])
+        rig = through_json(rig)
+        assert rig.snapshot() == twin.snapshot()
+        assert rig.sample() == twin.sample()
+        if rng.random() < 0.2:
+            other = random_control(rng)
+            assert rig.change(rig.parameters, other) == twin.change(twin.parameters, other)
+    assert rig.time > 5.0
+
+
+def test_snapshots_are_taken_in_the_middle_of_moves_and_of_delays():
+    rig = ControlledRig(TRIAL, control=control('timed', actuator_delay=0.4, actuator_speed=5.0))
+    waiting = moving = 0
+    for k in range(300):
+        rig.advance(100.0 + 0.1 * k)
+        twin = through_json(rig)
+        state = rig.snapshot()['gap_control']['state']['actuators']
+        waiting += bool(state['waiting'])
+        moving += any(state['velocities'])
+        later = rig.time + 3.0
+        again = through_json(twin)
+        assert again.advance(later) == twin.advance(later)
+        assert again.snapshot() == twin.snapshot()
+    assert waiting > 10
+    assert moving > 10
+
+
+def test_snapshot_of_a_plain_simulator_means_off():
+    plain = Simulator(TRIAL)
+    plain.advance(50.0)
+    rig = ControlledRig.restore(plain.snapshot())
+    assert rig.control == GapControlParameters()
+    assert rig.advance(80.0) == plain.advance(80.0)
+
+
+def test_snapshot_that_lacks_something():
+    snapshot = ControlledRig(TRIAL, control=control('timed')).snapshot()
+    del snapshot['gap_control']['state']['observer']
+    with pytest.raises(ValueError, match='observer'):
+        ControlledRig.restore(snapshot)
+
+
+def test_live_switching_at_any_instant():
+    rng = random.Random(3)
+    rig = ControlledRig(TRIAL)
+    plain = Simulator(TRIAL)
+    assert rig.advance(41.3) == plain.advance(41.3)
+    for mode in ('amplitude', 'timed', 'off', 'timed', 'amplitude', 'off'):
+        rig.change(rig.parameters, control(mode, actuator_speed=50.0, actuator_delay=0.02))
+        rig.advance(rig.time + rng.uniform(30.0, 60.0))
+        if mode == 'off':
+            assert rig.stops == (10.0, -10.0)
+            events = rig.advance(rig.time + 5.0)
+            assert {e.kind for e in events} <= {EventKind.IMPACT}
+        else:
+            assert rig.stops != (10.0, -10.0)
+            assert rig.energies > (0.0, 0.0)
+
+
+def test_off_sends_the_stops_back_by_the_actuators():
+    rig = ControlledRig(TRIAL, control=control('timed', actuator_speed=2.0, actuator_delay=0.5))
+    rig.advance(200.0)
+    before = rig.stops
+    assert before != (10.0, -10.0)
+    rig.change(rig.parameters, control('off', actuator_speed=2.0, actuator_delay=0.5))
+    rig.advance(200.4999)
+    assert (10.0, -10.0) not in {(r.target_1, r.target_2) for r in rig.records}
+    rig.advance(200.5)
+    assert rig.records[-1].action is Action.COMMAND
+    assert rig.records[-1][2:4] == (10.0, -10.0)
+    rig.advance(400.0)
+    assert rig.stops == (10.0, -10.0)
+    # Nothing is left to do: from now on it is the plain simulator.
+    plain = Simulator.restore({k: v for k, v in rig.snapshot().items() if k != 'gap_control'})
+    assert rig.advance(450.0) == plain.advance(450.0)
+
+
+def test_another_gap_under_control():
+    rig = ControlledRig(TRIAL, control=control('timed', actuator_delay=0.3))
+    rig.advance(100.0)
+    rig.change(rig.parameters.replace(gap=36.0))
+    assert rig.stops == (18.0, -18.0)
+    assert rig.snapshot()['gap_control']['state']['actuators']['waiting'] == []
+    rig.advance(120.0)
+    assert rig.stops != (18.0, -18.0)
+    # Other parameters leave the stops alone.
+    stops = rig.stops
+    rig.change(rig.parameters.replace(friction=0.01))
+    assert rig.stops == stops
+    rig.change(rig.parameters, control('off'))
+    rig.advance(rig.time + 1.0)
+    assert rig.stops == (18.0, -18.0)
+
+
+def test_the_gap_below_the_threshold():
+    quiet = TRIAL.replace(force_amplitudes=[0.002])
+    rig = ControlledRig(quiet, control=control('timed', gap_control_threshold=1.0))
+    rig.advance(200.0)
+    assert rig.stops == (10.0, -10.0)
+    rig.change(TRIAL)
+    rig.advance(300.0)
+    assert rig.amplitude > 1.0
+    assert rig.stops != (10.0, -10.0)
+    rig.change(quiet)
+    rig.advance(900.0)
+    assert rig.amplitude < 1.0
+    assert rig.stops == (10.0, -10.0)
+
+
+def test_reset_begins_anew():
+    rig = ControlledRig(TRIAL, control=control('timed', actuator_speed=30.0))
+    rig.advance(77.7)
+    rig.reset(InitialConditions(initial_primary_velocity=2.0))
+    assert rig.energies == (0.0, 0.0)
+    assert rig.amplitude == 0.0
+    assert rig.stops == (10.0, -10.0)
+    with pytest.raises(ParameterError):
+        rig.reset(InitialConditions(initial_damper_offset=11.0))
+    rig.advance(90.0)
+    assert rig.amplitude > 0.0
+
+
+def test_one_sided_rigs_move_their_only_stop():
+    parameters = RigParameters(
+        one_sided=True, gap=4.0, gravity=0.3, angle=1.0, damper_mass=0.1, force_amplitudes=[0.2]
+    )
+    for mode in ('amplitude', 'timed'):
+        rig = ControlledRig(parameters, control=control(mode))
+        events = rig.advance(300.0)
+        assert {e.stop for e in events if e.kind is EventKind.IMPACT} == {1}
+        assert rig.stops[0] != 2.0
+
+
+def test_the_detector_triggers_at_every_passage_and_only_there():
+    rig = ControlledRig(TRIAL, control=control('timed'))
+    events = rig.advance(300.0)
+    crossings = [e for e in events if e.kind is EventKind.CROSSING]
+    triggers = [r for r in rig.records if r.action is Action.CROSSING]
+    assert [r.time for r in triggers] == sorted({r.time for r in triggers})
+    # Some may be told twice, where the stop moved at that instant.
+    assert {r.time for r in triggers} <= {e.time for e in crossings}
+    spacing = [b.time - a.time for a, b in itertools.pairwise(triggers[10:])]
+    assert min(spacing) > 2.0
+    assert max(abs(e.x) for e in crossings) < 1e-10
+
+
+def test_faults_in_the_time_asked_for():
+    rig = ControlledRig(TRIAL, control=control('timed'))
+    rig.advance(10.0)
+    for time in (9.0, float('inf'), float('nan')):
+        with pytest.raises(ValueError, match='cannot advance'):
+            rig.advance(time)

@@ -1,0 +1,60 @@
+"""What the laws are for: the vibration of M, over that without impacts."""
+
+import math
+
+import pytest
+
+from control.controlled_rigs import IDEAL, TRIAL, amplitude_ratio, control
+from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.rig import RigParameters
+
+
+def ratio(mode, level=1.0, cycles=260, watched=40, **values):
+    rig = ControlledRig(TRIAL.replace(force_amplitudes=[level]), control=control(mode, **values))
+    return amplitude_ratio(rig, cycles, watched)
+
+
+@pytest.mark.parametrize('stops', ['symmetric', 'independent'])
+def test_timed_law_at_resonance_is_near_the_ideal_at_any_level(stops):
+    ratios = [ratio('timed', level, gap_control_stops=stops) for level in (0.25, 1.0, 4.0)]
+    assert max(ratios) < 1.02 * IDEAL
+    assert max(ratios) / min(ratios) < 1.001
+
+
+def test_amplitude_law_at_resonance():
+    """As in the design's trials; independent stops come nearer to the ideal."""
+    symmetric = [ratio('amplitude', level, gap_control_stops='symmetric') for level in (0.25, 4.0)]
+    assert symmetric == pytest.approx([0.0603, 0.0603], rel=0.01)
+    independent = [ratio('amplitude', level) for level in (0.25, 4.0)]
+    assert max(independent) < 1.035 * IDEAL
+
+
+@pytest.mark.parametrize(
+    'values',
+    [
+        {'gap_control_rate': 20 / math.tau},
+        {'gap_control_rate': 100 / math.tau},
+        {'actuator_delay': 0.6},
+        {'actuator_speed': 10.0},
+        {'gap_control_noise_position': 0.05, 'gap_control_noise_velocity': 0.05},
+        {'actuator_delay': 0.3, 'actuator_speed': 20.0, 'gap_control_noise_velocity': 0.03},
+    ],
+)
+def test_timed_law_with_real_sensors_and_actuators(values):
+    assert ratio('timed', **values) < 1.15 * IDEAL
+
+
+def test_stops_of_their_own_on_an_incline():
+    """Where the symmetric reconstruction loses the rhythm."""
+    for angle in (15.0, 45.0):
+        rig = RigParameters(angle=math.radians(angle), friction=0.5, gravity=1.0)
+        found = {
+            (mode, stops): amplitude_ratio(
+                ControlledRig(rig, control=control(mode, gap_control_stops=stops)), 240, 60
+            )
+            for mode in ('amplitude', 'timed')
+            for stops in ('symmetric', 'independent')
+        }
+        assert found['amplitude', 'symmetric'] > 0.25
+        assert found['amplitude', 'independent'] < 0.037
+        assert found['timed', 'independent'] < 0.0355

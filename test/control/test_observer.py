@@ -1,0 +1,158 @@
+"""The observer and the actuators, on their own."""
+
+import math
+
+import pytest
+
+from control.controlled_rigs import TRIAL, control
+from impact_damper_ros.control import ControlledRig, GapControlParameters, damper_of
+from impact_damper_ros.control.actuator import Actuators
+from impact_damper_ros.control.measurement import Measurement
+from impact_damper_ros.control.observer import Observer
+from impact_damper_ros.rig import EventKind
+
+
+def sine(time, amplitude=3.0, frequency=0.7):
+    """Return a sample of X = a sin(w t) and of m at Z = 1 + 0.4 t."""
+    x = amplitude * math.sin(frequency * time)
+    x_rate = amplitude * frequency * math.cos(frequency * time)
+    z = 1.0 + 0.4 * time
+    return Measurement(time, x, x_rate, z - x, 0.4 - x_rate, 5.0, -5.0)
+
+
+def watched_sine(cycles=20, smoothing=0.3):
+    observer = Observer()
+    half = math.pi / 0.7
+    time, k = 0.0, 0
+    for crossing in range(1, 2 * cycles):
+        while time < crossing * half:
+            k += 1
+            time = 0.02 * k
+            if time < crossing * half:
+                observer.see(sine(time), 1.5 / 1.1, 0.0)
+        k -= 1
+        observer.cross(crossing * half, smoothing)
+    return observer
+
+
+def test_amplitude_and_rhythm_of_a_sine():
+    observer = watched_sine()
+    assert observer.half_cycle == pytest.approx(math.pi / 0.7, rel=1e-12)
+    assert observer.amplitude == pytest.approx(3.0 * (1.0 - 0.7**38), rel=1e-4)
+
+
+def test_the_amplitude_is_smoothed_as_the_law_says():
+    observer = Observer()
+    observer.cross(0.0, 0.25)
+    assert observer.amplitude == 0.0
+    for k, peak in enumerate((4.0, 2.0, 2.0), start=1):
+        observer.see(sine(k - 0.5)._replace(x=-peak), 1.5, 0.0)
+        observer.cross(float(k), 0.25)
+    assert observer.amplitude == pytest.approx(0.25 * 2 + 0.75 * (0.25 * 2 + 0.75 * 0.25 * 4))
+
+
+@pytest.mark.parametrize('ahead', [0.1, 0.5, 1.0, 1.5])
+def test_the_next_passage_is_foreseen(ahead):
+    observer = watched_sine()
+    crossing = 40 * math.pi / 0.7
+    observer.see(sine(crossing - ahead), 1.5 / 1.1, 0.0)
+    seen = observer.next_passage()
+    assert seen.time == pytest.approx(crossing, rel=1e-9)
+    assert seen.x_rate == pytest.approx(3.0 * 0.7, rel=1e-9)
+    assert seen.y == pytest.approx(1.0 + 0.4 * crossing, rel=1e-9)
+    assert seen.y_rate == pytest.approx(0.4 - 2.1, rel=1e-9)
+
+
+def test_no_passage_is_foreseen_just_after_one():
+    observer = watched_sine()
+    crossing = 39 * math.pi / 0.7
+    for x in (1e-3, -1e-3):
+        observer.see(sine(crossing + 0.01)._replace(x=x), 1.5 / 1.1, 0.0)
+        seen = observer.next_passage()
+        assert seen is None or seen.time > crossing + 2.0
+
+
+@pytest.mark.parametrize('rate', [2.0, 5.0, 20.0])
+def test_impacts_are_found_between_the_samples(rate):
+    """As the simulator has them, in a run without control."""
+    rig = ControlledRig(TRIAL)
+    rig.advance(200.0)
+    observer = Observer()
+    rebound = damper_of(TRIAL).rebound
+    found, events = [], []
+    for k in range(int(200 * rate), int(300 * rate)):
+        events += rig.advance(k / rate)
+        s = rig.sample()
+        y_rate = s.damper_velocity - s.primary_velocity
+        observer.see(
+            Measurement(s.time, s.x, s.primary_velocity, s.z - s.x, y_rate, 10.0, -10.0),
+            rebound,
+            0.0,
+        )
+        for stop, hit in ((1, observer.hit_1), (2, observer.hit_2)):
+            if hit:
+                found.append((hit[0], stop, hit[1]))
+        observer.forget_hits()
+    impacts = [
+        (e.time, e.stop, abs(e.damper_velocity_before - e.primary_velocity_before))
+        for e in events
+        if e.kind is EventKind.IMPACT
+    ]
+    assert len(impacts) > 30
+    assert [f[1] for f in found] == [i[1] for i in impacts]
+    # Without friction and weight m flies straight, so that the instant is exact; the approach
+    # speed is that of the sample before.
+    for hit, impact in zip(found, impacts, strict=True):
+        assert hit[0] == pytest.approx(impact[0], abs=1e-9)
+        assert hit[2] == pytest.approx(impact[2], abs=4.0 / rate)
+
+
+def test_commands_wait_for_the_delay_in_order():
+    p = GapControlParameters(actuator_delay=0.5, actuator_speed=2.0, actuator_mass=0.1)
+    actuators = Actuators()
+    actuators.settle(1.0)
+    actuators.order(1.0, 0.5, None, p)
+    actuators.order(1.2, 1.0, -0.6, p)
+    # One that is to be given later does not hold up the next.
+    actuators.order(1.1, None, -0.7, p)
+    assert [c.time for c in actuators.waiting] == [1.5, 1.6, 1.7]
+    assert actuators.due == 1.5
+    assert actuators.start((1.0, -1.0), p) == (0.5, None)
+    assert actuators.velocities == [-2.0, 0.0]
+    # 0.1 s later it has come 0.2 m far; the other one starts.
+    assert actuators.start((0.8, -1.0), p) == (None, -0.7)
+    assert actuators.velocities == [-2.0, 2.0]
+    # Turned round on its way: paid for once more; the other goes on as it is.
+    assert actuators.start((0.6, -0.8), p) == (1.0, -0.6)
+    assert actuators.velocities == [2.0, 2.0]
+    assert actuators.energies == pytest.approx([2 * 0.5 * 0.1 * 4.0, 0.5 * 0.1 * 4.0])
+    assert actuators.due is None
+    actuators.stopped(1, 0.9)
+    assert actuators.commanded == [0.9, -0.7]
+    assert actuators.velocities == [0.0, 2.0]
+
+
+def test_optimal_gap_is_that_of_the_symmetric_flight():
+    """Two impacts per cycle at X = 0: flight and impact by their own equations."""
+    damper = damper_of(TRIAL)
+    amplitude, mu, restitution = 2.0, 0.1, 0.5
+    gap = damper.optimal_gap(amplitude, 1e9)
+    # m crosses the gap in half a cycle of unit frequency at this absolute speed.
+    speed = gap / math.pi
+    # The blow at stop 1: m comes with +speed, M with -before; m goes with -speed.
+    before = speed * (1.0 + 2.0 * mu - restitution) / (1.0 + restitution)
+    after = ((1 - mu * restitution) * -before + mu * (1 + restitution) * speed) / (1 + mu)
+    back = ((1 + restitution) * -before + (mu - restitution) * speed) / (1 + mu)
+    assert back == pytest.approx(-speed, rel=1e-12)
+    assert 0.5 * (before - after) == pytest.approx(amplitude, rel=1e-12)
+    assert damper.optimal_gap(amplitude, 5.0) == 5.0
+    elastic = damper_of(TRIAL.replace(restitution_1=1.0, restitution_2=1.0))
+    assert elastic.optimal_gap(amplitude, 7.0) == 7.0
+
+
+def test_prediction_sees_through_noise():
+    """Small noise: the law works on as well as without it."""
+    control_ = control('timed', gap_control_noise_position=0.03, gap_control_noise_velocity=0.03)
+    rig = ControlledRig(TRIAL, control=control_)
+    rig.advance(600.0)
+    assert rig.amplitude == pytest.approx(2.75, rel=0.03)

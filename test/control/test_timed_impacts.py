@@ -1,0 +1,119 @@
+"""Timed impacts: where they happen, and that both conditions hold at each of them."""
+
+import math
+
+import pytest
+
+from control.controlled_rigs import TRIAL, control
+from impact_damper_ros.control import Action, ControlledRig
+from impact_damper_ros.control.damper import damper_of
+from impact_damper_ros.control.observer import Passage
+from impact_damper_ros.control.timed_law import stop_to_close
+from impact_damper_ros.rig import EventKind, RigParameters
+
+RIGS = {
+    'level': TRIAL,
+    'broadband': TRIAL.replace(
+        force_amplitudes=[0.35] * 16,
+        force_frequencies=[0.5 + 1.5 * (k + 0.5) / 16 for k in range(16)],
+        force_phases=[(k * k * 1.7) % 6.28 for k in range(16)],
+    ),
+    '15 degrees': RigParameters(angle=math.radians(15.0), friction=0.5, gravity=1.0),
+    '45 degrees': RigParameters(angle=math.radians(45.0), friction=0.5, gravity=3.0),
+}
+
+
+def timed_impacts(rig, until):
+    """Return the impacts on a stop that has been closed on m, with that of the touch."""
+    events = rig.advance(until)
+    touched = {(e.time, e.stop) for e in events if e.kind is EventKind.STOP_TOUCHED}
+    return [e for e in events if e.kind is EventKind.IMPACT and (e.time, e.stop) in touched]
+
+
+@pytest.mark.parametrize('stops', ['symmetric', 'independent'])
+@pytest.mark.parametrize('name', RIGS)
+def test_both_conditions_hold_at_every_timed_impact(name, stops):
+    parameters = RIGS[name]
+    rig = ControlledRig(parameters, control=control('timed', gap_control_stops=stops))
+    impacts = timed_impacts(rig, 400.0)
+    triggers = [r.time for r in rig.records if r.action is Action.CROSSING]
+    assert len(impacts) > 0.3 * len(triggers)
+    damper = damper_of(parameters)
+    for event in impacts:
+        x_rate = event.primary_velocity_before
+        y_rate = event.damper_velocity_before - x_rate
+        outwards = event.y if event.stop == 1 else -event.y
+        # m moves outwards ...
+        assert y_rate > 0.0 if event.stop == 1 else y_rate < 0.0
+        if stops == 'symmetric':
+            assert outwards > 0.5 * rig.control.gap_min
+        # ... and M loses energy.
+        assert x_rate * y_rate < 0.0
+        assert damper.push * abs(y_rate) < 2.0 * abs(x_rate)
+        assert abs(event.primary_velocity_after) < abs(x_rate)
+        # At the passage of X through zero, the trigger's own instant
+        assert event.time in triggers
+        assert abs(event.x) < 1e-9
+    # At most one for each passage
+    assert len({event.time for event in impacts}) == len(impacts)
+
+
+def test_delay_and_speed_are_made_up_for():
+    """The stop is told ahead, so as to meet m where |X'| is largest all the same."""
+    for values in (
+        {'actuator_delay': 0.5},
+        {'actuator_speed': 10.0},
+        {'actuator_delay': 0.3, 'actuator_speed': 20.0},
+    ):
+        rig = ControlledRig(TRIAL, control=control('timed', **values))
+        rig.advance(600.0)
+        impacts = timed_impacts(rig, 900.0)
+        assert len(impacts) > 80
+        for event in impacts:
+            # X' at the impact, over its maximum: cosine of the phase by which it is missed
+            phase = math.atan2(event.x, event.primary_velocity_before)
+            assert abs(math.cos(phase)) > 0.985
+
+
+def passage(**values):
+    return Passage(**{'time': 1.0, 'x_rate': -2.0, 'y': 4.0, 'y_rate': 6.0, **values})
+
+
+@pytest.mark.parametrize(
+    ('values', 'symmetric', 'independent'),
+    [
+        ({}, 1, 1),
+        ({'x_rate': 2.0, 'y': -4.0, 'y_rate': -6.0}, 2, 2),
+        # It would give energy to M: M runs away from the blow, or is thrown back too fast.
+        ({'x_rate': 2.0}, 0, 0),
+        ({'y_rate': 30.0}, 0, 0),
+        ({'y_rate': 29.0}, 1, 1),
+        # It moves inwards; symmetric stops do not cross the middle.
+        ({'y': -1.0}, 0, 1),
+        ({'y': 0.04}, 0, 1),
+        ({'y': -6.0}, 0, 0),
+        # It will have hit the parked stop.
+        ({'y': 8.0}, 0, 0),
+        # A feeble blow is worth waiting for a better one, if m can be anywhere.
+        ({'y_rate': 0.9}, 1, 0),
+        ({'y_rate': 1.1}, 1, 1),
+    ],
+)
+def test_which_stop_is_closed(values, symmetric, independent):
+    damper = damper_of(TRIAL)
+    for stops, expected in (('symmetric', symmetric), ('independent', independent)):
+        p = control('timed', gap_control_stops=stops, gap_min=0.1)
+        assert stop_to_close(passage(**values), 8.0, 10.0, damper, p) == expected
+
+
+def test_the_energy_condition_is_that_of_the_impact():
+    """M's kinetic energy falls just as long as c |Y'| < 2 |X'|; against the momentum balance."""
+    damper = damper_of(TRIAL)
+    limit = 2.0 * 2.0 / damper.push
+    for y_rate, falls in ((0.999 * limit, True), (1.001 * limit, False)):
+        x_rate, z_rate = -2.0, y_rate - 2.0
+        mu, restitution = 0.1, 0.5
+        after = ((1 - mu * restitution) * x_rate + mu * (1 + restitution) * z_rate) / (1 + mu)
+        assert (abs(after) < 2.0) == falls
+        p = control('timed')
+        assert (stop_to_close(passage(y_rate=y_rate), 8.0, 10.0, damper, p) == 1) == falls
