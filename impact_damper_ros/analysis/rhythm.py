@@ -7,11 +7,11 @@ Plain Python on purpose: the node looks for the rhythm of the running rig, next 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
-__all__ = ['MOST_CYCLES', 'RECOGNISED', 'SETTLED', 'Apart', 'Rhythm', 'rhythm_of']
+__all__ = ['MOST_CYCLES', 'RECOGNISED', 'SETTLED', 'Apart', 'Rhythm', 'rhythm_of', 'turned_cycles']
 
 #: Longest period looked for, in cycles of the force.
 MOST_CYCLES = 8
@@ -23,6 +23,7 @@ SETTLED = 1e-4
 # A period of 2 k cycles is one only if it repeats this much better than one of k: near a period
 # doubling, k cycles repeat badly on the way to a motion that repeats after k.
 _BETTER = 1e-2
+_ROUND_OFF = 1e-9
 
 
 class Apart(NamedTuple):
@@ -79,7 +80,7 @@ class Rhythm:
         relative to the largest |X|; 0 for a motion of the theory.
     decay : float
         The drift over that of the period before: the factor by which the distance from the
-        periodic motion shrinks in a period. NaN where there is no drift to compare.
+        periodic motion shrinks in a period. NaN where round-off hides it.
     first : int
         Index of the first of these impacts in the run.
     """
@@ -97,6 +98,27 @@ class Rhythm:
     def of(cls, orbit: _Counted) -> Self:
         """Return the rhythm of a motion of the theory."""
         return cls(orbit.stops, orbit.cycles, orbit.phases, orbit.x, orbit.x_max)
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
+        """Read what `as_dict` has written, or other entries of the same names."""
+        return cls(
+            tuple(stored['stops']),
+            stored['cycles'],
+            tuple(stored['phases']),
+            tuple(stored['x']),
+            stored['x_max'],
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the rhythm as what JSON can hold, without how it was come to."""
+        return {
+            'stops': list(self.stops),
+            'cycles': self.cycles,
+            'phases': list(self.phases),
+            'x': list(self.x),
+            'x_max': self.x_max,
+        }
 
     @property
     def impacts(self) -> int:
@@ -240,7 +262,7 @@ def rhythm_of(
         drifts[cycles] = drift
         if parts and drift > _BETTER * min(parts):
             continue
-        decay = drift / earlier if earlier > 0.0 else math.nan
+        decay = drift / earlier if earlier > _ROUND_OFF else math.nan
         if best is None or drift < SETTLED:
             best = (cycles, count, drift, decay)
         if drift < SETTLED:
@@ -270,3 +292,11 @@ def _beginning(stops: Sequence[int], count: int) -> int:
         if stops[i] == 1 and stops[i - 1] == 2:
             return i
     return total - count
+
+
+def turned_cycles(snapshot: Mapping[str, Any]) -> float:
+    """Return the angle of the force's first harmonic at a rig's snapshot, in cycles."""
+    origin = snapshot['origin']
+    frequency = float(snapshot['parameters']['force_frequencies'][0])
+    since = float(snapshot['time']) - float(origin['time'])
+    return (float(origin['angles'][0]) + frequency * since) / math.tau

@@ -7,15 +7,60 @@ from collections.abc import Sequence
 
 from impact_damper_ros.rig import Event, Sample
 
-__all__ = ['Swing']
+__all__ = ['Swing', 'extremes', 'turning_point']
+
+
+def turning_point(
+    time_0: float, x_0: float, v_0: float, time_1: float, x_1: float, v_1: float
+) -> float:
+    """
+    Return X where M turns between two instants at which its velocities have opposite signs.
+
+    X is taken as the cubic through both with their velocities, so that the error falls with the
+    fourth power of the time between them.
+    """
+    step = time_1 - time_0
+    if step <= 0.0:
+        return x_1
+    rise = (x_1 - x_0) / step
+    a, b = 3.0 * (v_0 + v_1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * v_0 - v_1)
+    # The cubic's velocity v_0 + b s + a s^2 changes sign once in 0 < s < 1.
+    root = math.sqrt(max(b * b - 4.0 * a * v_0, 0.0))
+    s = 2.0 * v_0 / (-b + math.copysign(root, v_0))
+    return x_0 + step * s * (v_0 + s * (b / 2.0 + s * a / 3.0))
+
+
+def extremes(last: Sample, events: Sequence[Event], sample: Sample) -> list[float]:
+    """
+    Return X at all events between two samples, and wherever M turns.
+
+    Parameters
+    ----------
+    last, sample : Sample
+        Two samples in a row.
+    events : sequence of Event
+        All events between them.
+    """
+    found = []
+    time, x, velocity = last.time, last.x, last.primary_velocity
+    for event in events:
+        if velocity * event.primary_velocity_before < 0.0:
+            found.append(
+                turning_point(
+                    time, x, velocity, event.time, event.x, event.primary_velocity_before
+                )
+            )
+        time, x, velocity = event.time, event.x, event.primary_velocity_after
+        found.append(x)
+    after = sample.primary_velocity
+    if velocity * after < 0.0:
+        found.append(turning_point(time, x, velocity, sample.time, sample.x, after))
+    return found
 
 
 class Swing:
     """
     Largest displacement of M, from samples in a row and the events between them.
-
-    Between two samples without an event X is taken as the cubic through both with their
-    velocities, so that the error falls with the fourth power of the sampling interval.
 
     Attributes
     ----------
@@ -29,17 +74,9 @@ class Swing:
 
     def look(self, sample: Sample, events: Sequence[Event]) -> None:
         """Take the next sample and the events since the one before."""
-        last = self._last
+        if self._last is None:
+            passed = [event.x for event in events]
+        else:
+            passed = extremes(self._last, events, sample)
         self._last = sample
-        self.largest = max([self.largest, abs(sample.x), *(abs(e.x) for e in events)])
-        if last is None or events or last.primary_velocity * sample.primary_velocity >= 0.0:
-            return
-        step = sample.time - last.time
-        rise = (sample.x - last.x) / step
-        v_0, v_1 = last.primary_velocity, sample.primary_velocity
-        a, b = 3.0 * (v_0 + v_1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * v_0 - v_1)
-        # The cubic's velocity v_0 + b s + a s^2 changes sign once in 0 < s < 1.
-        root = math.sqrt(max(b * b - 4.0 * a * v_0, 0.0))
-        s = 2.0 * v_0 / (-b + math.copysign(root, v_0))
-        x = last.x + step * s * (v_0 + s * (b / 2.0 + s * a / 3.0))
-        self.largest = max(self.largest, abs(x))
+        self.largest = max(self.largest, abs(sample.x), *map(abs, passed))
