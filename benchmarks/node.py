@@ -14,138 +14,44 @@ in the publisher's sequence numbers. CPU time is that of all threads, from /proc
 from __future__ import annotations
 
 import argparse
-import contextlib
-import itertools
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import JointState
-
-HERE = Path(__file__).resolve().parent
-RIG = HERE.parent / 'config' / 'bench_rig.yaml'
-TICKS_PER_S = os.sysconf('SC_CLK_TCK')
-WARM_UP_S = 2.0
-DEADLINE_S = 30.0
-#: Set in the environment by the ROS 2 wheels once Python has been started anew with the paths of
-#: their libraries; without it a child does so itself, as when a user starts it.
-BOOTSTRAP_MARK = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
+from node_changes import measure_changes
+from node_changes import text_of as changes_text
+from node_process import (
+    WARM_UP_S,
+    Listener,
+    bare_command,
+    cpu_seconds,
+    deviations,
+    node_command,
+    quantile,
+    running,
+    say,
+)
 
 RECORDING = 'sim_node, recording'
 #: Compared with; the first.
 BASE = 'bare, thread'
+PARTS = ('running', 'start', 'changes')
 CANDIDATES = (BASE, 'bare, rclpy timer', 'sim_node', RECORDING)
-
-
-class Arrival(NamedTuple):
-    """A message: when it was published and received, and its number."""
-
-    source_ns: int
-    received_s: float
-    number: int
-
-
-class Listener:
-    """The one subscriber."""
-
-    def __init__(self) -> None:
-        """Subscribe."""
-        self.arrivals: list[Arrival] = []
-        self.node = rclpy.create_node('listener')
-        # Raw, to cost as little as possible; deep, so that nothing is lost on this side.
-        self.node.create_subscription(
-            JointState, 'joint_states', self._take, QoSProfile(depth=10_000), raw=True
-        )
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
-
-    def _take(self, _: bytes, info: dict[str, int]) -> None:
-        arrival = Arrival(
-            info['source_timestamp'], time.monotonic(), info['publication_sequence_number']
-        )
-        self.arrivals.append(arrival)
-
-    def listen(self, seconds: float) -> list[Arrival]:
-        """Return what arrives within a time."""
-        self.arrivals = []
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0:
-            self.executor.spin_once(timeout_sec=left)
-        return self.arrivals
-
-    def first(self, process: subprocess.Popen[bytes], began_ns: int) -> Arrival:
-        """Wait for a message from a process that was started at a system time."""
-        self.arrivals = []
-        end = time.monotonic() + DEADLINE_S
-        # What an earlier process sent may still wait to be taken.
-        while not self.arrivals or self.arrivals[-1].source_ns < began_ns:
-            if process.poll() is not None:
-                raise SystemExit(f'{process.args!r} ended with code {process.returncode}')
-            if time.monotonic() > end:
-                raise SystemExit(f'{process.args!r} has sent nothing for {DEADLINE_S:g} s')
-            self.executor.spin_once(timeout_sec=0.1)
-        return self.arrivals[-1]
-
-    def until_alone(self) -> None:
-        """Wait until no publisher is left."""
-        end = time.monotonic() + DEADLINE_S
-        while self.node.count_publishers('joint_states'):
-            if time.monotonic() > end:
-                raise SystemExit('somebody else publishes joint_states in this ROS domain')
-            self.executor.spin_once(timeout_sec=0.05)
 
 
 def command(candidate: str, rate: int, bags: Path) -> list[str]:
     """Return what starts a candidate."""
     if candidate.startswith('bare'):
-        pace = 'thread' if candidate == BASE else 'timer'
-        return [sys.executable, str(HERE / 'bare_publisher.py'), pace, str(rate)]
-    recording = ['-p', 'record:=true', '-p', f'bag_directory:={bags}']
-    return [
-        *(sys.executable, '-m', 'impact_damper_ros.nodes.sim_node'),
-        *('--ros-args', '--params-file', str(RIG), '-p', f'state_rate:={rate}.0'),
-        *(recording if candidate == RECORDING else []),
-    ]
-
-
-@contextlib.contextmanager
-def running(candidate: str, rate: int, bags: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Start a candidate, and end it by its own handle."""
-    environment = {name: v for name, v in os.environ.items() if name != BOOTSTRAP_MARK}
-    process = subprocess.Popen(
-        command(candidate, rate, bags), env=environment, stderr=subprocess.DEVNULL
-    )
-    try:
-        yield process
-    finally:
-        process.terminate()
-        try:
-            process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-
-def cpu_seconds(pid: int) -> float:
-    """Return the CPU time that a process has used, all threads."""
-    # The name in parentheses may hold spaces; user and system time are fields 14 and 15.
-    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
-
-
-def quantile(ordered: list[float], share: float) -> float:
-    """Return a quantile of sorted values."""
-    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+        return bare_command('thread' if candidate == BASE else 'timer', rate)
+    if candidate == RECORDING:
+        return node_command(rate, record=True, bag_directory=bags)
+    return node_command(rate)
 
 
 def measure_running(
@@ -154,7 +60,7 @@ def measure_running(
     """Return how one candidate ran for a while."""
     listener.until_alone()
     began_ns = time.time_ns()
-    with running(candidate, rate, bags) as process:
+    with running(command(candidate, rate, bags)) as process:
         listener.first(process, began_ns)
         listener.listen(WARM_UP_S)
         cpu, began = cpu_seconds(process.pid), time.monotonic()
@@ -162,21 +68,14 @@ def measure_running(
         cpu, spent = cpu_seconds(process.pid) - cpu, time.monotonic() - began
     if len(arrivals) < 10:
         raise SystemExit(f'{candidate} sent {len(arrivals)} messages in {seconds:g} s')
-    nominal_us = 1e6 / rate
-    pairs = itertools.pairwise(arrivals)
-    # Across a loss there is no period to be seen.
-    deviations = sorted(
-        abs((b.source_ns - a.source_ns) * 1e-3 - nominal_us)
-        for a, b in pairs
-        if b.number == a.number + 1
-    )
+    periods = deviations(arrivals, rate)
     count = arrivals[-1].number - arrivals[0].number
     return {
         'cpu_percent': 100.0 * cpu / spent,
         'rate': count / ((arrivals[-1].source_ns - arrivals[0].source_ns) * 1e-9),
-        'p50_us': quantile(deviations, 0.5),
-        'p99_us': quantile(deviations, 0.99),
-        'max_us': deviations[-1],
+        'p50_us': quantile(periods, 0.5),
+        'p99_us': quantile(periods, 0.99),
+        'max_us': periods[-1],
         'lost': count + 1 - len(arrivals),
     }
 
@@ -185,17 +84,13 @@ def measure_start(listener: Listener, candidate: str, rate: int, bags: Path) -> 
     """Return the time from the start of a process to its first message here."""
     listener.until_alone()
     began, began_ns = time.monotonic(), time.time_ns()
-    with running(candidate, rate, bags) as process:
+    with running(command(candidate, rate, bags)) as process:
         first = listener.first(process, began_ns)
         cpu = cpu_seconds(process.pid)
     seconds = first.received_s - began
     # What had been published before the two sides knew of each other was lost on the way.
     unheard = (first.number - 1) / rate
     return {'seconds': seconds, 'discovery_seconds': unheard, 'cpu_seconds': cpu}
-
-
-def say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 def medians(rounds: list[dict[str, float]]) -> dict[str, float]:
@@ -221,10 +116,10 @@ def summary(rounds: dict[str, list[dict[str, float]]], keys: tuple[str, ...]) ->
     }
 
 
-def table(results: dict[str, Any]) -> str:
-    """Return the results as text."""
+def running_text(results: dict[str, Any]) -> str:
+    """Return as text how the candidates ran."""
     lines = []
-    for rate, rows in results['running'].items():
+    for rate, rows in results['rates'].items():
         lines += [
             '',
             f'{rate} Hz, {results["seconds"]:g} s each, median of {results["rounds"]} rounds '
@@ -241,13 +136,18 @@ def table(results: dict[str, Any]) -> str:
                 f'{min(r["p99_us"] for r in row["rounds"]):>11.0f}'
                 f'{sum(r["lost"] for r in row["rounds"]):>6.0f}'
             )
-    lines += [
+    return '\n'.join(lines)
+
+
+def start_text(results: dict[str, Any]) -> str:
+    """Return as text how the candidates started."""
+    lines = [
         '',
-        f'start-up, {results["start_rounds"]} rounds in turns: process start to first message',
+        f'start-up, {results["rounds"]} rounds in turns: process start to first message',
         f'  {"":20}{"median":>9}{"best":>8}{"worst":>8}{"ratio":>7}{"CPU":>9}'
         f'{"discovery":>12}{"worst":>8}{"worst without":>15}',
     ]
-    for name, row in results['start'].items():
+    for name, row in results['candidates'].items():
         waits = [r['seconds'] for r in row['rounds']]
         unheard = [r['discovery_seconds'] for r in row['rounds']]
         own = [a - b for a, b in zip(waits, unheard, strict=True)]
@@ -256,52 +156,68 @@ def table(results: dict[str, Any]) -> str:
             f'{row["ratios"]["seconds"]:>7.2f}{row["cpu_seconds"]:>7.2f} s'
             f'{row["discovery_seconds"]:>10.2f} s{max(unheard):>8.2f}{max(own):>13.2f} s'
         )
-    lines += [
-        'discovery: publishing already, but not yet known to the subscriber; a part of the above.',
-        '',
-        f'ratio: to "{BASE}" in the same round, median. CPU in per cent of one core. lost: in all '
-        'rounds.',
-        f'load average when this began: {results["load"]:.1f} on {os.cpu_count()} cores.',
-    ]
+    lines.append(
+        'discovery: publishing already, but not yet known to the subscriber; a part of the above.'
+    )
     return '\n'.join(lines)
 
 
-def measure(
-    listener: Listener,
-    rates: list[int],
-    seconds: float,
-    rounds: int,
-    start_rounds: int,
-    bags: Path,
+def measure_rates(
+    listener: Listener, rates: list[int], seconds: float, rounds: int, bags: Path
 ) -> dict[str, Any]:
-    """Measure everything, in turns."""
-    results: dict[str, Any] = {
-        'load': os.getloadavg()[0],
-        'seconds': seconds,
-        'rounds': rounds,
-        'start_rounds': start_rounds,
-        'running': {},
-    }
+    """Let all candidates run at all rates, in turns."""
+    results: dict[str, Any] = {'seconds': seconds, 'rounds': rounds, 'rates': {}}
     for rate in rates:
         runs: dict[str, list[dict[str, float]]] = {name: [] for name in CANDIDATES}
         for turn in range(rounds):
             for name in CANDIDATES:
                 say(f'{rate} Hz, round {turn + 1} of {rounds}: {name}')
                 runs[name].append(measure_running(listener, name, rate, seconds, bags))
-        results['running'][rate] = summary(runs, ('cpu_percent', 'p99_us'))
-    starts: dict[str, list[dict[str, float]]] = {name: [] for name in CANDIDATES}
-    for turn in range(start_rounds):
-        say(f'start-up, round {turn + 1} of {start_rounds}')
-        for name in CANDIDATES:
-            starts[name].append(measure_start(listener, name, rates[0], bags))
-    results['start'] = summary(starts, ('seconds',))
+        results['rates'][rate] = summary(runs, ('cpu_percent', 'p99_us'))
     return results
+
+
+def measure_starts(listener: Listener, rate: int, rounds: int, bags: Path) -> dict[str, Any]:
+    """Start all candidates, in turns."""
+    starts: dict[str, list[dict[str, float]]] = {name: [] for name in CANDIDATES}
+    for turn in range(rounds):
+        say(f'start-up, round {turn + 1} of {rounds}')
+        for name in CANDIDATES:
+            starts[name].append(measure_start(listener, name, rate, bags))
+    return {'rounds': rounds, 'candidates': summary(starts, ('seconds',))}
+
+
+def measure(arguments: argparse.Namespace, bags: Path) -> tuple[dict[str, Any], list[str]]:
+    """Measure what is asked for; return the results, also as text."""
+    quick = arguments.quick
+    seconds = arguments.seconds or (3.0 if quick else 10.0)
+    rounds = arguments.rounds or (1 if quick else 3)
+    results: dict[str, Any] = {'load': os.getloadavg()[0]}
+    texts = []
+    listener = Listener()
+    if 'running' in arguments.only:
+        results['running'] = measure_rates(listener, arguments.rates, seconds, rounds, bags)
+        texts.append(running_text(results['running']))
+    if 'start' in arguments.only:
+        starts = arguments.start_rounds or (3 if quick else 7)
+        results['start'] = measure_starts(listener, arguments.rates[0], starts, bags)
+        texts.append(start_text(results['start']))
+    if 'changes' in arguments.only:
+        results['changes'] = measure_changes(listener, arguments.rates[-1], seconds, rounds)
+        texts.append(changes_text(results['changes']))
+    texts.append(
+        f'\nratio: to "{BASE}" in the same round, median, unless told otherwise. CPU in per cent '
+        'of one core. lost: in all rounds.\n'
+        f'load average when this began: {results["load"]:.1f} on {os.cpu_count()} cores.'
+    )
+    return results, texts
 
 
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n\n')[0].strip())
     parser.add_argument('--quick', action='store_true', help='one short round')
+    parser.add_argument('--only', nargs='+', choices=PARTS, default=PARTS, help='these parts')
     parser.add_argument('--seconds', type=float, help='how long each candidate is measured')
     parser.add_argument('--rounds', type=int, help='rounds of all candidates in turns')
     parser.add_argument('--start-rounds', type=int, help='the same for the start-up time')
@@ -311,22 +227,14 @@ def main() -> int:
     )
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the results there too')
     arguments = parser.parse_args()
-    quick = arguments.quick
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     # A domain of its own, so that no other node on this machine takes part.
     os.environ.setdefault('ROS_DOMAIN_ID', str(30 + os.getpid() % 60))
     rclpy.init()
     with tempfile.TemporaryDirectory(prefix='bench_', dir=arguments.bags) as bags:
-        results = measure(
-            Listener(),
-            arguments.rates,
-            arguments.seconds or (3.0 if quick else 10.0),
-            arguments.rounds or (1 if quick else 3),
-            arguments.start_rounds or (3 if quick else 7),
-            Path(bags),
-        )
+        results, texts = measure(arguments, Path(bags))
     rclpy.try_shutdown()
-    print(table(results))
+    print('\n'.join(texts))
     if arguments.json:
         arguments.json.write_text(json.dumps(results, indent=2) + '\n')
     return 0
