@@ -1,5 +1,5 @@
 """
-The node's report on /diagnostics: pacing, rig and recording.
+The node's report on /diagnostics: pacing, rig, recording and motion.
 
 As REP 107 asks, the topic is absolute: one aggregator hears every node of the system, whatever
 namespace the node is in (`-r /diagnostics:=...` still moves it). The status names begin with the
@@ -9,12 +9,13 @@ fully qualified node name, so that two rigs are told apart.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from impact_damper_ros.nodes.engine import EngineStatus
+from impact_damper_ros.nodes.motion_report import MotionReport
 from impact_damper_ros.nodes.pacing import CATCH_UP_NS
 from impact_damper_ros.nodes.serialisation import time_from_ns
 
@@ -65,19 +66,33 @@ class Diagnostics:
         self._last: EngineStatus | None = None
 
     def report(
-        self, stamp_ns: int, engine: EngineStatus, recording: RecordingStatus
+        self,
+        stamp_ns: int,
+        engine: EngineStatus,
+        recording: RecordingStatus,
+        motion: Iterable[MotionReport] = (),
     ) -> DiagnosticArray:
         """Return the report since the last one."""
         now = self._clock()
         elapsed = max(now - self._last_report, 1e-9)
-        array = DiagnosticArray()
-        array.header.stamp = time_from_ns(stamp_ns)
-        array.status = [
+        statuses = [
             self._pacing(engine, elapsed),
             self._rig(engine, elapsed),
             self._recording(recording),
         ]
         self._last_report, self._last = now, engine
+        array = self.motion_report(stamp_ns, motion)
+        array.status = [*statuses, *array.status]
+        return array
+
+    def motion_report(self, stamp_ns: int, motion: Iterable[MotionReport]) -> DiagnosticArray:
+        """Return a report on the motion alone."""
+        array = DiagnosticArray()
+        array.header.stamp = time_from_ns(stamp_ns)
+        array.status = [
+            self._status(task, WARN if warning else OK, message, values)
+            for task, warning, message, values in motion
+        ]
         return array
 
     def _pacing(self, engine: EngineStatus, elapsed: float) -> Any:

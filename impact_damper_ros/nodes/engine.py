@@ -14,8 +14,8 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 from std_msgs.msg import String
 
@@ -24,7 +24,8 @@ from impact_damper_ros.nodes.messages import (
     ImpactTemplate,
     StateTemplate,
 )
-from impact_damper_ros.nodes.outlets import Log, Outlet, Outlets
+from impact_damper_ros.nodes.motion_trace import MotionTrace
+from impact_damper_ros.nodes.outlets import Emitter, Log, Outlets
 from impact_damper_ros.nodes.pacing import Pacer, PacingCounts, TickGrid
 from impact_damper_ros.nodes.requests import RequestQueue, Ticket
 from impact_damper_ros.nodes.serialisation import restamped, serialised
@@ -76,6 +77,9 @@ class Engine:
         Whether ROS still runs; publishing fails once it does not.
     on_failure : callable
         Called from the engine's thread if the engine fails; `failure` is set then.
+    on_course : callable, optional
+        Called from the engine's thread at the start and after every change and reset, with the
+        snapshot of the rig as JSON; must return at once.
 
     Raises
     ------
@@ -94,13 +98,14 @@ class Engine:
         publish_clock: bool,
         alive: Callable[[], bool],
         on_failure: Callable[[], None],
+        on_course: Callable[[str], object] = lambda _: None,
     ) -> None:
         """Set the rig up; `start` sets it going."""
         self.failure: Exception | None = None
         self._simulator = Simulator(parameters, initial)
         self._outlets = outlets
-        self._alive = alive
         self._on_failure = on_failure
+        self._on_course = on_course
         self._states = StateTemplate()
         self._impacts_at = {1: ImpactTemplate(1), 2: ImpactTemplate(2)}
         self._clock = ClockTemplate()
@@ -115,11 +120,13 @@ class Engine:
         self._within_tick = True
         self._paused = False
         self._paused_since_ns = 0
-        self._log: Log | None = None
-        self._recorded = 0
         self._news = 'start'
+        self._trace = MotionTrace(parameters, self._simulator.snapshot())
+        # The start is the first change of course.
+        self._new_course = True
         self._requests = RequestQueue()
         self._stopping = threading.Event()
+        self._out = Emitter(alive, self._stopping.set)
         self._thread = threading.Thread(target=self._run, name='engine', daemon=True)
 
     # Called from other threads
@@ -134,6 +141,10 @@ class Engine:
         if self._thread.is_alive():
             self._thread.join(timeout)
 
+    def trace(self) -> MotionTrace:
+        """Return what the rig has done since it was last changed or reset."""
+        return self._trace
+
     def stamp_ns(self) -> int:
         """Return the stamp of the tick the rig stands at."""
         return self._offset_ns + self._time_ns
@@ -145,7 +156,7 @@ class Engine:
             self._paused,
             self._simulator.mode.name,
             self._impacts,
-            self._recorded,
+            self._out.recorded,
             self._pacer.counts(),
         )
 
@@ -181,7 +192,7 @@ class Engine:
     def record_diagnostics(self, data: bytes) -> Ticket:
         """Record a serialised DiagnosticArray."""
         return self._requests.submit(
-            lambda: self._record(self._outlets.diagnostics, data, self.stamp_ns())
+            lambda: self._out.record(self._outlets.diagnostics, data, self.stamp_ns())
         )
 
     # The engine's thread
@@ -233,7 +244,7 @@ class Engine:
             self._serve()
 
     def _wait_for_log(self) -> None:
-        while self._log is not None and self._log.backlog > LOG_BACKLOG:
+        while self._out.log is not None and self._out.log.backlog > LOG_BACKLOG:
             time.sleep(PAUSED_NAP_S)
             if self._interrupted():
                 break
@@ -250,11 +261,13 @@ class Engine:
         if parameters is not None:
             self._publish_impacts(self._simulator.change(parameters))
             self._news = self._news or 'change'
+            self._new_course = True
 
     def _reset(self, initial: InitialConditions) -> None:
         initial.check_within(self._simulator.parameters)
         self._simulator.reset(initial)
         self._news = 'reset'
+        self._new_course = True
 
     def _pause(self, paused: bool) -> bool:
         if paused == self._paused:
@@ -271,7 +284,7 @@ class Engine:
         return True
 
     def _record_to(self, log: Log, event: bytes) -> None:
-        self._log, self._recorded = log, 0
+        self._out.log, self._out.recorded = log, 0
         self._announce('record')
         self._record_event(event)
 
@@ -280,8 +293,8 @@ class Engine:
             # A bag ends with a whole tick.
             stamp_ns = self.stamp_ns()
             data = self._states.of(stamp_ns, self._simulator.sample())
-            self._record(self._outlets.joint_states.topic, data, stamp_ns)
-        log, self._log = self._log, None
+            self._out.record(self._outlets.joint_states.topic, data, stamp_ns)
+        log, self._out.log = self._out.log, None
         return log
 
     # What goes out
@@ -290,55 +303,40 @@ class Engine:
         stamp_ns = self.stamp_ns()
         self._within_tick = False
         self._publish_clock()
-        self._emit(
-            self._outlets.joint_states,
-            self._states.of(stamp_ns, self._simulator.sample()),
-            stamp_ns,
-        )
+        sample = self._simulator.sample()
+        self._out.emit(self._outlets.joint_states, self._states.of(stamp_ns, sample), stamp_ns)
+        self._trace.sample(sample)
 
     def _publish_clock(self) -> None:
         if self._outlets.clock is not None:
-            self._publish(self._outlets.clock, self._clock.of(self.stamp_ns()))
+            self._out.publish(self._outlets.clock, self._clock.of(self.stamp_ns()))
 
-    def _publish_impacts(self, events: Iterable[Event]) -> None:
+    def _publish_impacts(self, events: Sequence[Event]) -> None:
+        if events:
+            self._trace.events(events)
         for event in events:
             if event.kind is EventKind.IMPACT:
                 stamp_ns = self._offset_ns + round(event.time * 1e9)
                 data = self._impacts_at[event.stop].of(stamp_ns, event)
-                self._emit(self._outlets.impacts, data, stamp_ns)
+                self._out.emit(self._outlets.impacts, data, stamp_ns)
                 self._impacts += 1
 
     def _announce(self, reason: str) -> None:
         """Publish all that is needed to run on from here, bit for bit."""
-        snapshot = {
+        snapshot: dict[str, Any] = {
             'format': 1,
             'stamp_offset_ns': self._offset_ns,
             'time_ns': self._time_ns,
             'reason': reason,
             'state': self._simulator.snapshot(),
         }
-        self._emit(
-            self._outlets.snapshot, serialised(String(data=json.dumps(snapshot))), self.stamp_ns()
-        )
-
-    def _emit(self, outlet: Outlet, data: bytes, stamp_ns: int) -> None:
-        # Record first: once ROS shuts down nothing can be published, but the log is to be whole.
-        self._record(outlet.topic, data, stamp_ns)
-        self._publish(outlet, data)
-
-    def _record(self, topic: str, data: bytes, stamp_ns: int) -> None:
-        if self._log is not None:
-            self._log.write(topic, data, stamp_ns)
-            self._recorded += 1
+        text = json.dumps(snapshot)
+        self._out.emit(self._outlets.snapshot, serialised(String(data=text)), self.stamp_ns())
+        if self._new_course:
+            self._new_course = False
+            self._trace = MotionTrace(self._simulator.parameters, snapshot['state'])
+            self._on_course(text)
 
     def _record_event(self, event: bytes) -> None:
         stamp_ns = self.stamp_ns()
-        self._record(self._outlets.parameter_events, restamped(event, stamp_ns), stamp_ns)
-
-    def _publish(self, outlet: Outlet, data: bytes) -> None:
-        try:
-            outlet.publish(data)
-        except Exception:
-            if self._alive():
-                raise
-            self._stopping.set()
+        self._out.record(self._outlets.parameter_events, restamped(event, stamp_ns), stamp_ns)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-__all__ = ['Log', 'Outlet', 'Outlets']
+__all__ = ['Emitter', 'Log', 'Outlet', 'Outlets']
 
 
 class Outlet(NamedTuple):
@@ -35,3 +35,51 @@ class Outlets(NamedTuple):
     clock: Outlet | None
     parameter_events: str
     diagnostics: str
+
+
+class Emitter:
+    """
+    Publish what the engine hands out, and record it while there is a log.
+
+    Parameters
+    ----------
+    alive : callable
+        Whether ROS still runs; publishing fails once it does not.
+    on_end : callable
+        Called if it does not.
+
+    Attributes
+    ----------
+    log : Log or None
+        The recording.
+    recorded : int
+        Messages given to it.
+    """
+
+    def __init__(self, alive: Callable[[], bool], on_end: Callable[[], object]) -> None:
+        """Record nothing so far."""
+        self.log: Log | None = None
+        self.recorded = 0
+        self._alive = alive
+        self._on_end = on_end
+
+    def emit(self, outlet: Outlet, data: bytes, stamp_ns: int) -> None:
+        """Record and publish a serialised message."""
+        # Record first: once ROS shuts down nothing can be published, but the log is to be whole.
+        self.record(outlet.topic, data, stamp_ns)
+        self.publish(outlet, data)
+
+    def record(self, topic: str, data: bytes, stamp_ns: int) -> None:
+        """Record a serialised message, if there is a log."""
+        if self.log is not None:
+            self.log.write(topic, data, stamp_ns)
+            self.recorded += 1
+
+    def publish(self, outlet: Outlet, data: bytes) -> None:
+        """Publish a serialised message; what fails because ROS has ended is not an error."""
+        try:
+            outlet.publish(data)
+        except Exception:
+            if self._alive():
+                raise
+            self._on_end()

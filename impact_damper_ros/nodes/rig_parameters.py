@@ -95,6 +95,15 @@ SETTING_SPECS: dict[str, Spec] = {
             'bool',
             False,
         ),
+        ParameterSpec(
+            'predict_motion',
+            'Predict the periodic motion, in a process of its own, for the diagnostics.',
+            '',
+            None,
+            None,
+            'bool',
+            True,
+        ),
         ParameterSpec('record', 'Record the run to MCAP.', '', None, None, 'bool', False),
         TextSpec('bag_directory', 'Directory in which every recording makes its own.', 'runs'),
     )
@@ -118,6 +127,7 @@ class NodeParameters:
     state_rate: float
     real_time_factor: float
     publish_clock: bool
+    predict_motion: bool
     record: bool
     bag_directory: str
 

@@ -11,6 +11,7 @@ import contextlib
 import gc
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Sequence
 from typing import Any
@@ -29,10 +30,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from impact_damper_ros.nodes.command_line import answer_foreign, in_words, refuse
 from impact_damper_ros.nodes.diagnostics import Diagnostics
 from impact_damper_ros.nodes.engine import Engine
 from impact_damper_ros.nodes.live_parameters import LiveParameters
+from impact_damper_ros.nodes.motion_report import MotionMonitor
 from impact_damper_ros.nodes.outlets import Outlet, Outlets
+from impact_damper_ros.nodes.predictor import Predictor
 from impact_damper_ros.nodes.recorder import Recorder
 from impact_damper_ros.nodes.requests import Ticket
 from impact_damper_ros.nodes.rig_parameters import (
@@ -48,15 +52,10 @@ __all__ = ['SimNode', 'main']
 #: A thread that waits for the interpreter gets it after this time, not after 5 ms.
 SWITCH_INTERVAL_S = 2e-4
 REPORT_PERIOD_S = 1.0
+#: Also the least time between reports that new predictions set off.
 WATCH_PERIOD_S = 0.25
 #: Longest wait of a service call for the engine.
 ANSWER_TIMEOUT_S = 2.0
-
-USAGE = """usage: sim_node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
-
-The digital rig of an impact damper as a ROS 2 node. For instance:
-  sim_node --ros-args -p gap:=30 -p record:=true -r __ns:=/rig1
-Parameters, with unit and range: ros2 param describe /sim_node NAME"""
 
 
 class SimNode(Node):
@@ -82,6 +81,12 @@ class SimNode(Node):
         self._declare(parameters)
         outlets = self._advertise(parameters)
         self._failed = self.create_guard_condition(lambda: None)
+        self._predicted = self.create_guard_condition(self._report_motion)
+        self._predictor = Predictor(
+            self._predicted.trigger,
+            self.get_logger().warning,
+            enabled=parameters.predict_motion,
+        )
         self.engine = Engine(
             parameters.rig,
             parameters.initial,
@@ -91,7 +96,10 @@ class SimNode(Node):
             publish_clock=parameters.publish_clock,
             alive=self.context.ok,
             on_failure=self._failed.trigger,
+            on_course=self._predictor.ask,
         )
+        self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
+        self._motion_reported, self._motion_due = 0.0, False
         self._recorder = Recorder(self.engine, outlets, self.get_fully_qualified_name())
         self._live = LiveParameters(parameters, prepare=self._prepare, apply=self._apply)
         self._live.attach(self)
@@ -101,7 +109,7 @@ class SimNode(Node):
         # Reports come in wall time, also when the node's clock is a simulated or stopped one.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPORT_PERIOD_S, self._report, clock=steady)
-        self.create_timer(WATCH_PERIOD_S, self._watch_recording, clock=steady)
+        self.create_timer(WATCH_PERIOD_S, self._watch, clock=steady)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         if parameters.record:
@@ -115,7 +123,9 @@ class SimNode(Node):
     def finish(self) -> str:
         """Stop the rig and finish the bag, without ROS; return what was recorded, in words."""
         self.engine.stop()
-        return self._recorder.finish()
+        summary = self._recorder.finish()
+        self._predictor.close()
+        return summary
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set parameters, all or none; a rejection says what would be accepted instead."""
@@ -177,6 +187,8 @@ class SimNode(Node):
         )
         rig = after.rig if after.rig != before.rig else None
         self.engine.change(rig, serialised(event))
+        if after.predict_motion != before.predict_motion:
+            self._predictor.enable(after.predict_motion)
         if after.record and not before.record:
             self._recorder.begin(self._dump())
             self.get_logger().info(f'recording to {self._recorder.path}')
@@ -229,11 +241,29 @@ class SimNode(Node):
     def _report(self) -> None:
         engine = self.engine.status()
         recording = self._recorder.status(engine.recorded)
-        report = serialised(self._diagnostics.report(self.engine.stamp_ns(), engine, recording))
+        self._motion_reported, self._motion_due = time.monotonic(), False
+        motion = self._monitor.look()
+        self._publish_report(
+            self._diagnostics.report(self.engine.stamp_ns(), engine, recording, motion)
+        )
+
+    def _report_motion(self) -> None:
+        """Report what has been predicted at once, or a little later than the last report."""
+        self._motion_due = time.monotonic() - self._motion_reported < WATCH_PERIOD_S
+        if not self._motion_due:
+            self._motion_reported = time.monotonic()
+            self._publish_report(
+                self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
+            )
+
+    def _publish_report(self, array: DiagnosticArray) -> None:
+        report = serialised(array)
         self._diagnostics_publisher.publish(report)
         self.engine.record_diagnostics(report)
 
-    def _watch_recording(self) -> None:
+    def _watch(self) -> None:
+        if self._motion_due:
+            self._report_motion()
         if self._live.now.record and (error := self._recorder.failure()):
             self.get_logger().error(f'{error}; the rig runs on, record is false again')
             self.set_parameters([Parameter('record', Parameter.Type.BOOL, False)])
@@ -248,24 +278,6 @@ def _spin(node: SimNode, executor: SingleThreadedExecutor) -> None:
             # A malformed request, say; it must not take the rig down. A shutdown ends here too.
             if rclpy.ok():
                 node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
-
-
-def _refuse(reason: object) -> int:
-    print(f'sim_node: cannot start: {reason}', file=sys.stderr)
-    return 1
-
-
-def _foreign_arguments(arguments: Sequence[str]) -> int | None:
-    """Answer arguments that are not for ROS; None if there are none."""
-    if not arguments:
-        return None
-    if arguments[0] in ('-h', '--help'):
-        print(USAGE)
-        return 0
-    return _refuse(
-        f'unknown argument {arguments[0]!r}; parameters and remappings follow --ros-args, as in: '
-        'sim_node --ros-args -p gap:=30'
-    )
 
 
 def _run(node: SimNode, executor: SingleThreadedExecutor) -> int:
@@ -308,17 +320,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         rclpy.init(args=arguments)
     except Exception as error:
-        return _refuse(_in_words(error))
+        return refuse(in_words(error))
     node = None
     try:
-        if (code := _foreign_arguments(remove_ros_args(arguments)[1:])) is not None:
+        if (code := answer_foreign(remove_ros_args(arguments)[1:])) is not None:
             return code
         try:
             executor = SingleThreadedExecutor()
             node = SimNode()
         except Exception as error:
             # Told to end before it had begun, or not able to begin.
-            return _refuse(error) if rclpy.ok() else 0
+            return refuse(error) if rclpy.ok() else 0
         return _run(node, executor)
     finally:
         with contextlib.suppress(Exception):
@@ -328,14 +340,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The process is at its end; an impatient signal must not spoil the exit code.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
-
-
-def _in_words(error: Exception) -> str:
-    """Shorten what rcl says about arguments it cannot parse to its two telling parts."""
-    text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
-    if 'Sequence should be of same type' in text:
-        text += ' (write [1.0, 0.5], not [1, 0.5])'
-    return text
 
 
 if __name__ == '__main__':

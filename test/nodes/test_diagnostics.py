@@ -5,6 +5,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from impact_damper_ros.nodes.diagnostics import Diagnostics, RecordingStatus
 from impact_damper_ros.nodes.engine import EngineStatus
+from impact_damper_ros.nodes.motion_report import MotionReport
 from impact_damper_ros.nodes.pacing import PacingCounts
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -75,6 +76,24 @@ def test_rig():
     assert (status.level, status.message) == (OK, 'rest 1')
     assert (values['Impacts'], values['Time [s]']) == ('3', '1.000')
     assert report(second(paused=True))[1].message == 'paused, free'
+
+
+def test_the_motion_goes_with_the_rest_or_alone():
+    diagnostics = Diagnostics('/lab/rig', 200.0, 1.0)
+    motion = [
+        MotionReport('measured motion', False, 'transient', {'Settled': False}),
+        MotionReport('predicted motion', True, 'unstable', {'Stable': False}),
+    ]
+    whole = diagnostics.report(0, second(), RecordingStatus(), motion)
+    alone = diagnostics.motion_report(2_000_000_001, motion)
+    assert (alone.header.stamp.sec, alone.header.stamp.nanosec) == (2, 1)
+    assert whole.status[3:] == alone.status
+    assert [s.name for s in alone.status] == [
+        'lab/rig: measured motion',
+        'lab/rig: predicted motion',
+    ]
+    assert [s.level for s in alone.status] == [OK, WARN]
+    assert [(v.key, v.value) for v in alone.status[1].values] == [('Stable', 'False')]
 
 
 @pytest.mark.parametrize(

@@ -129,7 +129,8 @@ def test_diagnostics(rig):
     reports = rig.client.listen(DiagnosticArray, '/diagnostics')
     ours = until(lambda: [r for r in list(reports) if r.status[0].name == 'sim_node: pacing'][1:])
     statuses = {s.name: s for s in ours[-1].status}
-    assert set(statuses) == {'sim_node: pacing', 'sim_node: rig', 'sim_node: recording'}
+    tasks = ('pacing', 'rig', 'recording', 'measured motion', 'predicted motion')
+    assert list(statuses) == [f'sim_node: {task}' for task in tasks]
     pacing = {v.key: v.value for v in statuses['sim_node: pacing'].values}
     assert float(pacing['State rate [Hz]']) == 200.0
     assert int(pacing['Ticks']) > 0

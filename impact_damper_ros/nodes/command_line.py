@@ -1,0 +1,41 @@
+"""What the node answers on its command line, and why it does not start."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+__all__ = ['answer_foreign', 'in_words', 'refuse']
+
+USAGE = """usage: sim_node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
+
+The digital rig of an impact damper as a ROS 2 node. For instance:
+  sim_node --ros-args -p gap:=30 -p record:=true -r __ns:=/rig1
+Parameters, with unit and range: ros2 param describe /sim_node NAME"""
+
+
+def refuse(reason: object) -> int:
+    """Say why the node does not start, and return the exit code."""
+    print(f'sim_node: cannot start: {reason}', file=sys.stderr)
+    return 1
+
+
+def answer_foreign(arguments: Sequence[str]) -> int | None:
+    """Answer arguments that are not for ROS; None if there are none."""
+    if not arguments:
+        return None
+    if arguments[0] in ('-h', '--help'):
+        print(USAGE)
+        return 0
+    return refuse(
+        f'unknown argument {arguments[0]!r}; parameters and remappings follow --ros-args, as in: '
+        'sim_node --ros-args -p gap:=30'
+    )
+
+
+def in_words(error: Exception) -> str:
+    """Shorten what rcl says about arguments it cannot parse to its two telling parts."""
+    text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
+    if 'Sequence should be of same type' in text:
+        text += ' (write [1.0, 0.5], not [1, 0.5])'
+    return text
