@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits, orbit_near
 from impact_damper_ros.orbits.error import check_forcing
 from impact_damper_ros.orbits.search import counted_as
@@ -29,6 +30,7 @@ from .rhythm import MOST_CYCLES, Rhythm, rhythm_of, turned_cycles
 
 __all__ = ['Basis', 'Course', 'Prediction', 'predictions', 'run_ahead']
 
+AnyRig: TypeAlias = Simulator | ControlledRig
 #: Why a motion is the one predicted: the rig was measured to move like it, or comes to it when it
 #: is run ahead, or it is only the first of those there are.
 Basis: TypeAlias = Literal['measured', 'run ahead', 'listed', '']
@@ -98,13 +100,13 @@ class Prediction:
     complete: bool = False
 
 
-def run_ahead(rig: Simulator, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
+def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
     """
     Run a rig on until its impacts repeat.
 
     Parameters
     ----------
-    rig : Simulator
+    rig : Simulator or ControlledRig
         The rig; its first harmonic must turn.
     most_cycles : int, optional
         Where to give up, in cycles of the force.
@@ -158,7 +160,7 @@ def _period_of_force(parameters: RigParameters) -> int:
     return cycles
 
 
-def _theory_of(rig: Simulator) -> RigParameters:
+def _theory_of(rig: AnyRig) -> RigParameters:
     """
     Return a rig's parameters, with phases of the harmonics as they are towards the first.
 
@@ -231,14 +233,14 @@ class _Orbits:
         return self.nearest(rhythm, NEAR)
 
 
-def predictions(rig: Simulator, measured: Course | None = None) -> Iterator[Prediction]:
+def predictions(rig: AnyRig, measured: Course | None = None) -> Iterator[Prediction]:
     """
     Predict the motion of a rig, at first quickly and then ever more thoroughly.
 
     Parameters
     ----------
-    rig : Simulator
-        The rig, where it is; it is left there.
+    rig : Simulator or ControlledRig
+        The rig, where it is; it is left there. While a law moves its stops nothing is predicted.
     measured : Course or None, optional
         How it has been seen to move since.
 
@@ -248,6 +250,10 @@ def predictions(rig: Simulator, measured: Course | None = None) -> Iterator[Pred
         The first after some 20 ms, the last, which is `complete`, after a few tenths of a second.
         A rig without a periodic force has one only, which says so.
     """
+    if isinstance(rig, ControlledRig) and rig.control.active:
+        reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'
+        yield Prediction(reason=reason, complete=True)
+        return
     try:
         period = _period_of_force(rig.parameters)
     except OrbitError as error:
@@ -262,7 +268,7 @@ def predictions(rig: Simulator, measured: Course | None = None) -> Iterator[Pred
         yield Prediction(tuple(orbits.all), expected, 'measured')
     else:
         yield _listed(orbits, '')
-    course = run_ahead(Simulator.restore(rig.snapshot()))
+    course = run_ahead(type(rig).restore(rig.snapshot()))
     ahead = orbits.like(parameters, course)
     prediction = (
         Prediction(tuple(orbits.all), expected, 'measured')

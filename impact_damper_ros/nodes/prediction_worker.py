@@ -7,8 +7,8 @@ which has all modules loaded: the work for an older request is ended by killing 
 new one begins within milliseconds.
 
 The forks have the kernel's idle priority, so that they take no time from the engine of the node,
-whatever else runs. Where other programs leave no time for them at all, a fork that must hurry
-gives the first, quick answer at a low but ordinary priority.
+whatever else runs. Where other programs leave them hardly any time at all, a fork of low but
+ordinary priority takes over.
 
 No ROS is imported here, and all ends with the input, hence with the node, however that ends.
 """
@@ -29,14 +29,16 @@ from typing import Any, NoReturn
 
 from impact_damper_ros.analysis.prediction import Course, Prediction, predictions
 from impact_damper_ros.analysis.rhythm import Rhythm
+from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.rig import Event, EventKind, Simulator
+from impact_damper_ros.rig import Event, EventKind
 
 __all__ = ['main']
 
 NICENESS = 5
-#: Without a first answer after this time there is another try with ordinary priority.
-HURRY_S = 0.25
+#: Without a first answer after this time, or the last one after the second, a fork of ordinary
+#: priority takes over.
+HURRY_S, LONG_HURRY_S = 0.25, 2.0
 #: After the first, quick answer the parameters must have been left alone for so long before the
 #: search goes on: somebody who turns a knob sets off no more than the quick ones.
 QUIET_S = 0.3
@@ -83,7 +85,7 @@ def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
             instant, kind, *numbers = measured['impact']
             impact = Event(instant, EventKind(kind), *numbers)
             course = Course(Rhythm.from_dict(measured['rhythm']), impact, measured['phase'])
-        rig = Simulator.restore(request['snapshot']['state'])
+        rig = ControlledRig.restore(request['snapshot']['state'])
         for prediction in predictions(rig, course):
             yield _answer(prediction)
     except Exception as error:
@@ -100,19 +102,34 @@ def _idle() -> None:
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
-def _work(line: bytes, began: float, hurried: bool, out: int) -> NoReturn:
-    """Answer a request, in a fork, and end."""
+def _work(line: bytes, began: float, out: int, given: int | None) -> NoReturn:
+    """
+    Answer a request, in a fork, and end.
+
+    Parameters
+    ----------
+    line : bytes
+        The request.
+    began : float
+        When it came, on the monotonic clock.
+    out : int
+        Where to write.
+    given : int or None
+        How many answers another fork has given already, so that this one must hurry; None for
+        the first fork.
+    """
     with contextlib.suppress(AttributeError, OSError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.alarm(PATIENCE_S)
-    if not hurried:
+    if given is None:
         _idle()
     request = json.loads(line)
     for count, answer in enumerate(_answers(request)):
+        if count < (given or 0):
+            continue
         seconds = time.monotonic() - began
         _write(out, {'request': request['request'], 'seconds': seconds, **answer})
         if count == 0:
-            _idle()
             time.sleep(QUIET_S)
     os._exit(0)
 
@@ -126,9 +143,12 @@ def _write(out: int, message: dict[str, Any]) -> None:
 class _Fork:
     """A fork that works on a request."""
 
-    def __init__(self, line: bytes, began: float, hurried: bool, others: tuple[int, ...]) -> None:
-        self.line, self.began, self.hurried = line, began, hurried
-        self.answered = False
+    def __init__(
+        self, line: bytes, began: float, given: int | None, others: tuple[int, ...]
+    ) -> None:
+        self.line, self.began = line, began
+        self.hurried = given is not None
+        self.answers = given or 0
         self.pipe, out = os.pipe()
         self._read = b''
         self._process = os.fork()
@@ -136,7 +156,7 @@ class _Fork:
             try:
                 for descriptor in (*others, self.pipe):
                     os.close(descriptor)
-                _work(line, began, hurried, out)
+                _work(line, began, out, given)
             finally:
                 os._exit(1)
         os.close(out)
@@ -147,8 +167,9 @@ class _Fork:
         if not block:
             return None
         whole, separator, self._read = (self._read + block).rpartition(b'\n')
-        self.answered = self.answered or bool(separator)
-        return whole + separator
+        lines = whole + separator
+        self.answers += lines.count(b'\n')
+        return lines
 
     def end(self) -> int:
         """End it, and return its exit code, or minus the signal that it ended by."""
@@ -178,23 +199,24 @@ class _Server:
                     break
                 lines, _, self._read = (self._read + block).rpartition(b'\n')
                 if lines:
-                    self._begin(lines.rpartition(b'\n')[2], time.monotonic(), hurried=False)
+                    self._begin(lines.rpartition(b'\n')[2], time.monotonic(), None)
             elif fork is not None and fork.pipe in ready:
                 self._forward(fork)
             elif fork is not None and self._time_left() == 0.0:
-                self._begin(fork.line, fork.began, hurried=True)
+                self._begin(fork.line, fork.began, fork.answers)
         self._end()
 
     def _time_left(self) -> float | None:
         """Return the time until the present fork is to be replaced, s; None for ever."""
         fork = self._fork
-        if fork is None or fork.answered or fork.hurried:
+        if fork is None or fork.hurried:
             return None
-        return max(0.0, fork.began + HURRY_S - time.monotonic())
+        patience = LONG_HURRY_S if fork.answers else HURRY_S
+        return max(0.0, fork.began + patience - time.monotonic())
 
-    def _begin(self, line: bytes, began: float, *, hurried: bool) -> None:
+    def _begin(self, line: bytes, began: float, given: int | None) -> None:
         self._end()
-        self._fork = _Fork(line, began, hurried, (self._requests, self._answers))
+        self._fork = _Fork(line, began, given, (self._requests, self._answers))
 
     def _end(self) -> int:
         fork, self._fork = self._fork, None

@@ -8,6 +8,7 @@ from analysis.courses import course_on
 from impact_damper_ros.analysis.prediction import predictions, run_ahead
 from impact_damper_ros.analysis.rhythm import Rhythm, turned_cycles
 from impact_damper_ros.analysis.swing import Swing
+from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 
@@ -95,6 +96,18 @@ def test_a_force_without_a_period_has_no_prediction_and_the_reason_is_told(rig, 
     (only,) = predictions(Simulator(rig))
     assert (only.orbits, only.expected, only.complete) == ((), None, True)
     assert reason in only.reason
+
+
+def test_stops_that_a_law_moves_are_not_predicted_but_where_they_come_to_rest():
+    law = GapControlParameters(gap_control='amplitude', actuator_speed=0.5)
+    rig = ControlledRig(HORIZONTAL, control=law)
+    rig.advance(100.0)
+    (only,) = predictions(rig)
+    assert (only.expected, only.complete) == (None, True)
+    assert 'gap_control is amplitude' in only.reason
+    rig.change(HORIZONTAL, law.replace(gap_control='off'))
+    *_, last = predictions(rig)
+    assert last.expected.differs(find_orbits(HORIZONTAL, (1, 2)).orbits[0]) < 1e-9
 
 
 def test_two_harmonics_with_a_common_period():
