@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from .report_svg import BOTH, COLORS
 from .report_units import power_of_ten
+from .run_comparison import StretchComparison
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,6 +24,7 @@ __all__ = [
     'finite_range',
     'legend_above',
     'log_axis',
+    'predicted_label',
     'rings',
 ]
 
@@ -172,6 +174,12 @@ def log_axis(axes: Any, low: float, high: float) -> None:
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.tick_params(axis='y', which='minor', length=0)
+
+
+def predicted_label(stretch: StretchComparison) -> str:
+    """Return what a legend calls the prediction."""
+    orbit = stretch.predicted
+    return 'predicted' if orbit is None or orbit.stable else 'predicted, but unstable'
 
 
 def rings(axes: Any, x: ArrayLike, y: ArrayLike, size: float = 10.0) -> None:

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from .report_axes import DASHED, Picture, draw_stop, figure_of, legend_above, rings
+from .report_axes import (
+    DASHED,
+    Picture,
+    draw_stop,
+    figure_of,
+    legend_above,
+    predicted_label,
+    rings,
+)
 from .report_svg import COLORS
 from .report_units import unit_for
 from .run_comparison import StretchComparison
@@ -18,14 +27,21 @@ __all__ = ['draw_history', 'draw_run', 'predicted_impacts', 'predicted_motion']
 _MOST_NUMBERS = 30
 #: Pieces of the picture of the whole run, all stretches together.
 _MOST_PIECES = 1200
+#: Cycles of the force, in all, that can be told apart in it.
+_MOST_CYCLES = 160
 
 
-def _thinned(envelope: SwingEnvelope, most: int) -> tuple[Array, Array, Array]:
+def _cycles(stretch: StretchComparison) -> float:
+    """Return the number of cycles of the force in a stretch."""
+    return (stretch.end - stretch.start) * stretch.parameters.force_frequencies[0] / math.tau
+
+
+def _thinned(envelope: SwingEnvelope, most: float) -> list[Array]:
     """Return an envelope of no more than so many pieces."""
-    size = max(1, -(-len(envelope.time) // most))
+    size = max(1, math.ceil(len(envelope.time) / most))
     starts = np.arange(0, len(envelope.time), size)
     low = np.fmin.reduceat(envelope.low, starts)
-    return envelope.time[starts], low, np.fmax.reduceat(envelope.high, starts)
+    return [envelope.time[starts], low, np.fmax.reduceat(envelope.high, starts)]
 
 
 def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
@@ -49,15 +65,25 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
     ]
     if not shown:
         return None
-    levels = [s.predicted.x_max for s in stretches if s.predicted is not None]
+    # What is not stable cannot last.
+    levels = {
+        s.number: s.predicted.x_max
+        for s in stretches
+        if s.predicted is not None and s.predicted.stable
+    }
     sizes = [np.abs([envelope.low, envelope.high]).ravel() for _, envelope in shown]
-    joined = np.concatenate([*sizes, levels])
+    joined = np.concatenate([*sizes, list(levels.values())])
     reach = float(np.max(joined[np.isfinite(joined)], initial=0.0))
     unit = unit_for('m', reach)
     reach = unit.factor * reach or 1.0
     figure, axes = figure_of('rig time [s]', f'X [{unit.name}]', wide=True, height=2.8)
+    crowded = sum(map(_cycles, stretches)) > _MOST_CYCLES
     for stretch, envelope in shown:
-        time, low, high = _thinned(envelope, max(8, _MOST_PIECES // len(shown)))
+        most = max(8.0, _MOST_PIECES / len(shown))
+        if crowded:
+            # Cycles drawn one by one would only make a pattern of their own.
+            most = min(most, max(8.0, _cycles(stretch)))
+        time, low, high = _thinned(envelope, most)
         # The last piece reaches to the end of the stretch.
         time = np.append(time, stretch.end)
         low, high = (unit.factor * np.append(edge, edge[-1]) for edge in (low, high))
@@ -65,8 +91,8 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
             time, low, high, color=COLORS['primary'], alpha=0.6, linewidth=0.6, zorder=2
         )
     for stretch in stretches:
-        if stretch.predicted is not None:
-            level = unit.factor * stretch.predicted.x_max
+        if stretch.number in levels:
+            level = unit.factor * levels[stretch.number]
             since = stretch.start if stretch.settled_at is None else stretch.settled_at
             style = {'color': COLORS['theory'], 'linewidth': 1.5, 'linestyle': DASHED}
             axes.hlines([-level, level], since, stretch.end, zorder=3, **style)
@@ -86,10 +112,10 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
     axes.set_xlim(begin, end if end > begin else begin + 1.0)
     legend = [('patch', 'primary', 'X as recorded')]
     if levels:
-        legend.append(('dashed', 'theory', 'predicted largest |X| of the steady motion'))
+        legend.append(('dashed', 'theory', 'largest |X| of the stable motion predicted'))
     legend_above(axes, legend)
-    caption = 'Displacement of the primary mass over the whole run; upright lines: where a '
-    caption += 'stretch begins.'
+    caption = 'Displacement of the primary mass over the whole run; stretches begin at the '
+    caption += 'upright lines.'
     return Picture(figure, 'The whole run', caption, wide=True)
 
 
@@ -217,7 +243,7 @@ def draw_history(stretch: StretchComparison) -> Picture | None:
         for at in hit:
             axes.axvline(at, color=COLORS['quiet'], linewidth=0.6, zorder=1)
         rings(axes, hit, unit.factor * place)
-        legend += [('dashed', 'theory', 'predicted'), ('o', 'theory', 'predicted impact')]
+        legend += [('dashed', 'theory', predicted_label(stretch)), ('o', 'theory', 'its impacts')]
         caption += ' Over it the predicted motion, with its impacts as rings.'
     axes.set_xlim(start, end if end > start else start + 1e-9)
     legend_above(axes, legend)

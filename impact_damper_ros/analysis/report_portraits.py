@@ -7,7 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from .report_axes import DASHED, Picture, cloud, figure_of, finite_range, legend_above, rings
+from .report_axes import (
+    DASHED,
+    Picture,
+    cloud,
+    figure_of,
+    finite_range,
+    legend_above,
+    predicted_label,
+    rings,
+)
 from .report_svg import COLORS
 from .report_units import unit_for
 from .run_comparison import StretchComparison
@@ -21,6 +30,7 @@ def _portrait(
     predicted: tuple[Array, Array] | None,
     color: str,
     names: tuple[str, str],
+    label: str,
 ) -> tuple[Any, Any, float]:
     """Draw a velocity over its position; return figure, axes and the factor of positions."""
     place, rate = unit_for('m', measured[0]), unit_for('m/s', measured[1])
@@ -32,7 +42,7 @@ def _portrait(
     if predicted is not None and len(predicted[0]):
         x, velocity = place.factor * predicted[0], rate.factor * predicted[1]
         axes.plot(x, velocity, color=COLORS['theory'], linewidth=1.1, linestyle=DASHED, zorder=3)
-        legend.append(('dashed', 'theory', 'predicted'))
+        legend.append(('dashed', 'theory', label))
         limits = [(measured[0], predicted[0]), (measured[1], predicted[1])]
     axes.set_xlim(*(place.factor * edge for edge in finite_range(*limits[0])))
     axes.set_ylim(*(rate.factor * edge for edge in finite_range(*limits[1])))
@@ -46,8 +56,8 @@ def draw_primary_portrait(stretch: StretchComparison) -> Picture | None:
     if motion is None or len(motion.time) < 2:
         return None
     predicted = None if theory is None else (theory.x, theory.velocity)
-    names = ('X', "X'")
-    figure, _, _ = _portrait((motion.x, motion.velocity), predicted, 'primary', names)
+    names, label = ('X', "X'"), predicted_label(stretch)
+    figure, _, _ = _portrait((motion.x, motion.velocity), predicted, 'primary', names, label)
     caption = 'Velocity of the primary mass over its displacement; each impact is a step in '
     caption += 'velocity.'
     return Picture(figure, 'Phase portrait of M', caption)
@@ -60,8 +70,8 @@ def draw_damper_portrait(stretch: StretchComparison) -> Picture | None:
         return None
     predicted = None if theory is None else (theory.y, theory.relative_velocity)
     measured = (motion.y, motion.relative_velocity)
-    names = ('Y = Z − X', "Y'")
-    figure, axes, factor = _portrait(measured, predicted, 'damper', names)
+    names, label = ('Y = Z − X', "Y'"), predicted_label(stretch)
+    figure, axes, factor = _portrait(measured, predicted, 'damper', names, label)
     left, right = axes.get_xlim()
     for edge, side in ((motion.stop_1, 1.0), (motion.stop_2, -1.0)):
         place = factor * float(edge[-1])
@@ -108,7 +118,7 @@ def draw_section(stretch: StretchComparison) -> Picture | None:
     if orbit is not None:
         phases = [phase % 1.0 for phase in orbit.phases]
         rings(axes, phases, [rate.factor * v for v in orbit.damper_velocity_after], 12.0)
-        legend.append(('o', 'theory', 'predicted'))
+        legend.append(('o', 'theory', predicted_label(stretch)))
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(*(rate.factor * v for v in finite_range(*velocities, margin=0.1)))
     legend_above(axes, legend)

@@ -8,7 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from .report_axes import DASHED, Picture, figure_of, finite_range, legend_above, log_axis, rings
+from .report_axes import (
+    DASHED,
+    Picture,
+    figure_of,
+    finite_range,
+    legend_above,
+    log_axis,
+    predicted_label,
+    rings,
+)
 from .report_svg import COLORS
 from .report_units import number, unit_for
 from .run_comparison import StretchComparison
@@ -138,7 +147,7 @@ def draw_spectrum(stretch: StretchComparison) -> Picture | None:
         at, amplitude = predicted_lines(stretch.curves.predicted, highest)
         seen = amplitude > _DEPTH * largest
         rings(axes, rate.factor * at[seen], unit.factor * amplitude[seen], 8.0)
-        legend.append(('o', 'theory', 'predicted'))
+        legend.append(('o', 'theory', predicted_label(stretch)))
         caption += ' Rings: the Fourier coefficients of the predicted motion.'
     axes.set_xlim(0.0, rate.factor * highest)
     legend_above(axes, legend)

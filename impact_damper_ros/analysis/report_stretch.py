@@ -30,9 +30,15 @@ PICTURES: dict[str, Callable[[StretchComparison], Picture | None]] = {
     'portrait': draw_primary_portrait,
     'relative': draw_damper_portrait,
     'section': draw_section,
-    'convergence': draw_convergence,
     'spectrum': draw_spectrum,
+    'convergence': draw_convergence,
     'gap': draw_gap_curve,
+}
+#: Why some of them may be missing.
+_NEEDED = {
+    'section': 'a Poincaré section needs impacts and a known phase of the force',
+    'convergence': 'a convergence plot needs a periodic motion that is approached',
+    'gap': 'a gap curve needs a periodic motion that theory can follow',
 }
 _MOST_FINDINGS = 20
 
@@ -115,6 +121,23 @@ def _findings(stretch: StretchComparison) -> Html:
     return Html(f'<div class="notes"><h3>Findings</h3>{listed(texts)}</div>')
 
 
+def _pictures(stretch: StretchComparison) -> Html:
+    """Return the plots, and why some are not there."""
+    shown: list[str] = []
+    missing: list[str] = []
+    for name, draw in PICTURES.items():
+        picture = draw(stretch)
+        if picture is not None:
+            key, where = f's{stretch.number}-{name}', f'stretch {stretch.number}'
+            shown.append(figure_html(picture, key, where))
+        elif name in _NEEDED:
+            missing.append(_NEEDED[name])
+    if not shown:
+        return Html('<p>Of this stretch too little was recorded to draw anything.</p>')
+    why = f'<p class="judged">Not drawn: {safe("; ".join(missing))}.</p>' if missing else ''
+    return Html(f'<div class="plots">{"".join(shown)}</div>{why}')
+
+
 def stretch_html(stretch: StretchComparison, before: StretchComparison | None) -> Html:
     """
     Return the section of a stretch.
@@ -131,20 +154,13 @@ def stretch_html(stretch: StretchComparison, before: StretchComparison | None) -
     Html
         To be made within `drawing_style`.
     """
-    where = f'stretch {stretch.number}'
-    pictures = []
-    for name, draw in PICTURES.items():
-        picture = draw(stretch)
-        if picture is not None:
-            pictures.append(figure_html(picture, f's{stretch.number}-{name}', where))
-    without = 'Of this stretch too little was recorded to draw anything.'
-    shown = f'<div class="plots">{"".join(pictures)}</div>' if pictures else f'<p>{without}</p>'
     tables = [
         comparison_table(stretch) + multiplier_table(stretch),
         energy_table(stretch) + parameter_table(stretch, before),
     ]
     columns = ''.join(f'<div>{part}</div>' for part in tables if part)
-    told = (('Kind of motion', stretch.evidence), ('Prediction', stretch.solver))
+    evidence = '' if stretch.evidence in stretch.sentence else stretch.evidence
+    told = (('Kind of motion', evidence), ('Prediction', stretch.solver))
     judged = ''.join(f'<p class="judged">{name}: {safe(text)}</p>' for name, text in told if text)
     time = f'{instant(stretch.start)} s to {instant(stretch.end)} s of rig time, '
     time += f'{stretch.samples} samples, {stretch.impacts} impacts'
@@ -155,7 +171,7 @@ def stretch_html(stretch: StretchComparison, before: StretchComparison | None) -
         f'{safe(stretch.cause or stretch.begins.value)}</h2>'
         f'<p class="verdict">{badge(stretch.verdict)}{safe(stretch.sentence)}</p>'
         f'<p class="judged">{safe(time)}</p>'
-        f'{_findings(stretch)}{_tiles(stretch)}{shown}'
+        f'{_findings(stretch)}{_tiles(stretch)}{_pictures(stretch)}'
         f'<div class="tables">{columns}</div>'
         f'{judged}'
         '</section>'

@@ -137,6 +137,34 @@ def _own_ids(root: ElementTree.Element, key: str) -> None:
                 element.set(attribute, _REFERENCE.sub(lambda m: f'url(#{names[m[1]]})', value))
 
 
+def _short(hundredths: int) -> str:
+    """Return a number as short as it goes."""
+    sign, size = '-' if hundredths < 0 else '', abs(hundredths)
+    tail = f'.{size % 100:02d}'.rstrip('0').rstrip('.')
+    return f'{sign}{size // 100 or ("" if tail else 0)}{tail}'
+
+
+def _short_path(path: str) -> str:
+    """Return a path of lines with its points counted from one another."""
+    if not set('MLz') >= {c for c in path if c.isalpha()}:
+        return path
+    words: list[str] = []
+    x = y = 0
+    tokens = iter(path.split())
+    for command in tokens:
+        if command == 'z':
+            words.append('z')
+            continue
+        to_x, to_y = (round(100.0 * float(next(tokens))) for _ in range(2))
+        if command == 'M':
+            words.append(f'M{_short(to_x)} {_short(to_y)}l')
+        else:
+            step = f'{_short(to_x - x)} {_short(to_y - y)}'.replace(' -', '-')
+            words.append(step if words[-1][-1] == 'l' or step[0] == '-' else f' {step}')
+        x, y = to_x, to_y
+    return ''.join(words).replace('lz', 'z').replace('lM', 'M').removesuffix('l')
+
+
 def _set(element: ElementTree.Element, name: str, value: str) -> None:
     if value:
         element.set(name, value)
@@ -151,10 +179,7 @@ def _slim(root: ElementTree.Element) -> None:
             if name in element.attrib:
                 value = _NO_ROTATION.sub('', element.attrib[name])
                 value = ' '.join(_NUMBER.sub(_rounded, value).split())
-                if name == 'd' and 'C' not in value:
-                    # What follows a move is a line anyway.
-                    value = value.replace(' L ', ' ')
-                _set(element, name, value)
+                _set(element, name, _short_path(value) if name == 'd' else value)
         style = element.get('style')
         if style is not None:
             style = _FONT.sub(lambda m: f'font-size: {m["size"]}' if m['size'] else '', style)

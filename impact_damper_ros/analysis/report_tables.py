@@ -7,10 +7,11 @@ import math
 from collections.abc import Collection, Sequence
 from typing import Any
 
+from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 
 from .report_html import Column, Html, safe, table
-from .report_units import NONE, aligned, difference, instant, number, unit_for
+from .report_units import NONE, Unit, aligned, difference, instant, number, unit_for
 from .run_comparison import StretchComparison, Verdict
 
 __all__ = [
@@ -61,6 +62,12 @@ def motion_of(stretch: StretchComparison) -> str:
     return f'{stretch.kind.value}: {impacts} in {cycles} cycle{"s" if cycles > 1 else ""}'
 
 
+def _swing_of(orbit: PeriodicOrbit | None, unit: Unit) -> str:
+    if orbit is None:
+        return NONE
+    return number(unit.factor * orbit.x_max, 5) + ('' if orbit.stable else ' (unstable)')
+
+
 def overview_table(
     stretches: Sequence[StretchComparison], detailed: Collection[int], note: str
 ) -> Html:
@@ -93,7 +100,7 @@ def overview_table(
                 motion_of(stretch),
                 NONE if measured is None else number(measured.impacts_per_cycle, 4),
                 NONE if measured is None else number(unit.factor * measured.x_max, 5),
-                NONE if predicted is None else number(unit.factor * predicted.x_max, 5),
+                _swing_of(predicted, unit),
             )
         )
     columns = (
@@ -194,6 +201,7 @@ def energy_table(stretch: StretchComparison) -> Html:
     if energy is None:
         return Html()
     periods = max(1, energy.periods)
+    span = 'period' if stretch.cycles else 'cycle'
     given = [('work of the force', energy.force), ('compressed air', energy.air)]
     taken = [
         ('dashpot', energy.dashpot),
@@ -224,12 +232,12 @@ def energy_table(stretch: StretchComparison) -> Html:
 
     columns = (
         Column('', 'text'),
-        Column(f'{unit.name} per period'),
+        Column(f'{unit.name} per {span}'),
         Column('% of input'),
         Column('', 'bars'),
     )
     tolerance = number(unit.factor * energy.tolerance / periods, 2)
-    note = f'Mean of {energy.periods} periods from {instant(energy.start)} to '
+    note = f'Mean of {energy.periods} {span}s from {instant(energy.start)} to '
     note += f'{instant(energy.end)} s, from the log alone; between the samples the balance is '
     note += f'known to {tolerance} {unit.name}.'
     groups = [('Put in', rows(given, '')), ('Taken out', rows(taken, 'taken'))]
