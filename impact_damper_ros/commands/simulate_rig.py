@@ -183,9 +183,11 @@ def _open(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str
 
 
 def _cycle(parameters: RigParameters) -> float:
-    """Return the period of the first harmonic, or the natural one of a rig without force."""
+    """Return the period of the first harmonic; of a rig that has none that lasts, its own one."""
     frequency = parameters.force_frequencies[0]
     if frequency == 0.0 or parameters.force_amplitudes[0] == 0.0:
+        frequency = parameters.omega
+    if parameters.sweep_mode != 'off':
         frequency = parameters.omega
     return math.tau / frequency
 
@@ -208,7 +210,7 @@ def _summary(
         f'largest |X| {largest:.7g} m in the last {_WATCHED_CYCLES} cycles',
     ]
     amplitude = parameters.response_amplitude
-    if math.isfinite(amplitude) and amplitude > 0.0:
+    if parameters.periodic_force and math.isfinite(amplitude):
         lines[-1] += f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
     if rig.control.active:
         spent_1, spent_2 = rig.energies
@@ -218,8 +220,9 @@ def _summary(
             f'{rig.stops[1]:.6g} m'
         )
     lines.extend(
-        f'last impact on stop {event.stop}: t = {event.time:.9f} s, phase '
-        f'{event.time / cycle % 1.0:.7f} cycles, X = {event.x:.7f} m; just after it '
+        f'last impact on stop {event.stop}: t = {event.time:.9f} s, '
+        + (f'phase {event.time / cycle % 1.0:.7f} cycles, ' if parameters.periodic_force else '')
+        + f'X = {event.x:.7f} m; just after it '
         f"X' = {event.primary_velocity_after:.7f} m/s, "
         f"Z' = {event.damper_velocity_after:.7f} m/s"
         for event in last

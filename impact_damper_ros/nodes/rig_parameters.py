@@ -11,9 +11,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.parameter import Parameter
 
 from impact_damper_ros.rig import (
@@ -30,7 +30,6 @@ __all__ = [
     'READ_ONLY',
     'SETTING_SPECS',
     'NodeParameters',
-    'TextSpec',
     'descriptor',
     'nearest_name',
     'parameters_from_overrides',
@@ -45,27 +44,7 @@ SLOWEST_FACTOR = 1e-3
 SLIP_OF_THE_PEN = 0.75
 
 
-class TextSpec(NamedTuple):
-    """What a text parameter is."""
-
-    name: str
-    description: str
-    default: str
-    kind: str = 'string'
-    unit: str = ''
-    low: float | None = None
-    high: float | None = None
-
-    def checked(self, value: Any) -> str:
-        """Return the text; it must not be empty."""
-        if not isinstance(value, str) or not value.strip():
-            raise ParameterError(self.name, f'{self.name} is {value!r}: give a text')
-        return value
-
-
-Spec = ParameterSpec | TextSpec
-
-SETTING_SPECS: dict[str, Spec] = {
+SETTING_SPECS: dict[str, ParameterSpec] = {
     spec.name: spec
     for spec in (
         ParameterSpec(
@@ -105,15 +84,24 @@ SETTING_SPECS: dict[str, Spec] = {
             True,
         ),
         ParameterSpec('record', 'Record the run to MCAP.', '', None, None, 'bool', False),
-        TextSpec('bag_directory', 'Directory in which every recording makes its own.', 'runs'),
+        ParameterSpec(
+            'bag_directory',
+            'Directory in which every recording makes its own.',
+            '',
+            None,
+            None,
+            'string',
+            'runs',
+        ),
     )
 }
-ALL_SPECS: dict[str, Spec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **SETTING_SPECS}
+ALL_SPECS: dict[str, ParameterSpec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **SETTING_SPECS}
 
 _TYPES = {
     'bool': Parameter.Type.BOOL,
     'double': Parameter.Type.DOUBLE,
     'double_array': Parameter.Type.DOUBLE_ARRAY,
+    'integer': Parameter.Type.INTEGER,
     'string': Parameter.Type.STRING,
 }
 
@@ -186,12 +174,16 @@ class NodeParameters:
         return {**self.rig.as_dict(), **self.initial.as_dict(), **settings}
 
 
-def descriptor(spec: Spec) -> Any:
+def descriptor(spec: ParameterSpec) -> Any:
     """Return the ROS descriptor of a parameter."""
-    ranges = []
+    ranges, whole_ranges = [], []
     if spec.low is not None and spec.high is not None:
-        ranges.append(FloatingPointRange(from_value=spec.low, to_value=spec.high, step=0.0))
-    constraints = ''
+        if spec.kind == 'integer':
+            limits = {'from_value': int(spec.low), 'to_value': int(spec.high), 'step': 1}
+            whole_ranges.append(IntegerRange(**limits))
+        else:
+            ranges.append(FloatingPointRange(from_value=spec.low, to_value=spec.high, step=0.0))
+    constraints = f'One of {", ".join(spec.choices)}.' if spec.choices else ''
     if spec.name in FORCE_ARRAYS:
         others = ' and '.join(name for name in FORCE_ARRAYS if name != spec.name)
         constraints = (
@@ -211,6 +203,7 @@ def descriptor(spec: Spec) -> Any:
         additional_constraints=constraints,
         read_only=spec.name in READ_ONLY,
         floating_point_range=ranges,
+        integer_range=whole_ranges,
     )
 
 
@@ -225,14 +218,19 @@ def _numbers_in(text: str) -> float | list[float] | str:
         return text
 
 
-def _as_meant(spec: Spec, value: Any) -> Any:
+def _as_meant(spec: ParameterSpec, value: Any) -> Any:
     """Return the value as the kind of the parameter, if it can be read so, or unchanged."""
     if spec.kind == 'string':
+        if isinstance(value, bool) and spec.choices:
+            # YAML 1.1 and `ros2 param set` take an unquoted off for false.
+            return 'on' if value else 'off'
         return str(value) if type(value) is int else value
     if spec.kind == 'bool' or isinstance(value, bool):
         return value
     if isinstance(value, str):
         value = _numbers_in(value)
+    if spec.kind == 'integer':
+        return int(value) if isinstance(value, float) and value.is_integer() else value
     if isinstance(value, int):
         value = float(value)
     if spec.kind == 'double_array':

@@ -18,7 +18,7 @@ class OrbitError(ValueError):
 
 def single_harmonic(parameters: RigParameters) -> bool:
     """Return whether the force has no other active harmonic than its first."""
-    return not any(parameters.force_amplitudes[1:])
+    return parameters.multisine_level == 0.0 and not any(parameters.force_amplitudes[1:])
 
 
 def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
@@ -38,6 +38,19 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     OrbitError
         If it is not.
     """
+    if parameters.periodic_force:
+        return
+    lasting = 'periodic motion repeats with the first harmonic of the force'
+    if parameters.multisine_level > 0.0:
+        raise OrbitError(
+            f'multisine_level is {parameters.multisine_level:g} N: {lasting}, give 0, which '
+            'switches the multisine off'
+        )
+    if parameters.sweep_mode != 'off':
+        raise OrbitError(
+            f'sweep_mode is {parameters.sweep_mode!r}: {lasting}, give off, and the frequency '
+            'asked for in force_frequencies'
+        )
     amplitude, first = parameters.force_amplitudes[0], parameters.force_frequencies[0]
     if amplitude == 0.0 or first == 0.0:
         raise OrbitError(
@@ -45,8 +58,6 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
             f'{first:g} rad/s: periodic motion is counted in its cycles, give both different '
             'from 0'
         )
-    if single_harmonic(parameters):
-        return
     if cycles is None:
         raise OrbitError(
             f'the force has {len(parameters.force_amplitudes)} harmonics: the impact equations '

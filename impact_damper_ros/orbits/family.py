@@ -29,6 +29,12 @@ __all__ = [
 
 #: A name for both coefficients of restitution at once.
 BOTH_RESTITUTIONS = 'restitution'
+# Multisine and sweep have no periodic motion.
+_VARIABLE = [
+    name
+    for name, spec in PARAMETER_SPECS.items()
+    if spec.kind in ('double', 'double_array') and not name.startswith(('multisine_', 'sweep_'))
+]
 
 
 def value_of(parameters: RigParameters, name: str) -> float:
@@ -51,10 +57,10 @@ def value_of(parameters: RigParameters, name: str) -> float:
     if name == BOTH_RESTITUTIONS:
         return parameters.restitution_1
     spec = PARAMETER_SPECS.get(name)
-    if spec is None or spec.kind == 'bool':
-        numbers = [n for n, s in PARAMETER_SPECS.items() if s.kind != 'bool']
+    if spec is None or name not in _VARIABLE:
         raise OrbitError(
-            f'{name!r} cannot be varied: give one of {", ".join(numbers)}, or {BOTH_RESTITUTIONS}'
+            f'{name!r} cannot be varied: give one of {", ".join(_VARIABLE)}, or '
+            f'{BOTH_RESTITUTIONS}'
         )
     value = getattr(parameters, name)
     return float(value[0] if isinstance(value, tuple) else value)

@@ -7,7 +7,7 @@ from math import inf
 from .mode import Machine
 from .origin import Origin, offset_of
 
-__all__ = ['changed']
+__all__ = ['changed', 'kept_angles']
 
 
 def regapped(here: Origin, machine: Machine) -> Origin:
@@ -43,7 +43,30 @@ def regapped(here: Origin, machine: Machine) -> Origin:
     )
 
 
-def changed(here: Origin, before: Machine, machine: Machine, shift: float) -> Origin:
+def kept_angles(
+    angles: tuple[float, ...], own: tuple[int, int], lines: tuple[int, int]
+) -> tuple[float, ...]:
+    """
+    Return the angles that harmonics have turned, once their numbers have changed.
+
+    Each keeps its own by its place, in the force arrays or among the lines of the multisine; added
+    ones have turned none.
+
+    Parameters
+    ----------
+    angles : tuple of float
+        The angles before, those of the force arrays first, rad.
+    own, lines : tuple of int
+        Entries of the force arrays and lines of the multisine, before and after.
+    """
+    first = (angles[: own[0]] + (0.0,) * own[1])[: own[1]]
+    others = (angles[own[0] :] + (0.0,) * lines[1])[: lines[1]]
+    return first + others
+
+
+def changed(
+    here: Origin, before: Machine, machine: Machine, shift: float, angles: tuple[float, ...]
+) -> Origin:
     """
     Return the state just after a change, before m hits a stop that has come up to it.
 
@@ -55,16 +78,15 @@ def changed(here: Origin, before: Machine, machine: Machine, shift: float) -> Or
         The rig before and after it.
     shift : float
         By how much X grows because its zero, the static equilibrium, moves, m.
+    angles : tuple of float
+        What the harmonics have turned, rad.
 
     Returns
     -------
     Origin
         The state, its mode still to be found. Stops go to their places if these have changed; else
-        they stay, or go on their way. Harmonics keep the angle they have turned; added ones have
-        turned none.
+        they stay, or go on their way.
     """
-    count = len(machine.phases)
-    angles = (here.angles + (0.0,) * count)[:count]
     if before.stop != machine.stop or before.one_sided != machine.one_sided:
         here = regapped(here, machine)
     return here._replace(x=here.x + shift, angles=angles)

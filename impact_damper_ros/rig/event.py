@@ -27,6 +27,8 @@ class EventKind(IntEnum):
     CROSSING = 7
     #: A moving stop and m have met: the stop stays there until it is moved again.
     STOP_TOUCHED = 8
+    #: A sweep went on to its next frequency.
+    FREQUENCY_STEP = 9
 
 
 class Event(NamedTuple):

@@ -14,12 +14,13 @@ from .contact import NO_EVENT, first_event
 from .crossing import CrossingWatch, sided
 from .event import Event, EventKind, Sample
 from .flight import motion_at
-from .mode import CHATTER_1, Machine, Mode, launch
+from .mode import CHATTER_1, Machine, Mode, launch, make_machine
 from .origin import Origin, carried, offset_of, placed
 from .parameters import RigParameters
 from .phase import advance_time
 from .report import impact_events, make_event, quiet, transition_events
 from .stops import supports
+from .sweep import Sweep, frequency_at
 from .transition import at_rest, moving_mode, resolve, struck
 
 __all__ = ['HybridMotion']
@@ -40,6 +41,8 @@ class HybridMotion:
     _machine: Machine
     _time: float
     _unreported: list[Event]
+    _sweep: Sweep
+    _step_due: float
 
     def snapshot(self) -> dict[str, Any]:
         """Return what the rig's future depends on."""
@@ -103,6 +106,11 @@ class HybridMotion:
     def mode(self) -> Mode:
         """Present mode, after any event at the present time."""
         return Mode(self._origin.mode)
+
+    @property
+    def force_frequency(self) -> float:
+        """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
+        return self._machine.free.frequencies[0]
 
     @property
     def stops(self) -> tuple[float, float]:
@@ -194,9 +202,10 @@ class HybridMotion:
         instant, at_once = -inf, 0
         until, passing = time, False
         while True:
-            if self._due == inf and until >= self._clear:
-                self._search(until)
-            due = self._due
+            stretch = until if until < self._step_due else self._step_due
+            if self._due == inf and stretch >= self._clear:
+                self._search(stretch)
+            due = self._due if self._due <= self._step_due else self._step_due
             if watch and not passing:
                 crossing = self._crossings().after(self._time, min(due, until))
                 if crossing is not None:
@@ -204,7 +213,7 @@ class HybridMotion:
                     until, passing = crossing, True
             if due > until:
                 break
-            events += self._pass_event()
+            events += self._pass_event() if self._due <= due else self._step_frequency()
             if self._origin.time > instant + _AT_ONCE / self._machine.joint.frequency:
                 instant, at_once = self._origin.time, 0
             at_once += 1
@@ -232,6 +241,18 @@ class HybridMotion:
             self._clear = reached - 4.0 * ulp(reached)
         else:
             self._expect(kind, tau)
+
+    def _step_frequency(self) -> list[Event]:
+        """Let the sweep go on to its next frequency, at an exact instant."""
+        instant = self._step_due
+        there = carried(self._origin, self._flight, max(0.0, self._tau(instant)))
+        there = self._sided(there._replace(time=instant, time_low=0.0))
+        self._sweep = Sweep(self._sweep.start, self._sweep.step + 1)
+        self._step_due = self._sweep.due(self._parameters)
+        frequency = frequency_at(self._parameters, self._sweep.step)
+        self._machine = make_machine(self._parameters, frequency)
+        self._begin(there)
+        return [make_event(EventKind.FREQUENCY_STEP, 0, quiet(there))]
 
     def _pass_event(self) -> list[Event]:
         """Let the event that ends the flight happen."""

@@ -21,7 +21,7 @@ from .kernel_cache import compiling_alone
 from .kernels import compiled as compile_kernels
 from .kernels import stamp
 from .mode import Mode, Origin, make_machine
-from .parameters import InitialConditions, RigParameters
+from .parameters import InitialConditions, ParameterError, RigParameters
 from .run_loop import DONE, FULL, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator
 from .snapshot import Snapshot
@@ -139,7 +139,7 @@ class LongRun:
     Raises
     ------
     ParameterError
-        If m would not start between the stops.
+        If m would not start between the stops, or the frequency is to be swept.
     ImportError
         If compiled code is asked for without numba (extra ``compiled``).
 
@@ -168,6 +168,12 @@ class LongRun:
 
     def _take(self, snapshot: dict[str, Any]) -> None:
         self._state = Snapshot.from_dict(snapshot)
+        if self._state.parameters.sweep_mode != 'off':
+            raise ParameterError(
+                'sweep_mode',
+                f'sweep_mode is {self._state.parameters.sweep_mode!r}: a long run keeps its '
+                'frequencies, give off, or let Simulator run the sweep',
+            )
         machine: Any = make_machine(self._state.parameters)
         # One harmonic is compiled as such; any other number of them as arrays, once for all.
         self._arrays = self._compiled and len(machine.phases) != 1
@@ -303,7 +309,7 @@ class LongRun:
             tables.append(table)
         outcome = Outcome(progress.status)
         origin = progress.origin._replace(angles=tuple(map(float, progress.origin.angles)))
-        self._state = Snapshot(state.parameters, origin, progress.time, ())
+        self._state = Snapshot(state.parameters, origin, progress.time, (), state.sweep)
         return Stretch(
             outcome,
             self._reason(outcome, happened, state.time),

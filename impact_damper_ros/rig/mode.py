@@ -103,7 +103,7 @@ class Machine(NamedTuple):
     phases: tuple[float, ...]
 
 
-def make_machine(parameters: RigParameters) -> Machine:
+def make_machine(parameters: RigParameters, frequency: float | None = None) -> Machine:
     """
     Return the kernels' constants of a rig.
 
@@ -111,8 +111,13 @@ def make_machine(parameters: RigParameters) -> Machine:
     ----------
     parameters : RigParameters
         The rig; being validated, it is admissible.
+    frequency : float, optional
+        Circular frequency of the first harmonic, rad/s, if a sweep has another than the rig's.
     """
-    drive = (parameters.force_amplitudes, parameters.force_frequencies)
+    amplitudes, frequencies, phases = parameters.harmonics
+    if frequency is not None:
+        frequencies = (frequency, *frequencies[1:])
+    drive = (amplitudes, frequencies)
     spring = (parameters.stiffness, parameters.damping)
     together = parameters.primary_mass + parameters.damper_mass
     # At 90 degrees, typed as 1.5708 or rounded by pi/2, there is no normal force.
@@ -130,7 +135,7 @@ def make_machine(parameters: RigParameters) -> Machine:
         air=parameters.air_force / parameters.damper_mass,
         stop=0.5 * parameters.gap,
         one_sided=parameters.one_sided,
-        phases=parameters.force_phases,
+        phases=phases,
     )
 
 

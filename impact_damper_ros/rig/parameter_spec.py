@@ -82,6 +82,8 @@ class ParameterSpec(NamedTuple):
             return 'true, false'
         if self.kind == 'string':
             return ', '.join(self.choices) or 'a text'
+        if self.kind == 'integer' and self.low is not None and self.high is not None:
+            return f'{int(self.low)} to {int(self.high)}'
         return f'{self.low:g} to {self.high:g}'
 
     def checked(self, value: Any) -> Value:
@@ -135,11 +137,8 @@ class ParameterSpec(NamedTuple):
     @property
     def _remedy(self) -> str:
         unit = f' {self.unit}' if self.unit else ''
-        if self.kind == 'integer':
-            assert self.low is not None
-            assert self.high is not None
-            return f'give a whole number from {int(self.low)} to {int(self.high)}{unit}'
-        return f'give a number from {self.low:g} to {self.high:g}{unit}'
+        number = 'a whole number' if self.kind == 'integer' else 'a number'
+        return f'give {number} from {self.span}{unit}'
 
     def _text(self, value: Any) -> str:
         if isinstance(value, bool):

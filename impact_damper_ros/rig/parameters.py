@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
+from .multisine import multisine
 from .parameter_spec import (
     MAX_HARMONICS,
     ParameterError,
@@ -21,19 +22,27 @@ from .parameter_spec import (
     bool_field,
     check_fields,
     double_field,
+    integer_field,
     specs_of,
+    string_field,
 )
 
 __all__ = [
     'INITIAL_SPECS',
     'MAX_HARMONICS',
+    'MOST_STEPS',
     'PARAMETER_SPECS',
+    'SWEEP_MODES',
     'InitialConditions',
     'ParameterError',
     'ParameterSpec',
     'RigParameters',
     'Value',
 ]
+
+SWEEP_MODES = ('off', 'up', 'down', 'up_down')
+#: Most steps that a sweep may have from one end to the other.
+MOST_STEPS = 100_000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -91,6 +100,43 @@ class RigParameters:
     force_phases: tuple[float, ...] = array_field(
         0.0, -1e6, 1e6, 'rad', 'Phases of the harmonics of the force on M.'
     )
+    multisine_level: float = double_field(
+        0.0,
+        0.0,
+        1e12,
+        'N',
+        'Effective (rms) force of a random-phase multisine, added to the harmonics; 0 for none.',
+    )
+    multisine_low: float = double_field(
+        0.5, 1e-6, 1e6, 'rad/s', 'Lowest circular frequency of the multisine.'
+    )
+    multisine_high: float = double_field(
+        1.5, 1e-6, 1e6, 'rad/s', 'Highest circular frequency of the multisine.'
+    )
+    multisine_lines: int = integer_field(
+        64, 1, 512, '', 'Number of lines of the multisine, evenly spaced in its band.'
+    )
+    multisine_seed: int = integer_field(
+        1, 0, 2**31 - 1, '', 'Seed of the random phases of the multisine.'
+    )
+    sweep_mode: str = string_field(
+        'off',
+        SWEEP_MODES,
+        'Stepped sine: the way in which the first harmonic goes through the frequencies of the '
+        'sweep, in place of its own one.',
+    )
+    sweep_low: float = double_field(
+        0.5, 1e-6, 1e6, 'rad/s', 'Lowest circular frequency of the sweep.'
+    )
+    sweep_high: float = double_field(
+        1.5, 1e-6, 1e6, 'rad/s', 'Highest circular frequency of the sweep.'
+    )
+    sweep_step: float = double_field(
+        0.01, 1e-9, 1e6, 'rad/s', 'Step of the circular frequency in the sweep.'
+    )
+    sweep_dwell: float = double_field(
+        100.0, 1e-3, 1e9, 's', 'Time for which the sweep stays at each frequency.'
+    )
 
     def __post_init__(self) -> None:
         """Promote and check every field, then what holds between them."""
@@ -112,6 +158,27 @@ class RigParameters:
                 f'{self.damping / critical:.4g}: the rig must be underdamped, give at most '
                 f'{0.9999 * critical:.6g} (0.9999 of 2 sqrt(stiffness primary_mass))',
             )
+        if self.multisine_level > 0.0:
+            self._check_band('multisine')
+        if self.sweep_mode != 'off':
+            self._check_band('sweep')
+            steps = (self.sweep_high - self.sweep_low) / self.sweep_step
+            if steps > MOST_STEPS:
+                least = (self.sweep_high - self.sweep_low) / MOST_STEPS
+                raise ParameterError(
+                    'sweep_step',
+                    f'sweep_step is {self.sweep_step!r} rad/s, {steps:.4g} steps from sweep_low '
+                    f'to sweep_high: give at least {least:.3g} rad/s ({MOST_STEPS} steps)',
+                )
+
+    def _check_band(self, name: str) -> None:
+        low, high = getattr(self, f'{name}_low'), getattr(self, f'{name}_high')
+        if not low < high:
+            raise ParameterError(
+                f'{name}_high',
+                f'{name}_low is {low!r} rad/s and {name}_high {high!r} rad/s: give {name}_high '
+                f'more than {low:g} rad/s or {name}_low less than {high:g} rad/s, or both at once',
+            )
 
     def replace(self, **changes: Any) -> RigParameters:
         """
@@ -130,6 +197,37 @@ class RigParameters:
     def as_dict(self) -> dict[str, Value]:
         """Return name and value of every parameter."""
         return {name: cast(Value, getattr(self, name)) for name in PARAMETER_SPECS}
+
+    @property
+    def harmonics(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+        """
+        All harmonics of the force: amplitudes (N), circular frequencies (rad/s) and phases (rad).
+
+        Those of the force arrays come first, then the lines of the multisine. A sweep is left out:
+        it changes the first frequency on the way.
+        """
+        own = self.force_amplitudes, self.force_frequencies, self.force_phases
+        if self.multisine_level == 0.0:
+            return own
+        lines = multisine(
+            self.multisine_level,
+            self.multisine_low,
+            self.multisine_high,
+            self.multisine_lines,
+            self.multisine_seed,
+        )
+        return own[0] + lines[0], own[1] + lines[1], own[2] + lines[2]
+
+    @property
+    def periodic_force(self) -> bool:
+        """Whether the force is one lasting harmonic, as the theory of periodic motion assumes."""
+        return (
+            self.force_amplitudes[0] != 0.0
+            and self.force_frequencies[0] != 0.0
+            and not any(self.force_amplitudes[1:])
+            and self.multisine_level == 0.0
+            and self.sweep_mode == 'off'
+        )
 
     @property
     def omega(self) -> float:

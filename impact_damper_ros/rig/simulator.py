@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from .change import changed
+from .change import changed, kept_angles
 from .event import Event, EventKind
 from .hybrid_motion import HybridMotion
 from .mode import STICK, Machine, make_machine
@@ -14,6 +14,7 @@ from .parameters import InitialConditions, RigParameters
 from .report import make_event, quiet, support_events
 from .snapshot import Snapshot
 from .stops import Outcome, check_command, commanded, supports
+from .sweep import SWEEP_FIELDS, Sweep, frequency_at
 
 __all__ = ['Simulator']
 
@@ -51,7 +52,8 @@ class Simulator(HybridMotion):
         time: float = 0.0,
     ) -> None:
         """Start the rig."""
-        self._start(parameters, make_machine(parameters), initial or InitialConditions(), time)
+        machine = make_machine(parameters, frequency_at(parameters, 0))
+        self._start(parameters, machine, initial or InitialConditions(), time)
 
     def _start(
         self,
@@ -74,7 +76,7 @@ class Simulator(HybridMotion):
             clearance_2=inf if machine.one_sided else half + offset,
             stop_1=half,
             stop_2=-half,
-            angles=(0.0,) * len(parameters.force_phases),
+            angles=(0.0,) * len(machine.phases),
             last_stop=0,
             released=False,
             chatter_left=0.0,
@@ -84,6 +86,8 @@ class Simulator(HybridMotion):
         self._parameters = parameters
         self._machine = machine
         self._time = time
+        self._sweep = Sweep.begun(parameters, time)
+        self._step_due = self._sweep.due(parameters)
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported = self._begin_all(origin)
 
@@ -104,7 +108,8 @@ class Simulator(HybridMotion):
         Notes
         -----
         The angle turned by each harmonic is continuous, so that a change of frequency does not
-        jump the force; an added harmonic starts at its phase. The position of M in the laboratory
+        jump the force; an added harmonic starts at its phase. A change of the sweep's parameters
+        starts it anew, any other leaves it where it is. The position of M in the laboratory
         is continuous where its static deflection changes.
 
         Another `gap` or `one_sided` sends both stops to half the gap from the middle, at once, and
@@ -113,14 +118,21 @@ class Simulator(HybridMotion):
         """
         if parameters == self._parameters:
             return []
-        machine = make_machine(parameters)
-        shift = self._parameters.static_deflection - parameters.static_deflection
+        before = self._parameters
+        if any(getattr(parameters, name) != getattr(before, name) for name in SWEEP_FIELDS):
+            self._sweep = Sweep.begun(parameters, self._time)
+        machine = make_machine(parameters, frequency_at(parameters, self._sweep.step))
+        shift = before.static_deflection - parameters.static_deflection
         here = self._here()
         if shift == 0.0:
             here = self._sided(here)
-        origin = changed(here, self._machine, machine, shift)
+        own = len(before.force_phases), len(parameters.force_phases)
+        lines = len(self._machine.phases) - own[0], len(machine.phases) - own[1]
+        angles = kept_angles(here.angles, own, lines)
+        origin = changed(here, self._machine, machine, shift, angles)
         self._parameters = parameters
         self._machine = machine
+        self._step_due = self._sweep.due(parameters)
         return self._begin_all(origin)
 
     def move_stops(
@@ -180,14 +192,16 @@ class Simulator(HybridMotion):
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """
-        Put the rig back to its initial conditions; the force starts anew, time goes on.
+        Put the rig back to its initial conditions; force and sweep start anew, time goes on.
 
         Raises
         ------
         ParameterError
             If m would not start between the stops; the rig then runs on as before.
         """
-        self._start(self._parameters, self._machine, initial or InitialConditions(), self._time)
+        parameters = self._parameters
+        machine = make_machine(parameters, frequency_at(parameters, 0))
+        self._start(parameters, machine, initial or InitialConditions(), self._time)
 
     def snapshot(self) -> dict[str, Any]:
         """
@@ -200,7 +214,7 @@ class Simulator(HybridMotion):
             through JSON without loss.
         """
         return Snapshot(
-            self._parameters, self._origin, self._time, tuple(self._unreported)
+            self._parameters, self._origin, self._time, tuple(self._unreported), self._sweep
         ).as_dict()
 
     @classmethod
@@ -216,7 +230,10 @@ class Simulator(HybridMotion):
         state = Snapshot.from_dict(snapshot)
         rig = cls.__new__(cls)
         rig._parameters = state.parameters
-        rig._machine = make_machine(state.parameters)
+        rig._sweep = state.sweep
+        rig._step_due = state.sweep.due(state.parameters)
+        frequency = frequency_at(state.parameters, state.sweep.step)
+        rig._machine = make_machine(state.parameters, frequency)
         rig._time = state.time
         rig._unreported = list(state.unreported)
         rig._begin(state.origin)

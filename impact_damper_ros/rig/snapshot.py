@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 from .event import Event, EventKind
 from .origin import Origin
 from .parameters import RigParameters
+from .sweep import Sweep
 
 __all__ = ['FORMATS', 'Snapshot', 'upgraded']
 
 _FORMAT = 2
-#: Formats that can be read. The first knew neither stops that move nor the side of X.
+#: Formats that can be read. The first knew neither stops that move nor sweeps.
 FORMATS = (1, 2)
 
 
@@ -30,12 +31,15 @@ class Snapshot(NamedTuple):
         Time reached, s; the flight's origin may be earlier.
     unreported : tuple of Event
         Events of the very start that have not been reported yet.
+    sweep : Sweep
+        How far the sweep has come.
     """
 
     parameters: RigParameters
     origin: Origin
     time: float
     unreported: tuple[Event, ...]
+    sweep: Sweep
 
     def as_dict(self) -> dict[str, Any]:
         """Return the snapshot as numbers, texts, lists and dictionaries."""
@@ -48,6 +52,7 @@ class Snapshot(NamedTuple):
             'time': self.time,
             'origin': {**origin, 'angles': list(self.origin.angles)},
             'unreported': [list(event) for event in self.unreported],
+            'sweep': self.sweep._asdict(),
             'parameters': {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in self.parameters.as_dict().items()
@@ -84,6 +89,8 @@ class Snapshot(NamedTuple):
                     Event(event[0], EventKind(event[1]), *event[2:])
                     for event in stored.get('unreported', [])
                 ),
+                # The first format knew no sweep; nor does one that is off begin anywhere.
+                sweep=Sweep(**stored.get('sweep', {'start': 0.0})),
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f'snapshot is not complete: {error}') from error

@@ -12,6 +12,7 @@ TYPES = {
     'bool': ParameterType.PARAMETER_BOOL,
     'double': ParameterType.PARAMETER_DOUBLE,
     'double_array': ParameterType.PARAMETER_DOUBLE_ARRAY,
+    'integer': ParameterType.PARAMETER_INTEGER,
     'string': ParameterType.PARAMETER_STRING,
 }
 
@@ -26,7 +27,8 @@ def test_every_parameter_is_declared_and_described(rig):
         assert spec.unit in described.description
         assert described.read_only == (spec.name in READ_ONLY)
         if spec.low is not None:
-            (limits,) = described.floating_point_range
+            ranges = described.integer_range or described.floating_point_range
+            (limits,) = ranges
             assert (limits.from_value, limits.to_value) == (spec.low, spec.high)
 
 
@@ -41,6 +43,11 @@ def test_every_parameter_is_declared_and_described(rig):
         ('force_amplitudes', 7, [7.0]),
         ('force_amplitudes', 7.5, [7.5]),
         ('bag_directory', 'elsewhere', 'elsewhere'),
+        ('multisine_lines', 37.0, 37),
+        ('multisine_lines', '12', 12),
+        ('multisine_level', 1, 1.0),
+        ('sweep_mode', 'up', 'up'),
+        ('sweep_mode', False, 'off'),
     ],
 )
 def test_accepted_values_are_stored(rig, name, given, stored):
@@ -64,6 +71,9 @@ def test_accepted_values_are_stored(rig, name, given, stored):
         ('publish_clock', True, ['fixed', 'start']),
         ('stifness', 1.0, ['did you mean stiffness?']),
         ('bag_directory', '', ['bag_directory']),
+        ('multisine_lines', 12.5, ['12.5', 'whole number from 1 to 512']),
+        ('multisine_lines', 513, ['513', 'from 1 to 512']),
+        ('sweep_mode', 'sideways', ["'sideways'", 'off, up, down, up_down']),
     ],
 )
 def test_rejected_values_are_explained_and_change_nothing(rig, name, given, words):

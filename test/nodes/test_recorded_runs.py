@@ -39,6 +39,7 @@ def value_of(parameter):
     value = parameter.value
     field = {
         1: 'bool_value',
+        2: 'integer_value',
         3: 'double_value',
         4: 'string_value',
         8: 'double_array_value',
@@ -107,7 +108,20 @@ def test_a_run_is_reproduced_from_its_bag(rig, tmp_path):
         {'restitution_1': 0.6, 'restitution_2': 0.8},
         {'force_amplitudes': [10.0, 1.0]},
         {'force_frequencies': [31.0, 50.0]},
-        {'gap': 0.004},
+        {
+            'multisine_level': 1,
+            'multisine_low': 20.0,
+            'multisine_high': 60.0,
+            'multisine_lines': 6.0,
+        },
+        {
+            'sweep_mode': 'up_down',
+            'sweep_low': 28.1,
+            'sweep_high': 34,
+            'sweep_step': 0.5,
+            'sweep_dwell': 0.02,
+        },
+        {'gap': 0.004, 'multisine_seed': 5},
         {'angle': 0.3},
     ):
         assert rig.parameters.set_atomically(**change) == ''
@@ -144,6 +158,9 @@ def test_a_run_is_reproduced_from_its_bag(rig, tmp_path):
     assert len(recorded) >= 10
     assert final.parameters.gap == 0.004
     assert final.parameters.force_amplitudes == (10.0, 1.0)
+    assert final.parameters.multisine_lines == 6
+    assert final.parameters.sweep_mode == 'up_down'
+    assert final.force_frequency != 31.0
     # What was published is what was logged.
     logged = {stamp_of(m.header.stamp): m for m in bag.messages('/joint_states')}
     heard = [m for m in list(rig.states) if stamp_ns(m.header.stamp) in logged]

@@ -46,6 +46,15 @@ def objection(parameters, **values):
         ('bag_directory', 2024, '2024'),
         ('bag_directory', 'runs/a', 'runs/a'),
         ('state_rate', 500, 500.0),
+        ('multisine_lines', 37, 37),
+        ('multisine_lines', 37.0, 37),
+        ('multisine_lines', '37', 37),
+        ('multisine_lines', '1e2', 100),
+        ('multisine_lines', 37.5, 37.5),
+        ('multisine_lines', 'many', 'many'),
+        ('multisine_level', 2, 2.0),
+        ('sweep_mode', 'up', 'up'),
+        ('sweep_mode', False, 'off'),
     ],
 )
 def test_values_are_read_as_they_are_meant(name, given, meant):
@@ -126,6 +135,10 @@ def test_what_is_not_finite_is_rejected_everywhere(name, value):
         (Parameter('bag_directory', value=' '), ['bag_directory']),
         (Parameter('initial_damper_offset', value=20.0), ['from -18.5 to 18.5 m']),
         (Parameter('force_amplitudes', Type.BOOL_ARRAY, []), ['0 entries']),
+        (Parameter('multisine_lines', value=37.5), ['37.5', 'whole number from 1 to 512']),
+        (Parameter('multisine_lines', value=0), ['multisine_lines', 'from 1 to 512']),
+        (Parameter('sweep_mode', value='fast'), ["'fast'", 'one of off, up, down, up_down']),
+        (Parameter('sweep_mode', value=3), ["'3'", 'one of off, up, down, up_down']),
     ],
 )
 def test_an_objection_names_value_range_and_remedy(parameter, words):
@@ -196,7 +209,14 @@ def test_descriptors_say_it_all(name):
     assert made.description.startswith(spec.description)
     assert (f'Unit: {spec.unit}.' in made.description) == bool(spec.unit)
     assert made.read_only == (name in ('state_rate', 'real_time_factor', 'publish_clock'))
+    if spec.choices:
+        assert made.additional_constraints.startswith(f'One of {", ".join(spec.choices)}.')
     if spec.low is None:
+        assert not made.floating_point_range
+        assert not made.integer_range
+    elif spec.kind == 'integer':
+        (limits,) = made.integer_range
+        assert (limits.from_value, limits.to_value, limits.step) == (spec.low, spec.high, 1)
         assert not made.floating_point_range
     else:
         (limits,) = made.floating_point_range

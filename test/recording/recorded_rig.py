@@ -28,7 +28,7 @@ NOTES = {
     'impacts': '/impacts',
     'snapshot': '/snapshot',
 }
-KINDS = {bool: 1, float: 3, str: 4, tuple: 8}
+KINDS = {bool: 1, int: 2, float: 3, str: 4, tuple: 8}
 
 
 class RecordedRig:

@@ -12,8 +12,10 @@ from recording.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
 from impact_damper_ros.recording import RecordingError, RunWriter
 from impact_damper_ros.recording.cdr import CdrError
 from impact_damper_ros.recording.joint_state_bytes import JointStateBytes, header_ns
+from impact_damper_ros.recording.messages import decode
 from impact_damper_ros.recording.replay import Replay
 from impact_damper_ros.recording.replay_findings import Verdict
+from impact_damper_ros.recording.rig_messages import parameter_event
 from impact_damper_ros.recording.run_history import RunHistory
 from impact_damper_ros.recording.what_if import WhatIf
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, Simulator
@@ -74,6 +76,80 @@ def test_random_histories_come_out_bit_for_bit(tmp_path, seed):
     assert not findings.remarks
     assert not findings.faults
     assert not findings.gap_count
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_excitation_changed_on_the_way(tmp_path, seed):
+    """Multisine and sweep, switched live and in the middle of a sweep, a reset among them."""
+    rng = random.Random(seed)
+    rig = RecordedRig().start().run(50)
+    for _ in range(10):
+        request = rng.choice(
+            [
+                ('change', {'multisine_level': rng.choice([0.0, 2.0])}),
+                ('change', {'multisine_lines': rng.randrange(1, 12), 'multisine_seed': 3}),
+                ('change', {'multisine_low': 20.0, 'multisine_high': rng.uniform(25.0, 60.0)}),
+                (
+                    'change',
+                    {
+                        'sweep_mode': rng.choice(['off', 'up', 'down', 'up_down']),
+                        'sweep_low': 20.0,
+                        'sweep_high': 40.0,
+                        'sweep_step': 1.0,
+                        'sweep_dwell': rng.choice([0.01, 0.0137]),
+                    },
+                ),
+                ('change', {'gap': rng.uniform(0.005, 0.02)}),
+                ('change', {'friction': rng.choice([0.0, 0.1])}),
+                ('reset', None),
+            ]
+        )
+        # The band first, so that it is one at every change
+        if 'multisine_level' in (request[1] or {}):
+            rig.run(1, ('change', {'multisine_low': 20.0, 'multisine_high': 50.0}))
+        rig.run(rng.randrange(5, 40), request)
+    findings = replayed(rig.save(tmp_path / 'bag'))
+    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.samples == len(places(rig.messages, '/joint_states'))
+    assert not findings.faults
+    assert not findings.remarks
+
+
+def of_version_0_1(messages):
+    """Return the messages as they were before stops moved and frequencies were swept."""
+    new = ('multisine_', 'sweep_')
+    old = []
+    for topic, content, stamp in messages:
+        if topic == '/snapshot':
+            text = json.loads(content[8:-1])
+            state = text['state']
+            state['format'] = 1
+            del state['sweep']
+            names = ['target_1', 'target_2', 'stop_velocity_1', 'stop_velocity_2', 'side']
+            for name in names:
+                del state['origin'][name]
+            parameters = state['parameters']
+            state['parameters'] = {n: v for n, v in parameters.items() if not n.startswith(new)}
+            message = samples.make(samples.STRING, json.dumps(text))
+            content = samples.serialise(samples.STRING, message)
+        elif topic == '/parameter_events':
+            event = decode(samples.PARAMETER_EVENT, content)
+            if event.new_parameters:
+                listed = {p.name: p.value for p in event.new_parameters}
+                listed = {n: v for n, v in listed.items() if not n.startswith(new)}
+                content = parameter_event(event.stamp_ns, event.node, listed, new=True)
+        old.append((topic, content, stamp))
+    return old
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_bags_of_version_0_1_are_replayed(tmp_path, seed):
+    rig = random_run(seed, ticks=200)
+    messages = of_version_0_1(rig.messages)
+    assert all(b'sweep' not in content for _, content, _ in messages)
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.snapshots == len(places(messages, '/snapshot'))
 
 
 @pytest.mark.parametrize('seed', range(6))

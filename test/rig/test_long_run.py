@@ -110,7 +110,7 @@ def test_stops_on_their_way(compiled):
             end = run.time + rng.uniform(0.0, 3.0)
             stretch = assert_same(run, rig, np.linspace(run.time, end, 5))
             kinds |= set(stretch.events['kind'].tolist())
-    assert kinds >= set(EventKind) - {EventKind.CROSSING}
+    assert kinds >= set(EventKind) - {EventKind.CROSSING, EventKind.FREQUENCY_STEP}
 
 
 def test_sides_of_x_are_taken_along(compiled):

@@ -87,6 +87,11 @@ def test_spec_is_complete(spec):
         assert spec.low is None
         assert spec.high is None
         assert spec.default is False
+        assert spec.span == 'true, false'
+        return
+    if spec.kind == 'string':
+        assert spec.default in spec.choices
+        assert spec.span == ', '.join(spec.choices)
         return
     assert math.isfinite(spec.low)
     assert math.isfinite(spec.high)
@@ -112,6 +117,16 @@ def test_defaults_are_the_papers_basic_rig():
         'force_amplitudes': (1.0,),
         'force_frequencies': (1.0,),
         'force_phases': (0.0,),
+        'multisine_level': 0.0,
+        'multisine_low': 0.5,
+        'multisine_high': 1.5,
+        'multisine_lines': 64,
+        'multisine_seed': 1,
+        'sweep_mode': 'off',
+        'sweep_low': 0.5,
+        'sweep_high': 1.5,
+        'sweep_step': 0.01,
+        'sweep_dwell': 100.0,
     }
     assert list(RigParameters().as_dict()) == list(PARAMETER_SPECS)
     assert InitialConditions().as_dict() == dict.fromkeys(INITIAL_SPECS, 0.0)
@@ -145,6 +160,59 @@ def test_numpy_values():
 def test_bool_takes_only_bools(value):
     with pytest.raises(ParameterError, match=r'one_sided is .*true or false'):
         RigParameters(one_sided=value)
+
+
+@pytest.mark.parametrize('given', [37, 37.0, np.int32(37), np.float64(37.0)])
+def test_integers_take_whole_numbers(given):
+    lines = RigParameters(multisine_lines=given).multisine_lines
+    assert lines == 37
+    assert type(lines) is int
+
+
+@pytest.mark.parametrize('given', [0, 513, 37.5, math.nan, math.inf, True, '37', None, [37]])
+def test_integers_take_nothing_else(given):
+    with pytest.raises(ParameterError, match=r'multisine_lines is .*whole number from 1 to 512'):
+        RigParameters(multisine_lines=given)
+
+
+def test_texts_are_choices():
+    for mode in ('off', 'up', 'down', 'up_down'):
+        assert RigParameters(sweep_mode=mode).sweep_mode == mode
+    # What YAML makes of an unquoted off
+    assert RigParameters(sweep_mode=False).sweep_mode == 'off'
+    for given in ('sideways', '', True, None, 1, ['up'], b'up'):
+        with pytest.raises(ParameterError, match=r'sweep_mode is .*one of off, up, down, up_down'):
+            RigParameters(sweep_mode=given)
+
+
+@pytest.mark.parametrize(
+    ('values', 'name', 'words'),
+    [
+        (
+            {'multisine_level': 0.1, 'multisine_low': 2.0},
+            'multisine_high',
+            ['multisine_low is 2.0 rad/s', 'multisine_high 1.5 rad/s', 'more than 2', 'both'],
+        ),
+        (
+            {'sweep_mode': 'up', 'sweep_high': 0.5},
+            'sweep_high',
+            ['sweep_low is 0.5 rad/s', 'sweep_high 0.5 rad/s', 'less than 0.5'],
+        ),
+        (
+            {'sweep_mode': 'down', 'sweep_step': 1e-6},
+            'sweep_step',
+            ['sweep_step is 1e-06 rad/s', '1e+06 steps', 'at least 1e-05 rad/s'],
+        ),
+    ],
+)
+def test_excitation_is_judged_as_a_whole(values, name, words):
+    with pytest.raises(ParameterError) as caught:
+        RigParameters(**values)
+    assert caught.value.name == name
+    assert all(word in str(caught.value) for word in words)
+    # Switched off, the numbers can be set one by one.
+    off = {n: v for n, v in values.items() if n not in ('multisine_level', 'sweep_mode')}
+    RigParameters(**off)
 
 
 @pytest.mark.parametrize('name', ['force_frequencies', 'force_phases'])
@@ -319,14 +387,24 @@ class TestParametersFile:
         text = f'/**:\n  ros__parameters:\n    damping: {number}\n'
         assert self.load(tmp_path, text)[0].damping == 0.001
 
+    def test_integers_and_texts(self, tmp_path):
+        text = (
+            '/**:\n  ros__parameters:\n    multisine_lines: 37.0\n    multisine_level: 2\n'
+            '    multisine_seed: 5\n    sweep_mode: off\n'
+        )
+        rig = self.load(tmp_path, text)[0]
+        assert (rig.multisine_lines, rig.multisine_level, rig.multisine_seed) == (37, 2.0, 5)
+        assert rig.sweep_mode == 'off'
+        assert self.load(tmp_path, text.replace('off', 'up'))[0].sweep_mode == 'up'
+
     def test_empty_block_gives_defaults(self, tmp_path):
         assert self.load(tmp_path, '/**:\n  ros__parameters:\n')[0] == RigParameters()
 
     def test_known_names_pass(self, tmp_path):
-        text = '/**:\n  ros__parameters:\n    gap_control: off\n'
-        with pytest.raises(ParametersFileError, match='unknown parameter gap_control'):
+        text = '/**:\n  ros__parameters:\n    colour_of_m: red\n'
+        with pytest.raises(ParametersFileError, match='unknown parameter colour_of_m'):
             self.load(tmp_path, text)
-        assert 'gap_control' in self.load(tmp_path, text, known=('gap_control',))[2]
+        assert 'colour_of_m' in self.load(tmp_path, text, known=('colour_of_m',))[2]
 
     def test_unknown_name_has_a_hint(self, tmp_path):
         with pytest.raises(ParametersFileError, match='gapp: did you mean gap') as caught:
