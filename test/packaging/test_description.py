@@ -39,10 +39,11 @@ def test_presets_state_every_parameter_of_the_rig(path):
     given = document['/**']['ros__parameters']
     assert set(PARAMETER_SPECS) <= set(given)
     # A parameters file is typed: 1 instead of 1.0 would be an integer to ROS.
-    for name in PARAMETER_SPECS:
+    types = {'bool': bool, 'integer': int, 'string': str}
+    for name, spec in PARAMETER_SPECS.items():
         value = given[name]
         for entry in value if isinstance(value, list) else [value]:
-            assert isinstance(entry, (float, bool)), name
+            assert type(entry) is types.get(spec.kind, float), name
 
 
 def test_paper_preset_is_the_default_rig_with_the_gravity_of_figure_2():
