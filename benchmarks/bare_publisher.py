@@ -3,24 +3,31 @@ A bare rclpy publisher of the rig's joint states: what the node is compared with
 
 It publishes the same message with the same quality of service at the same rate, and computes
 nothing. `thread` paces by a thread with absolute deadlines on the monotonic clock, `timer` by an
-rclpy timer, as most people would write it.
+rclpy timer, as most people would write it. `bytes` is `thread` without the serialisation: it
+fills stamp and one number into bytes that it has, which is the least that a publisher can do.
 
     python benchmarks/bare_publisher.py thread 1000
 """
 
 from __future__ import annotations
 
+import struct
 import sys
 import threading
 import time
+from collections.abc import Callable
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
+STAMP, NUMBER = struct.Struct('<iI'), struct.Struct('<d')
+# Found again in the serialised message
+MARK = 1.2345
 
 
 class BarePublisher(Node):
@@ -29,8 +36,8 @@ class BarePublisher(Node):
 
     Parameters
     ----------
-    pace : {'thread', 'timer'}
-        What paces it.
+    pace : {'thread', 'timer', 'bytes'}
+        What paces it, and whether it serialises.
     rate : float
         Messages per second.
     """
@@ -40,12 +47,24 @@ class BarePublisher(Node):
         super().__init__('bare_publisher')
         self.out = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=100))
         self.message = JointState(name=list(JOINTS))
+        self.message.position = [MARK, 0.2, 0.3, 0.4]
+        self.message.velocity = [0.1, 0.3, 0.1, 0.1]
+        self.buffer = bytearray(serialize_message(self.message))
+        self.first = self.buffer.index(NUMBER.pack(MARK))
         self.period_ns = round(1e9 / rate)
         self.going = True
         if pace == 'timer':
             self.create_timer(self.period_ns * 1e-9, self.publish)
         else:
-            threading.Thread(target=self.pace, daemon=True).start()
+            publish = self.publish_bytes if pace == 'bytes' else self.publish
+            threading.Thread(target=self.pace, args=(publish,), daemon=True).start()
+
+    def publish_bytes(self) -> None:
+        """Publish one message that is serialised but for its stamp and first position."""
+        stamp_ns = time.time_ns()
+        STAMP.pack_into(self.buffer, 4, *divmod(stamp_ns, 10**9))
+        NUMBER.pack_into(self.buffer, self.first, stamp_ns % 10**9 * 1e-9)
+        self.out.publish(bytes(self.buffer))
 
     def publish(self) -> None:
         """Publish one message with fresh values."""
@@ -57,7 +76,7 @@ class BarePublisher(Node):
         self.message.velocity = [x, 0.3, x, x]
         self.out.publish(self.message)
 
-    def pace(self) -> None:
+    def pace(self, publish: Callable[[], None]) -> None:
         """Publish at absolute deadlines."""
         deadline_ns = time.monotonic_ns()
         while self.going:
@@ -65,7 +84,7 @@ class BarePublisher(Node):
             if (left_ns := deadline_ns - time.monotonic_ns()) > 0:
                 time.sleep(left_ns * 1e-9)
             try:
-                self.publish()
+                publish()
             except Exception:
                 if self.context.ok():
                     raise
@@ -75,8 +94,8 @@ class BarePublisher(Node):
 def main() -> int:
     """Publish until told to end."""
     pace, rate = sys.argv[1], float(sys.argv[2])
-    if pace not in ('thread', 'timer'):
-        raise SystemExit(f'unknown pace {pace!r}: thread or timer')
+    if pace not in ('thread', 'timer', 'bytes'):
+        raise SystemExit(f'unknown pace {pace!r}: thread, timer or bytes')
     rclpy.init()
     node = BarePublisher(pace, rate)
     try:

@@ -1,5 +1,5 @@
 """
-CPU share, period jitter and start-up time of `sim_node` against bare rclpy publishers.
+CPU share, period jitter, start-up time and memory of `sim_node` against bare rclpy publishers.
 
 Every candidate is a process of its own that publishes joint_states; this one subscribes, in the
 same way to all of them, and measures from outside. The candidates take turns within one run.
@@ -37,18 +37,22 @@ from node_process import (
     running,
     say,
 )
+from node_recording import hour_text, measure_hour, measure_writing, writing_text
 
 RECORDING = 'sim_node, recording'
 #: Compared with; the first.
 BASE = 'bare, thread'
-PARTS = ('running', 'start', 'changes')
-CANDIDATES = (BASE, 'bare, rclpy timer', 'sim_node', RECORDING)
+#: The same without serialising anything.
+BYTES = 'bare, bytes'
+PARTS = ('running', 'start', 'changes', 'writing', 'hour')
+PACES = {BASE: 'thread', 'bare, rclpy timer': 'timer', BYTES: 'bytes'}
+CANDIDATES = (*PACES, 'sim_node', RECORDING)
 
 
 def command(candidate: str, rate: int, bags: Path) -> list[str]:
     """Return what starts a candidate."""
-    if candidate.startswith('bare'):
-        return bare_command('thread' if candidate == BASE else 'timer', rate)
+    if candidate in PACES:
+        return bare_command(PACES[candidate], rate)
     if candidate == RECORDING:
         return node_command(rate, record=True, bag_directory=bags)
     return node_command(rate)
@@ -98,9 +102,11 @@ def medians(rounds: list[dict[str, float]]) -> dict[str, float]:
     return {key: median(r[key] for r in rounds) for key in rounds[0]}
 
 
-def against_base(rounds: dict[str, list[dict[str, float]]], candidate: str, key: str) -> float:
-    """Return the median over the rounds of the ratio to the base in the same round."""
-    pairs = zip(rounds[candidate], rounds[BASE], strict=True)
+def against(
+    base: str, rounds: dict[str, list[dict[str, float]]], candidate: str, key: str
+) -> float:
+    """Return the median over the rounds of the ratio to another one in the same round."""
+    pairs = zip(rounds[candidate], rounds[base], strict=True)
     return median(a[key] / b[key] if b[key] else float('nan') for a, b in pairs)
 
 
@@ -109,7 +115,8 @@ def summary(rounds: dict[str, list[dict[str, float]]], keys: tuple[str, ...]) ->
     return {
         name: {
             **medians(rounds[name]),
-            'ratios': {key: against_base(rounds, name, key) for key in keys},
+            'ratios': {key: against(BASE, rounds, name, key) for key in keys},
+            'to_bytes': {key: against(BYTES, rounds, name, key) for key in keys},
             'rounds': rounds[name],
         }
         for name in rounds
@@ -124,13 +131,14 @@ def running_text(results: dict[str, Any]) -> str:
             '',
             f'{rate} Hz, {results["seconds"]:g} s each, median of {results["rounds"]} rounds '
             'in turns',
-            f'  {"":20}{"CPU":>8}{"ratio":>7}{"rate":>9}'
+            f'  {"":20}{"CPU":>8}{"ratio":>7}{"to bytes":>10}{"rate":>9}'
             f'{"|period - nominal|: p50":>25}{"p99":>8}{"max":>8}{"p99 ratio":>11}'
             f'{"least p99":>11}{"lost":>6}',
         ]
         for name, row in rows.items():
             lines.append(
                 f'  {name:20}{row["cpu_percent"]:>6.1f} %{row["ratios"]["cpu_percent"]:>7.2f}'
+                f'{row["to_bytes"]["cpu_percent"]:>10.2f}'
                 f'{row["rate"]:>9.2f}{row["p50_us"]:>22.0f} us{row["p99_us"]:>8.0f}'
                 f'{row["max_us"]:>8.0f}{row["ratios"]["p99_us"]:>11.2f}'
                 f'{min(r["p99_us"] for r in row["rounds"]):>11.0f}'
@@ -205,6 +213,15 @@ def measure(arguments: argparse.Namespace, bags: Path) -> tuple[dict[str, Any], 
     if 'changes' in arguments.only:
         results['changes'] = measure_changes(listener, arguments.rates[-1], seconds, rounds)
         texts.append(changes_text(results['changes']))
+    if 'writing' in arguments.only:
+        rate = arguments.rates[-1]
+        results['writing'] = measure_writing(listener, rate, seconds, rounds, bags)
+        texts.append(writing_text(results['writing']))
+    if 'hour' in arguments.only:
+        # Some four minutes at 1 kHz
+        rate = arguments.rates[0] if quick else arguments.rates[-1]
+        results['hour'] = measure_hour(listener, rate, bags)
+        texts.append(hour_text(results['hour']))
     texts.append(
         f'\nratio: to "{BASE}" in the same round, median, unless told otherwise. CPU in per cent '
         'of one core. lost: in all rounds.\n'

@@ -86,7 +86,7 @@ class Listener:
 
 
 def bare_command(pace: str, rate: int) -> list[str]:
-    """Return what starts the bare publisher, paced by a `thread` or a `timer`."""
+    """Return what starts the bare publisher, with a pace that it knows."""
     return [sys.executable, str(HERE / 'bare_publisher.py'), pace, str(rate)]
 
 
@@ -124,6 +124,24 @@ def cpu_seconds(pid: int) -> float:
     # The name in parentheses may hold spaces; the times are fields 14 to 17.
     fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
     return sum(map(int, fields[11:15])) / TICKS_PER_S
+
+
+def thread_seconds(pid: int) -> dict[int, float]:
+    """Return the CPU time of each thread of a process, in its order of creation."""
+    found = {}
+    for task in sorted(Path(f'/proc/{pid}/task').iterdir(), key=lambda path: int(path.name)):
+        # In nanoseconds, unlike the ticks of `stat`
+        with contextlib.suppress(FileNotFoundError):
+            found[int(task.name)] = int((task / 'schedstat').read_text().split()[0]) * 1e-9
+    return found
+
+
+def anonymous_kib(pid: int) -> int:
+    """Return the memory of a process that is its own and not a file's, KiB."""
+    for line in Path(f'/proc/{pid}/status').read_text().splitlines():
+        if line.startswith('RssAnon:'):
+            return int(line.split()[1])
+    raise ValueError(f'process {pid} has no memory')
 
 
 def quantile(ordered: list[float], share: float) -> float:

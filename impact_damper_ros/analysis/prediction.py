@@ -107,12 +107,12 @@ def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
     Parameters
     ----------
     rig : Simulator or ControlledRig
-        The rig; its first harmonic must turn.
+        The rig; the first harmonic of its force must turn, and last.
     most_cycles : int, optional
         Where to give up, in cycles of the force.
     """
-    began, turned = rig.time, turned_cycles(rig.snapshot())
-    cycle = math.tau / rig.parameters.force_frequencies[0]
+    frequency = rig.parameters.force_frequencies[0]
+    began, turned, cycle = rig.time, turned_cycles(rig.snapshot(), frequency), math.tau / frequency
     instants: list[float] = []
     impacts: list[Event] = []
     total, looked, rhythm, hits = 0, 0, None, False

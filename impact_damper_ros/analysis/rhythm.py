@@ -294,9 +294,17 @@ def _beginning(stops: Sequence[int], count: int) -> int:
     return total - count
 
 
-def turned_cycles(snapshot: Mapping[str, Any]) -> float:
-    """Return the angle of the force's first harmonic at a rig's snapshot, in cycles."""
+def turned_cycles(snapshot: Mapping[str, Any], frequency: float) -> float:
+    """
+    Return the angle of the force's first harmonic at a rig's snapshot, in cycles.
+
+    Parameters
+    ----------
+    snapshot : mapping
+        The snapshot.
+    frequency : float
+        The frequency that the first harmonic has there, rad/s.
+    """
     origin = snapshot['origin']
-    frequency = float(snapshot['parameters']['force_frequencies'][0])
     since = float(snapshot['time']) - float(origin['time'])
     return (float(origin['angles'][0]) + frequency * since) / math.tau

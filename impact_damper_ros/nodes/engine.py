@@ -121,7 +121,7 @@ class Engine:
         self._paused = False
         self._paused_since_ns = 0
         self._news = 'start'
-        self._trace = MotionTrace(parameters, self._simulator.snapshot())
+        self._trace = MotionTrace.at(parameters, self._simulator.snapshot())
         # The start is the first change of course.
         self._new_course = True
         self._requests = RequestQueue()
@@ -313,7 +313,7 @@ class Engine:
 
     def _publish_impacts(self, events: Sequence[Event]) -> None:
         if events:
-            self._trace.events(events)
+            self._trace = self._trace.after(events)
         for event in events:
             if event.kind is EventKind.IMPACT:
                 stamp_ns = self._offset_ns + round(event.time * 1e9)
@@ -334,7 +334,7 @@ class Engine:
         self._out.emit(self._outlets.snapshot, serialised(String(data=text)), self.stamp_ns())
         if self._new_course:
             self._new_course = False
-            self._trace = MotionTrace(self._simulator.parameters, snapshot['state'])
+            self._trace = MotionTrace.at(self._simulator.parameters, snapshot['state'])
             self._on_course(text)
 
     def _record_event(self, event: bytes) -> None:

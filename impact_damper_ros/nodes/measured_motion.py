@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from impact_damper_ros.analysis.rhythm import MOST_CYCLES, Rhythm, rhythm_of
 from impact_damper_ros.nodes.motion_trace import MotionTrace
-from impact_damper_ros.rig import Event
+from impact_damper_ros.rig import Event, RigParameters
 
 __all__ = ['MeasuredMotion', 'measure']
 
@@ -29,7 +29,7 @@ class MeasuredMotion:
     state : str
         'periodic': settled; 'transient': not yet, or so short a time ago that it is not to be
         told; 'undecided': not periodic after long; 'without impacts'; or 'not periodically
-        driven', if the first harmonic of the force does not turn.
+        driven', if the force has no first harmonic, or a multisine besides.
     cycles : float
         Cycles of the force since the last change or reset.
     impacts_per_cycle : float or None
@@ -73,11 +73,13 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
     state_rate : float
         Samples per second of rig time.
     """
-    frequency = trace.parameters.force_frequencies[0]
-    if frequency == 0.0:
-        return MeasuredMotion('not periodically driven')
+    parameters, frequency, now = trace.parameters, trace.frequency, trace.time
+    if not (frequency and parameters.force_amplitudes[0] and not parameters.multisine_level):
+        cycle = math.tau / parameters.omega
+        recently = trace.largest(now - MOST_CYCLES * cycle)
+        enough = state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE
+        return MeasuredMotion('not periodically driven', x_max=recently if enough else None)
     cycle = math.tau / frequency
-    now = trace.time
     cycles = (now - trace.began) / cycle
     impacts = trace.impacts()
     instants = [trace.cycles(event.time) for event in impacts]
@@ -106,7 +108,7 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
     x_max = ratio = None
     if state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE:
         x_max = largest
-        amplitude = trace.parameters.response_amplitude
+        amplitude = _response_amplitude(parameters, frequency)
         if 0.0 < amplitude < math.inf:
             ratio = x_max / amplitude
     return MeasuredMotion(
@@ -119,3 +121,11 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
         x_max,
         ratio,
     )
+
+
+def _response_amplitude(parameters: RigParameters, frequency: float) -> float:
+    """Return the amplitude A without impacts, also in a sweep, m."""
+    if parameters.sweep_mode != 'off':
+        others = parameters.force_frequencies[1:]
+        parameters = parameters.replace(force_frequencies=(frequency, *others))
+    return parameters.response_amplitude

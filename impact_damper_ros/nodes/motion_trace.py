@@ -15,16 +15,17 @@ from typing import Any
 from impact_damper_ros.analysis.rhythm import turned_cycles
 from impact_damper_ros.analysis.swing import extremes
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig.sweep import frequency_at
 
 __all__ = ['MotionTrace']
 
-#: Impacts and turning points that are kept: of some dozens of periods.
-KEPT = 1024
+#: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
+KEPT = 512
 
 
 class MotionTrace:
     """
-    The motion of a rig since it was last changed or reset.
+    The motion of a rig since it was last changed or reset, or its frequency was.
 
     The engine's thread writes; any other may read, since what it reads is copied at once.
 
@@ -32,34 +33,54 @@ class MotionTrace:
     ----------
     parameters : RigParameters
         The rig.
-    snapshot : mapping
-        Its snapshot at the beginning.
+    began : float
+        Rig time at the beginning, s.
+    turned : float
+        Angle of the first harmonic then, in cycles since its zero.
+    step : int
+        Steps of a sweep done by then.
 
     Attributes
     ----------
-    parameters : RigParameters
-        The rig.
-    began : float
-        Rig time at the beginning, s.
+    parameters, began
+        As given.
+    frequency : float
+        Of the first harmonic, rad/s.
     """
 
-    def __init__(self, parameters: RigParameters, snapshot: Mapping[str, Any]) -> None:
+    def __init__(
+        self, parameters: RigParameters, began: float, turned: float, step: int = 0
+    ) -> None:
         """Begin without impacts."""
         self.parameters = parameters
-        self.began: float = snapshot['time']
-        self._turned = turned_cycles(snapshot)
-        self._frequency = parameters.force_frequencies[0] / math.tau
+        self.began = began
+        self.frequency = frequency_at(parameters, step)
+        self._turned = turned
+        self._step = step
         self._impacts: deque[Event] = deque(maxlen=KEPT)
         self._turns: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._last: Sample | None = None
         self._passed: Sequence[Event] = ()
 
-    def events(self, events: Sequence[Event]) -> None:
-        """Take all events since the last sample."""
-        self._passed = events
-        for event in events:
+    @classmethod
+    def at(cls, parameters: RigParameters, snapshot: Mapping[str, Any]) -> MotionTrace:
+        """Begin at a snapshot of the rig."""
+        step = snapshot['sweep']['step']
+        turned = turned_cycles(snapshot, frequency_at(parameters, step))
+        return cls(parameters, snapshot['time'], turned, step)
+
+    def after(self, events: Sequence[Event]) -> MotionTrace:
+        """Take all events since the last sample, and return the trace that goes on from there."""
+        trace, first = self, 0
+        for i, event in enumerate(events):
             if event.kind is EventKind.IMPACT:
-                self._impacts.append(event)
+                trace._impacts.append(event)
+            elif event.kind is EventKind.FREQUENCY_STEP:
+                turned = trace.cycles(event.time)
+                trace = MotionTrace(trace.parameters, event.time, turned, trace._step + 1)
+                first = i + 1
+        trace._passed = events[first:] if first else events
+        return trace
 
     def sample(self, sample: Sample) -> None:
         """Take the next sample."""
@@ -80,7 +101,7 @@ class MotionTrace:
 
     def cycles(self, time: float) -> float:
         """Return the angle of the first harmonic at an instant (s), in cycles since its zero."""
-        return self._turned + (time - self.began) * self._frequency
+        return self._turned + (time - self.began) * self.frequency / math.tau
 
     def impacts(self) -> list[Event]:
         """Return the last impacts."""

@@ -73,7 +73,7 @@ def test_a_rig_in_motion_is_run_ahead_from_its_own_phase():
     rig.advance(41.0)
     course = run_ahead(Simulator.restore(rig.snapshot()))
     cycle = math.tau / 1.05
-    turned = turned_cycles(rig.snapshot())
+    turned = turned_cycles(rig.snapshot(), 1.05)
     impacts = [e for e in rig.advance(41.0 + 400 * cycle) if e.kind is EventKind.IMPACT]
     own = [(turned + (e.time - 41.0) / cycle) % 1.0 for e in impacts[-2:] if e.stop == 1]
     assert course.rhythm.stops == (1, 2)
@@ -84,6 +84,8 @@ def test_a_rig_in_motion_is_run_ahead_from_its_own_phase():
     ('rig', 'reason'),
     [
         (HORIZONTAL.replace(force_amplitudes=0.0), 'amplitude 0 N'),
+        (HORIZONTAL.replace(multisine_level=0.1), 'multisine_level is 0.1 N'),
+        (HORIZONTAL.replace(sweep_mode='up'), "sweep_mode is 'up'"),
         (
             HORIZONTAL.replace(
                 force_amplitudes=(1.0, 0.3), force_frequencies=(1.0, 1.234), force_phases=(0, 0)

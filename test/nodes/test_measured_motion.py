@@ -22,12 +22,12 @@ RATE = 10.0
 
 def traced(rig, cycles, trace=None, rate=RATE):
     """Let a rig run for some cycles as the engine does."""
-    trace = trace or MotionTrace(rig.parameters, rig.snapshot())
+    trace = trace or MotionTrace.at(rig.parameters, rig.snapshot())
     began = rig.time
     for k in range(1, int(cycles * CYCLE * rate) + 1):
         events = rig.advance(began + k / rate)
         if events:
-            trace.events(events)
+            trace = trace.after(events)
         trace.sample(rig.sample())
     return trace
 
@@ -56,9 +56,23 @@ def test_phases_go_on_where_the_frequency_changes():
     assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
 
 
+def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_the_force():
+    sweep = INCLINED.replace(
+        sweep_mode='up', sweep_low=1.01, sweep_high=1.02, sweep_step=0.01, sweep_dwell=40.0
+    )
+    rig = Simulator(sweep)
+    trace = traced(rig, 3)
+    assert trace.frequency == 1.01
+    trace = traced(rig, 300, trace)
+    assert (trace.frequency, trace.began) == (1.02, 40.0)
+    measured = measure(trace, RATE)
+    assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
+    assert measured.amplitude_ratio == pytest.approx(0.2113439, rel=1e-5)
+
+
 def test_states_on_the_way():
     rig = Simulator(INCLINED)
-    trace = MotionTrace(INCLINED, rig.snapshot())
+    trace = MotionTrace.at(INCLINED, rig.snapshot())
     assert measure(trace, RATE).state == 'transient'
     measured = measure(traced(rig, 3, trace), RATE)
     assert (measured.state, measured.rhythm) == ('transient', None)
@@ -79,6 +93,10 @@ def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
     assert 0.5 < measured.impacts_per_cycle < 4.0
     constant = Simulator(RigParameters(force_frequencies=0.0))
     assert measure(traced(constant, 3), RATE).state == 'not periodically driven'
+    broadband = Simulator(INCLINED.replace(multisine_level=1.0))
+    measured = measure(traced(broadband, 30), RATE)
+    assert (measured.state, measured.rhythm) == ('not periodically driven', None)
+    assert measured.x_max > 0.1
 
 
 def test_impacts_that_stop_are_no_rhythm():
