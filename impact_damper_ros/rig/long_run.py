@@ -110,6 +110,12 @@ def _compiled_loop() -> Any:
     return compile_kernels(cached=('run_through',))['run_through']
 
 
+def _progress(reached: Any) -> Progress:
+    """Return what the run loop has returned, by its names."""
+    status, origin, *others = reached
+    return Progress(status, Origin(*origin), *others)
+
+
 def _table(events: list[Event], modes: list[int]) -> Events:
     """Return events as an array."""
     table = np.empty(len(events), EVENT_TYPE)
@@ -352,7 +358,7 @@ class LongRun:
             in_mode,
         )
         if not self._compiled:
-            return run_through(*arguments)
+            return _progress(run_through(*arguments))
         loop = _compiled_loop()
         if self._arrays in _READY:
             reached = loop(*arguments)
@@ -360,7 +366,7 @@ class LongRun:
             with compiling_alone(stamp()):
                 reached = loop(*arguments)
             _READY.add(self._arrays)
-        return Progress(*reached)
+        return _progress(reached)
 
     def _reason(self, outcome: Outcome, happened: int, since: float) -> str:
         """Return why an advance ended before its time."""

@@ -252,7 +252,7 @@ def run_through(
     codes: Any,
     most: int,
     in_mode: Any,
-) -> Progress:
+) -> tuple[int, tuple[Any, ...], float, int, int, int]:
     """
     Let a rig run to a later time.
 
@@ -286,8 +286,10 @@ def run_through(
 
     Returns
     -------
-    Progress
-        Where it stopped, and why.
+    tuple
+        The fields of a `Progress`, with those of its origin. They are plain tuples, since making
+        named ones runs Python code: a signal that came in meanwhile would raise its exception
+        there, where compiled code cannot take one.
     """
     writing = len(codes) > 0
     flight: Flight = launch(machine, origin)
@@ -321,7 +323,7 @@ def run_through(
             time = target
             if sampled == count:
                 in_mode[origin.mode] += since - begun
-                return Progress(DONE, origin, time, sampled, written, happened)
+                return DONE, origin[:], time, sampled, written, happened
             _write_sample(samples, sampled, target, origin, flight, max(0.0, since))
             sampled += 1
             continue
@@ -335,7 +337,7 @@ def run_through(
         if status != DONE:
             time = max(time, origin.time)
             in_mode[origin.mode] += max(0.0, ((time - origin.time) - origin.time_low) - begun)
-            return Progress(status, origin, time, sampled, written, happened)
+            return status, origin[:], time, sampled, written, happened
         in_mode[origin.mode] += node - begun
         ended = origin
         transition: Transition = resolve(machine, ended, flight, kind, node)

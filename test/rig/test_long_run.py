@@ -304,3 +304,43 @@ def test_snapshots_are_those_of_the_simulator(compiled):
     stored = json.loads(json.dumps(run.snapshot(), allow_nan=False))
     rig = Simulator.restore(stored)
     assert_same(LongRun.restore(stored, compiled=compiled), rig, np.linspace(77.0, 99.0, 5))
+
+
+INTERRUPTED = """
+import signal
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.long_run import LongRun
+
+class Alarm(Exception):
+    pass
+
+def ring(*_):
+    raise Alarm
+
+run = LongRun(RigParameters(gravity=0.0), compiled=True)
+run.advance(10.0)
+signal.signal(signal.SIGALRM, ring)
+caught = 0
+for delay in range(40):
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 1e-4 * (1 + delay % 20))
+        for _ in range(50):
+            run.advance(run.time + 5000.0)
+    except Alarm:
+        caught += 1
+print(caught)
+"""
+
+
+def test_signals_during_compiled_code_are_exceptions():
+    """And no crash, as where their exception is raised while a result is made."""
+    pytest.importorskip('numba')
+    done = subprocess.run(
+        [sys.executable, '-c', INTERRUPTED],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) == 40
