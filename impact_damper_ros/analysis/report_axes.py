@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .report_svg import BOTH, COLORS
 from .report_units import power_of_ten
@@ -37,6 +37,8 @@ DASHED = (0, (3.2, 2.2))
 _DOTTED = (0, (1, 1.8))
 #: More marks than this are drawn as pixels, which take the same room for any number.
 _MOST_MARKS = 300
+#: Points closer than the width of the axes by this are one.
+_RASTER = 700.0
 
 
 class Picture(NamedTuple):
@@ -204,9 +206,30 @@ def draw_stop(axes: Any, place: ArrayLike, time: ArrayLike, depth: float) -> Non
     axes.plot(time, place, color=COLORS['stop'], linewidth=1.0)
 
 
-def cloud(axes: Any, x: ArrayLike, y: ArrayLike, marker: str, name: str, alpha: float) -> None:
-    """Draw points in a colour of `BOTH`; many of them as pixels."""
-    dense = np.size(x) > _MOST_MARKS
+def cloud(
+    axes: Any, x: NDArray[np.float64], y: NDArray[np.float64], marker: str, name: str, alpha: float
+) -> None:
+    """
+    Draw points, many of them as pixels, and those that would cover one another once.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The axes, their limits set.
+    x, y : ndarray of shape (n,)
+        The points.
+    marker : str
+        Their look, if they are few.
+    name : str
+        Their colour, one of `BOTH`.
+    alpha : float
+        How much of it they have.
+    """
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    place = np.stack([(x - left) / (right - left), (y - low) / (high - low)])
+    _, seen = np.unique(np.round(_RASTER * place), axis=1, return_index=True)
+    x, y = x[seen], y[seen]
+    dense = len(x) > _MOST_MARKS
     axes.plot(
         x,
         y,

@@ -77,6 +77,7 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
     unit = unit_for('m', reach)
     reach = unit.factor * reach or 1.0
     figure, axes = figure_of('rig time [s]', f'X [{unit.name}]', wide=True, height=2.8)
+    few = len(stretches) <= _MOST_NUMBERS
     crowded = sum(map(_cycles, stretches)) > _MOST_CYCLES
     for stretch, envelope in shown:
         most = max(8.0, _MOST_PIECES / len(shown))
@@ -97,8 +98,8 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
             style = {'color': COLORS['theory'], 'linewidth': 1.5, 'linestyle': DASHED}
             axes.hlines([-level, level], since, stretch.end, zorder=3, **style)
         if stretch is not stretches[0]:
-            axes.axvline(stretch.start, color=COLORS['quiet'], linewidth=0.7)
-        if len(stretches) <= _MOST_NUMBERS:
+            axes.axvline(stretch.start, color=COLORS['quiet'], linewidth=0.7 if few else 0.3)
+        if few:
             axes.annotate(
                 str(stretch.number),
                 (stretch.start, 1.28 * reach),

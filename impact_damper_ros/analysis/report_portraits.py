@@ -99,6 +99,8 @@ def draw_section(stretch: StretchComparison) -> Picture | None:
     figure, axes = figure_of(
         'phase of the force at the impact [cycles]', f"Z' just after the impact [{rate.name}]"
     )
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(*(rate.factor * v for v in finite_range(*velocities, margin=0.1)))
     settled = np.full(len(known), True)
     if stretch.settled_at is not None:
         settled = impacts.time >= stretch.settled_at
@@ -119,7 +121,5 @@ def draw_section(stretch: StretchComparison) -> Picture | None:
         phases = [phase % 1.0 for phase in orbit.phases]
         rings(axes, phases, [rate.factor * v for v in orbit.damper_velocity_after], 12.0)
         legend.append(('o', 'theory', predicted_label(stretch)))
-    axes.set_xlim(0.0, 1.0)
-    axes.set_ylim(*(rate.factor * v for v in finite_range(*velocities, margin=0.1)))
     legend_above(axes, legend)
     return Picture(figure, 'Poincaré section', caption)

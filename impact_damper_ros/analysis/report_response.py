@@ -29,6 +29,10 @@ __all__ = ['draw_convergence', 'draw_gap_curve', 'draw_spectrum', 'predicted_lin
 _HARMONICS = 9.4
 #: How far below the largest line the spectrum is drawn, as a factor.
 _DEPTH = 1e-6
+#: Predicted lines below this are but what the integration leaves.
+_SEEN = 1e-5
+#: Periods of the convergence that are drawn after it has reached its floor, at least.
+_TAIL = 20
 
 
 def _slopes(axes: Any, curve: Convergence) -> list[tuple[str, str, str]]:
@@ -66,6 +70,10 @@ def draw_convergence(stretch: StretchComparison) -> Picture | None:
     shown = np.isfinite(curve.distance) & (curve.distance > 0.0)
     if shown.sum() < 2:
         return None
+    above = np.flatnonzero(shown & (curve.distance > curve.floor))
+    if len(above):
+        # How it goes on at the floor says nothing more.
+        shown[above[-1] + 1 + max(_TAIL, len(above) // 2) :] = False
     figure, axes = figure_of('rig time [s]', 'relative distance')
     low, high = float(curve.distance[shown].min()), float(curve.distance[shown].max())
     legend = [('line', 'primary', 'as recorded')]
@@ -145,7 +153,7 @@ def draw_spectrum(stretch: StretchComparison) -> Picture | None:
         legend.append(('dotted', 'quiet', 'multiples of the force'))
     if stretch.curves.predicted is not None:
         at, amplitude = predicted_lines(stretch.curves.predicted, highest)
-        seen = amplitude > _DEPTH * largest
+        seen = amplitude > _SEEN * largest
         rings(axes, rate.factor * at[seen], unit.factor * amplitude[seen], 8.0)
         legend.append(('o', 'theory', predicted_label(stretch)))
         caption += ' Rings: the Fourier coefficients of the predicted motion.'

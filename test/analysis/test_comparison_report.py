@@ -28,7 +28,7 @@ from impact_damper_ros.analysis.comparison_report import (
 from impact_damper_ros.analysis.report_history import draw_run, predicted_impacts, predicted_motion
 from impact_damper_ros.analysis.report_response import predicted_lines
 from impact_damper_ros.analysis.report_stretch import PICTURES
-from impact_damper_ros.analysis.report_svg import COLORS, drawing_style
+from impact_damper_ros.analysis.report_svg import COLORS, drawing_style, inline_svg
 
 STYLE = (files('impact_damper_ros.analysis') / 'report_template' / 'report.css').read_text('utf-8')
 
@@ -326,6 +326,31 @@ def test_the_most_telling_stretches(run):
     stretches = run.stretches
     assert told_stretches(stretches, 1) == (stretches[1],)
     assert told_stretches(stretches, 9) == stretches
+
+
+def test_points_and_periods_that_show_nothing_more(run):
+    stretch = run.stretches[0]
+    impacts, convergence = stretch.curves.impacts, stretch.curves.convergence
+    arrays = {f.name: getattr(impacts, f.name) for f in dataclasses.fields(impacts)}
+    again = type(impacts)(**{name: np.tile(values[-2:], 10000) for name, values in arrays.items()})
+    floor = np.full(4000, 0.5 * convergence.floor)
+    settled = dataclasses.replace(
+        convergence,
+        time=6.16 * np.arange(4090),
+        distance=np.concatenate([convergence.distance, floor]),
+    )
+    curves = dataclasses.replace(stretch.curves, impacts=again, convergence=settled)
+    long = dataclasses.replace(stretch, curves=curves)
+    with drawing_style():
+        section = PICTURES['section'](long)
+        approach = PICTURES['convergence'](long)
+    svg = ElementTree.fromstring(inline_svg(section.figure, 'k', 'section'))
+    assert not list(svg.iter('image'))
+    marks = [g for g in svg.iter('g') if any('primary' in e.get('style', '') for e in g.iter())]
+    assert marks
+    assert '20000 latest impacts' in section.caption
+    # The approach takes 90 periods; the rest lies on the floor.
+    assert 500.0 < approach.figure.axes[0].get_xlim()[1] < 1000.0
 
 
 def test_predicted_motion_is_laid_over_any_time(run):
