@@ -77,6 +77,8 @@ def findings_text(findings: Findings, history: RunHistory) -> str:
     impacts = _count(findings.impacts, 'impact')
     if not history.topics.impacts:
         impacts = 'no impacts (their topic was not recorded)'
+    if findings.recorded_control or findings.control:
+        impacts += f', {_count(findings.control, "act")} of the gap control'
     lines = [
         f'replayed    {history.reader.path}, node {node}',
         f'compared    {_count(findings.samples, "sample")}, {impacts}, '
@@ -96,6 +98,11 @@ def findings_text(findings: Findings, history: RunHistory) -> str:
         lines.append(
             f'missing     {_count(findings.missing_impacts, "impact")} of the replay, where the '
             'recorder may have dropped messages'
+        )
+    if findings.missing_control:
+        lines.append(
+            f'missing     {_count(findings.missing_control, "act")} of the gap control of the '
+            'replay, where the recorder may have dropped messages'
         )
     lines += [f'note        {remark}' for remark in findings.remarks]
     lines += [f'fault       {fault}' for fault in findings.faults]
@@ -175,6 +182,7 @@ def as_json(findings: Findings, history: RunHistory) -> dict[str, Any]:
         'compared': {
             'samples': findings.samples,
             'impacts': findings.impacts,
+            'gap_control': findings.control,
             'snapshots': findings.snapshots,
             'changes': findings.changes,
             'resets': findings.resets,
@@ -198,6 +206,7 @@ def as_json(findings: Findings, history: RunHistory) -> dict[str, Any]:
         },
         'missing_samples': findings.missing_samples,
         'missing_impacts': findings.missing_impacts,
+        'missing_gap_control': findings.missing_control,
         'gaps': [
             {'after': g.time, 'from_stamp_ns': g.from_ns, 'missing': g.missing}
             for g in findings.gaps

@@ -17,6 +17,7 @@ from impact_damper_ros.commands.replay_report import as_json, findings_text
 from impact_damper_ros.commands.what_if_comparison import Comparison, held_values
 from impact_damper_ros.recording import RecordingError
 from impact_damper_ros.recording.replay import Replay
+from impact_damper_ros.recording.replayed_rig import setting_of
 from impact_damper_ros.recording.run_history import RunHistory
 from impact_damper_ros.rig import Event, Sample
 
@@ -163,7 +164,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         replay = Replay(RunHistory(arguments.bag, arguments.node))
         if arguments.set:
             # A slip of the pen is told at once.
-            held_values(arguments.set, replay.replayed.rig.parameters)
+            held_values(arguments.set, setting_of(replay.history.start.state))
         return _report(arguments, replay, _run(arguments, replay))
     except (RecordingError, ValueError) as error:
         print(f'replay_run: {error}', file=sys.stderr)

@@ -12,9 +12,11 @@ import numpy as np
 from impact_damper_ros.analysis.motion import Motion
 from impact_damper_ros.analysis.replay_figure import Side, draw_what_if
 from impact_damper_ros.analysis.response import Envelope, Response
-from impact_damper_ros.commands.overrides import overridden
+from impact_damper_ros.commands.overrides import overridden, overridden_control
 from impact_damper_ros.commands.replay_report import comparison_text
+from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.recording.replay import Replay, Tick
+from impact_damper_ros.recording.replayed_rig import Setting, Step, setting_of
 from impact_damper_ros.recording.what_if import Ending, Trace, WhatIf
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
@@ -33,9 +35,7 @@ _FEW_CYCLES = 60
 _MOST_STRETCHES = 2000
 
 
-def held_values(
-    settings: Sequence[str], parameters: RigParameters
-) -> tuple[dict[str, Any], dict[str, Any]]:
+def held_values(settings: Sequence[str], logged: Setting) -> tuple[dict[str, Any], dict[str, Any]]:
     """
     Read ``--set`` options.
 
@@ -43,23 +43,26 @@ def held_values(
     ----------
     settings : sequence of str
         What was given, each NAME=VALUE.
-    parameters : RigParameters
-        The rig as recorded.
+    logged : Setting
+        The rig and its control as recorded.
 
     Returns
     -------
     held, held_initial : dict
-        Rig parameters and initial conditions, with the values at which to hold them.
+        Parameters of rig and control, and initial conditions, with the values at which to hold
+        them.
 
     Raises
     ------
     ValueError
         If a name is unknown, a value cannot be read, or the changed rig is not admissible.
     """
-    changed, initial = overridden(settings, parameters, InitialConditions())
+    others, control = overridden_control(settings, logged.control)
+    rig, initial = overridden(others, logged.rig, InitialConditions())
+    changed = Setting(rig, control).as_dict()
     names = [setting.partition('=')[0] for setting in settings]
     return (
-        {n: getattr(changed, n) for n in names if n in PARAMETER_SPECS},
+        {n: changed[n] for n in names if n in changed},
         {n: getattr(initial, n) for n in names if n in INITIAL_SPECS},
     )
 
@@ -99,17 +102,18 @@ class Comparison:
 
     def __init__(self, replay: Replay, settings: Sequence[str], *, drawn: bool) -> None:
         start = replay.history.start
-        logged = RigParameters(**start.state['parameters'])
+        logged = setting_of(start.state)
+        values = logged.as_dict()
         held, held_initial = held_values(settings, logged)
         initial = replay.replayed.first_initial
         self._was = {
-            **{n: getattr(logged, n) for n in held},
+            **{n: values[n] for n in held},
             **{n: getattr(initial, n) if initial else None for n in held_initial},
         }
         self._now = {**held, **held_initial}
         self.other = WhatIf(start, initial, held, held_initial)
         self.recorded, self.what_if = Response(), Response()
-        cycle = max(_cycle(logged), _cycle(self.other.rig.parameters))
+        cycle = max(_cycle(logged.rig), _cycle(self.other.rig.parameters))
         reader = replay.history.reader
         total = reader.topics[replay.history.topics.joint_states].message_count
         cycles = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9 / cycle
@@ -136,7 +140,7 @@ class Comparison:
                 self._changes.append((time_ns / 1e9, self._label(step)))
         return sample, events
 
-    def _label(self, step: RigParameters | InitialConditions) -> str:
+    def _label(self, step: Step) -> str:
         if isinstance(step, InitialConditions):
             return 'reset'
         before, self._last = self._last.as_dict(), step
@@ -194,11 +198,11 @@ class Comparison:
 
 
 def _shown(value: Any, name: str) -> str:
-    spec = PARAMETER_SPECS.get(name) or INITIAL_SPECS[name]
+    spec = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS, **INITIAL_SPECS}[name]
     if isinstance(value, tuple):
         shown = f'[{", ".join(f"{v:g}" for v in value)}]'
     else:
-        shown = str(value).lower() if isinstance(value, bool) else f'{value:g}'
+        shown = f'{value:g}' if isinstance(value, float) else str(value).lower()
     return f'{shown} {spec.unit}'.rstrip()
 
 

@@ -5,17 +5,19 @@ What is known of the published law, and what is reconstruction or extension, sta
 `amplitude_law`, `timed_law` and in docs/gap_control.
 """
 
-from .controlled_rig import ControlledRig
+from .controlled_rig import ControlledRig, completed
 from .damper import Damper, damper_of
 from .parameters import GAP_CONTROL_SPECS, GapControlParameters
-from .record import Action, ControlRecord
+from .record import CONTROL_JOINTS, Action, ControlRecord
 
 __all__ = [
+    'CONTROL_JOINTS',
     'GAP_CONTROL_SPECS',
     'Action',
     'ControlRecord',
     'ControlledRig',
     'Damper',
     'GapControlParameters',
+    'completed',
     'damper_of',
 ]

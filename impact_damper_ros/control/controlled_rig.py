@@ -27,9 +27,16 @@ from .measurement import measured
 from .parameters import GapControlParameters
 from .record import Action, ControlRecord
 
-__all__ = ['ControlledRig']
+__all__ = ['ControlledRig', 'completed']
 
 _ACTIONS = {EventKind.STOP_ARRIVED: Action.ARRIVED, EventKind.STOP_TOUCHED: Action.TOUCHED}
+
+
+def completed(snapshot: dict[str, Any]) -> dict[str, Any]:
+    """Return a snapshot with the state of the control, off if it has none: an older one."""
+    if 'gap_control' in snapshot:
+        return snapshot
+    return {**snapshot, 'gap_control': ControlledRig.restore(snapshot).snapshot()['gap_control']}
 
 
 class ControlledRig:
@@ -59,9 +66,9 @@ class ControlledRig:
     ...     RigParameters(gravity=0.0),
     ...     control=GapControlParameters(gap_control='timed', gap_control_rate=5.0),
     ... )
-    >>> events = rig.advance(400.0)
-    >>> round(max(abs(e.x) for e in events if e.time > 300.0), 1)
-    0.5
+    >>> events = rig.advance(900.0)
+    >>> round(rig.amplitude, 1), rig.parameters.response_amplitude
+    (2.7, 100.0)
     """
 
     def __init__(
@@ -80,11 +87,16 @@ class ControlledRig:
     def _start(self) -> None:
         self._controller = Controller()
         self._controller.actuators.settle(self._half_gap)
-        self._controller.begin(self._control, self._rig.time)
+        if self._control.active:
+            self._controller.begin(self._control, self._rig.time)
         self._describe()
 
     def _describe(self) -> None:
         self._damper = damper_of(self._rig.parameters)
+
+    def _idle(self) -> None:
+        """Keep no more of the controller than what the actuators have done."""
+        self._controller = Controller(actuators=self._controller.actuators)
 
     @property
     def _half_gap(self) -> float:
@@ -197,6 +209,8 @@ class ControlledRig:
         if controller.returning:
             controller.send_back(rig.time, rig.stops, self._half_gap, control)
         controller.sample_index += 1
+        if not (control.active or controller.returning):
+            self._idle()
 
     def _carry_out(self) -> list[Event]:
         """Carry out the command that is due."""
@@ -226,20 +240,21 @@ class ControlledRig:
         velocity_1, velocity_2 = actuators.velocities
         energy_1, energy_2 = actuators.energies
         x_rate = observer.last[2] if observer.last else 0.0
-        self._records.append(
-            ControlRecord(
-                time=time,
-                action=action,
-                target_1=target_1,
-                target_2=target_2,
-                amplitude=observer.amplitude,
-                velocity_1=velocity_1,
-                velocity_2=velocity_2,
-                x_rate=x_rate,
-                energy_1=energy_1,
-                energy_2=energy_2,
-            )
+        record = ControlRecord(
+            time=time,
+            action=action,
+            target_1=target_1,
+            target_2=target_2,
+            amplitude=observer.amplitude,
+            velocity_1=velocity_1,
+            velocity_2=velocity_2,
+            x_rate=x_rate,
+            energy_1=energy_1,
+            energy_2=energy_2,
         )
+        # Stops that arrive together are told of once.
+        if self._records[-1:] != [record]:
+            self._records.append(record)
 
     def change(
         self, parameters: RigParameters, control: GapControlParameters | None = None
@@ -273,6 +288,10 @@ class ControlledRig:
             self._controller.actuators.settle(self._half_gap)
             self._controller.relearn()
             self._controller.returning = False
+            if old.active:
+                self._record(Action.COMMAND, self._rig.time)
+            else:
+                self._idle()
         if control is not None and control != old:
             self._control = control
             self._switch(old, control)
@@ -285,10 +304,12 @@ class ControlledRig:
                 controller.rest(time, self._half_gap, new)
             if controller.returning:
                 controller.begin(new, time)
+            else:
+                self._idle()
             return
         if not old.active:
-            fresh = Controller(actuators=controller.actuators)
-            self._controller = controller = fresh
+            self._idle()
+            controller = self._controller
         if not old.active or new.gap_control_rate != old.gap_control_rate:
             controller.begin(new, time)
         laws = (old.gap_control, old.gap_control_stops), (new.gap_control, new.gap_control_stops)

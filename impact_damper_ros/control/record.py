@@ -5,7 +5,10 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-__all__ = ['Action', 'ControlRecord']
+__all__ = ['CONTROL_JOINTS', 'Action', 'ControlRecord']
+
+#: Joints of the topic `gap_control`.
+CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
 
 
 class Action(IntEnum):
@@ -53,3 +56,17 @@ class ControlRecord(NamedTuple):
     x_rate: float
     energy_1: float
     energy_2: float
+
+    @property
+    def frame_id(self) -> str:
+        """What happened, as the topic `gap_control` names it."""
+        return self.action.name.lower()
+
+    @property
+    def numbers(self) -> tuple[tuple[float, float, float], ...]:
+        """Positions, velocities and efforts of `CONTROL_JOINTS`, as the topic has them."""
+        return (
+            (self.target_1, self.target_2, self.amplitude),
+            (self.velocity_1, self.velocity_2, self.x_rate),
+            (self.energy_1, self.energy_2, 0.0),
+        )

@@ -1,5 +1,5 @@
 """
-The node's report on /diagnostics: pacing, rig, recording and motion.
+The node's report on /diagnostics: pacing, rig, recording, gap control and motion.
 
 As REP 107 asks, the topic is absolute: one aggregator hears every node of the system, whatever
 namespace the node is in (`-r /diagnostics:=...` still moves it). The status names begin with the
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from impact_damper_ros.nodes.engine import EngineStatus
+from impact_damper_ros.nodes.engine import ControlStatus, EngineStatus
 from impact_damper_ros.nodes.motion_report import MotionReport
 from impact_damper_ros.nodes.pacing import CATCH_UP_NS
 from impact_damper_ros.nodes.serialisation import time_from_ns
@@ -79,6 +79,7 @@ class Diagnostics:
             self._pacing(engine, elapsed),
             self._rig(engine, elapsed),
             self._recording(recording),
+            self._control(engine.control),
         ]
         self._last_report, self._last = now, engine
         array = self.motion_report(stamp_ns, motion)
@@ -153,6 +154,24 @@ class Diagnostics:
                 'Paused': engine.paused,
                 'Impacts': engine.impacts,
                 'Impacts per wall second': f'{impacts / elapsed:.2f}',
+            },
+        )
+
+    def _control(self, control: ControlStatus) -> Any:
+        law, last = control.parameters.gap_control, control.last
+        return self._status(
+            'gap control',
+            OK,
+            law,
+            {
+                'Law': law,
+                'Stops': control.parameters.gap_control_stops,
+                'Amplitude of X [m]': f'{last.amplitude:.6g}' if last else '',
+                'Stop 1 to Y [m]': f'{last.target_1:.6g}' if last else '',
+                'Stop 2 to Y [m]': f'{last.target_2:.6g}' if last else '',
+                'Energy spent on stop 1 [J]': f'{last.energy_1:.6g}' if last else '',
+                'Energy spent on stop 2 [J]': f'{last.energy_2:.6g}' if last else '',
+                'Commands': control.commands,
             },
         )
 

@@ -19,8 +19,15 @@ from typing import Any, NamedTuple
 
 from std_msgs.msg import String
 
+from impact_damper_ros.control import (
+    Action,
+    ControlledRig,
+    ControlRecord,
+    GapControlParameters,
+)
 from impact_damper_ros.nodes.messages import (
     ClockTemplate,
+    ControlTemplate,
     ImpactTemplate,
     StateTemplate,
 )
@@ -34,15 +41,22 @@ from impact_damper_ros.rig import (
     EventKind,
     InitialConditions,
     RigParameters,
-    Simulator,
 )
 
-__all__ = ['Engine', 'EngineStatus']
+__all__ = ['ControlStatus', 'Engine', 'EngineStatus']
 
 PAUSED_NAP_S = 0.02
 PAUSED_CLOCK_PERIOD_NS = 100_000_000
 #: Messages a recording may be behind a free-running rig before the rig waits for it.
 LOG_BACKLOG = 20_000
+
+
+class ControlStatus(NamedTuple):
+    """What the gap control is about: its parameters, acts so far, and the last one of them."""
+
+    parameters: GapControlParameters = GapControlParameters()
+    commands: int = 0
+    last: ControlRecord | None = None
 
 
 class EngineStatus(NamedTuple):
@@ -54,6 +68,7 @@ class EngineStatus(NamedTuple):
     impacts: int
     recorded: int
     pacing: PacingCounts
+    control: ControlStatus = ControlStatus()
 
 
 class Engine:
@@ -73,6 +88,8 @@ class Engine:
     publish_clock : bool
         Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from
         the system time at the start, and a pause moves them on with the wall clock.
+    control : GapControlParameters, optional
+        The control of the gap; off, if not given.
     alive : callable
         Whether ROS still runs; publishing fails once it does not.
     on_failure : callable
@@ -98,16 +115,18 @@ class Engine:
         publish_clock: bool,
         alive: Callable[[], bool],
         on_failure: Callable[[], None],
+        control: GapControlParameters | None = None,
         on_course: Callable[[str], object] = lambda _: None,
     ) -> None:
         """Set the rig up; `start` sets it going."""
         self.failure: Exception | None = None
-        self._simulator = Simulator(parameters, initial)
+        self._simulator = ControlledRig(parameters, initial, control=control)
         self._outlets = outlets
         self._on_failure = on_failure
         self._on_course = on_course
         self._states = StateTemplate()
         self._impacts_at = {1: ImpactTemplate(1), 2: ImpactTemplate(2)}
+        self._acts = {action: ControlTemplate(action) for action in Action}
         self._clock = ClockTemplate()
         self._grid = TickGrid(state_rate)
         self._pacer = Pacer(self._grid.instant(1), real_time_factor)
@@ -116,6 +135,8 @@ class Engine:
         self._offset_ns = 0
         self._time_ns = 0
         self._impacts = 0
+        self._commands = 0
+        self._last_act: ControlRecord | None = None
         # Between a tick and its joint states
         self._within_tick = True
         self._paused = False
@@ -158,11 +179,17 @@ class Engine:
             self._impacts,
             self._out.recorded,
             self._pacer.counts(),
+            ControlStatus(self._simulator.control, self._commands, self._last_act),
         )
 
-    def change(self, parameters: RigParameters | None, event: bytes) -> Ticket:
+    def change(
+        self,
+        parameters: RigParameters | None,
+        event: bytes,
+        control: GapControlParameters | None = None,
+    ) -> Ticket:
         """
-        Change the rig, if `parameters` are given, and record the event.
+        Change the rig or its control, if parameters of them are given, and record the event.
 
         Parameters
         ----------
@@ -170,8 +197,10 @@ class Engine:
             The rig from then on.
         event : bytes
             A serialised rcl_interfaces/ParameterEvent; stamped with the instant of the change.
+        control : GapControlParameters or None
+            The control from then on.
         """
-        return self._requests.submit(lambda: self._change(parameters, event))
+        return self._requests.submit(lambda: self._change(parameters, event, control))
 
     def reset(self, initial: InitialConditions) -> Ticket:
         """Put the rig to initial conditions; time goes on."""
@@ -223,7 +252,7 @@ class Engine:
                 continue
             tick += 1
             self._time_ns, self._within_tick = due_ns, True
-            self._publish_impacts(self._simulator.advance(due_ns / 1e9))
+            self._publish_events(self._simulator.advance(due_ns / 1e9))
             self._serve()
             self._publish_states()
             if self._free_running:
@@ -255,17 +284,24 @@ class Engine:
             self._announce(self._news)
             self._news = ''
 
-    def _change(self, parameters: RigParameters | None, event: bytes) -> None:
+    def _change(
+        self,
+        parameters: RigParameters | None,
+        event: bytes,
+        control: GapControlParameters | None,
+    ) -> None:
         # First the cause, then what it does.
         self._record_event(event)
-        if parameters is not None:
-            self._publish_impacts(self._simulator.change(parameters))
+        if parameters is not None or control is not None:
+            rig = self._simulator
+            self._publish_events(rig.change(parameters or rig.parameters, control))
             self._news = self._news or 'change'
             self._new_course = True
 
     def _reset(self, initial: InitialConditions) -> None:
         initial.check_within(self._simulator.parameters)
         self._simulator.reset(initial)
+        self._last_act = None
         self._news = 'reset'
         self._new_course = True
 
@@ -311,7 +347,7 @@ class Engine:
         if self._outlets.clock is not None:
             self._out.publish(self._outlets.clock, self._clock.of(self.stamp_ns()))
 
-    def _publish_impacts(self, events: Sequence[Event]) -> None:
+    def _publish_events(self, events: Sequence[Event]) -> None:
         if events:
             self._trace = self._trace.after(events)
         for event in events:
@@ -320,6 +356,12 @@ class Engine:
                 data = self._impacts_at[event.stop].of(stamp_ns, event)
                 self._out.emit(self._outlets.impacts, data, stamp_ns)
                 self._impacts += 1
+        for record in self._simulator.records:
+            stamp_ns = self._offset_ns + round(record.time * 1e9)
+            data = self._acts[record.action].of(stamp_ns, record)
+            self._out.emit(self._outlets.gap_control, data, stamp_ns)
+            self._commands += record.action is Action.COMMAND
+            self._last_act = record
 
     def _announce(self, reason: str) -> None:
         """Publish all that is needed to run on from here, bit for bit."""

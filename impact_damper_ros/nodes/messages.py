@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
 from impact_damper_ros.nodes.serialisation import (
     SerialisationError,
     Walk,
@@ -27,7 +28,14 @@ from impact_damper_ros.nodes.serialisation import (
 )
 from impact_damper_ros.rig import Event, Sample
 
-__all__ = ['JOINTS', 'ClockTemplate', 'ImpactTemplate', 'JointStateTemplate', 'StateTemplate']
+__all__ = [
+    'JOINTS',
+    'ClockTemplate',
+    'ControlTemplate',
+    'ImpactTemplate',
+    'JointStateTemplate',
+    'StateTemplate',
+]
 
 JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 
@@ -130,6 +138,24 @@ class ImpactTemplate(JointStateTemplate):
             (event.primary_velocity_after, event.damper_velocity_after),
             (impulse, -impulse),
         )
+
+
+class ControlTemplate(JointStateTemplate):
+    """
+    An act of the gap control, or what became of it.
+
+    Positions: where each stop is to be (Y), and the estimate of the amplitude of X. Velocities:
+    of each stop in M, and X' as it was sampled last. Efforts: the energy that each actuator has
+    spent so far, and nothing.
+    """
+
+    def __init__(self, action: Action) -> None:
+        """Build the template for one kind of act."""
+        super().__init__(action.name.lower(), CONTROL_JOINTS, ('position', 'velocity', 'effort'))
+
+    def of(self, stamp_ns: int, record: ControlRecord) -> bytes:
+        """Return the message of an act."""
+        return self.filled(stamp_ns, *record.numbers)
 
 
 class ClockTemplate:

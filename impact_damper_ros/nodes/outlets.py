@@ -31,6 +31,7 @@ class Outlets(NamedTuple):
 
     joint_states: Outlet
     impacts: Outlet
+    gap_control: Outlet
     snapshot: Outlet
     clock: Outlet | None
     parameter_events: str

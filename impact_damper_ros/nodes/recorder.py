@@ -40,6 +40,7 @@ class Recorder:
             'node': node_name,
             'joint_states': outlets.joint_states.topic,
             'impacts': outlets.impacts.topic,
+            'gap_control': outlets.gap_control.topic,
             'snapshot': outlets.snapshot.topic,
         }
         self._writer: RunWriter | None = None
@@ -115,6 +116,7 @@ class Recorder:
             rig_topics(
                 outlets.joint_states.topic,
                 outlets.impacts.topic,
+                outlets.gap_control.topic,
                 outlets.snapshot.topic,
                 outlets.parameter_events,
                 outlets.diagnostics,

@@ -16,6 +16,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.parameter import Parameter
 
+from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -95,7 +96,12 @@ SETTING_SPECS: dict[str, ParameterSpec] = {
         ),
     )
 }
-ALL_SPECS: dict[str, ParameterSpec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **SETTING_SPECS}
+ALL_SPECS: dict[str, ParameterSpec] = {
+    **PARAMETER_SPECS,
+    **INITIAL_SPECS,
+    **GAP_CONTROL_SPECS,
+    **SETTING_SPECS,
+}
 
 _TYPES = {
     'bool': Parameter.Type.BOOL,
@@ -112,6 +118,7 @@ class NodeParameters:
 
     rig: RigParameters
     initial: InitialConditions
+    control: GapControlParameters
     state_rate: float
     real_time_factor: float
     publish_clock: bool
@@ -132,6 +139,7 @@ class NodeParameters:
         start = cls(
             rig=RigParameters(),
             initial=InitialConditions(),
+            control=GapControlParameters(),
             **{name: spec.default for name, spec in SETTING_SPECS.items()},  # type: ignore[arg-type]
         )
         changed = start.changed(values)
@@ -166,12 +174,15 @@ class NodeParameters:
         if initial_values:
             initial = InitialConditions(**{**initial.as_dict(), **initial_values})
             initial.check_within(rig)
-        return replace(self, rig=rig, initial=initial, **settings)
+        control_values = {name: v for name, v in values.items() if name in GAP_CONTROL_SPECS}
+        control = self.control.replace(**control_values) if control_values else self.control
+        return replace(self, rig=rig, initial=initial, control=control, **settings)
 
     def as_dict(self) -> dict[str, Any]:
         """Return name and value of every parameter."""
         settings = {name: getattr(self, name) for name in SETTING_SPECS}
-        return {**self.rig.as_dict(), **self.initial.as_dict(), **settings}
+        parts = (self.rig, self.initial, self.control)
+        return {name: v for part in parts for name, v in part.as_dict().items()} | settings
 
 
 def descriptor(spec: ParameterSpec) -> Any:

@@ -96,6 +96,7 @@ class SimNode(Node):
             publish_clock=parameters.publish_clock,
             alive=self.context.ok,
             on_failure=self._failed.trigger,
+            control=parameters.control,
             on_course=self._predictor.ask,
         )
         self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
@@ -159,6 +160,7 @@ class SimNode(Node):
         return Outlets(
             joint_states=self._outlet(JointState, 'joint_states', states),
             impacts=self._outlet(JointState, 'impacts', impacts),
+            gap_control=self._outlet(JointState, 'gap_control', impacts),
             snapshot=self._outlet(String, 'snapshot', latched),
             clock=(
                 self._outlet(ClockMessage, '/clock', clock) if parameters.publish_clock else None
@@ -186,7 +188,8 @@ class SimNode(Node):
             changed_parameters=[p.to_parameter_msg() for p in changed],
         )
         rig = after.rig if after.rig != before.rig else None
-        self.engine.change(rig, serialised(event))
+        control = after.control if after.control != before.control else None
+        self.engine.change(rig, serialised(event), control)
         if after.predict_motion != before.predict_motion:
             self._predictor.enable(after.predict_motion)
         if after.record and not before.record:

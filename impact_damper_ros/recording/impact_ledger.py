@@ -1,5 +1,5 @@
 """
-Recorded against replayed impacts, both in the order in which they happened.
+Recorded against replayed impacts, or acts of the gap control, in the order in which they happened.
 
 They pair one to one. Where they do not, an exact match a few impacts further on tells that one is
 missing on either side; without such a match the two are taken for the same impact, altered.
@@ -13,23 +13,17 @@ from collections.abc import Iterator
 from itertools import islice
 from typing import NamedTuple
 
+from impact_damper_ros.control import CONTROL_JOINTS, ControlRecord
 from impact_damper_ros.rig import Event
 
 from .cdr import CdrError
 from .joint_state_bytes import JointStateBytes, header_ns
 from .replay_findings import Difference, Findings, SampleGap
 
-__all__ = ['ImpactLedger', 'bits']
+__all__ = ['ControlLedger', 'ImpactLedger', 'bits']
 
+_Numbers = tuple[tuple[float, ...], ...]
 _JOINTS = ('primary', 'damper')
-_QUANTITIES = (
-    ('position of primary', 'm'),
-    ('position of damper', 'm'),
-    ('velocity of primary', 'm/s'),
-    ('velocity of damper', 'm/s'),
-    ('effort of primary', 'N s'),
-    ('effort of damper', 'N s'),
-)
 #: How many impacts further on a match is looked for.
 _REACH = 16
 #: Impacts of the replay that are kept until the first recorded message comes.
@@ -43,31 +37,29 @@ def bits(value: float) -> bytes:
     return struct.pack('<d', value)
 
 
+def _impact_numbers(event: Event) -> _Numbers:
+    """Return positions, velocities and efforts as the node publishes them."""
+    # The impulse that M received: stop 1, the lower one, is hit downwards.
+    impulse = event.impulse if event.stop == 1 else -event.impulse
+    return (
+        (event.x, event.x + event.y),
+        (event.primary_velocity_after, event.damper_velocity_after),
+        (impulse, -impulse),
+    )
+
+
 class _Expected(NamedTuple):
-    """An impact of the replay."""
+    """An impact, or an act of the control, of the replay."""
 
     stamp_ns: int
-    event: Event
+    time: float
+    frame_id: str
+    numbers: _Numbers
     after: str
-
-    @property
-    def frame_id(self) -> str:
-        return f'stop_{self.event.stop}'
-
-    def numbers(self) -> tuple[tuple[float, float], ...]:
-        """Return positions, velocities and efforts as the node publishes them."""
-        event = self.event
-        # The impulse that M received: stop 1, the lower one, is hit downwards.
-        impulse = event.impulse if event.stop == 1 else -event.impulse
-        return (
-            (event.x, event.x + event.y),
-            (event.primary_velocity_after, event.damper_velocity_after),
-            (impulse, -impulse),
-        )
 
 
 class _Recorded(NamedTuple):
-    """An impact of the bag."""
+    """A message of the bag."""
 
     stamp_ns: int
     content: bytes
@@ -76,13 +68,15 @@ class _Recorded(NamedTuple):
     def equals(self, expected: _Expected) -> bool:
         return (
             self.shape.frame_id == expected.frame_id
-            and self.shape.filled(expected.stamp_ns, *expected.numbers()) == self.content
+            and self.shape.filled(expected.stamp_ns, *expected.numbers) == self.content
         )
 
 
 class ImpactLedger:
     """
     Pairs the impacts of a bag with those of its replay.
+
+    The subclass `ControlLedger` does so with what the gap control did.
 
     Parameters
     ----------
@@ -94,6 +88,10 @@ class ImpactLedger:
         Whether the bag holds every message of the node from its start on. Otherwise an impact
         that is missing may be one that the recorder did not get.
     """
+
+    what = 'impact'
+    joints: tuple[str, ...] = _JOINTS
+    efforts = 'N s'
 
     def __init__(self, topic: str, findings: Findings, *, stamped: bool) -> None:
         self._topic = topic
@@ -108,7 +106,7 @@ class ImpactLedger:
 
     def take(self, content: bytes) -> None:
         """
-        Take a recorded impact.
+        Take a recorded message.
 
         Raises
         ------
@@ -118,16 +116,29 @@ class ImpactLedger:
         shape = next((s for s in self._shapes if s.fits(content)), None)
         if shape is None:
             shape = JointStateBytes(content)
-            if shape.names != _JOINTS or shape.counts != (2, 2, 2):
+            if shape.names != self.joints or shape.counts != (len(self.joints),) * 3:
                 raise CdrError(f'its joints are {", ".join(shape.names) or "none"}')
             self._shapes = [shape, *self._shapes[:3]]
         self.last_ns = header_ns(content)
-        self._findings.recorded_impacts += 1
+        self._count_recorded()
         self._recorded.append(_Recorded(self.last_ns, content, shape))
 
     def expect(self, stamp_ns: int, event: Event) -> None:
         """Take an impact of the replay."""
-        self._expected.append(_Expected(stamp_ns, event, self._findings.after))
+        self._expect(stamp_ns, event.time, f'stop_{event.stop}', _impact_numbers(event))
+
+    def _count_recorded(self) -> None:
+        self._findings.recorded_impacts += 1
+
+    def _count_paired(self) -> None:
+        self._findings.impacts += 1
+
+    def _count_missing(self) -> None:
+        self._findings.missing_impacts += 1
+
+    def _expect(self, stamp_ns: int, time: float, frame_id: str, numbers: _Numbers) -> None:
+        after = self._findings.after
+        self._expected.append(_Expected(stamp_ns, time, frame_id, numbers, after))
         if not self._begun and len(self._expected) > _KEPT_BEFORE:
             self._expected.popleft()
 
@@ -155,7 +166,7 @@ class ImpactLedger:
         recorded, expected = self._recorded, self._expected
         while recorded and expected:
             if recorded[0].equals(expected[0]):
-                self._findings.impacts += 1
+                self._count_paired()
                 recorded.popleft()
                 expected.popleft()
             elif final or min(len(recorded), len(expected)) > _REACH:
@@ -184,21 +195,20 @@ class ImpactLedger:
                 for _ in range(ahead):
                     self._surplus(recorded.popleft())
                 return
-        self._findings.impacts += 1
+        self._count_paired()
         self._altered(recorded.popleft(), expected.popleft())
 
     def _altered(self, recorded: _Recorded, expected: _Expected) -> None:
-        for quantity, unit, there, here in _differing(recorded, expected):
+        for quantity, unit, there, here in self._differing(recorded, expected):
             self._differ(expected, quantity, unit, there, here)
             break
 
     def _missing(self, expected: _Expected) -> None:
-        findings = self._findings
         excused = any(g.from_ns <= expected.stamp_ns <= g.to_ns for g in self._gaps)
         if excused or not self._stamped:
-            findings.missing_impacts += 1
+            self._count_missing()
         else:
-            self._differ(expected, 'impact', '', None, expected.frame_id)
+            self._differ(expected, self.what, '', None, expected.frame_id)
 
     def _surplus(self, recorded: _Recorded) -> None:
         findings = self._findings
@@ -207,7 +217,7 @@ class ImpactLedger:
                 time=(recorded.stamp_ns - findings.offset_ns) / 1e9,
                 stamp_ns=recorded.stamp_ns,
                 topic=self._topic,
-                quantity='impact',
+                quantity=self.what,
                 unit='',
                 recorded=recorded.shape.frame_id,
                 replayed=None,
@@ -220,7 +230,7 @@ class ImpactLedger:
     ) -> None:
         self._findings.differ(
             Difference(
-                time=expected.event.time,
+                time=expected.time,
                 stamp_ns=expected.stamp_ns,
                 topic=self._topic,
                 quantity=quantity,
@@ -231,17 +241,46 @@ class ImpactLedger:
             )
         )
 
+    def _differing(
+        self, recorded: _Recorded, expected: _Expected
+    ) -> Iterator[tuple[str, str, object, object]]:
+        """Yield quantity, unit, recorded and replayed value of all that differs."""
+        if recorded.stamp_ns != expected.stamp_ns:
+            yield 'stamp', 'ns', recorded.stamp_ns, expected.stamp_ns
+        if recorded.shape.frame_id != expected.frame_id:
+            yield 'frame_id', '', recorded.shape.frame_id, expected.frame_id
+        there = [v for part in recorded.shape.numbers(recorded.content) for v in part]
+        here = [v for part in expected.numbers for v in part]
+        names = [
+            (f'{field} of {joint}', unit)
+            for field, unit in (
+                ('position', 'm'),
+                ('velocity', 'm/s'),
+                ('effort', self.efforts),
+            )
+            for joint in self.joints
+        ]
+        for (name, unit), a, b in zip(names, there, here, strict=True):
+            if bits(a) != bits(b):
+                yield name, unit, a, b
 
-def _differing(
-    recorded: _Recorded, expected: _Expected
-) -> Iterator[tuple[str, str, object, object]]:
-    """Yield quantity, unit, recorded and replayed value of all that differs."""
-    if recorded.stamp_ns != expected.stamp_ns:
-        yield 'stamp', 'ns', recorded.stamp_ns, expected.stamp_ns
-    if recorded.shape.frame_id != expected.frame_id:
-        yield 'stop', '', recorded.shape.frame_id, expected.frame_id
-    there = [v for part in recorded.shape.numbers(recorded.content) for v in part]
-    here = [v for part in expected.numbers() for v in part]
-    for (name, unit), a, b in zip(_QUANTITIES, there, here, strict=True):
-        if bits(a) != bits(b):
-            yield name, unit, a, b
+
+class ControlLedger(ImpactLedger):
+    """Pairs what the gap control did, as the bag and as the replay have it."""
+
+    what = 'act of the gap control'
+    joints = CONTROL_JOINTS
+    efforts = 'J'
+
+    def expect_record(self, stamp_ns: int, record: ControlRecord) -> None:
+        """Take an act of the replay."""
+        self._expect(stamp_ns, record.time, record.frame_id, record.numbers)
+
+    def _count_recorded(self) -> None:
+        self._findings.recorded_control += 1
+
+    def _count_paired(self) -> None:
+        self._findings.control += 1
+
+    def _count_missing(self) -> None:
+        self._findings.missing_control += 1

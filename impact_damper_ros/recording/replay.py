@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, Sample
 
 from .cdr import CdrError
 from .errors import RecordingError
-from .impact_ledger import ImpactLedger
-from .replay_findings import Difference, Findings
+from .impact_ledger import ControlLedger, ImpactLedger
+from .replay_findings import Difference, Findings, SampleGap
 from .replayed_rig import Batch, ReplayedRig, Step
 from .run_history import Change, RunHistory, Snapshot, StateRecord
 from .sample_check import SampleCheck, SampleSpacing
@@ -95,15 +96,18 @@ class Replay:
         topics = history.topics
         self._check = SampleCheck(topics.joint_states, self.findings)
         self._spacing = SampleSpacing(self.findings)
-        self._ledger = ImpactLedger(topics.impacts, self.findings, stamped=history.stamped)
+        stamped = history.stamped
+        self._ledger = ImpactLedger(topics.impacts, self.findings, stamped=stamped)
+        self._control = ControlLedger(topics.gap_control, self.findings, stamped=stamped)
+        self._ledgers = {topics.impacts: self._ledger, topics.gap_control: self._control}
 
     def ticks(self) -> Iterator[Tick]:
         """Replay, sample by sample; those that cannot be read are told in the findings."""
         for item in self.history.items():
             if isinstance(item, StateRecord):
                 try:
-                    if item.impact:
-                        self._ledger.take(item.content)
+                    if (ledger := self._ledgers.get(item.topic)) is not None:
+                        ledger.take(item.content)
                     elif self._reach(item.stamp_ns):
                         yield self._look(item)
                 except CdrError as error:
@@ -132,15 +136,16 @@ class Replay:
         stamp_ns, content, time_ns = record.stamp_ns, record.content, self._time_ns
         positions, velocities, *_ = self._check.numbers(content)
         if self.findings.end_ns is None:
-            self._ledger.begin(stamp_ns)
-        for gap in self._spacing.look(time_ns, stamp_ns):
-            self._ledger.excuse(gap)
+            for ledger in self._ledgers.values():
+                ledger.begin(stamp_ns)
+        self._excuse(self._spacing.look(time_ns, stamp_ns))
         self._advance()
         sample = self.replayed.rig.sample()
         if self._before and self._before[0].time != sample.time:
             self._before = []
         self._check.compare(stamp_ns, content, sample, self._before)
-        self._ledger.settle()
+        for ledger in self._ledgers.values():
+            ledger.settle()
         events, self._events = self._events, []
         steps, self._steps = self._steps, []
         return Tick(time_ns, positions[0], velocities[0], sample, events, steps)
@@ -150,22 +155,33 @@ class Replay:
         # the rig would take at a second time.
         rig, time = self.replayed.rig, self._time_ns / 1e9
         if time > rig.time:
-            self._take_events(rig.advance(time))
+            self._take_events(rig.advance(time), rig.records)
 
-    def _take_events(self, events: list[Event]) -> None:
+    def _excuse(self, gaps: list[SampleGap]) -> None:
+        for gap in gaps:
+            for ledger in self._ledgers.values():
+                ledger.excuse(gap)
+
+    def _take_events(
+        self, events: list[Event], records: list[ControlRecord], offset_ns: int | None = None
+    ) -> None:
+        """Take what happened; their stamps may have another offset than the present one."""
         # A latched snapshot may be hours older than the recording.
         if self.history.stamped or self.findings.end_ns is not None:
             self._events += events
-        if not self.history.topics.impacts:
-            return
-        for event in events:
+        topics = self.history.topics
+        if offset_ns is None:
+            offset_ns = self.findings.offset_ns
+        for event in events if topics.impacts else ():
             if event.kind is EventKind.IMPACT:
-                self._ledger.expect(self.findings.offset_ns + round(event.time * 1e9), event)
+                self._ledger.expect(offset_ns + round(event.time * 1e9), event)
+        for record in records if topics.gap_control else ():
+            self._control.expect_record(offset_ns + round(record.time * 1e9), record)
 
     def _note_unreadable(self, record: StateRecord, error: CdrError) -> None:
         topics = self.history.topics
-        topic = topics.impacts if record.impact else topics.joint_states
-        if not self.findings.samples and not record.impact:
+        topic = record.topic
+        if not self.findings.samples and topic == topics.joint_states:
             cause = f'the first message of {topic} is not of a rig: {error}'
             raise RecordingError('replay', self.history.reader.path, cause)
         self._differ(record.stamp_ns, topic, 'message', str(error), 'a readable one')
@@ -237,7 +253,12 @@ class Replay:
         self._steps += [(self._time_ns, step) for step in batch.steps]
         self.findings.resets += batch.resets
         self.findings.changes += len(batch.steps) - batch.resets
-        self._take_events(batch.events)
+        for change, events, records in batch.effects:
+            # It may have come just after a resumption, and be stamped with its new offset.
+            offset_ns = None
+            if change is not None and change.exact:
+                offset_ns = change.stamp_ns - self._time_ns
+            self._take_events(events, records, offset_ns)
         if snapshot is not None:
             self._judge(batch, snapshot, known)
 
@@ -281,16 +302,17 @@ class Replay:
     def _finish(self) -> None:
         """Compare what came after the last sample, and say what is wrong with the bag."""
         findings, history = self.findings, self.history
-        for gap in self._spacing.close():
-            self._ledger.excuse(gap)
-        last_ns = findings.offset_ns + self._time_ns
-        if last_ns < self._ledger.last_ns <= last_ns + _LONGEST_GAP_NS:
-            # A cut bag may end with the impacts of a tick whose sample is lost.
-            last_ns = self._ledger.last_ns
-            self._time_ns = last_ns - findings.offset_ns + 1
+        self._excuse(self._spacing.close())
+        end_ns = findings.offset_ns + self._time_ns
+        for ledger in self._ledgers.values():
+            if end_ns < ledger.last_ns <= end_ns + _LONGEST_GAP_NS:
+                # A cut bag may end with the impacts of a tick whose sample is lost.
+                self._time_ns = max(self._time_ns, ledger.last_ns - findings.offset_ns + 1)
         self._advance()
-        self._ledger.drop_after(last_ns)
-        self._ledger.settle(final=True)
+        for ledger in self._ledgers.values():
+            # Of a tick that is cut off, each topic may have come to another end.
+            ledger.drop_after(max(ledger.last_ns, end_ns))
+            ledger.settle(final=True)
         if self._left_out:
             findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')
         disorder = history.disorder

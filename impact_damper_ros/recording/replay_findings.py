@@ -126,6 +126,8 @@ class Findings:
         How many were compared.
     recorded_impacts : int
         How many the bag holds, from its start on.
+    control, recorded_control, missing_control : int
+        The same, and `missing_impacts`, for what the gap control did.
     changes, resets, pauses, snapshots : int
         What else happened.
     start_ns, end_ns : int or None
@@ -157,6 +159,9 @@ class Findings:
     samples: int = 0
     impacts: int = 0
     recorded_impacts: int = 0
+    control: int = 0
+    recorded_control: int = 0
+    missing_control: int = 0
     changes: int = 0
     resets: int = 0
     pauses: int = 0

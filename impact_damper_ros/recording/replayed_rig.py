@@ -12,8 +12,14 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
+from impact_damper_ros.control import (
+    GAP_CONTROL_SPECS,
+    ControlledRig,
+    ControlRecord,
+    GapControlParameters,
+)
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -21,18 +27,79 @@ from impact_damper_ros.rig import (
     InitialConditions,
     ParameterError,
     RigParameters,
-    Simulator,
 )
 
 from .run_history import Change, Snapshot
 
-__all__ = ['Batch', 'ReplayedRig', 'Step', 'initial_of', 'state_differences']
+__all__ = [
+    'Batch',
+    'Effect',
+    'ReplayedRig',
+    'Setting',
+    'Step',
+    'initial_of',
+    'setting_of',
+    'state_differences',
+]
+
+
+class Setting(NamedTuple):
+    """All parameters of a rig and of its gap control."""
+
+    rig: RigParameters
+    control: GapControlParameters
+
+    def replaced(self, values: Mapping[str, Any]) -> Setting:
+        """
+        Return the setting with other values of those parameters that it has.
+
+        Raises
+        ------
+        ParameterError
+            If that is not admissible.
+        """
+        return Setting(
+            self.rig.replace(**{n: v for n, v in values.items() if n in PARAMETER_SPECS}),
+            self.control.replace(**{n: v for n, v in values.items() if n in GAP_CONTROL_SPECS}),
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return name and value of every parameter."""
+        return {**self.rig.as_dict(), **self.control.as_dict()}
+
+
+def setting_of(state: Mapping[str, Any]) -> Setting:
+    """Return the parameters that a snapshot holds."""
+    return Setting(
+        RigParameters(**state['parameters']),
+        GapControlParameters(**state['gap_control']['parameters']),
+    )
+
 
 #: Something done to the rig: changed to parameters, or reset to initial conditions.
-Step = RigParameters | InitialConditions
+Step = Setting | InitialConditions
 
 #: Longest batch in which a reset is looked for at every place.
 _LONGEST_SEARCH = 50
+
+
+class Effect(NamedTuple):
+    """
+    What a change caused at once.
+
+    Attributes
+    ----------
+    change : Change or None
+        The parameter event, if there is one.
+    events : list of Event
+        Impacts, among others.
+    records : list of ControlRecord
+        What the gap control did.
+    """
+
+    change: Change | None
+    events: list[Event]
+    records: list[ControlRecord]
 
 
 @dataclass
@@ -44,8 +111,8 @@ class Batch:
     ----------
     steps : list of Step
         What was done, in order.
-    events : list of Event
-        The impacts that it caused, among others.
+    effects : list of Effect
+        What each of them caused at once.
     agrees : bool
         Whether it leads to the state of the snapshot, if there is one.
     unlogged : dict
@@ -59,7 +126,7 @@ class Batch:
     """
 
     steps: list[Step] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
+    effects: list[Effect] = field(default_factory=list)
     agrees: bool = True
     unlogged: dict[str, Any] = field(default_factory=dict)
     adopted: bool = False
@@ -127,7 +194,7 @@ class ReplayedRig:
 
     Attributes
     ----------
-    rig : Simulator
+    rig : ControlledRig
         The rig.
     initial : InitialConditions or None
         What the next reset leads to; None as long as no message has told.
@@ -141,7 +208,7 @@ class ReplayedRig:
     """
 
     def __init__(self, start: Snapshot) -> None:
-        self.rig = Simulator.restore(start.state)
+        self.rig = ControlledRig.restore(start.state)
         self.initial: InitialConditions | None = None
         self.first_initial: InitialConditions | None = None
 
@@ -153,7 +220,7 @@ class ReplayedRig:
 
     def adopt(self, snapshot: Snapshot) -> None:
         """Go on from a snapshot, whatever the state was."""
-        self.rig = Simulator.restore(snapshot.state)
+        self.rig = ControlledRig.restore(snapshot.state)
 
     def carry_out(self, changes: Sequence[Change], snapshot: Snapshot | None) -> Batch:
         """
@@ -174,7 +241,7 @@ class ReplayedRig:
         if snapshot is None:
             self.rig, self.initial, batch = self._tried(changes)
             return batch
-        before = self.rig.parameters.as_dict()
+        before = _setting(self.rig).as_dict()
         wanted = _canonical(snapshot.state)
         best = None
         for attempt in self._attempts(changes, snapshot):
@@ -187,7 +254,7 @@ class ReplayedRig:
             self.rig, self.initial, batch = best
             self._disagree(batch, snapshot)
         told = {name for change in changes for name in change.values}
-        after = self.rig.parameters.as_dict()
+        after = _setting(self.rig).as_dict()
         batch.unlogged = {n: v for n, v in after.items() if v != before[n] and n not in told}
         return batch
 
@@ -200,17 +267,14 @@ class ReplayedRig:
             batch.steps.append(initial_of(snapshot))
             self.adopt(snapshot)
             return
-        target = RigParameters(**snapshot.state['parameters'])
-        if target != self.rig.parameters:
-            batch.events += self.rig.change(target)
-            batch.steps.append(target)
+        _change(self.rig, setting_of(snapshot.state), None, batch)
 
     def _attempts(self, changes: Sequence[Change], snapshot: Snapshot) -> Iterator[_Attempt]:
         """Yield rigs to which that was done which the snapshot may show, the likely ones first."""
         count = len(changes)
         # Some of the changes may belong to later batches.
         places = range(count, -1, -1) if count <= _LONGEST_SEARCH else (count,)
-        target = RigParameters(**snapshot.state['parameters'])
+        target = setting_of(snapshot.state)
         for last in (None, target):
             for used in places:
                 yield self._tried(changes[:used], last=last)
@@ -224,10 +288,10 @@ class ReplayedRig:
         changes: Sequence[Change],
         *,
         reset_at: int | None = None,
-        last: RigParameters | None = None,
+        last: Setting | None = None,
     ) -> _Attempt:
         """Carry out changes, a reset before that of a number, and a last change, on a copy."""
-        rig = Simulator.restore(self.rig.snapshot())
+        rig = ControlledRig.restore(self.rig.snapshot())
         initial, batch = self.initial, Batch(used=len(changes))
         for number in range(len(changes) + 1):
             if number == reset_at and initial is not None:
@@ -237,23 +301,25 @@ class ReplayedRig:
                     batch.steps.append(initial)
             if number < len(changes):
                 values = changes[number].values
-                parameters = rig.parameters.replace(
-                    **{n: v for n, v in values.items() if n in PARAMETER_SPECS}
-                )
-                _change(rig, parameters, batch)
+                _change(rig, _setting(rig).replaced(values), changes[number], batch)
                 initial = _updated(initial, values)
         if last is not None:
-            _change(rig, last, batch)
+            _change(rig, last, None, batch)
         return rig, initial, batch
 
 
-_Attempt = tuple[Simulator, InitialConditions | None, Batch]
+_Attempt = tuple[ControlledRig, InitialConditions | None, Batch]
 
 
-def _change(rig: Simulator, parameters: RigParameters, batch: Batch) -> None:
-    if parameters != rig.parameters:
-        batch.events += rig.change(parameters)
-        batch.steps.append(parameters)
+def _setting(rig: ControlledRig) -> Setting:
+    return Setting(rig.parameters, rig.control)
+
+
+def _change(rig: ControlledRig, setting: Setting, change: Change | None, batch: Batch) -> None:
+    if setting != _setting(rig):
+        events = rig.change(*setting)
+        batch.effects.append(Effect(change, events, rig.records))
+        batch.steps.append(setting)
 
 
 def _updated(

@@ -11,6 +11,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
 from impact_damper_ros.rig import Event, Sample
 
 from .cdr import CdrWriter
@@ -41,6 +42,9 @@ class RigMessages:
     def __init__(self) -> None:
         self._states = _shape('', JOINTS, 4, 4, 0)
         self._impacts = {stop: _shape(f'stop_{stop}', IMPACT_JOINTS, 2, 2, 2) for stop in (1, 2)}
+        self._control = {
+            action: _shape(action.name.lower(), CONTROL_JOINTS, 3, 3, 3) for action in Action
+        }
 
     def states(self, stamp_ns: int, sample: Sample) -> bytes:
         """Return the joint states of a sample; the stops move with the primary mass."""
@@ -63,6 +67,10 @@ class RigMessages:
             (event.primary_velocity_after, event.damper_velocity_after),
             (impulse, -impulse),
         )
+
+    def control(self, stamp_ns: int, record: ControlRecord) -> bytes:
+        """Return the message of what the gap control did."""
+        return self._control[record.action].filled(stamp_ns, *record.numbers)
 
 
 def snapshot_message(offset_ns: int, time_ns: int, reason: str, state: Mapping[str, Any]) -> bytes:

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, Sample
 
 from .rig_messages import RigMessages, parameter_event, snapshot_message
@@ -31,6 +32,10 @@ _NAP = 0.01
 class RunningRig(Protocol):
     """What is asked of a rig."""
 
+    @property
+    def records(self) -> Sequence[ControlRecord]:
+        """What the gap control did during the last call of `advance`."""
+
     def sample(self) -> Sample:
         """Return the motion at the present time."""
 
@@ -39,12 +44,18 @@ class RunningRig(Protocol):
 
 
 def rig_topics(
-    joint_states: str, impacts: str, snapshot: str, parameter_events: str, diagnostics: str = ''
+    joint_states: str,
+    impacts: str,
+    gap_control: str,
+    snapshot: str,
+    parameter_events: str,
+    diagnostics: str = '',
 ) -> list[Topic]:
     """Return the topics of a rig by their full names, with the node's quality of service."""
     topics = [
         Topic(joint_states, _JOINT_STATE, QosProfile(depth=100)),
         Topic(impacts, _JOINT_STATE, QosProfile(depth=1000)),
+        Topic(gap_control, _JOINT_STATE, QosProfile(depth=1000)),
         Topic(snapshot, 'std_msgs/msg/String', LATCHED),
         Topic(parameter_events, 'rcl_interfaces/msg/ParameterEvent', QosProfile(depth=1000)),
     ]
@@ -95,12 +106,14 @@ class RigRecorder:
         space = node.rpartition('/')[0]
         self._states = f'{space}/joint_states'
         self._impacts = f'{space}/impacts'
+        self._control = f'{space}/gap_control'
         self._snapshots = f'{space}/snapshot'
-        topics = rig_topics(self._states, self._impacts, self._snapshots, _EVENTS)
+        topics = rig_topics(self._states, self._impacts, self._control, self._snapshots, _EVENTS)
         notes = {
             'node': node,
             'joint_states': self._states,
             'impacts': self._impacts,
+            'gap_control': self._control,
             'snapshot': self._snapshots,
         }
         self._writer = RunWriter(directory, topics, custom=notes)
@@ -158,6 +171,9 @@ class RigRecorder:
                 stamp_ns = round(event.time * 1e9)
                 content = self._messages.impact(stamp_ns, event)
                 self._writer.write(self._impacts, content, stamp_ns)
+        for record in self._rig.records:
+            stamp_ns = round(record.time * 1e9)
+            self._writer.write(self._control, self._messages.control(stamp_ns, record), stamp_ns)
         if instant == self._instant_ns(self._due) / 1e9:
             self._tick()
 

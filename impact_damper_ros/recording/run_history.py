@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from impact_damper_ros.control import GAP_CONTROL_SPECS, completed
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 from impact_damper_ros.rig.snapshot import FORMATS, upgraded
 
@@ -37,11 +38,11 @@ _OVERTAKING = 2000
 
 
 class StateRecord(NamedTuple):
-    """A recorded JointState, still serialised: joint states of the rig, or an impact."""
+    """A recorded JointState, still serialised: of the rig, of an impact, or of its control."""
 
     stamp_ns: int
     content: bytes
-    impact: bool
+    topic: str
 
 
 class Change(NamedTuple):
@@ -81,6 +82,7 @@ class RigTopics:
     joint_states: str
     impacts: str = ''
     parameter_events: str = ''
+    gap_control: str = ''
 
     @property
     def namespace(self) -> str:
@@ -133,17 +135,22 @@ def find_topics(reader: RunReader, node: str | None = None) -> RigTopics:
                 notes['joint_states'],
                 notes['impacts'] if notes.get('impacts') in topics else '',
                 events[0] if events else '',
+                notes['gap_control'] if notes.get('gap_control') in topics else '',
             )
         ]
     else:
         found = []
         for topic in sorted(topics):
             space, _, name = topic.rpartition('/')
-            states, impacts = f'{space}/joint_states', f'{space}/impacts'
+            states = f'{space}/joint_states'
             if name != 'snapshot' or topics[topic].type != _STRING or states not in topics:
                 continue
-            held = impacts if impacts in topics else ''
-            found.append(RigTopics('', topic, states, held, events[0] if events else ''))
+            impacts, control = (
+                name if name in topics else ''
+                for name in (f'{space}/impacts', f'{space}/gap_control')
+            )
+            changes = events[0] if events else ''
+            found.append(RigTopics('', topic, states, impacts, changes, control))
     if node is not None:
         chosen = [t for t in found if node in (t.node, t.namespace, t.namespace.rstrip('/'))]
         # A node is in the namespace of its topics.
@@ -238,16 +245,16 @@ class RunHistory:
     def _raw_items(self) -> Iterator[Item]:
         """Yield the messages as items, as stored."""
         names = self.topics
-        wanted = {names.snapshot, names.joint_states, names.impacts, names.parameter_events}
+        rig = {names.joint_states, names.impacts, names.gap_control}
+        wanted = {names.snapshot, names.parameter_events, *rig}
         last: dict[str, tuple[int, bytes]] = {}
         stamped = self.stamped
-        states, impacts = names.joint_states, names.impacts
         now_ns = self.start.stamp_ns
         record = None
         try:
             for record in self.reader.records(wanted - {''}):
                 topic, _, stamp_ns, content = record
-                if topic in (states, impacts):
+                if topic in rig:
                     within_ns = header_ns(content)
                     before = last.get(topic)
                     if before is not None and within_ns <= before[0]:
@@ -258,7 +265,7 @@ class RunHistory:
                             self.disorder.note(self.disorder.late, topic, stamp_ns)
                     last[topic] = (within_ns, content)
                     now_ns = stamp_ns if stamped else within_ns
-                    yield StateRecord(now_ns, content, topic == impacts)
+                    yield StateRecord(now_ns, content, topic)
                 elif topic == names.snapshot:
                     yield self._snapshot(record)
                 elif (change := self._change(record, now_ns)) is not None:
@@ -290,7 +297,7 @@ class RunHistory:
             raise RecordingError('replay', self.reader.path, cause, remedy)
         try:
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
-            reason, state = str(held['reason']), upgraded(held['state'])
+            reason, state = str(held['reason']), completed(upgraded(held['state']))
         except (KeyError, TypeError, ValueError) as error:
             cause = f'{where} is not complete: {error!r}'
             raise RecordingError('replay', self.reader.path, cause) from error
@@ -314,7 +321,7 @@ class RunHistory:
 
 
 def _rig_values(parameters: tuple[Parameter, ...]) -> dict[str, Any]:
-    known = (*PARAMETER_SPECS, *INITIAL_SPECS, 'state_rate')
+    known = (*PARAMETER_SPECS, *INITIAL_SPECS, *GAP_CONTROL_SPECS, 'state_rate')
     return {p.name: p.value for p in parameters if p.name in known}
 
 

@@ -13,17 +13,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.rig import (
     Event,
     InitialConditions,
     ParameterError,
-    RigParameters,
     Sample,
-    Simulator,
 )
 
 from .replay import Replay, Tick
-from .replayed_rig import Step
+from .replayed_rig import Setting, Step, setting_of
 from .run_history import Snapshot
 
 __all__ = ['Ending', 'Trace', 'WhatIf', 'trace']
@@ -40,13 +39,13 @@ class WhatIf:
     initial : InitialConditions or None
         The recorded rig's at that time, as far as they are known.
     held : mapping
-        Rig parameters and their values.
+        Parameters of the rig and of its gap control, and their values.
     held_initial : mapping, optional
         Initial conditions and their values.
 
     Attributes
     ----------
-    rig : Simulator
+    rig : ControlledRig
         The rig.
     from_initial : bool
         Whether it started from the initial conditions. Otherwise it took over the recorded state,
@@ -70,10 +69,10 @@ class WhatIf:
     ) -> None:
         self._held = dict(held)
         self._held_initial = dict(held_initial or {})
-        self._logged = RigParameters(**start.state['parameters'])
-        parameters = self._logged.replace(**held)
+        self._logged = setting_of(start.state)
+        setting = self._logged.replaced(held)
         self.early_events: list[Event] = []
-        rig = _from_initial(start, self._logged, initial, parameters, self._held_initial)
+        rig = _from_initial(start, self._logged, initial, setting, self._held_initial)
         self.from_initial = rig is not None
         if rig is None:
             if self._held_initial:
@@ -81,14 +80,14 @@ class WhatIf:
                     f'{", ".join(self._held_initial)} cannot be set: the bag does not begin where '
                     'the run began, the state there is what was recorded; set rig parameters only'
                 )
-            rig = Simulator.restore(start.state)
-            self.early_events += rig.change(parameters)
+            rig = ControlledRig.restore(start.state)
+            self.early_events += rig.change(*setting)
         self.rig = rig
 
     def copied(self) -> WhatIf:
         """Return another one that goes on from here."""
         other = copy.copy(self)
-        other.rig = Simulator.restore(self.rig.snapshot())
+        other.rig = ControlledRig.restore(self.rig.snapshot())
         return other
 
     def follow(self, tick: Tick) -> tuple[Sample, list[Event]]:
@@ -129,35 +128,36 @@ class WhatIf:
             If that cannot be.
         """
         rig = self.rig
-        if isinstance(step, RigParameters):
+        if isinstance(step, Setting):
             self._logged = step
-            return rig.change(step.replace(**self._held))
+            return rig.change(*step.replaced(self._held))
         initial = InitialConditions(**{**step.as_dict(), **self._held_initial})
         try:
             rig.reset(initial)
         except ParameterError:
             # m would be outside a narrower gap, which then closes on it, as at the start.
-            parameters = rig.parameters
-            rig.change(self._logged)
+            held = rig.parameters
+            rig.change(self._logged.rig)
             rig.reset(initial)
-            return rig.change(parameters)
+            return rig.change(held)
         return []
 
 
 def _from_initial(
     start: Snapshot,
-    logged: RigParameters,
+    logged: Setting,
     initial: InitialConditions | None,
-    parameters: RigParameters,
+    setting: Setting,
     held_initial: Mapping[str, Any],
-) -> Simulator | None:
+) -> ControlledRig | None:
     """Return a rig at its initial conditions, if the history begins at those of the logged one."""
     if initial is None or start.time_ns != 0:
         return None
     try:
-        if Simulator(logged, initial).snapshot() != start.state:
+        if ControlledRig(logged.rig, initial, control=logged.control).snapshot() != start.state:
             return None
-        return Simulator(parameters, InitialConditions(**{**initial.as_dict(), **held_initial}))
+        held = InitialConditions(**{**initial.as_dict(), **held_initial})
+        return ControlledRig(setting.rig, held, control=setting.control)
     except ParameterError:
         if held_initial:
             raise
@@ -190,7 +190,7 @@ class Ending:
         self._replay = replay
         self._other = other
         self._span_ns = round(span * 1e9)
-        self._kept: deque[tuple[int, Simulator, WhatIf]] = deque()
+        self._kept: deque[tuple[int, ControlledRig, WhatIf]] = deque()
         self._steps: deque[tuple[int, Step]] = deque()
         self._time_ns = 0
 
@@ -200,7 +200,7 @@ class Ending:
         self._steps.extend(tick.steps)
         kept = self._kept
         if not kept or now_ns - kept[-1][0] >= self._span_ns // 4:
-            rig = Simulator.restore(self._replay.replayed.rig.snapshot())
+            rig = ControlledRig.restore(self._replay.replayed.rig.snapshot())
             kept.append((now_ns, rig, self._other.copied()))
         while len(kept) > 1 and kept[1][0] <= now_ns - self._span_ns:
             kept.popleft()
@@ -219,7 +219,7 @@ class Ending:
         # Those at the very first instant had been done when it was kept.
         steps = [step for step in self._steps if step[0] > from_ns]
         plain = other.copied()
-        plain.rig, plain._held, plain._held_initial = Simulator.restore(rig.snapshot()), {}, {}
+        plain.rig, plain._held, plain._held_initial = ControlledRig.restore(rig.snapshot()), {}, {}
         return trace(plain, steps, instants), trace(other.copied(), steps, instants)
 
 

@@ -3,8 +3,9 @@
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from impact_damper_ros.control import Action, ControlRecord, GapControlParameters
 from impact_damper_ros.nodes.diagnostics import Diagnostics, RecordingStatus
-from impact_damper_ros.nodes.engine import EngineStatus
+from impact_damper_ros.nodes.engine import ControlStatus, EngineStatus
 from impact_damper_ros.nodes.motion_report import MotionReport
 from impact_damper_ros.nodes.pacing import PacingCounts
 
@@ -31,7 +32,7 @@ def report(engine, recording=None, factor=1.0):
     array = diagnostics.report(1_500_000_000, engine, recording or RecordingStatus())
     assert (array.header.stamp.sec, array.header.stamp.nanosec) == (1, 500_000_000)
     assert [s.name for s in array.status] == [
-        f'lab/rig: {t}' for t in ('pacing', 'rig', 'recording')
+        f'lab/rig: {t}' for t in ('pacing', 'rig', 'recording', 'gap control')
     ]
     return array.status
 
@@ -78,6 +79,21 @@ def test_rig():
     assert report(second(paused=True))[1].message == 'paused, free'
 
 
+def test_gap_control():
+    off = report(second())[3]
+    assert (off.level, off.message) == (OK, 'off')
+    assert {v.value for v in off.values} == {'off', 'independent', '', '0'}
+    act = ControlRecord(0.9, Action.ARRIVED, 8.5, -7.5, 2.25, 0.0, 0.0, 1.0, 0.5, 0.25)
+    law = GapControlParameters(gap_control='timed')
+    on = report(second(control=ControlStatus(law, 12, act)))[3]
+    assert on.message == 'timed'
+    values = {v.key: v.value for v in on.values}
+    assert values['Stop 1 to Y [m]'] == '8.5'
+    assert values['Amplitude of X [m]'] == '2.25'
+    assert values['Energy spent on stop 2 [J]'] == '0.25'
+    assert values['Commands'] == '12'
+
+
 def test_the_motion_goes_with_the_rest_or_alone():
     diagnostics = Diagnostics('/lab/rig', 200.0, 1.0)
     motion = [
@@ -87,7 +103,7 @@ def test_the_motion_goes_with_the_rest_or_alone():
     whole = diagnostics.report(0, second(), RecordingStatus(), motion)
     alone = diagnostics.motion_report(2_000_000_001, motion)
     assert (alone.header.stamp.sec, alone.header.stamp.nanosec) == (2, 1)
-    assert whole.status[3:] == alone.status
+    assert whole.status[4:] == alone.status
     assert [s.name for s in alone.status] == [
         'lab/rig: measured motion',
         'lab/rig: predicted motion',

@@ -16,7 +16,13 @@ from impact_damper_ros.nodes.engine import LOG_BACKLOG, Engine
 from impact_damper_ros.nodes.outlets import Outlet, Outlets
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 
-TYPES = {'states': JointState, 'impacts': JointState, 'snapshot': String, 'clock': Clock}
+TYPES = {
+    'states': JointState,
+    'impacts': JointState,
+    'gap_control': JointState,
+    'snapshot': String,
+    'clock': Clock,
+}
 LIVELY = RigParameters(gap=1.0, gravity=0.0)
 DEADLINE_S = 20.0
 

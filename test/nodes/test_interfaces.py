@@ -129,7 +129,7 @@ def test_diagnostics(rig):
     reports = rig.client.listen(DiagnosticArray, '/diagnostics')
     ours = until(lambda: [r for r in list(reports) if r.status[0].name == 'sim_node: pacing'][1:])
     statuses = {s.name: s for s in ours[-1].status}
-    tasks = ('pacing', 'rig', 'recording', 'measured motion', 'predicted motion')
+    tasks = ('pacing', 'rig', 'recording', 'gap control', 'measured motion', 'predicted motion')
     assert list(statuses) == [f'sim_node: {task}' for task in tasks]
     pacing = {v.key: v.value for v in statuses['sim_node: pacing'].values}
     assert float(pacing['State rate [Hz]']) == 200.0

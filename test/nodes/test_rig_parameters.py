@@ -219,7 +219,7 @@ def test_descriptors_say_it_all(name):
         assert (limits.from_value, limits.to_value, limits.step) == (spec.low, spec.high, 1)
         assert not made.floating_point_range
     else:
-        (limits,) = made.floating_point_range
+        (limits,) = made.integer_range or made.floating_point_range
         assert (limits.from_value, limits.to_value) == (spec.low, spec.high)
 
 

@@ -5,12 +5,13 @@ import random
 
 from recording import samples
 
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.recording.replayed_rig import Setting
 from impact_damper_ros.rig import (
     EventKind,
     InitialConditions,
     ParameterError,
     RigParameters,
-    Simulator,
 )
 
 LIVELY = RigParameters(
@@ -26,6 +27,7 @@ NOTES = {
     'node': NODE,
     'joint_states': '/joint_states',
     'impacts': '/impacts',
+    'gap_control': '/gap_control',
     'snapshot': '/snapshot',
 }
 KINDS = {bool: 1, int: 2, float: 3, str: 4, tuple: 8}
@@ -41,9 +43,12 @@ class RecordedRig:
         Topic, content and stamp.
     """
 
-    def __init__(self, parameters=LIVELY, initial=None, *, rate=200.0, offset=samples.START):
+    def __init__(
+        self, parameters=LIVELY, initial=None, *, rate=200.0, offset=samples.START, control=None
+    ):
         self.initial = initial or InitialConditions()
-        self.rig = Simulator(parameters, self.initial)
+        self.control = control or GapControlParameters()
+        self.rig = ControlledRig(parameters, self.initial, control=self.control)
         self.rate, self.offset, self.tick, self.time_ns = rate, offset, 0, 0
         self.messages = []
         self.news = ''
@@ -66,7 +71,8 @@ class RecordedRig:
     def record(self):
         self.recording = True
         self.announce('record')
-        every = {**self.rig.parameters.as_dict(), **self.initial.as_dict()}
+        parts = (self.rig.parameters, self.initial, self.rig.control)
+        every = {name: v for part in parts for name, v in part.as_dict().items()}
         self.event({**every, 'state_rate': self.rate, 'record': True}, new=True)
 
     def event(self, values, *, new=False):
@@ -101,6 +107,12 @@ class RecordedRig:
                     f'stop_{e.stop}',
                 )
                 self.write('/impacts', content, stamp)
+        for record in self.rig.records:
+            stamp = self.offset + round(record.time * 1e9)
+            names = ['stop_1', 'stop_2', 'primary']
+            numbers = [list(part) for part in record.numbers]
+            content = samples.joint_state(stamp, names, *numbers, record.action.name.lower())
+            self.write('/gap_control', content, stamp)
 
     def states(self):
         s = self.rig.sample()
@@ -120,9 +132,10 @@ class RecordedRig:
                 rig = {n: v for n, v in value.items() if n not in known}
                 self.initial = InitialConditions(**{**self.initial.as_dict(), **known})
                 self.event(value)
-                parameters = self.rig.parameters.replace(**rig)
-                if parameters != self.rig.parameters:
-                    self.impacts(self.rig.change(parameters))
+                before = Setting(self.rig.parameters, self.rig.control)
+                after = before.replaced(rig)
+                if after != before:
+                    self.impacts(self.rig.change(*after))
                     self.news = self.news or 'change'
             elif kind == 'reset':
                 try:
@@ -149,7 +162,8 @@ class RecordedRig:
         return self
 
     def save(self, directory, **options):
-        return samples.record(directory, self.messages, **{'custom': NOTES, **options})
+        options = {'custom': NOTES, 'topics': samples.CONTROLLED, **options}
+        return samples.record(directory, self.messages, **options)
 
 
 def random_requests(rng):

@@ -28,6 +28,9 @@ TOPICS = (
     Topic('/snapshot', STRING, LATCHED),
 )
 
+#: Of a node that knows gap control.
+CONTROLLED = (*TOPICS, Topic('/gap_control', JOINT_STATE))
+
 
 def serialise(interface: str, message: object) -> bytes:
     return bytes(STORE.serialize_cdr(message, interface))
@@ -142,9 +145,14 @@ def run(steps: int, rate: int = 200) -> list[tuple[str, bytes, int]]:
     return messages
 
 
-def record(directory: Path, messages: Sequence[tuple[str, bytes, int]], **options: object) -> Path:
+def record(
+    directory: Path,
+    messages: Sequence[tuple[str, bytes, int]],
+    topics: Sequence[Topic] = TOPICS,
+    **options: object,
+) -> Path:
     """Record messages to a new bag and return its path."""
-    with RunWriter(directory, TOPICS, **options) as writer:  # type: ignore[arg-type]
+    with RunWriter(directory, topics, **options) as writer:  # type: ignore[arg-type]
         for message in messages:
             assert writer.write(*message)
     assert writer.error is None
