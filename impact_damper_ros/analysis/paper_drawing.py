@@ -197,18 +197,20 @@ def legend_below(
 
 def save_figure(figure: Figure, path: Path) -> None:
     """
-    Write a figure as PNG, whole or not at all, without a date.
+    Write a figure, whole or not at all, without a date.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
         The figure.
     path : Path
-        The file.
+        The file; its suffix is the format, png, svg or pdf.
     """
     part = path.with_name(f'.{path.name}.part')
+    kind = path.suffix.lower().lstrip('.')
+    dated = {'png': 'Software', 'svg': 'Date', 'pdf': 'CreationDate'}[kind]
     try:
-        figure.savefig(part, format='png', metadata={'Software': None})
+        figure.savefig(part, format=kind, metadata={dated: None})
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)

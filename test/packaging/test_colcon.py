@@ -23,6 +23,7 @@ COMMANDS = [
     'sim_node',
     'simulate_rig',
     'solve_periodic',
+    'sweep_rig',
 ]
 NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'install', 'log', 'demo_run')
 

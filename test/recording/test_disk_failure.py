@@ -6,7 +6,6 @@ import errno
 import os
 import resource
 import shutil
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import pytest
 from recording import samples
 from rosbags.rosbag2 import Reader
+from small_disk import mounted
 
 from impact_damper_ros.recording import (
     RecordingError,
@@ -31,18 +31,8 @@ NOTE = Topic('/note', samples.STRING)
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
     """Mount a file system of 256 kB."""
-    directory = tmp_path / 'disk'
-    directory.mkdir()
-    command = ['mount', '-t', 'tmpfs', '-o', 'size=256k', 'tmpfs', str(directory)]
-    mount = shutil.which('mount')
-    result = subprocess.run(command, capture_output=True, text=True) if mount else None
-    if result is None or result.returncode:
-        reason = result.stderr.strip() if result else 'no mount command'
-        pytest.skip(f'a small file system cannot be mounted here: {reason}')
-    try:
+    with mounted(tmp_path / 'disk', 256) as directory:
         yield directory
-    finally:
-        subprocess.run(['umount', '-l', str(directory)], check=True)
 
 
 def record_until_full(writer: RunWriter) -> int:

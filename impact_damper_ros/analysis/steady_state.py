@@ -1,0 +1,243 @@
+"""What a rig settles into, and what that motion amounts to."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.orbits.floquet import multipliers_of
+from impact_damper_ros.rig import EventKind, Mode
+from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Stretch
+
+from .chatter_time import chatter_time
+from .lyapunov import Deviations, Exponent, deviations, growth_exponent, monodromy_of
+from .motion_kind import MotionKind
+from .settling_rig import Settling, SettlingRig, section_of
+from .stretch_swing import stretch_swing
+
+__all__ = ['SteadyState', 'TimeShares', 'steady_state']
+
+Array = NDArray[np.float64]
+
+#: Samples in a cycle of the fastest of force and spring, for the largest |X|: of a motion that
+#: repeats (it is then exact to 1e-9) and of one that does not (2e-7).
+_LOOKS, _FEWER_LOOKS = 256, 64
+_MOST_FINER = 64.0
+#: A motion that repeats but whose deviations grow by more than this in a period will not stay.
+_GROWS = 1.001
+#: Growth, as a logarithm, over the time watched from which on a motion is taken as chaotic.
+_CHAOTIC_GROWTH = 5.0
+
+
+@dataclass(frozen=True)
+class TimeShares:
+    """
+    Shares of the time, 0 to 1.
+
+    Attributes
+    ----------
+    stick : float
+        m is held by friction inside the gap.
+    rest : float
+        m rests on a stop.
+    chatter : float
+        m is in a complete chatter; see `chatter_time`.
+    """
+
+    stick: float
+    rest: float
+    chatter: float
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """
+    A motion, measured over whole cycles of the force.
+
+    Attributes
+    ----------
+    kind : MotionKind
+        What it is; `UNDECIDED` if it does not repeat and neighbours do not part.
+    settling_cycles, measured_cycles : int
+        Cycles run before it was measured, and cycles over which it was.
+    cycle : float
+        Cycle of the force, or of the spring if there is none, s.
+    period : int
+        Period in cycles of the force; 0 if it does not repeat.
+    stops : tuple of str
+        Stops hit in a period; a whole chatter to rest is one entry, such as '1~'.
+    impacts : int
+        Impacts in a period, those of a chatter up to its cut; 0 if it does not repeat.
+    x_max, x_mean, x_rms : float
+        Largest |X|, mean and root mean square of X, m.
+    impacts_per_cycle : float
+        Impacts per cycle of the force.
+    exponent : Exponent
+        Largest Lyapunov exponent.
+    multiplier : float
+        Modulus of the largest multiplier of a period; NaN if it does not repeat.
+    shares : TimeShares
+        Shares of the time that m sticks, rests and chatters.
+    section : ndarray, shape (n, 4)
+        X, X', Y and Y' at the ends of cycles: of one period, or of the last cycles.
+    hits : ndarray, shape (m, 3)
+        Impacts in the same cycles: stop, phase in cycles of the force, speed of approach, m/s.
+    events : int
+        Events of the whole run.
+    """
+
+    kind: MotionKind
+    settling_cycles: int
+    measured_cycles: int
+    cycle: float
+    period: int
+    stops: tuple[str, ...]
+    impacts: int
+    x_max: float
+    x_mean: float
+    x_rms: float
+    impacts_per_cycle: float
+    exponent: Exponent
+    multiplier: float
+    shares: TimeShares
+    section: Array
+    hits: Array
+    events: int
+
+
+def _sequence(events: Events) -> tuple[str, ...]:
+    """Return the stops hit, from the place that reads first; a chatter to rest is one entry."""
+    words: list[str] = []
+    for kind, stop in zip(events['kind'].tolist(), events['stop'].tolist(), strict=True):
+        if kind == EventKind.IMPACT:
+            words.append(str(stop))
+        elif kind == EventKind.REST:
+            while words and words[-1] == str(stop):
+                words.pop()
+            words.append(f'{stop}~')
+    # A chatter that is under way at the end of the period
+    while len(words) > 1 and words[-1] + '~' in words and words[-1] == words[0][0]:
+        words.pop()
+    return min((tuple(words[i:] + words[:i]) for i in range(len(words))), default=())
+
+
+def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]:
+    """Return exponent and largest multiplier of the second of two periods, and of the first."""
+    products = monodromy_of(along, np.array([along.start + span, along.end]))
+    moduli = [abs(multipliers_of(product)[0]) for product in products]
+    rates = [math.log(modulus) / span if modulus else -math.inf for modulus in moduli]
+    spread = abs(rates[1] - rates[0]) if all(map(math.isfinite, rates)) else 0.0
+    return Exponent(rates[1], spread), moduli[1]
+
+
+def _kind(rig: SettlingRig, period: int, impacts: int, exponent: Exponent) -> MotionKind:
+    """Say what a motion is, by how it was recognised; the exponent is that of the time watched."""
+    if period and impacts:
+        return MotionKind.PERIODIC
+    if period:
+        return MotionKind.NO_IMPACTS if rig.forced else MotionKind.AT_REST
+    if not rig.repeating:
+        return MotionKind.NOT_PERIODICALLY_DRIVEN
+    grown = exponent.value * rig.settling.watch * rig.cycle
+    if exponent.value > exponent.uncertainty and grown > _CHAOTIC_GROWTH:
+        return MotionKind.CHAOTIC
+    return MotionKind.UNDECIDED
+
+
+def _shares(stretch: Stretch, around: Events, start: float, end: float) -> TimeShares:
+    spent = stretch.time_in_mode / (end - start)
+    return TimeShares(
+        stick=float(spent[Mode.STICK]),
+        rest=float(spent[Mode.REST_1] + spent[Mode.REST_2]),
+        chatter=chatter_time(around, start, end) / (end - start),
+    )
+
+
+def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
+    """Measure a motion of a known period in cycles, or of none, that had some events before."""
+    begun, cycle = rig.cycles, rig.cycle
+    finer = max([rig.omega, *rig.machine.free.frequencies]) * cycle / math.tau
+    looks = math.ceil((_LOOKS if period else _FEWER_LOOKS) * min(max(finer, 1.0), _MOST_FINER))
+    cycles = 2 * period or rig.settling.watch
+    start, (mode, last_stop) = begun * cycle, rig.state()
+    stretch = rig.run(cycles, looks)
+    end = rig.cycles * cycle
+    along = deviations(rig.machine, rig.angles, stretch.events, mode, last_stop, start, end)
+    # A chatter under way at either end is known by the events before and after
+    around = np.concatenate([before, stretch.events, rig.run(1).events])
+    swing = stretch_swing(stretch)
+
+    kept = period or min(rig.settling.section, cycles)
+    since = (begun + cycles - kept) * cycle
+    impacts = stretch.impacts()
+    hits = impacts[impacts['time'] > since]
+    if period:
+        exponent, multiplier = _periodic_exponent(along, period * cycle)
+        stops = _sequence(stretch.events[stretch.events['time'] > since])
+    else:
+        exponent, multiplier, stops = growth_exponent(along, rig.omega), math.nan, ()
+        hits = hits[-2 * rig.settling.section :]
+    approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
+    return SteadyState(
+        kind=_kind(rig, period, len(hits), exponent),
+        settling_cycles=begun,
+        measured_cycles=cycles,
+        cycle=cycle,
+        period=period,
+        stops=stops,
+        impacts=len(hits) if period else 0,
+        x_max=swing.largest,
+        x_mean=swing.mean,
+        x_rms=swing.rms,
+        impacts_per_cycle=len(impacts) / cycles,
+        exponent=exponent,
+        multiplier=multiplier,
+        shares=_shares(stretch, around, start, end),
+        section=section_of(stretch.samples[looks::looks][-kept:]),
+        hits=np.stack([hits['stop'], hits['time'] / cycle % 1.0, np.abs(approach)], axis=-1),
+        events=rig.events,
+    )
+
+
+def steady_state(run: LongRun, settling: Settling) -> SteadyState:
+    """
+    Let a rig settle, and measure the motion.
+
+    Parameters
+    ----------
+    run : LongRun
+        The rig, at time 0 and at the beginning of a cycle of its force. It is left at the end of
+        a cycle.
+    settling : Settling
+        How long and how closely it is watched.
+
+    Returns
+    -------
+    SteadyState
+        The motion.
+
+    Raises
+    ------
+    EndlessEventsError
+        If the rig has more events than it may.
+
+    Notes
+    -----
+    Every 50 cycles the states at the last ends of cycles are compared. The motion is periodic if
+    they came back after at most 16 cycles, twice and at least ten times in a row. One that comes
+    back but is unstable by its multipliers is run on until it leaves.
+    """
+    rig = SettlingRig(run, settling)
+    before = np.empty(0, EVENT_TYPE)
+    while rig.cycles < settling.cycles:
+        before = rig.settle()
+        period = rig.period()
+        if period:
+            found = _measured(rig, before, period)
+            if not found.multiplier > _GROWS:
+                return found
+            rig.forget()
+    return _measured(rig, before, 0)

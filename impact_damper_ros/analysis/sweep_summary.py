@@ -1,0 +1,105 @@
+"""What a sweep has found, in numbers and in words."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .attractors import FAILED
+from .sweep_optimum import Optimum
+from .sweep_table import SweepTable
+
+__all__ = ['attractor_text', 'attractors_of', 'summary_of', 'summary_text']
+
+_MOST_SHOWN = 8
+
+
+def attractors_of(table: SweepTable) -> list[dict[str, Any]]:
+    """
+    Return the attractors of a sweep of initial conditions alone, the one with most rows first.
+
+    Returns
+    -------
+    list of dict
+        Number, motion, period and stops, share of all rows, and largest |X| of each (of one that
+        does not repeat: the mean over its rows). Empty if more than one rig was swept.
+    """
+    if not all(axis.initial for axis in table.plan.axes):
+        return []
+    numbers = np.nan_to_num(table.numbers('attractor'), nan=FAILED).astype(int)
+    motions, stops = table.texts('motion'), table.texts('stops')
+    period, x_max, ratio = (table.numbers(name) for name in ('period', 'x_max', 'x_max_ratio'))
+    found = []
+    for number in range(numbers.max(initial=FAILED) + 1):
+        rows = np.flatnonzero(numbers == number)
+        first = int(rows[0])
+        found.append(
+            {
+                'attractor': number,
+                'motion': motions[first],
+                'period': None if np.isnan(period[first]) else int(period[first]),
+                'stops': stops[first],
+                'share': len(rows) / len(numbers),
+                'x_max': float(x_max[rows].mean()),
+                'x_max_ratio': float(ratio[rows].mean()),
+                'first_point': first,
+            }
+        )
+    return found
+
+
+def attractor_text(attractor: dict[str, Any]) -> str:
+    """Return an attractor in words."""
+    text = str(attractor['motion'])
+    if attractor['period'] is not None:
+        cycles = attractor['period']
+        text += f', {cycles} cycle{"s" if cycles > 1 else ""}'
+        if attractor['stops']:
+            text += f', stops {attractor["stops"]}'
+    return text
+
+
+def summary_of(table: SweepTable, optimum: Optimum | None) -> dict[str, Any]:
+    """Return counts, attractors and optimum of a sweep."""
+    ok = table.flags('ok')
+    reasons = Counter(reason for reason in table.texts('reason') if reason is not None)
+    return {
+        'rigs': len(table),
+        'failed': int((~ok).sum()),
+        'reasons': dict(reasons.most_common(_MOST_SHOWN)),
+        'motions': dict(Counter(m for m in table.texts('motion') if m is not None).most_common()),
+        'attractors': attractors_of(table),
+        'optimum': None
+        if optimum is None
+        else {**optimum.as_dict(), 'names': [axis.name for axis in table.plan.axes]},
+    }
+
+
+def summary_text(path: Path, summary: dict[str, Any]) -> str:
+    """Return the same in words."""
+    kinds = ', '.join(f'{count} {kind}' for kind, count in summary['motions'].items())
+    failed = f'{summary["failed"]} failed' if summary['failed'] else ''
+    lines = [f'{path}: {summary["rigs"]} rigs: {", ".join(p for p in (kinds, failed) if p)}']
+    lines += [f'  {count} failed: {reason}' for reason, count in summary['reasons'].items()]
+    attractors = summary['attractors']
+    lines += [
+        f'  attractor {one["attractor"]}: {one["share"]:.1%} of the starts, '
+        f'{attractor_text(one)}, largest |X| {one["x_max"]:.6g} m'
+        for one in attractors[:_MOST_SHOWN]
+    ]
+    if len(attractors) > _MOST_SHOWN:
+        lines.append(f'  and {len(attractors) - _MOST_SHOWN} attractors more')
+    optimum = summary['optimum']
+    if optimum is not None and not attractors:
+        at = ', '.join(
+            f'{name} = {value:.7g}'
+            for name, value in zip(optimum['names'], optimum['values'], strict=True)
+        )
+        edge = ', at the end of a range' if optimum['at_edge'] else ''
+        lines.append(
+            f'  {optimum["best"]} {optimum["measure"]}: {optimum["value"]:.7g} at {at}{edge}'
+        )
+    return '\n'.join(lines)

@@ -1,0 +1,137 @@
+"""Sweeps on a Dask cluster: a real scheduler and real workers, on this machine alone."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+from impact_damper_ros.analysis.settling_rig import Settling
+from impact_damper_ros.analysis.sweep_axes import axis_from_text
+from impact_damper_ros.analysis.sweep_executors import DaskWorkers, Here
+from impact_damper_ros.analysis.sweep_journal import Journal, journal_path
+from impact_damper_ros.analysis.sweep_plan import SweepPlan
+from impact_damper_ros.analysis.sweep_run import run_sweep
+from impact_damper_ros.analysis.sweep_table import write_table
+from impact_damper_ros.commands.sweep_rig import main
+from impact_damper_ros.rig import InitialConditions, RigParameters
+
+pytest.importorskip('distributed')
+pytest.importorskip('pyarrow')
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+ENVIRONMENT = {
+    **os.environ,
+    'PYTHONPATH': str(ROOT),
+    'DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__GIL__ENABLED': 'false',
+}
+#: Mostly chaotic: enough work for two.
+PLAN = SweepPlan(
+    RigParameters(gravity=0.0, force_frequencies=1.02),
+    InitialConditions(initial_primary_position=1.0),
+    (axis_from_text('gap=2:14:40', RigParameters()),),
+    settling=Settling(cycles=1000, watch=40),
+)
+
+
+def start(stack, module, *arguments):
+    """Start a process of the cluster; it ends with the test."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', f'distributed.cli.{module}', '--no-dashboard', *arguments],
+        env=ENVIRONMENT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+    def end():
+        process.kill()
+        process.wait()
+
+    stack.callback(end)
+    return process
+
+
+@pytest.fixture(scope='module')
+def cluster(tmp_path_factory):
+    """Yield the address of a scheduler and its two workers."""
+    folder = tmp_path_factory.mktemp('cluster')
+    with ExitStack() as stack:
+        found = folder / 'scheduler.json'
+        here = ('--host', '127.0.0.1')
+        start(stack, 'dask_scheduler', *here, '--port', '0', '--scheduler-file', str(found))
+        worker = ('--nthreads', '1', '--no-nanny', '--memory-limit', '0')
+        workers = [
+            start(
+                stack,
+                'dask_worker',
+                *('--scheduler-file', str(found), *here, *worker),
+                *('--local-directory', str(folder / f'worker_{i}')),
+            )
+            for i in range(2)
+        ]
+        deadline = time.monotonic() + 30.0
+        while not (found.exists() and found.read_text()):
+            assert time.monotonic() < deadline, 'the scheduler did not start'
+            time.sleep(0.02)
+        address = json.loads(found.read_text())['address']
+        assert address.startswith('tcp://127.0.0.1:')
+        yield address, workers
+
+
+def test_command_runs_on_a_cluster(cluster, tmp_path):
+    address, _ = cluster
+    words = [str(ROOT / 'config' / 'paper.yaml'), '--vary', 'gap=24:37:6', '--quiet']
+    table = tmp_path / 'there.parquet'
+    assert main([*words, '--scheduler', address, '-o', str(table)]) == 0
+    other = tmp_path / 'here.parquet'
+    assert main([*words, '--jobs', '1', '-o', str(other)]) == 0
+    assert table.read_bytes() == other.read_bytes()
+
+
+def test_no_scheduler_at_the_address(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.analysis.sweep_executors._CONNECT_SECONDS', 0.3)
+    words = [str(ROOT / 'config' / 'paper.yaml'), '--vary', 'gap=24:37:6', '--quiet']
+    table = tmp_path / 'table.parquet'
+    assert main([*words, '--scheduler', 'tcp://127.0.0.1:9', '-o', str(table)]) == 1
+    assert 'no Dask scheduler at tcp://127.0.0.1:9' in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_killed_worker_leaves_no_trace_in_the_table(cluster, tmp_path):
+    address, processes = cluster
+    here, there = tmp_path / 'here.parquet', tmp_path / 'there.parquet'
+    with Journal(journal_path(here), PLAN.inputs()) as journal:
+        run_sweep(PLAN, journal, Here(), at_once=1)
+        write_table(PLAN, journal, here)
+    killed = []
+    with (
+        DaskWorkers(address) as workers,
+        Journal(journal_path(there), PLAN.inputs()) as journal,
+    ):
+        workers._client.wait_for_workers(2, timeout=30)
+
+        def kill_one(_):
+            """Kill one of the two as soon as the first rigs are back, with work in hand."""
+            if not killed:
+                processes[0].kill()
+                killed.append((processes[0].wait(), len(journal.points)))
+
+        run_sweep(
+            PLAN,
+            journal,
+            workers,
+            at_once=lambda: workers.at_once,
+            losses=workers.losses,
+            progress=kill_one,
+        )
+        assert len(workers._client.nthreads()) == 1
+        write_table(PLAN, journal, there)
+    assert killed[0][0] == -9
+    assert killed[0][1] < PLAN.size / 2
+    assert there.read_bytes() == here.read_bytes()

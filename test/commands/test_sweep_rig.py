@@ -1,0 +1,228 @@
+"""The command, as users run it: killed, interrupted, on a full disk, with wrong inputs."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from small_disk import mounted
+
+import impact_damper_ros
+from impact_damper_ros.commands.sweep_rig import main
+
+pytest.importorskip('pyarrow')
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+PAPER = ROOT / 'config' / 'paper.yaml'
+AT_102 = ('--set', 'gravity=0', '--set', 'force_frequencies=[1.02]')
+#: Mostly chaotic: long enough to be cut short.
+LONG = (*AT_102, '--vary', 'gap=3:13:120', '--cycles', '600', '--watch', '60')
+BRIEF = (*AT_102, '--vary', 'gap=24:37:4', '--jobs', '1')
+
+
+def run(*arguments, params=PAPER):
+    return main([str(params), *map(str, arguments)])
+
+
+def started(*arguments):
+    """Start the command in a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, '-m', 'impact_damper_ros.commands.sweep_rig', str(PAPER), *arguments],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        stdin=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def wait_for_rigs(journal, count):
+    """Wait until some rigs are on disk; return how many are."""
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        if journal.exists() and (lines := journal.read_bytes().count(b'\n')) > count:
+            return lines - 1
+        time.sleep(0.01)
+    raise AssertionError('no rigs came')
+
+
+def children_of(pid):
+    return [int(one) for one in Path(f'/proc/{pid}/task/{pid}/children').read_text().split()]
+
+
+def is_running(pid):
+    try:
+        return ') Z' not in Path(f'/proc/{pid}/stat').read_text()
+    except FileNotFoundError:
+        return False
+
+
+def test_sweep_with_figure_and_findings(tmp_path, capsys):
+    pytest.importorskip('matplotlib')
+    table, figure, found = (tmp_path / name for name in ('a.parquet', 'a.svg', 'a.json'))
+    words = (*BRIEF, '-o', table, '--figure', figure, '--json', found)
+    assert run(*words, '--measure', 'x_max') == 0
+    rows = pd.read_parquet(table)
+    assert list(rows.impacts_per_cycle) == [2.0] * 4
+    assert figure.read_text().startswith('<?xml')
+    summary = json.loads(found.read_text())
+    assert summary['motions'] == {'periodic': 4}
+    assert summary['optimum']['at_edge'] is True
+    assert summary['optimum']['values'] == [37.0]
+    said = capsys.readouterr().err
+    assert f'{table}: 4 rigs: 4 periodic' in said
+    assert 'least x_max: 4.8' in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['a.json', 'a.parquet', 'a.svg']
+    # Again: nothing is run, and another measure may be asked for
+    written = table.stat().st_mtime_ns
+    assert run(*words, '--measure', 'x_rms') == 0
+    assert table.stat().st_mtime_ns == written
+    assert json.loads(found.read_text())['optimum']['measure'] == 'x_rms'
+
+
+def test_ranges_from_a_file(tmp_path):
+    ranges = tmp_path / 'ranges.yaml'
+    ranges.write_text('vary:\n  gap: {from: 24, to: 37, count: 2}\n')
+    table, other = tmp_path / 'a.parquet', tmp_path / 'b.parquet'
+    assert run(*AT_102, '--ranges', ranges, '--jobs', 1, '-o', table, '--quiet') == 0
+    assert run(*AT_102, '--vary', 'gap=24,37', '--jobs', 1, '-o', other, '--quiet') == 0
+    assert table.read_bytes() == other.read_bytes()
+
+
+def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
+    """Kill -9 in the middle; the workers end too; the same command completes the table."""
+    whole, table = tmp_path / 'whole.parquet', tmp_path / 'killed.parquet'
+    journal = tmp_path / 'killed.parquet.part'
+    process = started(*LONG, '--jobs', '2', '-o', str(table))
+    try:
+        done = wait_for_rigs(journal, 3)
+        workers = children_of(process.pid)
+    finally:
+        process.kill()
+        process.communicate()
+    assert len(workers) >= 2
+    deadline = time.monotonic() + 10.0
+    while any(map(is_running, workers)):
+        assert time.monotonic() < deadline, 'a worker outlives the sweep'
+        time.sleep(0.01)
+    assert not table.exists()
+    kept = journal.read_bytes().count(b'\n') - 1
+    assert done <= kept < 120
+    assert run(*LONG, '--jobs', 1, '-o', table, '--quiet') == 0
+    assert not journal.exists()
+    assert run(*LONG, '--jobs', 1, '-o', whole, '--quiet') == 0
+    assert table.read_bytes() == whole.read_bytes()
+
+
+@pytest.mark.parametrize(('number', 'jobs'), [(signal.SIGINT, '2'), (signal.SIGTERM, '1')])
+def test_interrupt_says_how_to_go_on(tmp_path, number, jobs):
+    table = tmp_path / 'cut.parquet'
+    process = started(*LONG, '--jobs', jobs, '-o', str(table))
+    try:
+        wait_for_rigs(tmp_path / 'cut.parquet.part', 1)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert 'interrupted' in said
+    assert 'of 120 rigs are in' in said
+    assert 'give the same command again to go on' in said
+    assert 'Traceback' not in said
+    assert [path.name for path in tmp_path.iterdir()] == ['cut.parquet.part']
+
+
+def test_another_command_on_the_same_output_is_refused(tmp_path, capsys):
+    table = tmp_path / 'a.parquet'
+    assert run(*BRIEF, '-o', table, '--quiet') == 0
+    before = table.read_bytes()
+    assert run(*BRIEF, '--set', 'damping=0.02', '-o', table, '--quiet') == 2
+    said = capsys.readouterr().err
+    assert f'{table} is the table of a sweep with other inputs' in said
+    assert 'parameters.damping: 0.01 there, 0.02 here' in said
+    assert '--overwrite' in said
+    assert table.read_bytes() == before
+    assert run(*BRIEF, '--set', 'damping=0.02', '-o', table, '--quiet', '--overwrite') == 0
+    assert table.read_bytes() != before
+
+
+def test_a_foreign_file_is_not_overwritten(tmp_path, capsys):
+    foreign = tmp_path / 'notes.txt'
+    foreign.write_text('mine')
+    assert run(*BRIEF, '-o', foreign, '--quiet') == 2
+    assert 'notes.txt is no table of a sweep' in capsys.readouterr().err
+    assert foreign.read_text() == 'mine'
+
+
+def test_full_disk_keeps_what_is_done(tmp_path, capsys):
+    with mounted(tmp_path / 'disk', 64) as disk:
+        table = disk / 'a.parquet'
+        words = (*AT_102, '--vary', 'gap=3:13:12', '--cycles', 100, '--jobs', 1, '-o', table)
+        assert run(*words, '--quiet') == 1
+        said = capsys.readouterr().err
+        assert 'No space left on device' in said
+        assert 'of 12 rigs are in' in said
+        assert 'once that is put right' in said
+        journal = disk / 'a.parquet.part'
+        kept = journal.read_bytes()
+        assert kept.count(b'\n') > 3
+        # Elsewhere there is room
+        (tmp_path / 'a.parquet.part').write_bytes(kept)
+        assert run(*words[:-1], tmp_path / 'a.parquet', '--quiet') == 0
+    assert len(pd.read_parquet(tmp_path / 'a.parquet')) == 12
+
+
+def test_every_rig_failed(tmp_path, capsys):
+    assert run('--vary', 'gap=-2,-1', '--jobs', 1, '-o', tmp_path / 'a.parquet') == 4
+    assert '1 failed: gap is -2.0 m: give a number from' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (('--vary', 'gab=1:2:3'), "'gab' is not a parameter of the rig: did you mean gap?"),
+        (('--vary', 'gap=1:2:0'), 'gap=1:2:0: 0 values'),
+        (('--vary', 'gap=nan:2:3'), "'nan' is not a finite number"),
+        ((), 'nothing is varied'),
+        (('--vary', 'gap=1,2', '--cycles', '0'), 'cycles is 0: give a whole number'),
+        (('--vary', 'gap=1,2', '--set', 'gap=-1'), 'gap is -1.0 m'),
+        (('--vary', 'gap=1,2', '--figure', 'a.gif'), 'a name that ends in .png, .svg or .pdf'),
+        (('--vary', 'gap=1,2', '--figure', 'no/a.png'), 'is no directory: make it'),
+        (('--vary', 'gap=1,2', '--figure', 'a.parquet'), 'two outputs have the same name'),
+        (
+            ('--vary', 'gap=1', '--vary', 'friction=0', '--vary', 'angle=0', '--figure', 'a.png'),
+            'a figure shows one axis or two, not 3',
+        ),
+        (('--ranges', 'no.yaml'), 'no.yaml: cannot be read'),
+        (('--vary', 'gap=1,2', '--set', 'gap_control=timed'), 'gap_control is timed: a sweep'),
+        (('--vary', 'initial_damper_offset=0,1', '--follow', 'up'), 'cannot be followed'),
+    ],
+)
+def test_inputs_that_cannot_be_used(tmp_path, monkeypatch, capsys, words, message):
+    monkeypatch.chdir(tmp_path)
+    assert run(*words, '-o', 'a.parquet') == 2
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_output_in_a_directory_that_is_not_there(tmp_path, capsys):
+    assert run('--vary', 'gap=1,2', '-o', tmp_path / 'no' / 'a.parquet') == 2
+    assert 'is no directory: make it' in capsys.readouterr().err
+
+
+def test_without_pyarrow_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'pyarrow', None)
+    monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
+    assert run('--vary', 'gap=1,2', '-o', tmp_path / 'a.parquet') == 2
+    assert 'extra [sweep]' in capsys.readouterr().err
+
+
+def test_without_distributed_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    words = ('--vary', 'gap=1,2', '-o', tmp_path / 'a.parquet', '--scheduler', 'tcp://127.0.0.1:9')
+    assert run(*words) == 2
+    assert 'extra [dask]' in capsys.readouterr().err
