@@ -10,8 +10,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from errno import ENOTDIR
 from importlib.resources import files
 from itertools import pairwise
+from os import strerror
 from pathlib import Path
 from string import Template
 
@@ -223,6 +225,8 @@ def write_report(
     page = report_page(comparison, command=command, drawn=drawn)
     numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'
     contents = {'report.json': numbers, 'report.html': page}
+    if directory.exists() and not directory.is_dir():
+        raise NotADirectoryError(ENOTDIR, strerror(ENOTDIR), str(directory))
     directory.mkdir(parents=True, exist_ok=True)
     parts = {directory / name: directory / f'.{name}.part' for name in contents}
     try:
