@@ -80,6 +80,7 @@ setup(
     },
     entry_points={
         'console_scripts': [
+            'compare_run = impact_damper_ros.commands.compare_run:main',
             'recover_run = impact_damper_ros.commands.recover_run:main',
             'replay_run = impact_damper_ros.commands.replay_run:main',
             'reproduce_paper = impact_damper_ros.commands.reproduce_paper:main',

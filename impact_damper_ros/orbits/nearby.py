@@ -38,7 +38,7 @@ def orbit_near(
         parameters=parameters,
         stops=(impact.stop,),
         cycles=cycles,
-        phases=(phase % 1.0,),
+        phases=(phase % cycles,),
         x=(impact.x,),
         primary_velocity_before=(impact.primary_velocity_before,),
         primary_velocity_after=(impact.primary_velocity_after,),

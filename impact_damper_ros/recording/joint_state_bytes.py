@@ -11,6 +11,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .cdr import CdrError, CdrReader
 
 __all__ = ['JointStateBytes', 'header_ns']
@@ -88,6 +91,40 @@ class JointStateBytes:
     def counts(self) -> tuple[int, ...]:
         """How many positions, velocities and efforts there are."""
         return tuple(layout.size // 8 for _, layout in self._places)
+
+    @property
+    def size(self) -> int:
+        """Length of a message of this shape, in bytes."""
+        return len(self._buffer)
+
+    def fitting(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return which of many messages of this size, one per row, have this shape."""
+        fits = np.ones(len(rows), dtype=np.bool_)
+        for start, stop, same in self._fixed:
+            if stop > start:
+                fits &= (rows[:, start:stop] == np.frombuffer(same, np.uint8)).all(axis=1)
+        return fits
+
+    def columns(self, rows: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """
+        Return the stamps, in ns, and all numbers of messages that fit, one per row.
+
+        Parameters
+        ----------
+        rows : ndarray of uint8, shape (n, size)
+            The messages.
+        """
+        order = self._stamp.format[0]
+        stamp = np.ascontiguousarray(rows[:, _STAMP_AT:_STAMP_END])
+        seconds = stamp[:, :4].copy().view(f'{order}i4')[:, 0].astype(np.int64)
+        rest = stamp[:, 4:].copy().view(f'{order}u4')[:, 0].astype(np.int64)
+        parts = [
+            np.ascontiguousarray(rows[:, at : at + layout.size]).view(f'{order}f8')
+            for at, layout in self._places
+            if layout.size
+        ]
+        numbers = np.concatenate(parts, axis=1).astype(np.float64)
+        return seconds * 10**9 + rest, numbers
 
     def fits(self, content: bytes) -> bool:
         """Return whether a message has this shape."""

@@ -315,19 +315,7 @@ class Replay:
             ledger.settle(final=True)
         if self._left_out:
             findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')
-        disorder = history.disorder
-        for text, counts in (('twice', disorder.doubled), ('out of order', disorder.late)):
-            findings.faults += [
-                f'messages of {topic} {text}: {count} (first at stamp {disorder.first_ns} ns)'
-                for topic, count in counts.items()
-            ]
-        if history.damage is not None:
-            findings.fault(f'{history.damage}; what follows was not compared')
-        if not history.reader.complete:
-            cut = history.reader.unusable
-            findings.fault(
-                'the bag is not complete: its recording was cut short, or a file is missing'
-                + (f' ({cut} bytes at its end belong to no whole message)' if cut else '')
-            )
+        for fault in history.faults():
+            findings.fault(fault)
         if history.early:
             findings.remark(f'messages from before the first snapshot, left out: {history.early}')

@@ -24,15 +24,13 @@ from .cdr import CdrError
 from .errors import RecordingError
 from .joint_state_bytes import header_ns
 from .messages import Parameter, ParameterEvent, String, decode
+from .rig_topics import PARAMETER_EVENT, STRING, find_topics
 from .run_reader import Record, RunReader
 
-__all__ = ['Change', 'Item', 'RigTopics', 'RunHistory', 'Snapshot', 'StateRecord']
+__all__ = ['Change', 'Disorder', 'Item', 'RunHistory', 'Snapshot', 'StateRecord']
 
 #: Format of the snapshots that this version reads.
 FORMAT = 1
-_STRING = 'std_msgs/msg/String'
-_JOINT_STATE = 'sensor_msgs/msg/JointState'
-_PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
 #: Messages among which those of one topic may overtake another's on their way to a recorder.
 _OVERTAKING = 2000
 
@@ -73,23 +71,6 @@ class Snapshot(NamedTuple):
 Item = StateRecord | Change | Snapshot
 
 
-@dataclass(frozen=True)
-class RigTopics:
-    """The topics of one rig, by their full names; those that are not in the bag are empty."""
-
-    node: str
-    snapshot: str
-    joint_states: str
-    impacts: str = ''
-    parameter_events: str = ''
-    gap_control: str = ''
-
-    @property
-    def namespace(self) -> str:
-        """Of the node, with a slash at its end."""
-        return self.snapshot.rpartition('/')[0] + '/'
-
-
 @dataclass
 class Disorder:
     """Messages that are not where they belong: how many by topic, and the stamp of the first."""
@@ -108,71 +89,6 @@ class Disorder:
         return bool(self.doubled or self.late)
 
 
-def find_topics(reader: RunReader, node: str | None = None) -> RigTopics:
-    """
-    Find the topics of the rig in a bag.
-
-    Parameters
-    ----------
-    reader : RunReader
-        The bag.
-    node : str, optional
-        Name or namespace of the node, if there are several.
-
-    Raises
-    ------
-    RecordingError
-        If there is no rig in it, or a choice between several.
-    """
-    topics = reader.topics
-    events = [t.name for t in topics.values() if t.type == _PARAMETER_EVENT]
-    notes = reader.custom
-    if notes.get('snapshot') in topics and notes.get('joint_states') in topics:
-        found = [
-            RigTopics(
-                notes.get('node', ''),
-                notes['snapshot'],
-                notes['joint_states'],
-                notes['impacts'] if notes.get('impacts') in topics else '',
-                events[0] if events else '',
-                notes['gap_control'] if notes.get('gap_control') in topics else '',
-            )
-        ]
-    else:
-        found = []
-        for topic in sorted(topics):
-            space, _, name = topic.rpartition('/')
-            states = f'{space}/joint_states'
-            if name != 'snapshot' or topics[topic].type != _STRING or states not in topics:
-                continue
-            impacts, control = (
-                name if name in topics else ''
-                for name in (f'{space}/impacts', f'{space}/gap_control')
-            )
-            changes = events[0] if events else ''
-            found.append(RigTopics('', topic, states, impacts, changes, control))
-    if node is not None:
-        chosen = [t for t in found if node in (t.node, t.namespace, t.namespace.rstrip('/'))]
-        # A node is in the namespace of its topics.
-        chosen = chosen or [
-            t for t in found if not t.node and node.rpartition('/')[0] + '/' == t.namespace
-        ]
-    else:
-        chosen = found
-    if len(chosen) == 1:
-        return chosen[0]
-    if not found:
-        held = ', '.join(sorted(topics)) or 'none'
-        cause = f'no rig is recorded in it: no topics snapshot and joint_states (topics: {held})'
-        remedy = 'give a bag that sim_node has recorded, or record these topics too'
-        raise RecordingError('replay', reader.path, cause, remedy)
-    names = ', '.join(t.node or t.namespace for t in found)
-    if node is not None and not chosen:
-        raise RecordingError('replay', reader.path, f'it holds no node {node!r}; it has {names}')
-    cause = f'it holds several rigs: {names}'
-    raise RecordingError('replay', reader.path, cause, 'choose one with --node')
-
-
 class RunHistory:
     """
     The history of a recorded rig.
@@ -183,6 +99,10 @@ class RunHistory:
         A bag directory or ``.mcap`` file.
     node : str, optional
         Name or namespace of the node, if there are several rigs in the bag.
+    purpose : str, optional
+        What the bag is read for, as a verb: for messages.
+    snapshot_needed : bool, optional
+        Whether a bag without a snapshot is refused.
 
     Attributes
     ----------
@@ -191,7 +111,8 @@ class RunHistory:
     topics : RigTopics
         What is read of it.
     start : Snapshot
-        Where the history begins.
+        Where the history begins. Of a bag without a snapshot, an empty one at rig time 0, which
+        is the first stamp.
     stamped : bool
         Whether the bag is stamped with rig time, as the node itself records it.
     disorder : Disorder
@@ -207,33 +128,79 @@ class RunHistory:
         If the bag cannot be read, or cannot be replayed.
     """
 
-    def __init__(self, path: Path | str, node: str | None = None) -> None:
+    def __init__(
+        self,
+        path: Path | str,
+        node: str | None = None,
+        *,
+        purpose: str = 'replay',
+        snapshot_needed: bool = True,
+    ) -> None:
         self.reader = RunReader(path)
+        self._purpose = purpose
         if not self.reader.message_count:
             cause = 'it holds no whole message'
-            raise RecordingError('replay', path, cause, 'record a run with record:=true')
-        self.topics = find_topics(self.reader, node)
+            raise RecordingError(purpose, path, cause, 'record a run with record:=true')
+        self.topics = find_topics(
+            self.reader, node, purpose=purpose, snapshot_needed=snapshot_needed
+        )
         self.disorder = Disorder()
         self.early = 0
         self.damage: RecordingError | None = None
         first = next(self.reader.records([self.topics.snapshot]), None)
-        if first is None:
+        if first is None and snapshot_needed:
             cause = f'there is no message on {self.topics.snapshot}: the start is not known'
             remedy = 'sim_node records one first; with ros2 bag record, record this topic too'
-            raise RecordingError('replay', path, cause, remedy)
-        self.start = self._snapshot(first)
-        self.stamped = first.stamp_ns == self.start.stamp_ns
+            raise RecordingError(purpose, path, cause, remedy)
         if not self.reader.topics[self.topics.joint_states].message_count:
             cause = f'there is no message on {self.topics.joint_states}: nothing to compare'
-            raise RecordingError('replay', path, cause)
+            raise RecordingError(purpose, path, cause)
+        if first is not None:
+            self.start = self._snapshot(first)
+            self.stamped = first.stamp_ns == self.start.stamp_ns
+        else:
+            self._start_without_snapshot()
 
-    def items(self) -> Iterator[Item]:
+    def faults(self) -> list[str]:
+        """Return why the bag could be used in part only, after its items were read."""
+        disorder = self.disorder
+        found = [
+            f'messages of {topic} {text}: {count} (first at stamp {disorder.first_ns} ns)'
+            for text, counts in (('twice', disorder.doubled), ('out of order', disorder.late))
+            for topic, count in counts.items()
+        ]
+        if self.damage is not None:
+            found.append(f'{self.damage}; what follows was not compared')
+        if not self.reader.complete:
+            cut = self.reader.unusable
+            found.append(
+                'the bag is not complete: its recording was cut short, or a file is missing'
+                + (f' ({cut} bytes at its end belong to no whole message)' if cut else '')
+            )
+        return found
+
+    def _start_without_snapshot(self) -> None:
+        record = next(self.reader.records([self.topics.joint_states]))
+        try:
+            first_ns = header_ns(record.content)
+        except CdrError as error:
+            cause = f'the first message of {record.topic} is damaged: {error}'
+            raise RecordingError(self._purpose, self.reader.path, cause) from error
+        self.start = Snapshot(first_ns, first_ns, 0, 'none', {})
+        self.stamped = record.stamp_ns == first_ns
+
+    def items(self, *, early: bool = False) -> Iterator[Item]:
         """
         Yield what the bag holds, from the first snapshot on.
 
         Of a bag that turns out to be damaged, all before the damage; `damage` is set then.
+
+        Parameters
+        ----------
+        early : bool, optional
+            Whether to yield what is before the first snapshot, too.
         """
-        began = False
+        began = early
         items = self._raw_items()
         for item in items if self.stamped else _sorted(items):
             began = began or isinstance(item, Snapshot)
@@ -280,32 +247,32 @@ class RunHistory:
     def _snapshot(self, record: Record) -> Snapshot:
         where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
         try:
-            message = decode(_STRING, record.content)
+            message = decode(STRING, record.content)
             assert isinstance(message, String)
             held = json.loads(message.data)
             version = held['format'] if isinstance(held, dict) else None
         except (CdrError, ValueError, KeyError) as error:
             cause = f'{where} cannot be read: {error!r}'
-            raise RecordingError('replay', self.reader.path, cause) from error
+            raise RecordingError(self._purpose, self.reader.path, cause) from error
         known = [FORMAT]
         if version == FORMAT and isinstance(held.get('state'), dict):
             version, known = held['state'].get('format'), list(FORMATS)
         if version not in known:
             formats = ' and '.join(map(str, known))
             cause = f'{where} is of format {version!r}; this version reads format {formats}'
-            remedy = 'replay the bag with the version of impact_damper_ros that recorded it'
-            raise RecordingError('replay', self.reader.path, cause, remedy)
+            remedy = 'use the version of impact_damper_ros that recorded the bag'
+            raise RecordingError(self._purpose, self.reader.path, cause, remedy)
         try:
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
             reason, state = str(held['reason']), completed(upgraded(held['state']))
         except (KeyError, TypeError, ValueError) as error:
             cause = f'{where} is not complete: {error!r}'
-            raise RecordingError('replay', self.reader.path, cause) from error
+            raise RecordingError(self._purpose, self.reader.path, cause) from error
         return Snapshot(offset_ns + time_ns, offset_ns, time_ns, reason, state)
 
     def _change(self, record: Record, now_ns: int) -> Change | None:
         """Return what a parameter event says of the rig; None if nothing."""
-        event = decode(_PARAMETER_EVENT, record.content)
+        event = decode(PARAMETER_EVENT, record.content)
         assert isinstance(event, ParameterEvent)
         node = self.topics.node
         if event.node != node and (

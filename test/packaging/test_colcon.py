@@ -17,6 +17,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 NAME = 'impact_damper_ros'
 COMMANDS = [
+    'compare_run',
     'recover_run',
     'replay_run',
     'reproduce_paper',

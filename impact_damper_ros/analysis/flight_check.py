@@ -1,0 +1,201 @@
+"""
+Whether a log obeys the equations of motion of the rig that it names.
+
+Every joint state and every impact is a knot. From each knot the closed form of the logged rig
+leads to the next one; what is recorded there must agree, up to the nanosecond to which the stamps
+of impacts are rounded. So a wrong number shows where it stands, in any motion whatsoever, and does
+not disturb what comes after.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.rig import RigParameters
+
+from .force_clock import ForceClock
+from .free_motion import Flights, FreeMotion
+from .recorded_stretch import RecordedImpacts, RecordedStates, Rows
+from .run_curves import Array
+
+__all__ = ['Intervals', 'Knots', 'check_intervals', 'knots_of']
+
+_STAMP_S = 0.5e-9
+_MARGIN = 4.0
+_ROUND_OFF = 1e-11
+_TIME_EPSILON = 4.5e-16
+
+
+@dataclass(frozen=True)
+class Knots(Rows):
+    """
+    Joint states and impacts in the order of time.
+
+    Attributes
+    ----------
+    time : ndarray of shape (n,)
+        Rig time, s.
+    stop : ndarray of shape (n,)
+        The stop hit, 1 or 2; 0 for joint states.
+    last_stop : ndarray of shape (n,)
+        The stop hit last, this impact included; 0 before the first one.
+    x, z : ndarray of shape (n,)
+        X and Z, m.
+    velocity_before, velocity : ndarray of shape (n,)
+        X' just before and just after, m/s; the same for joint states.
+    damper_velocity_before, damper_velocity : ndarray of shape (n,)
+        Z' just before and just after, m/s.
+    """
+
+    time: Array
+    stop: Array
+    last_stop: Array
+    x: Array
+    z: Array
+    velocity_before: Array
+    velocity: Array
+    damper_velocity_before: Array
+    damper_velocity: Array
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """
+    From each knot to the next.
+
+    Attributes
+    ----------
+    residuals : ndarray of shape (n - 1, 4)
+        Recorded less expected X, X', Z, Z' just before the next knot, m and m/s.
+    tolerances : ndarray of shape (4,)
+        What the rounding of a stamp makes of them.
+    plain : ndarray of bool, shape (n - 1,)
+        Whether the interval could be checked so: no reversal, beginning or end of rest in it.
+    sound : ndarray of bool, shape (n - 1,)
+        Whether it could be, and agrees.
+    """
+
+    residuals: Array
+    tolerances: Array
+    plain: NDArray[np.bool_]
+    sound: NDArray[np.bool_]
+
+
+def knots_of(
+    parameters: RigParameters, states: RecordedStates, impacts: RecordedImpacts, last_stop: int
+) -> Knots:
+    """
+    Put joint states and impacts in order.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig, as logged.
+    states, impacts : RecordedStates, RecordedImpacts
+        What was recorded.
+    last_stop : int
+        Stop hit last before all of them, or 0.
+    """
+    zeros = np.zeros(len(states))
+    columns = [
+        (states.time, impacts.time),
+        (zeros, impacts.stop),
+        (states.x, impacts.x),
+        (states.z, impacts.z),
+        (states.velocity, impacts.velocity_before(parameters)),
+        (states.velocity, impacts.velocity_after),
+        (states.damper_velocity, impacts.damper_velocity_before(parameters)),
+        (states.damper_velocity, impacts.damper_velocity_after),
+    ]
+    time, stop, *others = (np.concatenate(pair) for pair in columns)
+    # A joint state shows the motion after an impact at the same instant.
+    order = np.lexsort((stop == 0.0, time))
+    stop = stop[order]
+    latest = np.maximum.accumulate(np.where(stop > 0.0, np.arange(len(stop)), -1))
+    last = np.where(latest >= 0, stop[latest], float(last_stop))
+    return Knots(time[order], stop, last, *(column[order] for column in others))
+
+
+def _flights(parameters: RigParameters, knots: Knots) -> tuple[Flights, NDArray[np.bool_]]:
+    """Return the flights between the knots, and which of them are plain."""
+    begin, end = knots[:-1], knots[1:]
+    relative = begin.damper_velocity - begin.velocity
+    later = end.damper_velocity_before - end.velocity_before
+    rest, later_rest = relative == 0.0, later == 0.0
+    plain = rest == later_rest
+    direction = np.zeros(len(relative))
+    if parameters.friction * parameters.gravity > 0.0:
+        plain &= relative * later >= 0.0
+        direction = np.sign(relative)
+    air = np.zeros(len(relative))
+    if parameters.air_force > 0.0:
+        air = np.where(begin.last_stop == 1.0, -1.0, np.where(begin.last_stop == 2.0, 1.0, 0.0))
+    flights = Flights(
+        time=begin.time,
+        duration=end.time - begin.time,
+        x=begin.x,
+        velocity=begin.velocity,
+        z=begin.z,
+        damper_velocity=begin.damper_velocity,
+        direction=direction,
+        air=air,
+        joint=rest & later_rest,
+    )
+    return flights, plain
+
+
+def tolerances_of(parameters: RigParameters, knots: Knots) -> Array:
+    """Return what the rounding of stamps, and of numbers, makes of X, X', Z and Z'."""
+    length = float(np.abs(np.concatenate([knots.x, knots.z])).max(initial=0.0))
+    speeds = [knots.velocity, knots.damper_velocity]
+    speed = float(np.abs(np.concatenate(speeds)).max(initial=0.0))
+    force = sum(abs(amplitude) for amplitude in parameters.harmonics[0])
+    length += force / parameters.stiffness
+    own = parameters.gravity + parameters.air_force / parameters.damper_mass
+    push = force + parameters.stiffness * length + parameters.damping * speed
+    acceleration = (push + parameters.damper_mass * own) / parameters.primary_mass
+    stamp = 2.0 * _STAMP_S + _TIME_EPSILON * float(np.abs(knots.time).max(initial=0.0))
+    return _MARGIN * np.array(
+        [
+            stamp * speed + _ROUND_OFF * length,
+            stamp * acceleration + _ROUND_OFF * speed,
+            stamp * speed + _ROUND_OFF * length,
+            stamp * max(own, acceleration) + _ROUND_OFF * speed,
+        ]
+    )
+
+
+def check_intervals(clock: ForceClock, knots: Knots) -> Intervals:
+    """
+    Hold what is recorded at each knot against what the one before it leads to.
+
+    Parameters
+    ----------
+    clock : ForceClock
+        The force and the rig, as logged.
+    knots : Knots
+        At least two.
+    """
+    flights, plain = _flights(clock.parameters, knots)
+    ends = FreeMotion(clock).ends(flights)
+    later = knots[1:]
+    recorded = (later.x, later.velocity_before, later.z, later.damper_velocity_before)
+    residuals = np.column_stack([a - b for a, b in zip(recorded, ends, strict=True)])
+    tolerances = tolerances_of(clock.parameters, knots)
+    # NaN is not sound.
+    within = (np.abs(residuals) <= tolerances).all(axis=1)
+    return Intervals(residuals, tolerances, plain, plain & within)
+
+
+def resting_place(parameters: RigParameters, y: float) -> int:
+    """Return the stop that m is at, 0 for none, by Y in m."""
+    half = 0.5 * parameters.gap
+    if math.isclose(y, half, rel_tol=1e-9):
+        return 1
+    if math.isclose(y, -half, rel_tol=1e-9) and not parameters.one_sided:
+        return 2
+    return 0

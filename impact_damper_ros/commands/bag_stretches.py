@@ -1,0 +1,323 @@
+"""
+A bag as stretches with constant parameters, in arrays.
+
+The run is cut where its parameters change and where it is reset, at the instants that the
+snapshots, or else the parameter events, tell. A pause is no cut: rig time stands still meanwhile,
+and so does the rig.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from impact_damper_ros.analysis.fault_search import FaultSearch
+from impact_damper_ros.analysis.recorded_stretch import (
+    RecordedImpacts,
+    RecordedStates,
+    RecordedStretch,
+)
+from impact_damper_ros.analysis.run_comparison import Beginning
+from impact_damper_ros.analysis.stretch_meter import StretchMeter
+from impact_damper_ros.commands.bag_rows import BagRows, Rows
+from impact_damper_ros.commands.rig_at import RigAt, changed_names, told_change
+from impact_damper_ros.recording import RecordingError
+from impact_damper_ros.recording.joint_state_columns import JointStateColumns
+from impact_damper_ros.recording.rig_messages import IMPACT_JOINTS, JOINTS
+from impact_damper_ros.recording.run_history import Change, RunHistory, Snapshot, StateRecord
+from impact_damper_ros.rig import ParameterError, RigParameters
+
+__all__ = ['BagStretches', 'MeteredStretch']
+
+#: Messages that are read at once.
+_BATCH = 16_384
+_NEVER_NS = 2**62
+
+
+class MeteredStretch(NamedTuple):
+    """A stretch, and what was found when its flights were checked."""
+
+    stretch: RecordedStretch
+    search: FaultSearch | None
+
+
+class BagStretches:
+    """
+    Reads the stretches of a bag; iterate over it once.
+
+    Parameters
+    ----------
+    path : Path
+        A bag directory or ``.mcap`` file.
+    node : str, optional
+        Name or namespace of the node, if there are several rigs in the bag.
+    parameters : RigParameters, optional
+        The rig, for a bag that does not tell.
+
+    Attributes
+    ----------
+    progress : callable
+        Called now and then with the rig time reached, s.
+    history : RunHistory
+        The bag.
+    samples, impacts : int
+        How many were read so far.
+    start_ns, end_ns : int or None
+        Rig times of the first and last joint state, ns.
+    faults : list of str
+        What was done to the rig and could not be understood.
+    pauses, unlogged, early : int
+        Pauses; changes that no parameter event tells of; messages from before the parameters are
+        known.
+    states_rows, impact_rows : BagRows
+        The messages, with what was wrong with them.
+
+    Raises
+    ------
+    RecordingError
+        If the bag cannot be read, or holds no rig.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        node: str | None = None,
+        parameters: RigParameters | None = None,
+    ) -> None:
+        self.history = RunHistory(path, node, purpose='compare', snapshot_needed=False)
+        self.samples = self.impacts = 0
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+        self.pauses = self.unlogged = self.early = 0
+        self.faults: list[str] = []
+        self.states_rows = BagRows(JointStateColumns(JOINTS, (4, 4, 0)))
+        self.impact_rows = BagRows(JointStateColumns(IMPACT_JOINTS, (2, 2, 2)))
+        self.progress: Callable[[float], object] = float
+        self._offset_ns = self.history.start.offset_ns
+        self._period = 0.0
+        self._pending: list[Change] = []
+        self._told: set[str] = set()
+        # Whether the parameter events of this node are recorded
+        self._hears = False
+        self._meter: StretchMeter | None = None
+        self._number = 0
+        self._begins, self._causes = Beginning.START, ['start of the bag']
+        self._cut_ns: int | None = None
+        self._rig = RigAt.of_parameters(parameters) if parameters is not None else None
+        start = self.history.start
+        if start.reason in ('record', 'start'):
+            # Announced where nothing changes: it holds for what came before, too.
+            self._rig = self._rig_of(start)
+
+    def _rig_of(self, snapshot: Snapshot) -> RigAt:
+        try:
+            return RigAt.of_snapshot(snapshot.state)
+        except (ValueError, TypeError, KeyError) as error:
+            cause = (
+                f'its snapshot at rig time {snapshot.time_ns / 1e9:.9g} s is of no use: {error}'
+            )
+            remedy = 'use the version of impact_damper_ros that recorded the bag'
+            raise RecordingError('compare', self.history.reader.path, cause, remedy) from error
+
+    def __iter__(self) -> Iterator[MeteredStretch]:
+        """Read the bag; the stretches come as soon as they end."""
+        topics = self.history.topics
+        kinds = {topics.joint_states: self.states_rows, topics.impacts: self.impact_rows}
+        for item in self.history.items(early=True):
+            if isinstance(item, StateRecord):
+                if self._pending and item.stamp_ns > self._pending[-1].stamp_ns:
+                    yield from self._carry_out()
+                rows = kinds.get(item.topic)
+                if rows is not None:
+                    rows.put(item.content, self._offset_ns)
+                    if rows.unread >= _BATCH:
+                        self._hand_on()
+            elif isinstance(item, Change):
+                self._take_change(item)
+            else:
+                yield from self._take_snapshot(item)
+        yield from self._carry_out()
+        yield from self._end_stretch(None)
+        if self._rig is None:
+            cause = 'it does not tell the parameters of the rig: no snapshot, and no list of all'
+            remedy = 'record the topic snapshot too, or give the rig with --params FILE.yaml'
+            raise RecordingError('compare', self.history.reader.path, cause, remedy)
+
+    def all_faults(self) -> list[str]:
+        """Return why the bag could be used in part only, after it was read."""
+        found = [*self.history.faults(), *self.faults]
+        topics = self.history.topics
+        for topic, rows in (
+            (topics.joint_states, self.states_rows),
+            (topics.impacts, self.impact_rows),
+        ):
+            found += [f'messages of {topic} {text}' for text in rows.faults()]
+        if self.unlogged:
+            found.append(
+                f'{self.unlogged} changes of parameters that the snapshots show have no '
+                'parameter event'
+            )
+        return found
+
+    def all_remarks(self) -> list[str]:
+        """Return what else is to be known."""
+        found = []
+        if not self.history.topics.impacts:
+            found.append('the topic of the impacts was not recorded: there are only samples')
+        if self.pauses:
+            found.append(f'the rig was paused {self.pauses} times; rig time stood still meanwhile')
+        if self.early:
+            found.append(
+                f'{self.early} messages from before the parameters are known were left out'
+            )
+        return found
+
+    # What is done to the rig
+
+    def _take_change(self, change: Change) -> None:
+        self._hears = True
+        rate = change.values.get('state_rate')
+        if isinstance(rate, float) and rate > 0.0:
+            self._period = 1.0 / rate
+        if change.dump:
+            if self._rig is None or self._rig.clock is None:
+                self._rig = RigAt.of_dump(change.values) or self._rig
+            return
+        self._told |= change.values.keys()
+        if change.exact and told_change(change.values):
+            # All that came before it happened before it.
+            self._hand_on()
+            self._pending.append(change)
+
+    def _carry_out(self) -> Iterator[MeteredStretch]:
+        """Carry out changes that no snapshot followed."""
+        pending, self._pending = self._pending, []
+        for change in pending:
+            if self._rig is None:
+                continue
+            at_ns = change.stamp_ns - self._offset_ns
+            try:
+                rig = self._rig.changed(change.values, at_ns / 1e9)
+            except ParameterError as error:
+                self.faults.append(f'the change at rig time {at_ns / 1e9:.9g} s: {error}')
+                continue
+            yield from self._cut(at_ns, Beginning.CHANGE, rig)
+
+    def _take_snapshot(self, snapshot: Snapshot) -> Iterator[MeteredStretch]:
+        rig = self._rig_of(snapshot)
+        self.pauses += snapshot.reason == 'resume'
+        if not self._pending:
+            self._hand_on()
+        self._pending = []
+        told, self._told = self._told, set()
+        if self._rig is None:
+            self._leave_out()
+            self._rig = rig
+        elif self._rig.clock is None and not changed_names(self._rig, rig) and self._meter is None:
+            self._rig = rig
+        else:
+            names = changed_names(self._rig, rig)
+            if names - told and self.history.stamped and self._hears:
+                self.unlogged += 1
+            if names or snapshot.reason == 'reset':
+                begins = {'reset': Beginning.RESET, 'resume': Beginning.RESUME}
+                yield from self._cut(
+                    snapshot.time_ns, begins.get(snapshot.reason, Beginning.CHANGE), rig
+                )
+        self._offset_ns = snapshot.offset_ns
+
+    def _leave_out(self) -> None:
+        """Leave out what came before the parameters are known."""
+        for rows in (self.states_rows, self.impact_rows):
+            rows.read()
+            self.early += len(rows.take(None)[0])
+
+    def _cut(self, time_ns: int, begins: Beginning, rig: RigAt) -> Iterator[MeteredStretch]:
+        """End the present stretch at an instant, and begin the next one."""
+        assert self._rig is not None
+        cause = 'reset' if begins is Beginning.RESET else ''
+        cause = ', '.join(filter(None, [cause, self._rig.differences(rig)]))
+        yield from self._end_stretch(time_ns)
+        if self._cut_ns != time_ns or self._meter is not None:
+            self._causes = []
+        self._causes.append(cause)
+        self._begins, self._rig, self._cut_ns = begins, rig, time_ns
+
+    # What the rig does
+
+    def _hand_on(self) -> None:
+        """Read the messages that wait, and give them to the present stretch."""
+        for rows in (self.states_rows, self.impact_rows):
+            rows.read()
+        if self._rig is None:
+            return
+        if not self.history.stamped and self._cut_ns is not None and self._meter is None:
+            # A joint state of that instant may be from before the change, or from after it.
+            self.states_rows.drop(self._cut_ns)
+        states = self.states_rows.take(None)
+        if len(states[0]):
+            self._give(states, self.impact_rows.take(int(states[0][-1])))
+
+    def _give(self, states: Rows, impacts: Rows) -> None:
+        time_ns = [int(rows[0][0]) for rows in (states, impacts) if len(rows[0])]
+        if self._meter is None:
+            if not time_ns:
+                return
+            self._meter = self._begun(min(time_ns))
+        self.samples += len(states[0])
+        self.impacts += len(impacts[0])
+        if len(states[0]):
+            self.start_ns = int(states[0][0]) if self.start_ns is None else self.start_ns
+            self.end_ns = int(states[0][-1])
+            self.progress(self.end_ns / 1e9)
+        self._meter.take(_states(states), _impacts(impacts))
+
+    def _begun(self, first_ns: int) -> StretchMeter:
+        """Begin a stretch."""
+        rig = self._rig
+        assert rig is not None
+        self._number += 1
+        start_ns = first_ns if self._cut_ns is None else self._cut_ns
+        return StretchMeter(
+            self._number,
+            self._begins,
+            ', '.join(dict.fromkeys(filter(None, self._causes))) or self._begins.value,
+            start_ns / 1e9,
+            rig.parameters,
+            rig.control,
+            rig.clock,
+            rig.last_stop,
+            self._period,
+            lossy=not self.history.stamped,
+        )
+
+    def _end_stretch(self, time_ns: int | None) -> Iterator[MeteredStretch]:
+        """End the present stretch, if there is one."""
+        if time_ns is None:
+            self._hand_on()
+        if self._rig is not None:
+            # Between the last joint state and the end
+            self.impact_rows.read()
+            until_ns = None if time_ns is None else time_ns - 1
+            self._give(self.states_rows.take(-_NEVER_NS), self.impact_rows.take(until_ns))
+        if self._meter is not None:
+            meter, self._meter = self._meter, None
+            meter.take(RecordedStates.none(), RecordedImpacts.none(), final=True)
+            end = None if time_ns is None else time_ns / 1e9
+            yield MeteredStretch(meter.finish(end), meter.search)
+
+
+def _states(rows: Rows) -> RecordedStates:
+    time_ns, _, numbers = rows
+    if not len(time_ns):
+        return RecordedStates.none()
+    x, z, stop_1, stop_2, velocity, damper_velocity = numbers[:, :6].T
+    return RecordedStates(time_ns / 1e9, x, velocity, z, damper_velocity, stop_1, stop_2)
+
+
+def _impacts(rows: Rows) -> RecordedImpacts:
+    time_ns, stop, numbers = rows
+    if not len(time_ns):
+        return RecordedImpacts.none()
+    return RecordedImpacts(time_ns / 1e9, stop, *numbers[:, :6].T)

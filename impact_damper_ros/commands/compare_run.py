@@ -1,0 +1,233 @@
+"""`compare_run`: hold a recorded run against the periodic theory."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+from tqdm import tqdm
+
+from impact_damper_ros import __version__
+from impact_damper_ros.analysis.clock_fit import with_fitted_clock
+from impact_damper_ros.analysis.compare_stretch import compare_stretch
+from impact_damper_ros.analysis.gap_curves import GapCurves
+from impact_damper_ros.analysis.run_comparison import RunComparison, StretchComparison
+from impact_damper_ros.commands.bag_stretches import BagStretches
+from impact_damper_ros.commands.comparison_text import comparison_text
+from impact_damper_ros.recording import RecordingError
+from impact_damper_ros.rig import load_parameters
+
+__all__ = ['main']
+
+_DESCRIPTION = """\
+Hold a recorded run against the periodic theory. The run is cut where its parameters change and
+where it is reset; for each stretch it is found out whether the motion is transient, periodic,
+quasi-periodic or chaotic, the matching periodic problem is solved for the logged parameters, and
+both are shown side by side: impacts, swing, energy, decay into the steady state, and a verdict.
+Every recorded number is also checked against the equations of motion, whatever the motion. Works
+without ROS, on a bag directory or a single .mcap file, also a recovered one.
+"""
+_EPILOG = """\
+Exit status: 0 if no stretch differs from theory (stretches that are not settled, or for which
+theory has no motion, do not differ); 1 if one does (or a file cannot be written); 2 if the bag or
+an argument cannot be used; 3 if nothing differs, but the bag is cut, damaged, or holds messages
+that are not sound; 130 on Ctrl-C.
+Example: compare_run runs/run_20250131_120000 --json result.json --report report
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        'compare_run',
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('bag', type=Path, metavar='BAG', help='bag directory or .mcap file')
+    parser.add_argument(
+        '--json', type=Path, metavar='FILE', help='write the result as JSON (- : stdout)'
+    )
+    parser.add_argument(
+        '--report',
+        type=Path,
+        metavar='DIR',
+        help='write a page with plots, and the JSON beside it',
+    )
+    parser.add_argument(
+        '--node', metavar='NAME', help='which node, by name or namespace, if the bag has several'
+    )
+    parser.add_argument(
+        '--params',
+        type=Path,
+        metavar='FILE.yaml',
+        help='the rig, for a bag that does not tell its parameters (recorded without snapshot)',
+    )
+    parser.add_argument('--quiet', action='store_true', help='no progress bar and no tables')
+    return parser
+
+
+def _bar(stack: ExitStack, what: str, total: float, unit: str, *, quiet: bool) -> tqdm[None]:
+    return stack.enter_context(
+        tqdm(
+            total=total,
+            desc=what,
+            delay=1.0,
+            leave=False,
+            disable=True if quiet else None,
+            bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} ' + unit + ' [{elapsed}<{remaining}]',
+        )
+    )
+
+
+def _compared(arguments: argparse.Namespace) -> RunComparison:
+    """Read the bag and compare its stretches."""
+    rig = load_parameters(arguments.params)[0] if arguments.params is not None else None
+    stretches: list[StretchComparison] = []
+    remarks: list[str] = []
+    with ExitStack() as stack:
+        bag = BagStretches(arguments.bag, arguments.node, rig)
+        reader = bag.history.reader
+        span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
+        bar = _bar(stack, 'compared', span, 's', quiet=arguments.quiet)
+        begun: list[float] = []
+
+        def progress(time: float) -> None:
+            begun.append(time) if not begun else None
+            bar.update(min(span, time - begun[0]) - bar.n)
+
+        bag.progress = progress
+        for stretch, search in bag:
+            if stretch.clock is None:
+                stretch, search = with_fitted_clock(stretch)
+                if stretch.clock is not None:
+                    remarks.append(
+                        f'the phase of the force in stretch {stretch.number} is not in the bag; '
+                        'it was found from the motion'
+                    )
+            stretches.append(compare_stretch(stretch, search))
+        if arguments.report is not None:
+            stretches = _with_gap_curves(stretches)
+    topics = bag.history.topics
+    return RunComparison(
+        bag=str(arguments.bag),
+        node=topics.node or topics.namespace,
+        version=__version__,
+        complete=reader.complete,
+        stamps='rig time' if bag.history.stamped else 'times of arrival',
+        start=(bag.start_ns or 0) / 1e9,
+        end=(bag.end_ns or 0) / 1e9,
+        samples=bag.samples,
+        impacts=bag.impacts,
+        stretches=tuple(stretches),
+        faults=tuple(bag.all_faults()),
+        remarks=(*bag.all_remarks(), *remarks),
+    )
+
+
+def _with_gap_curves(stretches: Sequence[StretchComparison]) -> list[StretchComparison]:
+    """Follow the predicted motions in the gap, of those stretches that the report shows."""
+    from impact_damper_ros.analysis.comparison_report import MOST_DETAILED, told_stretches
+
+    curves = GapCurves()
+    shown = {stretch.number for stretch in told_stretches(stretches, MOST_DETAILED)}
+    return [
+        replace(stretch, curves=curves.added(stretch)) if stretch.number in shown else stretch
+        for stretch in stretches
+    ]
+
+
+def _write_json(path: Path, text: str) -> None:
+    """Write a file so that at any instant there is a whole one, the old or the new, or none."""
+    draft = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        with draft.open('w', encoding='utf-8') as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        draft.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            draft.unlink()
+        error.filename = str(path)
+        raise
+
+
+def _report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> int:
+    to_stdout = arguments.json is not None and str(arguments.json) == '-'
+    if arguments.json is not None:
+        text = json.dumps(comparison.as_dict(), indent=2, allow_nan=False) + '\n'
+        if to_stdout:
+            print(text, end='')
+        else:
+            _write_json(arguments.json, text)
+    stream = sys.stderr if to_stdout else sys.stdout
+    if not arguments.quiet:
+        print(comparison_text(comparison), file=stream)
+    if arguments.report is not None:
+        from impact_damper_ros.analysis.comparison_report import write_report
+
+        with ExitStack() as stack:
+            bar = _bar(
+                stack, 'drawn', len(comparison.stretches), 'stretches', quiet=arguments.quiet
+            )
+
+            def drawn(done: int, total: int) -> None:
+                bar.total = total
+                bar.update(done - bar.n)
+
+            page = write_report(comparison, arguments.report, command=command, drawn=drawn)
+        if not arguments.quiet:
+            print(f'report       {page}', file=stream)
+    return comparison.exit_code
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the command.
+
+    Returns
+    -------
+    int
+        Exit status, as the help says.
+    """
+    arguments = _parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    if arguments.report is not None and find_spec('matplotlib') is None:
+        print(
+            'compare_run: the report needs matplotlib, which is not installed: '
+            'pip install matplotlib, or leave --report away',
+            file=sys.stderr,
+        )
+        return 2
+    try:
+        comparison = _compared(arguments)
+        return _report(arguments, comparison, shlex.join(['compare_run', *words]))
+    except (RecordingError, ValueError) as error:
+        print(f'compare_run: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print('compare_run: interrupted; nothing was written', file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        where = error.filename or 'output'
+        print(
+            f'compare_run: cannot write {where}: {error.strerror}: give a directory that exists '
+            'and is writable, with room on the disk',
+            file=sys.stderr,
+        )
+        return 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,167 @@
+"""Which topics of a bag are those of a rig."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+from impact_damper_ros.control import CONTROL_JOINTS
+
+from .cdr import CdrError
+from .errors import RecordingError
+from .messages import JointState, Message, String, decode
+from .rig_messages import IMPACT_JOINTS, JOINTS
+from .run_reader import RunReader
+
+__all__ = ['JOINT_STATE', 'PARAMETER_EVENT', 'STRING', 'RigTopics', 'find_topics']
+
+STRING = 'std_msgs/msg/String'
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
+
+
+@dataclass(frozen=True)
+class RigTopics:
+    """The topics of one rig, by their full names; those that are not in the bag are empty."""
+
+    node: str
+    snapshot: str
+    joint_states: str
+    impacts: str = ''
+    parameter_events: str = ''
+    gap_control: str = ''
+
+    @property
+    def namespace(self) -> str:
+        """Of the node, with a slash at its end."""
+        return (self.snapshot or self.joint_states).rpartition('/')[0] + '/'
+
+
+def _noted(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[RigTopics]:
+    """Return the rig that the recorder's notes tell of."""
+    topics, notes = reader.topics, reader.custom
+    names = {
+        name: notes[name] if notes.get(name) in topics else ''
+        for name in ('snapshot', 'joint_states', 'impacts', 'gap_control')
+    }
+    if not names['joint_states'] or (snapshot_needed and not names['snapshot']):
+        return []
+    return [RigTopics(notes.get('node', ''), **names, parameter_events=events)]
+
+
+def _named(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[RigTopics]:
+    """Return the rigs whose topics have their usual names, in any namespace."""
+    topics, found = reader.topics, []
+    for topic in sorted(topics):
+        space, _, name = topic.rpartition('/')
+        if name != 'joint_states' or topics[topic].type != JOINT_STATE:
+            continue
+        snapshot = f'{space}/snapshot'
+        there = snapshot in topics and topics[snapshot].type == STRING
+        if not there and snapshot_needed:
+            continue
+        impacts, control = (
+            name if name in topics else '' for name in (f'{space}/impacts', f'{space}/gap_control')
+        )
+        found.append(RigTopics('', snapshot if there else '', topic, impacts, events, control))
+    return found
+
+
+def _role(message: Message) -> str:
+    """Return what a message of a rig is, if it is one."""
+    if isinstance(message, JointState):
+        if message.name == JOINTS:
+            return 'joint_states'
+        if message.name == IMPACT_JOINTS and message.frame_id in ('stop_1', 'stop_2'):
+            return 'impacts'
+        if message.name == CONTROL_JOINTS:
+            return 'gap_control'
+    elif isinstance(message, String):
+        try:
+            held = json.loads(message.data)
+        except ValueError:
+            return ''
+        if isinstance(held, dict) and 'stamp_offset_ns' in held:
+            return 'snapshot'
+    return ''
+
+
+def _by_content(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[RigTopics]:
+    """Return the rig whose topics were remapped, by the first message of each."""
+    found: dict[str, list[str]] = {}
+    for name, topic in reader.topics.items():
+        if topic.type not in (JOINT_STATE, STRING):
+            continue
+        record = next(reader.records([name]), None)
+        if record is None:
+            continue
+        try:
+            role = _role(decode(record.type, record.content))
+        except CdrError:
+            continue
+        found.setdefault(role, []).append(name)
+    wanted = ('snapshot', 'joint_states', 'impacts', 'gap_control')
+    names = {role: found[role][0] for role in wanted if len(found.get(role, ())) == 1}
+    if 'joint_states' not in names or (snapshot_needed and 'snapshot' not in names):
+        return []
+    names.setdefault('snapshot', '')
+    return [RigTopics('', **names, parameter_events=events)]
+
+
+def _chosen(found: list[RigTopics], node: str) -> list[RigTopics]:
+    """Return the rigs of a node, by its name or namespace."""
+    chosen = [t for t in found if node in (t.node, t.namespace, t.namespace.rstrip('/'))]
+    # A node is in the namespace of its topics.
+    return chosen or [
+        t for t in found if not t.node and node.rpartition('/')[0] + '/' == t.namespace
+    ]
+
+
+def find_topics(
+    reader: RunReader,
+    node: str | None = None,
+    *,
+    purpose: str = 'replay',
+    snapshot_needed: bool = True,
+) -> RigTopics:
+    """
+    Find the topics of the rig in a bag.
+
+    The recorder's notes tell them; else their names do, and, where they were remapped, what is in
+    their messages.
+
+    Parameters
+    ----------
+    reader : RunReader
+        The bag.
+    node : str, optional
+        Name or namespace of the node, if there are several.
+    purpose : str, optional
+        What the bag is read for, as a verb: for messages.
+    snapshot_needed : bool, optional
+        Whether a rig without a snapshot counts.
+
+    Raises
+    ------
+    RecordingError
+        If there is no rig in it, or a choice between several.
+    """
+    topics = reader.topics
+    events = next((t.name for t in topics.values() if t.type == PARAMETER_EVENT), '')
+    found: list[RigTopics] = []
+    for search in (_noted, _named, _by_content):
+        found = found or search(reader, events, snapshot_needed=snapshot_needed)
+    chosen = found if node is None else _chosen(found, node)
+    if len(chosen) == 1:
+        return chosen[0]
+    if not found:
+        held = ', '.join(sorted(topics)) or 'none'
+        wanted = 'snapshot and joint_states' if snapshot_needed else 'joint_states'
+        cause = f'no rig is recorded in it: no topics {wanted} (topics: {held})'
+        remedy = 'give a bag that sim_node has recorded, or record these topics too'
+        raise RecordingError(purpose, reader.path, cause, remedy)
+    names = ', '.join(t.node or t.namespace for t in found)
+    if node is not None and not chosen:
+        raise RecordingError(purpose, reader.path, f'it holds no node {node!r}; it has {names}')
+    cause = f'it holds several rigs: {names}'
+    raise RecordingError(purpose, reader.path, cause, 'choose one with --node')
