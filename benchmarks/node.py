@@ -40,13 +40,15 @@ from node_process import (
 from node_recording import hour_text, measure_hour, measure_writing, writing_text
 
 RECORDING = 'sim_node, recording'
+#: Scheduled as the bare publishers are; the node takes a real-time priority where it is permitted.
+ORDINARY = 'sim_node, ordinary'
 #: Compared with; the first.
 BASE = 'bare, thread'
 #: The same without serialising anything.
 BYTES = 'bare, bytes'
 PARTS = ('running', 'start', 'changes', 'writing', 'hour')
 PACES = {BASE: 'thread', 'bare, rclpy timer': 'timer', BYTES: 'bytes'}
-CANDIDATES = (*PACES, 'sim_node', RECORDING)
+CANDIDATES = (*PACES, 'sim_node', RECORDING, ORDINARY)
 
 
 def command(candidate: str, rate: int, bags: Path) -> list[str]:
@@ -55,7 +57,7 @@ def command(candidate: str, rate: int, bags: Path) -> list[str]:
         return bare_command(PACES[candidate], rate)
     if candidate == RECORDING:
         return node_command(rate, record=True, bag_directory=bags)
-    return node_command(rate)
+    return node_command(rate, real_time_priority=0 if candidate == ORDINARY else 1)
 
 
 def measure_running(

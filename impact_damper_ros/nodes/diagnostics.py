@@ -138,6 +138,7 @@ class Diagnostics:
                 'Worst lateness since the last report [ms]': f'{worst_ms:.3f}',
                 f'Slips (late by more than {CATCH_UP_NS * 1e-6:g} ms)': counts.slips,
                 'Wall time given up in slips [s]': f'{counts.slipped_ns * 1e-9:.3f}',
+                'Scheduling': engine.scheduling,
             },
         )
 

@@ -35,6 +35,7 @@ from impact_damper_ros.nodes.motion_trace import MotionTrace
 from impact_damper_ros.nodes.outlets import Emitter, Log, Outlets
 from impact_damper_ros.nodes.pacing import Pacer, PacingCounts, TickGrid
 from impact_damper_ros.nodes.requests import RequestQueue, Ticket
+from impact_damper_ros.nodes.scheduling import ORDINARY, Scheduling
 from impact_damper_ros.nodes.serialisation import restamped, serialised
 from impact_damper_ros.rig import (
     Event,
@@ -69,6 +70,7 @@ class EngineStatus(NamedTuple):
     recorded: int
     pacing: PacingCounts
     control: ControlStatus = ControlStatus()
+    scheduling: str = ORDINARY
 
 
 class Engine:
@@ -97,6 +99,8 @@ class Engine:
     on_course : callable, optional
         Called from the engine's thread at the start and after every change and reset, with the
         snapshot of the rig as JSON; must return at once.
+    real_time_priority : int, optional
+        Of the thread, if it is permitted; 0 for ordinary scheduling.
 
     Raises
     ------
@@ -117,6 +121,7 @@ class Engine:
         on_failure: Callable[[], None],
         control: GapControlParameters | None = None,
         on_course: Callable[[str], object] = lambda _: None,
+        real_time_priority: int = 0,
     ) -> None:
         """Set the rig up; `start` sets it going."""
         self.failure: Exception | None = None
@@ -129,7 +134,10 @@ class Engine:
         self._acts = {action: ControlTemplate(action) for action in Action}
         self._clock = ClockTemplate()
         self._grid = TickGrid(state_rate)
-        self._pacer = Pacer(self._grid.instant(1), real_time_factor)
+        self._scheduling = Scheduling(real_time_priority if real_time_factor else 0)
+        self._pacer = Pacer(
+            self._grid.instant(1), real_time_factor, on_slip=self._scheduling.give_up
+        )
         self._free_running = not real_time_factor
         self._simulated_clock = publish_clock
         self._offset_ns = 0
@@ -180,6 +188,7 @@ class Engine:
             self._out.recorded,
             self._pacer.counts(),
             ControlStatus(self._simulator.control, self._commands, self._last_act),
+            self._scheduling.text,
         )
 
     def change(
@@ -228,6 +237,7 @@ class Engine:
 
     def _run(self) -> None:
         try:
+            self._scheduling.take()
             self._run_ticks()
         except Exception as error:
             self.failure = error

@@ -75,6 +75,8 @@ class Pacer:
         Rig seconds per wall second; 0 runs as fast as possible.
     clock, sleep : callable
         Monotonic clock in nanoseconds and sleep in seconds, for tests.
+    on_slip : callable
+        Called at each slip, in the waiting thread.
     """
 
     def __init__(
@@ -84,12 +86,14 @@ class Pacer:
         *,
         clock: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
+        on_slip: Callable[[], object] = lambda: None,
     ) -> None:
         """Start counting from nothing; `anchor` sets the first deadline."""
         self._factor = real_time_factor
         self._late_after_ns = round(period_ns / real_time_factor) if real_time_factor else 0
         self._clock = clock
         self._sleep = sleep
+        self._on_slip = on_slip
         self._anchor_ns = self._anchor_rig_ns = 0
         self._stretch_began_ns = clock()
         self._ticks = self._overruns = self._slips = self._slipped_ns = 0
@@ -151,6 +155,7 @@ class Pacer:
             self._anchor_ns += late_ns
             self._slips += 1
             self._slipped_ns += late_ns
+            self._on_slip()
 
     def _rest_at_times(self) -> None:
         if self._clock() - self._stretch_began_ns > FREE_RUN_STRETCH_NS:

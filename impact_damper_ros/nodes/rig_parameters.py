@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
-READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock')
+READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_priority')
 SLOWEST_FACTOR = 1e-3
 # A name this similar to a known one is a slip of the pen, not meant for another node.
 SLIP_OF_THE_PEN = 0.75
@@ -74,6 +74,16 @@ SETTING_SPECS: dict[str, ParameterSpec] = {
             None,
             'bool',
             False,
+        ),
+        ParameterSpec(
+            'real_time_priority',
+            'Real-time priority of the thread that moves the rig, where the system permits it; 0 '
+            'for ordinary scheduling.',
+            '',
+            0,
+            99,
+            'integer',
+            1,
         ),
         ParameterSpec(
             'predict_motion',
@@ -122,6 +132,7 @@ class NodeParameters:
     state_rate: float
     real_time_factor: float
     publish_clock: bool
+    real_time_priority: int
     predict_motion: bool
     record: bool
     bag_directory: str

@@ -98,6 +98,7 @@ class SimNode(Node):
             on_failure=self._failed.trigger,
             control=parameters.control,
             on_course=self._predictor.ask,
+            real_time_priority=parameters.real_time_priority,
         )
         self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
         self._motion_reported, self._motion_due = 0.0, False

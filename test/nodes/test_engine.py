@@ -41,7 +41,9 @@ def until(condition):
 class Bench:
     """An engine whose messages are kept, and which is always stopped."""
 
-    def __init__(self, parameters=LIVELY, initial=None, *, factor=0.0, rate=100.0, clock=True):
+    def __init__(
+        self, parameters=LIVELY, initial=None, *, factor=0.0, rate=100.0, clock=True, priority=0
+    ):
         self.sent = []
         self.failed = threading.Event()
         self.alive = True
@@ -57,6 +59,7 @@ class Bench:
             publish_clock=clock,
             alive=lambda: self.alive,
             on_failure=self.failed.set,
+            real_time_priority=priority,
         )
 
     def _publisher(self, name):

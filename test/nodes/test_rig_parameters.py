@@ -208,7 +208,8 @@ def test_descriptors_say_it_all(name):
     assert made.name == name
     assert made.description.startswith(spec.description)
     assert (f'Unit: {spec.unit}.' in made.description) == bool(spec.unit)
-    assert made.read_only == (name in ('state_rate', 'real_time_factor', 'publish_clock'))
+    fixed = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_priority')
+    assert made.read_only == (name in fixed)
     if spec.choices:
         assert made.additional_constraints.startswith(f'One of {", ".join(spec.choices)}.')
     if spec.low is None:
