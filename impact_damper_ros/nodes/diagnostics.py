@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from impact_damper_ros.nodes.engine import ControlStatus, EngineStatus
+from impact_damper_ros.nodes.engine_status import ControlStatus, EngineStatus
 from impact_damper_ros.nodes.motion_report import MotionReport
 from impact_damper_ros.nodes.pacing import CATCH_UP_NS
 from impact_damper_ros.nodes.serialisation import time_from_ns

@@ -15,7 +15,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from std_msgs.msg import String
 
@@ -25,6 +25,7 @@ from impact_damper_ros.control import (
     ControlRecord,
     GapControlParameters,
 )
+from impact_damper_ros.nodes.engine_status import ControlStatus, EngineStatus
 from impact_damper_ros.nodes.messages import (
     ClockTemplate,
     ControlTemplate,
@@ -33,9 +34,9 @@ from impact_damper_ros.nodes.messages import (
 )
 from impact_damper_ros.nodes.motion_trace import MotionTrace
 from impact_damper_ros.nodes.outlets import Emitter, Log, Outlets
-from impact_damper_ros.nodes.pacing import Pacer, PacingCounts, TickGrid
+from impact_damper_ros.nodes.pacing import Pacer, StampClock, TickGrid
 from impact_damper_ros.nodes.requests import RequestQueue, Ticket
-from impact_damper_ros.nodes.scheduling import ORDINARY, Scheduling
+from impact_damper_ros.nodes.scheduling import Scheduling
 from impact_damper_ros.nodes.serialisation import restamped, serialised
 from impact_damper_ros.rig import (
     Event,
@@ -44,33 +45,12 @@ from impact_damper_ros.rig import (
     RigParameters,
 )
 
-__all__ = ['ControlStatus', 'Engine', 'EngineStatus']
+__all__ = ['Engine']
 
 PAUSED_NAP_S = 0.02
 PAUSED_CLOCK_PERIOD_NS = 100_000_000
 #: Messages a recording may be behind a free-running rig before the rig waits for it.
 LOG_BACKLOG = 20_000
-
-
-class ControlStatus(NamedTuple):
-    """What the gap control is about: its parameters, acts so far, and the last one of them."""
-
-    parameters: GapControlParameters = GapControlParameters()
-    commands: int = 0
-    last: ControlRecord | None = None
-
-
-class EngineStatus(NamedTuple):
-    """A look at the engine from another thread."""
-
-    time_ns: int
-    paused: bool
-    mode: str
-    impacts: int
-    recorded: int
-    pacing: PacingCounts
-    control: ControlStatus = ControlStatus()
-    scheduling: str = ORDINARY
 
 
 class Engine:
@@ -139,8 +119,7 @@ class Engine:
             self._grid.instant(1), real_time_factor, on_slip=self._scheduling.give_up
         )
         self._free_running = not real_time_factor
-        self._simulated_clock = publish_clock
-        self._offset_ns = 0
+        self._stamps = StampClock(simulated=publish_clock)
         self._time_ns = 0
         self._impacts = 0
         self._commands = 0
@@ -148,7 +127,6 @@ class Engine:
         # Between a tick and its joint states
         self._within_tick = True
         self._paused = False
-        self._paused_since_ns = 0
         self._news = 'start'
         self._trace = MotionTrace.at(parameters, self._simulator.snapshot())
         # The start is the first change of course.
@@ -176,7 +154,7 @@ class Engine:
 
     def stamp_ns(self) -> int:
         """Return the stamp of the tick the rig stands at."""
-        return self._offset_ns + self._time_ns
+        return self._stamps.offset_ns + self._time_ns
 
     def status(self) -> EngineStatus:
         """Return how the engine is doing, and begin to look for the worst lateness anew."""
@@ -247,8 +225,7 @@ class Engine:
             self._on_failure()
 
     def _run_ticks(self) -> None:
-        if not self._simulated_clock:
-            self._offset_ns = time.time_ns()
+        self._stamps.begin()
         tick = 0
         self._pacer.anchor(0)
         self._serve()
@@ -318,12 +295,10 @@ class Engine:
     def _pause(self, paused: bool) -> bool:
         if paused == self._paused:
             return False
-        now_ns = time.monotonic_ns()
         if paused:
-            self._paused_since_ns = now_ns
+            self._stamps.hold()
         else:
-            if not self._simulated_clock:
-                self._offset_ns += now_ns - self._paused_since_ns
+            self._stamps.go_on()
             self._pacer.anchor(self._time_ns)
             self._news = 'resume'
         self._paused = paused
@@ -362,12 +337,12 @@ class Engine:
             self._trace = self._trace.after(events)
         for event in events:
             if event.kind is EventKind.IMPACT:
-                stamp_ns = self._offset_ns + round(event.time * 1e9)
+                stamp_ns = self._stamps.offset_ns + round(event.time * 1e9)
                 data = self._impacts_at[event.stop].of(stamp_ns, event)
                 self._out.emit(self._outlets.impacts, data, stamp_ns)
                 self._impacts += 1
         for record in self._simulator.records:
-            stamp_ns = self._offset_ns + round(record.time * 1e9)
+            stamp_ns = self._stamps.offset_ns + round(record.time * 1e9)
             data = self._acts[record.action].of(stamp_ns, record)
             self._out.emit(self._outlets.gap_control, data, stamp_ns)
             self._commands += record.action is Action.COMMAND
@@ -377,7 +352,7 @@ class Engine:
         """Publish all that is needed to run on from here, bit for bit."""
         snapshot: dict[str, Any] = {
             'format': 1,
-            'stamp_offset_ns': self._offset_ns,
+            'stamp_offset_ns': self._stamps.offset_ns,
             'time_ns': self._time_ns,
             'reason': reason,
             'state': self._simulator.snapshot(),

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-__all__ = ['Pacer', 'PacingCounts', 'TickGrid']
+__all__ = ['Pacer', 'PacingCounts', 'StampClock', 'TickGrid']
 
 NS_PER_S = 1_000_000_000
 #: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
@@ -46,6 +46,43 @@ class TickGrid:
         """Return the instant of a tick in nanoseconds; tick 0 is at 0."""
         scaled = 2 * tick * NS_PER_S * self._denominator
         return (scaled + self._numerator) // (2 * self._numerator)
+
+
+class StampClock:
+    """
+    Stamps of rig time.
+
+    Parameters
+    ----------
+    simulated : bool
+        Stamps count from 0, as those of a simulator do. Otherwise from the system time at the
+        start, and a pause moves them on with the wall clock.
+
+    Attributes
+    ----------
+    offset_ns : int
+        Stamp of rig time 0.
+    """
+
+    def __init__(self, *, simulated: bool) -> None:
+        """Begin at 0."""
+        self.offset_ns = 0
+        self._simulated = simulated
+        self._held_ns = 0
+
+    def begin(self) -> None:
+        """Let rig time 0 be now."""
+        if not self._simulated:
+            self.offset_ns = time.time_ns()
+
+    def hold(self) -> None:
+        """Begin a pause."""
+        self._held_ns = time.monotonic_ns()
+
+    def go_on(self) -> None:
+        """End a pause."""
+        if not self._simulated:
+            self.offset_ns += time.monotonic_ns() - self._held_ns
 
 
 class PacingCounts(NamedTuple):

@@ -5,7 +5,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from impact_damper_ros.control import Action, ControlRecord, GapControlParameters
 from impact_damper_ros.nodes.diagnostics import Diagnostics, RecordingStatus
-from impact_damper_ros.nodes.engine import ControlStatus, EngineStatus
+from impact_damper_ros.nodes.engine_status import ControlStatus, EngineStatus
 from impact_damper_ros.nodes.motion_report import MotionReport
 from impact_damper_ros.nodes.pacing import PacingCounts
 

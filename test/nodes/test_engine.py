@@ -224,7 +224,7 @@ def test_nothing_is_recorded_after_recording_has_stopped():
         assert ticket.result is log
         # Up to and including the joint states of the tick at which it stopped.
         topic, _, stamp = log.messages[-1]
-        assert (topic, stamp) == ('states', bench.engine._offset_ns + ticket.time_ns)
+        assert (topic, stamp) == ('states', bench.engine._stamps.offset_ns + ticket.time_ns)
         assert len({s for t, _, s in log.messages if t == 'states'}) == sum(
             t == 'states' for t, _, _ in log.messages
         )
