@@ -1,5 +1,5 @@
 """
-The demonstration: run the node, turn its knobs, record, and look at what was recorded.
+The demonstration: run the node, turn its knobs, record, and hold the recording against theory.
 
 Run by ``make demo``, or ``python -m impact_damper_ros.commands.demo [DIRECTORY]``.
 """
@@ -7,11 +7,13 @@ Run by ``make demo``, or ``python -m impact_damper_ros.commands.demo [DIRECTORY]
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -30,6 +32,8 @@ __all__ = ['main']
 PATIENCE_S = 30.0
 SETTLED_S = 4.0
 CLOSEUP_CYCLES = 3
+#: Seconds of the rig per second of the demonstration, so that each stage has time to settle.
+SPEED = 3.0
 
 
 class Stage(NamedTuple):
@@ -41,7 +45,7 @@ class Stage(NamedTuple):
 
 
 STAGES = (
-    Stage('gap', 0.012, 'gap 12 mm: too narrow'),
+    Stage('gap', 0.0145, 'gap 14.5 mm: too narrow'),
     Stage('gap', 0.024, 'gap 24 mm: as it should be'),
     Stage('angle', 0.2, 'inclined by 0.2 rad (11°)'),
 )
@@ -71,6 +75,7 @@ def _start_node(preset: Path, directory: Path) -> subprocess.Popen[bytes]:
             *('-m', 'impact_damper_ros.nodes.sim_node', '--ros-args'),
             *('--params-file', str(preset)),
             *('-p', f'{first.parameter}:={first.value}'),
+            *('-p', f'real_time_factor:={SPEED}'),
             *('-p', f'bag_directory:={directory}'),
             *('-p', 'record:=true'),
         ]
@@ -236,6 +241,21 @@ def _report(bag: Path, preset: Path, picture: Path) -> str:
     return _table(rows, parameters.response_amplitude)
 
 
+def _compare(bag: Path, directory: Path) -> int:
+    """Hold the recording against theory; print what came out, and return the exit code."""
+    from impact_damper_ros.commands.compare_run import main as compare_run
+
+    place = os.path.relpath(directory)
+    print('\nheld against the exact periodic theory (compare_run):\n')
+    code = compare_run(['--quiet', os.path.relpath(bag), '--report', place])
+    if code in (0, 1):
+        result = json.loads((directory / 'report.json').read_text(encoding='utf-8'))
+        for stretch in result['stretches']:
+            text = f'{stretch["cause"]}: {stretch["verdict"]}. {stretch["sentence"]}'
+            print(textwrap.fill(text, 96, initial_indent='  ', subsequent_indent='      '))
+    return code
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """
     Run the demonstration.
@@ -257,7 +277,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     directory: Path = arguments.directory.resolve()
     directory.mkdir(parents=True, exist_ok=True)
     known = set(directory.iterdir())
-    print(f'A 5 Hz bench rig runs live on ROS 2 for {duration:.0f} s and is recorded to MCAP.')
+    print(
+        f'A 5 Hz bench rig runs live on ROS 2 for {duration:.0f} s, at {SPEED:g} times its speed, '
+        'and is recorded to MCAP.'
+    )
     node = _start_node(preset, directory)
     try:
         states, impacts = _perform(node, duration)
@@ -277,9 +300,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     table = _report(bags[-1], preset, picture)
     print(f'\n{states} joint_states and {impacts} impacts arrived over DDS; from the recording:\n')
     print(table)
+    report = directory / 'report'
+    code = _compare(bags[-1], report)
     print(f'\nrecording  {os.path.relpath(bags[-1])}   (ros2 bag play, or any MCAP reader)')
     print(f'picture    {os.path.relpath(picture)}')
-    return 0
+    if code in (0, 1):
+        print(f'report     {os.path.relpath(report / "report.html")}   (any browser)')
+    return code
 
 
 if __name__ == '__main__':
