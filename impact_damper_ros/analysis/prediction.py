@@ -26,6 +26,7 @@ from impact_damper_ros.rig import (
     Simulator,
 )
 
+from .force_clock import ForceClock
 from .rhythm import MOST_CYCLES, Rhythm, rhythm_of, turned_cycles
 
 __all__ = ['Basis', 'Course', 'Prediction', 'predictions', 'run_ahead']
@@ -161,23 +162,10 @@ def _period_of_force(parameters: RigParameters) -> int:
 
 
 def _theory_of(rig: AnyRig) -> RigParameters:
-    """
-    Return a rig's parameters, with phases of the harmonics as they are towards the first.
-
-    The theory has all of them begin at their phases together. In a rig that was changed while it
-    ran, a harmonic that was added, or whose frequency was changed, has turned otherwise.
-    """
-    parameters, origin = rig.parameters, rig.snapshot()['origin']
-    first = parameters.force_frequencies[0]
-    # When the first harmonic had not turned yet, had all frequencies always been the same
-    began = float(origin['angles'][0]) / first
-    phases = [
-        math.remainder(phase + float(angle) - frequency * began, math.tau)
-        for phase, angle, frequency in zip(
-            parameters.force_phases, origin['angles'], parameters.force_frequencies, strict=True
-        )
-    ]
-    return parameters.replace(force_phases=(parameters.force_phases[0], *phases[1:]))
+    """Return a rig's parameters with the phases that the harmonics have towards the first."""
+    origin = rig.snapshot()['origin']
+    angles = tuple(map(float, origin['angles']))
+    return ForceClock(rig.parameters, float(origin['time']), angles).counted_from_zero()
 
 
 class _Orbits:

@@ -1,7 +1,8 @@
 """
 The rhythm of a run: impacts that repeat, N of them in k cycles of the force.
 
-Plain Python on purpose: the node looks for the rhythm of the running rig, next to its engine.
+Plain Python on purpose, and quick: the node looks for the rhythm of the running rig, next to its
+engine. What a whole recorded stretch is, with the noise of its stamps, is told by `recurrence`.
 """
 
 from __future__ import annotations

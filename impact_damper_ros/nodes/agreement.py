@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from impact_damper_ros.analysis.motion_kind import MotionKind
 from impact_damper_ros.nodes.measured_motion import MeasuredMotion
 from impact_damper_ros.nodes.predicted_motion import Answer, PredictedMotion
 
@@ -12,6 +13,8 @@ __all__ = ['Agreement', 'compare']
 #: A settled motion agrees within this: instants in cycles of the force, X relative to the largest
 #: |X|; and the largest |X|, which is interpolated between samples, within the second.
 TOLERANCE, X_MAX_TOLERANCE = 1e-3, 5e-3
+#: What may come to be the predicted motion yet.
+MOVING = (MotionKind.TRANSIENT, MotionKind.UNDECIDED)
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ def compare(measured: MeasuredMotion, answer: Answer) -> Agreement:
         verdict = ''
         if measured.settled and answer.complete:
             verdict = 'disagrees'
-        elif answer.expected is not None and measured.state in ('transient', 'undecided'):
+        elif answer.expected is not None and measured.kind in MOVING:
             verdict = 'not settled'
         return Agreement(verdict, answer.expected, answer.basis)
     motion, apart = near

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from impact_damper_ros.analysis.motion_kind import MotionKind
 from impact_damper_ros.analysis.rhythm import MOST_CYCLES, Rhythm, rhythm_of
 from impact_damper_ros.nodes.motion_trace import MotionTrace
 from impact_damper_ros.rig import Event, RigParameters
@@ -26,10 +27,10 @@ class MeasuredMotion:
 
     Attributes
     ----------
-    state : str
-        'periodic': settled; 'transient': not yet, or so short a time ago that it is not to be
-        told; 'undecided': not periodic after long; 'without impacts'; or 'not periodically
-        driven', if the force has no first harmonic, or a multisine besides.
+    kind : MotionKind
+        `PERIODIC`: settled; `TRANSIENT`: not yet, or so short a time ago that it is not to be
+        told; `UNDECIDED`: not periodic after long; `NO_IMPACTS`; or `NOT_PERIODICALLY_DRIVEN`, if
+        the force has no first harmonic, or a multisine besides.
     cycles : float
         Cycles of the force since the last change or reset.
     impacts_per_cycle : float or None
@@ -47,7 +48,7 @@ class MeasuredMotion:
         The same as a share of the amplitude A without impacts.
     """
 
-    state: str
+    kind: MotionKind
     cycles: float = 0.0
     impacts_per_cycle: float | None = None
     rhythm: Rhythm | None = None
@@ -59,7 +60,7 @@ class MeasuredMotion:
     @property
     def settled(self) -> bool:
         """Whether the motion repeats, but for very little."""
-        return self.state == 'periodic'
+        return self.kind is MotionKind.PERIODIC
 
 
 def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
@@ -78,7 +79,9 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
         cycle = math.tau / parameters.omega
         recently = trace.largest(now - MOST_CYCLES * cycle)
         enough = state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE
-        return MeasuredMotion('not periodically driven', x_max=recently if enough else None)
+        return MeasuredMotion(
+            MotionKind.NOT_PERIODICALLY_DRIVEN, x_max=recently if enough else None
+        )
     cycle = math.tau / frequency
     cycles = (now - trace.began) / cycle
     impacts = trace.impacts()
@@ -95,15 +98,15 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
     if rhythm is not None:
         largest = trace.largest(now - rhythm.cycles * cycle)
         rhythm = replace(rhythm, x_max=largest)
-        state = 'periodic' if rhythm.settled else 'transient'
+        kind = MotionKind.PERIODIC if rhythm.settled else MotionKind.TRANSIENT
         per_cycle = rhythm.impacts / rhythm.cycles
     else:
-        if cycles < COUNTED_CYCLES:
-            state = 'transient'
-        elif not count:
-            state = 'without impacts'
+        if not count and cycles >= COUNTED_CYCLES:
+            kind = MotionKind.NO_IMPACTS
+        elif cycles < UNDECIDED_AFTER:
+            kind = MotionKind.TRANSIENT
         else:
-            state = 'transient' if cycles < UNDECIDED_AFTER else 'undecided'
+            kind = MotionKind.UNDECIDED
         per_cycle = count / recent if recent > 0.0 else 0.0
     x_max = ratio = None
     if state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE:
@@ -112,7 +115,7 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
         if 0.0 < amplitude < math.inf:
             ratio = x_max / amplitude
     return MeasuredMotion(
-        state,
+        kind,
         cycles,
         per_cycle,
         rhythm,

@@ -82,7 +82,7 @@ class MotionMonitor:
 def measured_report(measured: MeasuredMotion) -> MotionReport:
     """Report how the rig moves."""
     rhythm = measured.rhythm
-    words = measured.state
+    words = measured.kind.value
     if rhythm is not None:
         settled = 'settled' if measured.settled else 'settling'
         words = f'{_in_words(rhythm)}, {settled}'
@@ -93,7 +93,7 @@ def measured_report(measured: MeasuredMotion) -> MotionReport:
         False,
         words,
         {
-            'State': measured.state,
+            'State': measured.kind.value,
             'Settled': measured.settled,
             'Cycles of the force since the last change': _number(measured.cycles, 3),
             'Impacts per cycle of the force': _number(measured.impacts_per_cycle),

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from impact_damper_ros.analysis.motion_kind import MotionKind
 from impact_damper_ros.analysis.rhythm import Rhythm
 from impact_damper_ros.nodes.agreement import compare
 from impact_damper_ros.nodes.measured_motion import MeasuredMotion, measure
@@ -34,7 +35,7 @@ def traced(rig, cycles, trace=None, rate=RATE):
 
 def test_a_settled_rig_is_measured_as_the_theory_has_it():
     measured = measure(traced(Simulator(INCLINED), 250), RATE)
-    assert (measured.state, measured.settled) == ('periodic', True)
+    assert (measured.kind, measured.settled) == (MotionKind.PERIODIC, True)
     assert measured.impacts_per_cycle == 2.0
     assert measured.cycles == pytest.approx(250, abs=0.1)
     rhythm = measured.rhythm
@@ -73,11 +74,11 @@ def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_t
 def test_states_on_the_way():
     rig = Simulator(INCLINED)
     trace = MotionTrace.at(INCLINED, rig.snapshot())
-    assert measure(trace, RATE).state == 'transient'
+    assert measure(trace, RATE).kind is MotionKind.TRANSIENT
     measured = measure(traced(rig, 3, trace), RATE)
-    assert (measured.state, measured.rhythm) == ('transient', None)
+    assert (measured.kind, measured.rhythm) == (MotionKind.TRANSIENT, None)
     measured = measure(traced(rig, 90, trace), RATE)
-    assert measured.state == 'transient'
+    assert measured.kind is MotionKind.TRANSIENT
     assert measured.rhythm.stops == (1, 2)
     assert not measured.settled
 
@@ -85,17 +86,17 @@ def test_states_on_the_way():
 def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
     wide = Simulator(RigParameters(gravity=0.0, gap=600.0))
     measured = measure(traced(wide, 30), RATE)
-    assert (measured.state, measured.impacts_per_cycle) == ('without impacts', 0.0)
+    assert (measured.kind, measured.impacts_per_cycle) == (MotionKind.NO_IMPACTS, 0.0)
     assert measured.x_max > 50.0
     chaotic = Simulator(INCLINED.replace(gap=60.0))
     measured = measure(traced(chaotic, 260), RATE)
-    assert (measured.state, measured.rhythm) == ('undecided', None)
+    assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)
     assert 0.5 < measured.impacts_per_cycle < 4.0
     constant = Simulator(RigParameters(force_frequencies=0.0))
-    assert measure(traced(constant, 3), RATE).state == 'not periodically driven'
+    assert measure(traced(constant, 3), RATE).kind is MotionKind.NOT_PERIODICALLY_DRIVEN
     broadband = Simulator(INCLINED.replace(multisine_level=1.0))
     measured = measure(traced(broadband, 30), RATE)
-    assert (measured.state, measured.rhythm) == ('not periodically driven', None)
+    assert (measured.kind, measured.rhythm) == (MotionKind.NOT_PERIODICALLY_DRIVEN, None)
     assert measured.x_max > 0.1
 
 
@@ -106,7 +107,7 @@ def test_impacts_that_stop_are_no_rhythm():
     still = rig.sample()
     for k in range(int(30 * CYCLE * RATE)):
         trace.sample(still._replace(time=still.time + k / RATE, primary_velocity=0.0))
-    assert measure(trace, RATE).state == 'without impacts'
+    assert measure(trace, RATE).kind is MotionKind.NO_IMPACTS
 
 
 def test_too_few_samples_tell_no_largest_displacement():
@@ -128,7 +129,7 @@ PREDICTED = PredictedMotion(
 )
 OTHER = PredictedMotion(Rhythm((1, 2), 1, (0.6, 0.1), (1.0, -1.0), 2.0), 0.1, 1.2, False, True, '')
 ANSWER = Answer(1, (PREDICTED, OTHER), PREDICTED, 'run ahead', '', True, 0.25)
-MEASURED = MeasuredMotion('periodic', 200.0, 2.0, Rhythm.of(ORBIT), x_max=ORBIT.x_max)
+MEASURED = MeasuredMotion(MotionKind.PERIODIC, 200.0, 2.0, Rhythm.of(ORBIT), x_max=ORBIT.x_max)
 
 
 def shifted(phase=0.0, x=0.0, drift=0.0):
@@ -141,7 +142,7 @@ def shifted(phase=0.0, x=0.0, drift=0.0):
         ORBIT.x_max,
         drift,
     )
-    return MeasuredMotion('periodic', 200.0, 2.0, rhythm, x_max=ORBIT.x_max)
+    return MeasuredMotion(MotionKind.PERIODIC, 200.0, 2.0, rhythm, x_max=ORBIT.x_max)
 
 
 @pytest.mark.parametrize(
@@ -165,10 +166,10 @@ def test_the_agreement_allows_for_what_is_left_of_the_transient(measured, verdic
 
 def test_the_motion_of_the_same_kind_that_is_nearest_is_chosen():
     rhythm = Rhythm((1, 2), 1, (0.601, 0.101), (1.0, -1.0), 2.0)
-    agreement = compare(MeasuredMotion('periodic', rhythm=rhythm), ANSWER)
+    agreement = compare(MeasuredMotion(MotionKind.PERIODIC, rhythm=rhythm), ANSWER)
     assert agreement.motion.largest_multiplier == 1.2
     kind = Rhythm((1, 1, 2), 1, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0), 2.0)
-    agreement = compare(MeasuredMotion('periodic', rhythm=kind), ANSWER)
+    agreement = compare(MeasuredMotion(MotionKind.PERIODIC, rhythm=kind), ANSWER)
     assert (agreement.verdict, agreement.motion) == ('disagrees', PREDICTED)
 
 
@@ -182,7 +183,7 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
     [
         (MEASURED, ANSWER, {}, 'found', False, 'stable; the measured motion agrees'),
         (shifted(phase=0.01), ANSWER, {}, 'found', True, 'the measured motion disagrees'),
-        (MeasuredMotion('transient'), ANSWER, {}, 'found', False, '2 impacts in 1 cycle'),
+        (MeasuredMotion(MotionKind.TRANSIENT), ANSWER, {}, 'found', False, '2 impacts in 1 cycle'),
         (MEASURED, Answer(), {}, 'computing', False, 'computing'),
         (MEASURED, Answer(), {'enabled': False}, 'off', False, 'predict_motion'),
         (MEASURED, Answer(), {'trouble': 'it ended'}, 'unavailable', True, 'it ended'),
@@ -190,7 +191,7 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
         (MEASURED, ANSWER, {'trouble': 'it ended'}, 'found', True, 'agrees; it ended'),
         (MEASURED, Answer(1, error='no memory'), {}, 'unavailable', True, 'no memory'),
         (
-            MeasuredMotion('undecided'),
+            MeasuredMotion(MotionKind.UNDECIDED),
             Answer(1, (OTHER,), OTHER, 'listed', 'it does not repeat', True),
             {},
             'found',
@@ -198,7 +199,7 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
             'unstable; it does not repeat',
         ),
         (
-            MeasuredMotion('undecided'),
+            MeasuredMotion(MotionKind.UNDECIDED),
             Answer(1, reason='two incommensurate harmonics', complete=True),
             {},
             'none',
@@ -219,11 +220,11 @@ def test_what_is_reported_and_when_it_is_a_warning(
 
 def test_the_keys_are_the_same_whatever_is_known():
     full = reported()
-    for other in (reported(answer=Answer()), reported(MeasuredMotion('transient'))):
+    for other in (reported(answer=Answer()), reported(MeasuredMotion(MotionKind.TRANSIENT))):
         assert list(other.values) == list(full.values)
     full = measured_report(MEASURED)
-    for state in ('transient', 'not periodically driven'):
-        assert list(measured_report(MeasuredMotion(state)).values) == list(full.values)
+    for kind in (MotionKind.TRANSIENT, MotionKind.NOT_PERIODICALLY_DRIVEN):
+        assert list(measured_report(MeasuredMotion(kind)).values) == list(full.values)
 
 
 def test_values_are_written_for_machines():
