@@ -49,6 +49,7 @@ bench:  ## measure speed, accuracy and jitter against general tools (some minute
 	@$(VENV) ros,plot,test
 	@$(PY) benchmarks/simulator.py $(ARGS)
 	@$(PY) benchmarks/orbits.py $(ARGS)
+	@$(PY) benchmarks/compare.py
 	@$(PY) benchmarks/node.py $(ARGS)
 
 env:  ## only make .venv, with all tools for development

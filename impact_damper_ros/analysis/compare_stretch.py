@@ -143,7 +143,8 @@ class _Comparison:
         clock = self.stretch.clock
         if clock is None or self.reason:
             kind = kind_without_force_phase(self.impacts, self.cycle)
-            if self.reason and clock is not None and kind.recurrence is None:
+            driven = clock is None and self.stretch.parameters.sweep_mode == 'off'
+            if self.reason and not driven and kind.recurrence is None:
                 kind = StretchKind(MotionKind.NOT_PERIODICALLY_DRIVEN, self.reason, kind.measures)
             self.solver = self.reason
             if kind.recurrence is not None and clock is not None:

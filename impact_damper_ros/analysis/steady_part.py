@@ -67,8 +67,9 @@ def measured_motion(
     x = knots.x[knots.stop == 0.0]
     largest = _largest_swing(knots)
     amplitude = stretch.parameters.response_amplitude
-    known = 0.0 < amplitude < math.inf
-    cycles = (end - start) * stretch.parameters.force_frequencies[0] / math.tau
+    steady = stretch.parameters.sweep_mode == 'off'
+    known = steady and 0.0 < amplitude < math.inf
+    cycles = (end - start) * stretch.parameters.force_frequencies[0] / math.tau * steady
     if math.isnan(per_cycle) and cycles > 0.0:
         per_cycle = len(hits) / cycles
     return MeasuredMotion(

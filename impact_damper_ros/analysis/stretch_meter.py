@@ -94,6 +94,8 @@ class StretchMeter:
         Time from one joint state to the next, s; 0 if not known, and to be learnt.
     lossy : bool, optional
         Whether the recorder may have lost messages one by one, unnoticed.
+    stops_move : bool, optional
+        Whether stops are on their way, moved by a control or back from there.
 
     Attributes
     ----------
@@ -116,11 +118,12 @@ class StretchMeter:
         state_period: float,
         *,
         lossy: bool = False,
+        stops_move: bool = False,
     ) -> None:
         self.search = None
         if clock is not None:
-            moved = control.get('gap_control', 'off') != 'off' or parameters.multisine_level > 0.0
-            self.search = FaultSearch(clock, in_closed_form=moved)
+            unfollowed = stops_move or parameters.multisine_level > 0.0
+            self.search = FaultSearch(clock, in_closed_form=unfollowed)
         self._lines = len(parameters.harmonics[0])
         self.last_stop = self._stop_before = last_stop
         self.parameters = parameters

@@ -181,8 +181,8 @@ class BagStretches:
         if isinstance(rate, float) and rate > 0.0:
             self._period = 1.0 / rate
         if change.dump:
-            if self._rig is None or self._rig.clock is None:
-                self._rig = RigAt.of_dump(change.values) or self._rig
+            if self._rig is None:
+                self._rig = RigAt.of_dump(change.values)
             return
         self._told |= change.values.keys()
         if change.exact and told_change(change.values):
@@ -290,6 +290,7 @@ class BagStretches:
             rig.last_stop,
             self._period,
             lossy=not self.history.stamped,
+            stops_move=rig.stops_move,
         )
 
     def _end_stretch(self, time_ns: int | None) -> Iterator[MeteredStretch]:

@@ -9,10 +9,13 @@ from typing import Any, Self
 import numpy as np
 
 from impact_damper_ros.analysis.force_clock import ForceClock
+from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.rig import PARAMETER_SPECS, RigParameters
 from impact_damper_ros.rig.snapshot import Snapshot
 
 __all__ = ['RigAt', 'changed_names', 'told_change']
+
+_NO_CONTROL = {'gap_control': 'off'}
 
 
 @dataclass(frozen=True)
@@ -30,12 +33,15 @@ class RigAt:
         Stop hit last, 0 for none.
     control : mapping of str to value
         Gap-control parameters.
+    stops_move : bool
+        Whether stops are on their way, moved by a control or back from there.
     """
 
     parameters: RigParameters
     clock: ForceClock | None = None
     last_stop: int = 0
-    control: Mapping[str, Any] = field(default_factory=dict)
+    control: Mapping[str, Any] = field(default_factory=lambda: dict(_NO_CONTROL))
+    stops_move: bool = False
 
     @classmethod
     def of_parameters(cls, parameters: RigParameters) -> Self:
@@ -47,7 +53,8 @@ class RigAt:
         """Return the rig that a list of all parameters tells; None if it lacks some."""
         if not values.keys() >= PARAMETER_SPECS.keys():
             return None
-        return cls(RigParameters(**{n: values[n] for n in PARAMETER_SPECS}))
+        rig = RigParameters(**{n: values[n] for n in PARAMETER_SPECS})
+        return cls(rig, control=_control_of(values))
 
     @classmethod
     def of_snapshot(cls, state: Mapping[str, Any]) -> Self:
@@ -65,10 +72,10 @@ class RigAt:
         clock = None
         if snapshot.parameters.sweep_mode == 'off':
             clock = ForceClock(snapshot.parameters, time, tuple(origin.angles))
-        control = dict(state.get('gap_control', {}).get('parameters', {}))
-        if control.get('gap_control', 'off') == 'off':
-            control = {'gap_control': 'off'}
-        return cls(snapshot.parameters, clock, origin.last_stop, control)
+        stored = state.get('gap_control', {})
+        control = _control_of(stored.get('parameters', {}))
+        moving = control != _NO_CONTROL or bool(stored.get('state', {}).get('returning'))
+        return cls(snapshot.parameters, clock, origin.last_stop, control, moving)
 
     def changed(self, values: Mapping[str, Any], time: float) -> RigAt:
         """
@@ -101,6 +108,13 @@ class RigAt:
             unit = f' {unit}' if unit else ''
             parts.append(f'{name} = {_shown(now)}{unit} (was {_shown(was)}{unit})')
         return ', '.join(parts)
+
+
+def _control_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the gap-control parameters among some; those of none, if it is off."""
+    if values.get('gap_control', 'off') == 'off':
+        return dict(_NO_CONTROL)
+    return {name: values[name] for name in GAP_CONTROL_SPECS if name in values}
 
 
 def _shown(value: Any) -> str:

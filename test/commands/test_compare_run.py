@@ -113,6 +113,43 @@ def test_a_headless_recording(tmp_path, capsys):
     assert 'verdict    agrees' in out.err
 
 
+@pytest.mark.parametrize(
+    ('settings', 'kind', 'reason'),
+    [
+        (
+            ('gap_control=timed', 'gap_min=0.002', 'gap_max=0.05', 'actuator_speed=2.0'),
+            'periodic',
+            'the gap is under control (timed)',
+        ),
+        (
+            ('multisine_level=1.0', 'multisine_low=20', 'multisine_high=45'),
+            'not periodically driven',
+            'the force is a multisine',
+        ),
+        (
+            ('sweep_mode=up', 'sweep_low=28', 'sweep_high=34', 'sweep_step=1', 'sweep_dwell=2'),
+            'not periodically driven',
+            'the frequency of the force is swept',
+        ),
+    ],
+)
+def test_what_has_no_theory_is_measured(tmp_path, settings, kind, reason):
+    params = params_file(tmp_path / 'params.yaml', BENCH)
+    words = [word for setting in settings for word in ('--set', setting)]
+    words += ['--duration', '20', '--bag', str(tmp_path / 'bag'), '--quiet']
+    assert simulate_rig([str(params), *words]) == 0
+    code, result = run(tmp_path / 'bag', tmp_path)
+    (stretch,) = result['stretches']
+    assert (code, stretch['kind'], stretch['verdict']) == (0, kind, 'no prediction')
+    assert reason in stretch['sentence']
+    assert stretch['measured']['impacts'] > 20
+    energy = stretch['energy']
+    if 'sweep' in settings[0]:
+        assert energy is None
+    else:
+        assert abs(energy['residual']) < energy['tolerance'] < 1e-4 * energy['force']
+
+
 def test_a_recording_of_ros2_bag(messages, tmp_path):
     """Times of arrival, other metadata, and topics that overtake each other."""
     arrived = with_arrival_times(messages)
