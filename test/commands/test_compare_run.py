@@ -393,8 +393,9 @@ def test_runs_of_the_live_node(tmp_path):
         time.sleep(0.1)
         assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=False)).success
         assert client.call(Trigger, f'{service}/reset').success
-        count = len(states)
-        until(lambda: len(states) > count + 1000)
+        # Every half second the file is brought to a state that can be salvaged.
+        count, deadline = len(states), time.monotonic() + 1.5
+        until(lambda: len(states) > count + 1000 and time.monotonic() > deadline)
         process.kill()
     finally:
         process.kill()
