@@ -87,6 +87,7 @@ setup(
             'sim_node = impact_damper_ros.nodes.sim_node:main',
             'simulate_rig = impact_damper_ros.commands.simulate_rig:main',
             'solve_periodic = impact_damper_ros.commands.solve_periodic:main',
+            'study_gap_control = impact_damper_ros.commands.study_gap_control:main',
             'sweep_rig = impact_damper_ros.commands.sweep_rig:main',
         ],
     },

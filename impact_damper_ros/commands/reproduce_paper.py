@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from collections.abc import Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from impact_damper_ros.commands.worker_pool import add_jobs_option, worker_pool
 
 if TYPE_CHECKING:
     from impact_damper_ros.analysis.paper_claims import Claim
@@ -35,16 +35,6 @@ Example: reproduce_paper --only 3a,5 --output /tmp/paper
 """
 
 
-def _jobs(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if not 1 <= value <= 64:
-        raise argparse.ArgumentTypeError(f'{text!r}: give a whole number from 1 to 64')
-    return value
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         'reproduce_paper',
@@ -55,7 +45,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--output', type=Path, default=Path('docs/paper'), metavar='DIR', help='[docs/paper]'
     )
-    parser.add_argument('--jobs', type=_jobs, default=2, metavar='N', help='processes [2]')
+    add_jobs_option(parser)
     parser.add_argument(
         '--quick', action='store_true', help='a quarter of the values: a look in half a minute'
     )
@@ -65,11 +55,6 @@ def _parser() -> argparse.ArgumentParser:
         help='these figures only; a panel stands for its figure, and README.md is not written',
     )
     return parser
-
-
-def _quiet_worker() -> None:
-    """Leave Ctrl-C to the parent, and the cores to the processes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _compute(
@@ -83,8 +68,8 @@ def _compute(
 
     sweeps = [sweep for figure in figures for sweep in sweeps_of(figure, quick=quick)]
     angles = figure_5_angles(quick=quick) if '5' in figures else ()
-    pool = ProcessPoolExecutor(jobs, get_context('spawn'), initializer=_quiet_worker)
-    try:
+    # A sweep takes up to a minute
+    with worker_pool(jobs) as pool:
         series: list[Future[Series]] = [pool.submit(run_sweep, sweep) for sweep in sweeps]
         optima: list[Future[OptimumPoint]] = [pool.submit(optimum_at, v) for v in angles]
         work: list[Future[Any]] = [*series, *optima]
@@ -92,14 +77,7 @@ def _compute(
             done.result()
         results = [future.result() for future in series]
         points = [future.result() for future in optima]
-        return {one.sweep.name: one for one in results}, points
-    except BaseException:
-        # A sweep takes up to a minute: do not wait for those under way
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    return {one.sweep.name: one for one in results}, points
 
 
 def _print_claims(claims: Sequence[Claim]) -> None:

@@ -24,6 +24,7 @@ COMMANDS = [
     'sim_node',
     'simulate_rig',
     'solve_periodic',
+    'study_gap_control',
     'sweep_rig',
 ]
 NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'install', 'log', 'demo_run')

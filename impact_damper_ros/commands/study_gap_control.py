@@ -1,0 +1,129 @@
+"""`study_gap_control`: what the laws of the gap control do, measured and drawn."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from impact_damper_ros.commands.worker_pool import add_jobs_option, worker_pool
+
+if TYPE_CHECKING:
+    from impact_damper_ros.analysis.gap_study_plan import Extent
+    from impact_damper_ros.analysis.gap_study_runs import Response
+
+__all__ = ['main']
+
+_DESCRIPTION = """\
+Run rigs under each law of the gap control and with fixed gaps: over a sixteenfold range of force
+at resonance, under broadband excitation, through the resonance up and down, under a load that
+changes, inclined with friction, and with delays, slow stops, noise and coarse sampling. Writes
+README.md with the tables and a PNG file for each part, and prints the targets.
+"""
+_EPILOG = """\
+Exit code: 0; 2 if the input is not usable or matplotlib is missing; 1 if a file could not be
+written or a process died; 130 on Ctrl-C. The same numbers come out every time.
+Example: study_gap_control --output /tmp/gap_control --quick
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        'study_gap_control',
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('docs/gap_control'),
+        metavar='DIR',
+        help='[docs/gap_control]',
+    )
+    add_jobs_option(parser)
+    parser.add_argument('--quick', action='store_true', help='a few runs of each part')
+    return parser
+
+
+def _compute(extent: Extent, jobs: int) -> dict[tuple[object, ...], Response]:
+    """Carry out all runs in processes, under one progress bar."""
+    from tqdm import tqdm
+
+    from impact_damper_ros.analysis.gap_study_findings import tuned_shares
+    from impact_damper_ros.analysis.gap_study_plan import all_cases, tuning_cases
+    from impact_damper_ros.analysis.gap_study_runs import run_case
+
+    results: dict[tuple[object, ...], Response] = {}
+    with worker_pool(jobs) as pool:
+        for what in ('fixed gaps', 'all runs'):
+            shares = tuned_shares(results, extent) if results else {}
+            cases = all_cases(extent, shares) if results else tuning_cases(extent)
+            done = pool.map(run_case, cases, chunksize=2)
+            bar = tqdm(done, total=len(cases), desc=what, unit='')
+            results |= {case.key: one for case, one in zip(cases, bar, strict=True)}
+    return results
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from impact_damper_ros.analysis.gap_study_findings import targets
+    from impact_damper_ros.analysis.gap_study_plan import Extent
+    from impact_damper_ros.analysis.gap_study_report import write_study
+
+    extent = Extent.quick() if arguments.quick else Extent()
+    # Before the work, not after it
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    results = _compute(extent, arguments.jobs)
+    for path in write_study(results, extent, arguments.output):
+        print(path)
+    for target in targets(results, extent):
+        verdict = 'met' if target.met else 'MISSED'
+        print(f'{verdict}: {target.words}: {target.reached:.4f}, at most {target.limit:g}')
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the command.
+
+    Returns
+    -------
+    int
+        0; 1 if a file could not be written or a process died; 2 if the input is not usable; 130
+        on Ctrl-C.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        import matplotlib  # noqa: F401
+    except ModuleNotFoundError:
+        print(
+            'study_gap_control: matplotlib is missing: install it, or the package with its extra '
+            '[plot]',
+            file=sys.stderr,
+        )
+        return 2
+    try:
+        return _run(arguments)
+    except BrokenProcessPool:
+        print(
+            'study_gap_control: a process died, perhaps for want of memory: give fewer --jobs',
+            file=sys.stderr,
+        )
+        return 1
+    except OSError as error:
+        print(
+            f'study_gap_control: cannot write {error.filename or arguments.output}: '
+            f'{error.strerror}: give a directory that can be written, with room on the disk',
+            file=sys.stderr,
+        )
+        return 1
+    except KeyboardInterrupt:
+        print('study_gap_control: interrupted', file=sys.stderr)
+        return 130
+
+
+if __name__ == '__main__':
+    sys.exit(main())
