@@ -22,7 +22,7 @@ from impact_damper_ros.analysis.gap_curves import GapCurves
 from impact_damper_ros.analysis.run_comparison import RunComparison, StretchComparison
 from impact_damper_ros.commands.bag_stretches import BagStretches
 from impact_damper_ros.commands.comparison_text import comparison_text
-from impact_damper_ros.recording import RecordingError
+from impact_damper_ros.commands.outcome import outcome
 from impact_damper_ros.rig import load_parameters
 
 __all__ = ['main']
@@ -207,26 +207,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 2
-    try:
-        comparison = _compared(arguments)
-        return _report(arguments, comparison, shlex.join(['compare_run', *words]))
-    except (RecordingError, ValueError) as error:
-        print(f'compare_run: {error}', file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print('compare_run: interrupted; nothing was written', file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except OSError as error:
-        where = error.filename or 'output'
-        print(
-            f'compare_run: cannot write {where}: {error.strerror}: give a directory that exists '
-            'and is writable, with room on the disk',
-            file=sys.stderr,
-        )
-        return 1
+
+    def work() -> int:
+        return _report(arguments, _compared(arguments), shlex.join(['compare_run', *words]))
+
+    return outcome('compare_run', work)
 
 
 if __name__ == '__main__':

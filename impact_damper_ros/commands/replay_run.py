@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -13,9 +12,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
+from impact_damper_ros.commands.outcome import outcome
 from impact_damper_ros.commands.replay_report import as_json, findings_text
 from impact_damper_ros.commands.what_if_comparison import Comparison, held_values
-from impact_damper_ros.recording import RecordingError
 from impact_damper_ros.recording.replay import Replay
 from impact_damper_ros.recording.replayed_rig import setting_of
 from impact_damper_ros.recording.run_history import RunHistory
@@ -160,29 +159,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     if arguments.figure is not None and not arguments.set:
         parser.error('--figure draws a what-if beside the recorded run: give --set NAME=VALUE too')
-    try:
+
+    def work() -> int:
         replay = Replay(RunHistory(arguments.bag, arguments.node))
         if arguments.set:
             # A slip of the pen is told at once.
             held_values(arguments.set, setting_of(replay.history.start.state))
         return _report(arguments, replay, _run(arguments, replay))
-    except (RecordingError, ValueError) as error:
-        print(f'replay_run: {error}', file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print('replay_run: interrupted', file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except OSError as error:
-        where = error.filename or 'output'
-        print(
-            f'replay_run: cannot write {where}: {error.strerror}: give a directory that exists '
-            'and is writable, with room on the disk',
-            file=sys.stderr,
-        )
-        return 1
+
+    return outcome('replay_run', work)
 
 
 if __name__ == '__main__':

@@ -25,6 +25,19 @@ VERTICAL = RigParameters(
     force_amplitudes=(0.8,),
     force_frequencies=(10.0,),
 )
+#: The rig of config/bench_rig.yaml
+BENCH = RigParameters(
+    primary_mass=2.0,
+    stiffness=1974.0,
+    damping=1.26,
+    damper_mass=0.1,
+    gap=0.024,
+    restitution_1=0.6,
+    restitution_2=0.6,
+    friction=0.02,
+    force_amplitudes=(1.2,),
+    force_frequencies=(31.416,),
+)
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
 

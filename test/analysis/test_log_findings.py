@@ -5,25 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from analysis.recorded import HORIZONTAL, INCLINED, OFF_RESONANCE, metered, recorded
+from analysis.recorded import BENCH, HORIZONTAL, INCLINED, OFF_RESONANCE, metered, recorded
 
 from impact_damper_ros.analysis.clock_fit import with_fitted_clock
 from impact_damper_ros.analysis.compare_stretch import compare_stretch
 from impact_damper_ros.analysis.run_comparison import Verdict
-from impact_damper_ros.rig import RigParameters
-
-BENCH = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    damper_mass=0.1,
-    gap=0.024,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    friction=0.02,
-    force_amplitudes=(1.2,),
-    force_frequencies=(31.416,),
-)
 
 
 @pytest.fixture(scope='module')

@@ -6,6 +6,7 @@ import struct
 import time
 
 import pytest
+from analysis.recorded import BENCH
 from recording import samples
 from recording.recorded_rig import NOTES, RecordedRig, random_run
 from recording.test_replay import with_arrival_times
@@ -13,20 +14,6 @@ from recording.test_replay import with_arrival_times
 from impact_damper_ros.commands.compare_run import main
 from impact_damper_ros.commands.simulate_rig import main as simulate_rig
 from impact_damper_ros.recording import recover_run
-from impact_damper_ros.rig import RigParameters
-
-BENCH = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    damper_mass=0.1,
-    gap=0.024,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    friction=0.02,
-    force_amplitudes=(1.2,),
-    force_frequencies=(31.416,),
-)
 
 
 def run(bag, tmp_path, *arguments):
