@@ -161,7 +161,7 @@ def finite_range(
     joined = joined[np.isfinite(joined)]
     low, high = (float(joined.min()), float(joined.max())) if len(joined) else (-1.0, 1.0)
     # Narrower than that, the numbers at the axis would all be the same.
-    width = max(high - low, least, 1e-6 * max(abs(low), abs(high)), 1e-30)
+    width = max(high - low, least, 1e-6 * max(abs(low), abs(high))) or 1.0
     middle = 0.5 * (low + high)
     return middle - width * (0.5 + margin), middle + width * (0.5 + margin)
 
@@ -238,7 +238,7 @@ def cloud(
         markersize=1.1 if dense else 4.5,
         markeredgewidth=0,
         color=BOTH[name] if dense else COLORS[name],
-        alpha=alpha,
+        alpha=max(alpha, 0.6) if dense else alpha,
         rasterized=dense,
         zorder=2,
     )

@@ -16,6 +16,7 @@ from .report_axes import (
     predicted_label,
     rings,
 )
+from .report_motion import filled_motion
 from .report_svg import COLORS
 from .report_units import unit_for
 from .run_comparison import StretchComparison
@@ -209,8 +210,8 @@ def draw_history(stretch: StretchComparison) -> Picture | None:
     Picture or None
         None if there is nothing to draw.
     """
-    motion, theory = stretch.curves.motion, stretch.curves.predicted
-    if motion is None or len(motion.time) < 2 or not np.isfinite(motion.time).all():
+    motion, theory = filled_motion(stretch), stretch.curves.predicted
+    if motion is None:
         return None
     z = motion.x + motion.y
     unit = unit_for('m', motion.x, z)

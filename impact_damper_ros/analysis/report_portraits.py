@@ -17,6 +17,7 @@ from .report_axes import (
     predicted_label,
     rings,
 )
+from .report_motion import filled_motion
 from .report_svg import COLORS
 from .report_units import unit_for
 from .run_comparison import StretchComparison
@@ -52,21 +53,21 @@ def _portrait(
 
 def draw_primary_portrait(stretch: StretchComparison) -> Picture | None:
     """Draw X' over X at the end of a stretch; None if there is nothing to draw."""
-    motion, theory = stretch.curves.motion, stretch.curves.predicted
-    if motion is None or len(motion.time) < 2:
+    motion, theory = filled_motion(stretch), stretch.curves.predicted
+    if motion is None or not np.any(motion.velocity):
         return None
     predicted = None if theory is None else (theory.x, theory.velocity)
     names, label = ('X', "X'"), predicted_label(stretch)
     figure, _, _ = _portrait((motion.x, motion.velocity), predicted, 'primary', names, label)
-    caption = 'Velocity of the primary mass over its displacement; each impact is a step in '
-    caption += 'velocity.'
+    caption = 'Velocity of the primary mass over its displacement; each impact is a step. '
+    caption += 'Between samples far apart stand cubics through positions and velocities.'
     return Picture(figure, 'Phase portrait of M', caption)
 
 
 def draw_damper_portrait(stretch: StretchComparison) -> Picture | None:
     """Draw Y' over Y at the end of a stretch; None if there is nothing to draw."""
-    motion, theory = stretch.curves.motion, stretch.curves.predicted
-    if motion is None or len(motion.time) < 2:
+    motion, theory = filled_motion(stretch), stretch.curves.predicted
+    if motion is None or not np.any(motion.relative_velocity):
         return None
     predicted = None if theory is None else (theory.y, theory.relative_velocity)
     measured = (motion.y, motion.relative_velocity)

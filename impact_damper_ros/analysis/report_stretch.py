@@ -83,7 +83,9 @@ def _tiles(stretch: StretchComparison) -> Html:
         tiles.append(('Largest |X|', swing, theory))
         amplitude = stretch.parameters.response_amplitude
         handy = unit_for('m', amplitude)
-        without = f'A = {number(handy.factor * amplitude, 4)} {handy.name} without impacts'
+        without = 'no single harmonic drives it'
+        if amplitude > 0.0:
+            without = f'A = {number(handy.factor * amplitude, 4)} {handy.name} without impacts'
         tiles.append(('Xmax / A', number(measured.amplitude_ratio, 4), without))
         blow = unit_for('N s', measured.mean_impulse)
         impulse = f'mean impulse {number(blow.factor * measured.mean_impulse, 3)} {blow.name}'

@@ -26,6 +26,7 @@ from impact_damper_ros.analysis.comparison_report import (
     write_report,
 )
 from impact_damper_ros.analysis.report_history import draw_run, predicted_impacts, predicted_motion
+from impact_damper_ros.analysis.report_motion import filled_motion
 from impact_damper_ros.analysis.report_response import predicted_lines
 from impact_damper_ros.analysis.report_stretch import PICTURES
 from impact_damper_ros.analysis.report_svg import COLORS, drawing_style, inline_svg
@@ -326,6 +327,27 @@ def test_the_most_telling_stretches(run):
     stretches = run.stretches
     assert told_stretches(stretches, 1) == (stretches[1],)
     assert told_stretches(stretches, 9) == stretches
+
+
+def test_a_coarse_recording_is_drawn_smooth(run):
+    """A free flight is a parabola, also between its samples; a gap in the log stays one."""
+    stretch = run.stretches[0]
+    time = np.array([0.0, 0.5, 1.0, 1.0, 1.5, 9.0])
+    y = np.array([0.0, 1.5, 2.0, 2.0, 0.5, 5.0])
+    rate = np.array([4.0, 2.0, 0.0, -2.0, -4.0, 1.0])
+    other = np.zeros(6)
+    motion = type(stretch.curves.motion)(time, other, other, y, rate, other + 2.0, other - 2.0)
+    coarse = dataclasses.replace(stretch.curves, motion=motion)
+    filled = filled_motion(dataclasses.replace(stretch, curves=coarse))
+    first = filled.time <= 1.0
+    assert len(filled.time) > 20
+    flight = filled.time[first][:12]
+    assert filled.y[:12] == pytest.approx(4.0 * flight - 2.0 * flight**2)
+    assert filled.relative_velocity[:12] == pytest.approx(4.0 - 4.0 * flight)
+    assert not np.any((filled.time > 1.5) & (filled.time < 9.0))
+    assert np.all(np.diff(filled.time) >= 0.0)
+    # What is sampled finely enough is left as it is.
+    assert filled_motion(stretch) is stretch.curves.motion
 
 
 def test_points_and_periods_that_show_nothing_more(run):
