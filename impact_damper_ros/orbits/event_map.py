@@ -22,9 +22,10 @@ from impact_damper_ros.rig.contact import (
     NO_EVENT,
     RELEASE_DOWN,
     RELEASE_UP,
-    first_event,
+    chatter_end,
+    flight_end,
 )
-from impact_damper_ros.rig.flight import Flight, Motion, motion_at
+from impact_damper_ros.rig.flight import Flight, Motion, end_at, motion_at, starting_motion
 from impact_damper_ros.rig.mode import (
     CHATTER_1,
     REST_1,
@@ -249,28 +250,30 @@ def run_course(
     for _ in range(MOST_EVENTS):
         left = duration - elapsed
         if origin.mode >= CHATTER_1:
-            kind, tau = NO_EVENT, origin.chatter_left
-            ended = tau <= left
+            end = chatter_end(flight, origin.chatter_left)
+            ended = end.tau <= left
         else:
-            kind, tau = first_event(flight, 0.0, left)
-            ended = kind != NO_EVENT and tau <= left
-        span = tau if ended else left
+            end = flight_end(flight, 0.0, left)
+            ended = end.kind != NO_EVENT and end.tau <= left
+        if not ended:
+            end = end_at(flight, NO_EVENT, left)
+        kind, span = end.kind, end.tau
         stretches.append(Stretch(elapsed, span, origin, flight))
         if differentiate:
             carry = joint_matrix if flight.joint else flight_matrix
             matrix = carry(flight.oscillator, span) @ matrix
         if not ended:
-            return Course(carried(origin, flight, left), matrix, incidents, stretches)
+            return Course(carried(origin, flight, end), matrix, incidents, stretches)
         mode = origin.mode
-        transition = resolve(machine, origin, flight, kind, tau)
+        transition = resolve(machine, origin, flight, end)
         origin = transition.origin
         ending, flight = flight, launch(machine, origin)
         if differentiate:
-            before = _rates(motion_at(ending, tau), ending)
-            after = _rates(motion_at(flight, 0.0), flight)
+            before = _rates(motion_at(ending, span), ending)
+            after = _rates(starting_motion(flight), flight)
             if kind in (CONTACT_1, CONTACT_2) or before[3] != before[1]:
                 matrix = _event_matrix(machine, kind, before, after, transition) @ matrix
-        elapsed += tau
+        elapsed += span
         stop = transition.stop
         if origin.mode in (REST_1, REST_2):
             stop = 1 if origin.mode == REST_1 else 2

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, Sample
+from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 from .cdr import CdrError
 from .errors import RecordingError
@@ -87,6 +88,12 @@ class Replay:
         except ValueError as error:
             cause = f'its first snapshot cannot be restored: {error}'
             raise RecordingError('replay', history.reader.path, cause, _REMEDY) from error
+        if history.start.arithmetic != ARITHMETIC:
+            self.findings.remarks.append(
+                f'recorded with arithmetic {history.start.arithmetic}, this version has '
+                f'{ARITHMETIC}: differences of round-off, and what grows from them, are due to '
+                f'that; {_REMEDY}'
+            )
         self._time_ns = history.start.time_ns
         self._pending: list[Change] = []
         self._steps: list[tuple[int, Step]] = []

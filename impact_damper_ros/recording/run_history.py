@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.control import GAP_CONTROL_SPECS, completed
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
-from impact_damper_ros.rig.snapshot import FORMATS, upgraded
+from impact_damper_ros.rig.snapshot import ARITHMETIC, FORMATS, upgraded
 
 from .cdr import CdrError
 from .errors import RecordingError
@@ -59,13 +59,18 @@ class Change(NamedTuple):
 
 
 class Snapshot(NamedTuple):
-    """A snapshot of the simulator: its state, and how rig time and stamps are related."""
+    """
+    A snapshot of the simulator: its state, and how rig time and stamps are related.
+
+    `arithmetic` is that of the version which has recorded it, see `rig.snapshot.ARITHMETIC`.
+    """
 
     stamp_ns: int
     offset_ns: int
     time_ns: int
     reason: str
     state: dict[str, Any]
+    arithmetic: int = ARITHMETIC
 
 
 Item = StateRecord | Change | Snapshot
@@ -265,10 +270,11 @@ class RunHistory:
         try:
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
             reason, state = str(held['reason']), completed(upgraded(held['state']))
+            arithmetic = int(held['state'].get('arithmetic', 1))
         except (KeyError, TypeError, ValueError) as error:
             cause = f'{where} is not complete: {error!r}'
             raise RecordingError(self._purpose, self.reader.path, cause) from error
-        return Snapshot(offset_ns + time_ns, offset_ns, time_ns, reason, state)
+        return Snapshot(offset_ns + time_ns, offset_ns, time_ns, reason, state, arithmetic)
 
     def _change(self, record: Record, now_ns: int) -> Change | None:
         """Return what a parameter event says of the rig; None if nothing."""

@@ -113,12 +113,12 @@ class SampleCheck:
         if not differing:
             # Only what the message does not need to hold, such as efforts.
             return
-        quantity, unit, recorded, replayed = differing[0]
-        findings.differ(
-            Difference(
-                time, stamp_ns, self._topic, quantity, unit, recorded, replayed, findings.after
-            )
-        )
+        # What differs most says more than what is first in the message.
+        differences = [
+            Difference(time, stamp_ns, self._topic, quantity, unit, a, b, findings.after)
+            for quantity, unit, a, b in differing
+        ]
+        findings.differ(max(differences, key=lambda difference: difference.ulps))
         if values_differ:
             findings.divergence.look(time, positions[0] - sample.x, positions[1] - sample.z)
 

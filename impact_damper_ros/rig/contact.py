@@ -17,7 +17,19 @@ from __future__ import annotations
 from math import inf
 
 from .certificate import ROUND_OFF, least_step, look_ahead, look_past, safe_step
-from .flight import Flight, Motion, motion_at
+from .event_codes import (
+    ARRIVAL,
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    REVERSAL,
+    STOP_ARRIVED_1,
+    STOP_ARRIVED_2,
+)
+from .flight import Flight, FlightEnd, Motion, end_at, motion_at, unfinished
+from .grid_search import search_contact, search_release
 from .kernels import kernel
 from .oscillator import Oscillator, derivative_bound
 
@@ -31,18 +43,10 @@ __all__ = [
     'REVERSAL',
     'STOP_ARRIVED_1',
     'STOP_ARRIVED_2',
+    'chatter_end',
     'first_event',
+    'flight_end',
 ]
-
-NO_EVENT = 0
-CONTACT_1 = 1
-CONTACT_2 = 2
-REVERSAL = 3
-ARRIVAL = 4
-RELEASE_UP = 5
-RELEASE_DOWN = 6
-STOP_ARRIVED_1 = 7
-STOP_ARRIVED_2 = 8
 
 _EPSILON = 2.220446049250313e-16
 
@@ -120,8 +124,8 @@ def _approach(
     return ahead, root
 
 
-@kernel
-def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, float]:
+@kernel(inline=True)
+def _first_in_motion(flight: Flight, tau: float, limit: float) -> FlightEnd:
     """Step through relative motion; see `first_event`."""
     oscillator = flight.oscillator
     direction = flight.direction
@@ -138,12 +142,21 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, flo
     if tau == 0.0 and supported and still:
         tau = _leave_support(flight, motion)
         if tau < 0.0:
-            return REVERSAL, 0.0
+            return unfinished(REVERSAL, 0.0)
         motion = motion_at(flight, tau)
     # The stop that m leaves is watched if it comes after m.
     watched_1 = direction >= 0 or velocity_1 < 0.0
     watched_2 = direction <= 0 or velocity_2 > 0.0
+    quick = flight.arrival == inf and velocity_1 == 0.0 and velocity_2 == 0.0
     while tau <= limit:
+        if quick:
+            end: FlightEnd = search_contact(flight, tau, motion)
+            if end.kind != NO_EVENT:
+                return end
+            if end.tau > tau:
+                tau = end.tau
+                motion = motion_at(flight, tau)
+                continue
         bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, oscillator.bound_3)
         speed = motion.relative_velocity
         rate = motion.relative_2
@@ -155,7 +168,7 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, flo
             closing = speed - velocity_1
             if clearance <= 0.0:
                 if closing > 0.0:
-                    return CONTACT_1, tau
+                    return unfinished(CONTACT_1, tau)
                 clearance = 0.0
             ahead, root = _approach(oscillator, motion, clearance, closing, 1, bound_3, tau)
             if ahead < step:
@@ -167,7 +180,7 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, flo
             closing = velocity_2 - speed
             if clearance <= 0.0:
                 if closing > 0.0:
-                    return CONTACT_2, tau
+                    return unfinished(CONTACT_2, tau)
                 clearance = 0.0
             ahead, root = _approach(oscillator, motion, clearance, closing, -1, bound_3, tau)
             if ahead < step:
@@ -181,7 +194,7 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, flo
             if flight.arrival < inf:
                 distance = flight.arrival - direction * motion.travel
                 if distance <= 0.0:
-                    return ARRIVAL, tau
+                    return unfinished(ARRIVAL, tau)
                 ahead, root = look_ahead(distance, -along, -along_1, bound_3, horizon, tau)
                 if ahead < step:
                     step = ahead
@@ -189,7 +202,7 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, flo
                     found = root
             if along <= 0.0:
                 if along_1 < 0.0 or (along_1 == 0.0 and along_2 <= 0.0):
-                    return REVERSAL, tau
+                    return unfinished(REVERSAL, tau)
                 along = 0.0
             bound_4 = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.bound_4)
             ahead, root = look_past(
@@ -200,19 +213,25 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> tuple[int, flo
                 kind = REVERSAL
                 found = root
         if found:
-            return kind, tau + step
+            return unfinished(kind, tau + step)
         tau += max(step, _EPSILON * tau)
         motion = motion_at(flight, tau)
-    return NO_EVENT, tau
+    return unfinished(NO_EVENT, tau)
 
 
 @kernel
-def _first_in_joint(flight: Flight, tau: float, limit: float) -> tuple[int, float]:
+def _first_in_joint(flight: Flight, tau: float, limit: float) -> FlightEnd:
     """Step through joint motion until the support gives way; see `first_event`."""
     oscillator = flight.oscillator
     horizon = oscillator.horizon
     while tau <= limit:
         motion: Motion = motion_at(flight, tau)
+        end: FlightEnd = search_release(flight, tau, motion)
+        if end.kind != NO_EVENT:
+            return end
+        if end.tau > tau:
+            tau = end.tau
+            continue
         bound_5 = derivative_bound(oscillator, motion.x_5, motion.x_6, oscillator.bound_5)
         need = motion.x_2 - flight.slope
         terms = oscillator.omega_squared * abs(motion.x) + abs(motion.x_2) + abs(flight.slope)
@@ -223,7 +242,7 @@ def _first_in_joint(flight: Flight, tau: float, limit: float) -> tuple[int, floa
             left = flight.support_high - need
             if left <= 0.0:
                 if motion.x_3 > 0.0:
-                    return RELEASE_UP, tau
+                    return unfinished(RELEASE_UP, tau)
                 left = 0.0
             ahead, root = look_past(left, -motion.x_3, -motion.x_4, bound_5, horizon, tau, terms)
             if ahead < step:
@@ -234,7 +253,7 @@ def _first_in_joint(flight: Flight, tau: float, limit: float) -> tuple[int, floa
             left = need - flight.support_low
             if left <= 0.0:
                 if motion.x_3 < 0.0:
-                    return RELEASE_DOWN, tau
+                    return unfinished(RELEASE_DOWN, tau)
                 left = 0.0
             ahead, root = look_past(left, motion.x_3, motion.x_4, bound_5, horizon, tau, terms)
             if ahead < step:
@@ -242,9 +261,48 @@ def _first_in_joint(flight: Flight, tau: float, limit: float) -> tuple[int, floa
                 kind = RELEASE_DOWN
                 found = root
         if found:
-            return kind, tau + step
+            return unfinished(kind, tau + step)
         tau += max(step, _EPSILON * tau)
-    return NO_EVENT, tau
+    return unfinished(NO_EVENT, tau)
+
+
+@kernel(inline=True)
+def flight_end(flight: Flight, node: float, limit: float) -> FlightEnd:
+    """
+    Find the end of a flight: its first event, and the motion there.
+
+    Parameters
+    ----------
+    flight, node, limit : Flight, float, float
+        As for `first_event`.
+
+    Returns
+    -------
+    FlightEnd
+        The event, or with kind `NO_EVENT` the node reached.
+    """
+    if node > limit:
+        return unfinished(NO_EVENT, node)
+    until = min(limit, flight.deadline)
+    if flight.joint:
+        end = _first_in_joint(flight, node, until)
+    else:
+        end = _first_in_motion(flight, node, until)
+    if end.tau > flight.deadline:
+        end = unfinished(flight.deadline_kind, flight.deadline)
+    if end.kind != NO_EVENT and not end.finished:
+        end = end_at(flight, end.kind, end.tau)
+    return end
+
+
+@kernel
+def chatter_end(flight: Flight, left: float) -> FlightEnd:
+    """Return the end of the flight in which a chatter accumulates after the given time."""
+    kind = NO_EVENT
+    if flight.deadline <= left:
+        kind = flight.deadline_kind
+        left = flight.deadline
+    return end_at(flight, kind, left)
 
 
 @kernel
@@ -271,14 +329,5 @@ def first_event(flight: Flight, node: float, limit: float) -> tuple[int, float]:
     tau : float
         The event's time since the origin, or the node reached.
     """
-    if node > limit:
-        return NO_EVENT, node
-    deadline = flight.deadline
-    until = limit if limit < deadline else deadline
-    if flight.joint:
-        kind, tau = _first_in_joint(flight, node, until)
-    else:
-        kind, tau = _first_in_motion(flight, node, until)
-    if tau > deadline:
-        return flight.deadline_kind, deadline
-    return kind, tau
+    end: FlightEnd = flight_end(flight, node, limit)
+    return end.kind, end.tau

@@ -20,13 +20,14 @@ cancellation:
 
 from __future__ import annotations
 
-from math import cos, expm1, inf, sin
+from math import cos, inf, sin
 from typing import NamedTuple
 
 from .kernels import kernel
 from .oscillator import Oscillator
+from .response import Driven, Free, driven_response, free_response
 
-__all__ = ['Flight', 'Motion', 'motion_at']
+__all__ = ['Flight', 'FlightEnd', 'Motion', 'end_at', 'motion_at', 'starting_motion', 'unfinished']
 
 _TAYLOR_TERMS = 17
 
@@ -94,6 +95,40 @@ class Motion(NamedTuple):
     x_6: float
 
 
+class FlightEnd(NamedTuple):
+    """
+    How a flight ends, or how far it is known to go on.
+
+    Attributes
+    ----------
+    kind : int
+        The event, as `contact.first_event` names it.
+    tau : float
+        Its time since the origin, s; without an event, the time up to which there is none.
+    x, velocity, travel, relative_velocity : float
+        As in `Motion`, just before the event.
+    slope : float
+        Rate of the function whose root it is; of no meaning for events not found by a root.
+    finished : bool
+        Whether all of these have been evaluated.
+    """
+
+    kind: int
+    tau: float
+    x: float
+    velocity: float
+    travel: float
+    relative_velocity: float
+    slope: float
+    finished: bool
+
+
+@kernel(inline=True)
+def unfinished(kind: int, tau: float) -> FlightEnd:
+    """Return an end, or that there is none up to a time, without the motion there."""
+    return FlightEnd(kind, tau, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+
+
 @kernel
 def _series(
     tau: float,
@@ -146,7 +181,169 @@ def _series(
     return displacement, rate / tau, rate_2 / (tau * tau)
 
 
+class _Drive(NamedTuple):
+    """The driving acceleration and its first four derivatives."""
+
+    drive_0: float
+    drive_1: float
+    drive_2: float
+    drive_3: float
+    drive_4: float
+
+
+@kernel(inline=True)
+def _with_harmonic(drive: _Drive, sine: float, cosine: float, frequency: float) -> _Drive:
+    """Add a harmonic, by its acceleration, and the same a quarter of a cycle later."""
+    square = frequency * frequency
+    rate = cosine * frequency
+    return _Drive(
+        drive.drive_0 + sine,
+        drive.drive_1 + rate,
+        drive.drive_2 - sine * square,
+        drive.drive_3 - rate * square,
+        drive.drive_4 + sine * square * square,
+    )
+
+
+@kernel(inline=True)
+def _differentiated(
+    flight: Flight,
+    x: float,
+    velocity: float,
+    travel: float,
+    relative_velocity: float,
+    relative_2: float,
+    x_2: float,
+    drive: _Drive,
+) -> Motion:
+    """Return the motion with the higher derivatives, from those of the drive."""
+    oscillator = flight.oscillator
+    a = oscillator.decay
+    omega_squared = oscillator.omega_squared
+    x_3 = drive.drive_1 - 2.0 * a * x_2 - omega_squared * velocity
+    x_4 = drive.drive_2 - 2.0 * a * x_3 - omega_squared * x_2
+    x_5 = drive.drive_3 - 2.0 * a * x_4 - omega_squared * x_3
+    x_6 = drive.drive_4 - 2.0 * a * x_5 - omega_squared * x_4
+    return Motion(x, velocity, travel, relative_velocity, relative_2, x_2, x_3, x_4, x_5, x_6)
+
+
+@kernel(inline=True)
+def starting_motion(flight: Flight) -> Motion:
+    """Return the motion at a flight's origin."""
+    oscillator = flight.oscillator
+    drive = _Drive(0.0, 0.0, 0.0, 0.0, 0.0)
+    for j in range(len(flight.sines)):
+        force = oscillator.forces[j]
+        drive = _with_harmonic(
+            drive, force * flight.sines[j], force * flight.cosines[j], oscillator.frequencies[j]
+        )
+    return _differentiated(
+        flight,
+        flight.x,
+        flight.velocity,
+        0.0,
+        flight.relative_velocity,
+        flight.relative_acceleration,
+        flight.acceleration,
+        drive,
+    )
+
+
 @kernel
+def _near_motion(flight: Flight, tau: float) -> Motion:
+    """Sum the Taylor series: what bends the path away from its tangent parabola."""
+    oscillator = flight.oscillator
+    a = oscillator.decay
+    omega_squared = oscillator.omega_squared
+    bend, bend_1, bend_2 = _series(
+        tau, a, omega_squared, flight.x, flight.velocity, flight.constant, 0.0, 0.0
+    )
+    drive = _Drive(0.0, 0.0, 0.0, 0.0, 0.0)
+    for j in range(len(flight.sines)):
+        force = oscillator.forces[j]
+        frequency = oscillator.frequencies[j]
+        sin_0 = flight.sines[j]
+        cos_0 = flight.cosines[j]
+        part, part_1, part_2 = _series(
+            tau, a, omega_squared, 0.0, 0.0, force * sin_0, force * frequency * cos_0, frequency
+        )
+        bend += part
+        bend_1 += part_1
+        bend_2 += part_2
+        turned = frequency * tau
+        sin_w = sin(turned)
+        cos_w = cos(turned)
+        sine = force * (sin_0 * cos_w + cos_0 * sin_w)
+        cosine = force * (cos_0 * cos_w - sin_0 * sin_w)
+        drive = _with_harmonic(drive, sine, cosine, frequency)
+    rate = flight.relative_acceleration
+    return _differentiated(
+        flight,
+        flight.x + (flight.velocity * tau + 0.5 * flight.acceleration * tau * tau + bend),
+        flight.velocity + (flight.acceleration * tau + bend_1),
+        flight.relative_velocity * tau + 0.5 * rate * tau * tau - bend,
+        flight.relative_velocity + rate * tau - bend_1,
+        rate - bend_2,
+        flight.acceleration + bend_2,
+        drive,
+    )
+
+
+@kernel(inline=True)
+def _far_motion(flight: Flight, tau: float) -> Motion:
+    """Evaluate the closed form itself."""
+    oscillator = flight.oscillator
+    a = oscillator.decay
+    b = oscillator.frequency
+    omega_squared = oscillator.omega_squared
+    constant = flight.constant
+    free: Free = free_response(a, b, oscillator.inverse, tau)
+    x = flight.x * free.step + flight.velocity * free.impulse
+    x += constant / omega_squared * (1.0 - free.step)
+    velocity = flight.velocity * free.rate
+    velocity += (constant - omega_squared * flight.x) * free.impulse
+    drive = _Drive(0.0, 0.0, 0.0, 0.0, 0.0)
+    for j in range(len(flight.sines)):
+        force = oscillator.forces[j]
+        frequency = oscillator.frequencies[j]
+        sin_0 = flight.sines[j]
+        cos_0 = flight.cosines[j]
+        driven: Driven = driven_response(
+            a,
+            b,
+            oscillator.inverse,
+            omega_squared,
+            frequency,
+            oscillator.detunings[j],
+            oscillator.near_re[j],
+            oscillator.near_im[j],
+            oscillator.far_re[j],
+            oscillator.far_im[j],
+            free,
+            tau,
+        )
+        x += force * (cos_0 * driven.sine + sin_0 * driven.cosine)
+        velocity += force * (cos_0 * driven.rate_sine + sin_0 * driven.rate_cosine)
+        sine = force * (sin_0 * driven.turned_cosine + cos_0 * driven.turned_sine)
+        cosine = force * (cos_0 * driven.turned_cosine - sin_0 * driven.turned_sine)
+        drive = _with_harmonic(drive, sine, cosine, frequency)
+    x_2 = drive.drive_0 + constant - 2.0 * a * velocity - omega_squared * x
+    damper_acceleration = flight.relative_acceleration + flight.acceleration
+    return _differentiated(
+        flight,
+        x,
+        velocity,
+        (flight.relative_velocity + flight.velocity) * tau
+        + 0.5 * damper_acceleration * tau * tau
+        - (x - flight.x),
+        flight.relative_velocity + (damper_acceleration * tau - (velocity - flight.velocity)),
+        damper_acceleration - x_2,
+        x_2,
+        drive,
+    )
+
+
+@kernel(inline=True)
 def motion_at(flight: Flight, tau: float) -> Motion:
     """
     Evaluate the closed form.
@@ -167,146 +364,17 @@ def motion_at(flight: Flight, tau: float) -> Motion:
     -----
     Bapat (1995), equations (3)-(5), rewritten as the module says.
     """
-    oscillator = flight.oscillator
-    a = oscillator.decay
-    b = oscillator.frequency
-    omega_squared = oscillator.omega_squared
-    constant = flight.constant
-    small = tau <= oscillator.taylor_limit
-
-    phase = b * tau
-    sin_b = sin(phase)
-    cos_b = cos(phase)
-    envelope_1 = expm1(-a * tau)
-    envelope = 1.0 + envelope_1
-    impulse = envelope * sin_b / b
-    step = envelope * cos_b + a * impulse
-    x = flight.x * step + flight.velocity * impulse
-    x += constant / omega_squared * (1.0 - step)
-    free_rate = envelope * cos_b - a * impulse
-    velocity = flight.velocity * free_rate
-    velocity += (constant - omega_squared * flight.x) * impulse
-    drive_0 = 0.0
-    drive_1 = 0.0
-    drive_2 = 0.0
-    drive_3 = 0.0
-    drive_4 = 0.0
-    for j in range(len(flight.sines)):
-        force = oscillator.forces[j]
-        frequency = oscillator.frequencies[j]
-        sin_0 = flight.sines[j]
-        cos_0 = flight.cosines[j]
-        # exp(i W tau) as exp(i b tau) exp(i beta tau), the latter from the half angle.
-        beta = frequency - b
-        half = 0.5 * beta * tau
-        sin_half = sin(half)
-        cos_half = cos(half)
-        sin_beta = 2.0 * sin_half * cos_half
-        versine = 2.0 * sin_half * sin_half
-        cos_beta = 1.0 - versine
-        cos_w = cos_b * cos_beta - sin_b * sin_beta
-        sin_w = sin_b * cos_beta + cos_b * sin_beta
-        if frequency > 2.0 * b:
-            # Far above resonance: steady vibration and the free one that starts it from rest
-            gain = omega_squared - frequency * frequency
-            lag = 2.0 * a * frequency
-            modulus = gain * gain + lag * lag
-            top_re = cos_w - step
-            top_im = sin_w - frequency * impulse
-            response_re = (top_re * gain + top_im * lag) / modulus
-            response_im = (top_im * gain - top_re * lag) / modulus
-            top_re = omega_squared * impulse - frequency * sin_w
-            top_im = frequency * (cos_w - free_rate)
-            rate_re = (top_re * gain + top_im * lag) / modulus
-            rate_im = (top_im * gain - top_re * lag) / modulus
-        else:
-            # first = (exp(iW tau) - exp(l tau)) / (iW - l), l = -a + ib, without cancellation
-            modulus = a * a + beta * beta
-            if modulus > 0.0:
-                top_re = envelope * versine - envelope_1
-                top_im = envelope * sin_beta
-                ratio_re = (top_re * a + top_im * beta) / modulus
-                ratio_im = (top_im * a - top_re * beta) / modulus
-            else:
-                ratio_re = tau
-                ratio_im = 0.0
-            first_re = cos_w * ratio_re - sin_w * ratio_im
-            first_im = sin_w * ratio_re + cos_w * ratio_im
-            # second = (exp(iW tau) - exp(conj(l) tau)) / (iW - conj(l))
-            total = frequency + b
-            modulus = a * a + total * total
-            top_re = cos_w - envelope * cos_b
-            top_im = sin_w + envelope * sin_b
-            second_re = (top_re * a + top_im * total) / modulus
-            second_im = (top_im * a - top_re * total) / modulus
-            # Divided difference over l, conj(l), iW, and its time derivative
-            scale = 0.5 / b
-            response_re = (first_im - second_im) * scale
-            response_im = (second_re - first_re) * scale
-            sum_re = first_re + second_re
-            sum_im = first_im + second_im
-            rate_re = 0.5 * sum_re - a * response_re
-            rate_im = 0.5 * sum_im - a * response_im
-        x += force * (cos_0 * response_im + sin_0 * response_re)
-        velocity += force * (cos_0 * rate_im + sin_0 * rate_re)
-        sine = force * (sin_0 * cos_w + cos_0 * sin_w)
-        cosine = force * (cos_0 * cos_w - sin_0 * sin_w) * frequency
-        drive_0 += sine
-        drive_1 += cosine
-        drive_2 -= sine * frequency * frequency
-        drive_3 -= cosine * frequency * frequency
-        drive_4 += sine * frequency * frequency * frequency * frequency
-
-    if small and tau > 0.0:
-        # What bends the path away from its tangent parabola, with full relative accuracy
-        bend, bend_1, bend_2 = _series(
-            tau, a, omega_squared, flight.x, flight.velocity, constant, 0.0, 0.0
-        )
-        for j in range(len(flight.sines)):
-            force = oscillator.forces[j]
-            frequency = oscillator.frequencies[j]
-            part, part_1, part_2 = _series(
-                tau,
-                a,
-                omega_squared,
-                0.0,
-                0.0,
-                force * flight.sines[j],
-                force * frequency * flight.cosines[j],
-                frequency,
-            )
-            bend += part
-            bend_1 += part_1
-            bend_2 += part_2
-        relative_2 = flight.relative_acceleration - bend_2
-        relative_velocity = flight.relative_velocity + flight.relative_acceleration * tau - bend_1
-        travel = (
-            flight.relative_velocity * tau + 0.5 * flight.relative_acceleration * tau * tau - bend
-        )
-        x = flight.x + (flight.velocity * tau + 0.5 * flight.acceleration * tau * tau + bend)
-        velocity = flight.velocity + (flight.acceleration * tau + bend_1)
-        x_2 = flight.acceleration + bend_2
-    else:
-        x_2 = drive_0 + constant - 2.0 * a * velocity - omega_squared * x
-        damper_acceleration = flight.relative_acceleration + flight.acceleration
-        relative_2 = damper_acceleration - x_2
-        relative_velocity = flight.relative_velocity + (
-            damper_acceleration * tau - (velocity - flight.velocity)
-        )
-        travel = (
-            (flight.relative_velocity + flight.velocity) * tau
-            + 0.5 * damper_acceleration * tau * tau
-            - (x - flight.x)
-        )
     if tau == 0.0:
-        x = flight.x
-        velocity = flight.velocity
-        relative_velocity = flight.relative_velocity
-        relative_2 = flight.relative_acceleration
-        travel = 0.0
-        x_2 = flight.acceleration
-    x_3 = drive_1 - 2.0 * a * x_2 - omega_squared * velocity
-    x_4 = drive_2 - 2.0 * a * x_3 - omega_squared * x_2
-    x_5 = drive_3 - 2.0 * a * x_4 - omega_squared * x_3
-    x_6 = drive_4 - 2.0 * a * x_5 - omega_squared * x_4
-    return Motion(x, velocity, travel, relative_velocity, relative_2, x_2, x_3, x_4, x_5, x_6)
+        return starting_motion(flight)
+    if tau <= flight.oscillator.taylor_limit:
+        return _near_motion(flight, tau)
+    return _far_motion(flight, tau)
+
+
+@kernel
+def end_at(flight: Flight, kind: int, tau: float) -> FlightEnd:
+    """Return the end of a flight at a time, whatever ends it."""
+    motion: Motion = motion_at(flight, tau)
+    return FlightEnd(
+        kind, tau, motion.x, motion.velocity, motion.travel, motion.relative_velocity, 0.0, True
+    )

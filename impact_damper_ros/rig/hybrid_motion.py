@@ -10,10 +10,10 @@ from __future__ import annotations
 from math import inf, nextafter, ulp
 from typing import Any
 
-from .contact import NO_EVENT, first_event
+from .contact import NO_EVENT, chatter_end, flight_end
 from .crossing import CrossingWatch, sided
 from .event import Event, EventKind, Sample
-from .flight import motion_at
+from .flight import FlightEnd, end_at, motion_at
 from .mode import CHATTER_1, Machine, Mode, launch, make_machine
 from .origin import Origin, carried, offset_of, placed
 from .parameters import RigParameters
@@ -57,15 +57,12 @@ class HybridMotion:
         self._due = inf
         self._watch: CrossingWatch | None = None
         if origin.mode >= CHATTER_1:
-            if self._flight.deadline <= origin.chatter_left:
-                self._expect(self._flight.deadline_kind, self._flight.deadline)
-            else:
-                self._expect(NO_EVENT, origin.chatter_left)
+            self._expect(chatter_end(self._flight, origin.chatter_left))
 
-    def _expect(self, kind: int, tau: float) -> None:
+    def _expect(self, end: FlightEnd) -> None:
         """Note the event that ends the flight, and its instant."""
-        self._event = (kind, tau)
-        self._due = advance_time(self._origin.time, self._origin.time_low, tau)[0]
+        self._end = end
+        self._due = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
 
     def _begin_all(self, origin: Origin) -> list[Event]:
         """Begin from a state of unknown mode; m may be about to hit the stop it is on."""
@@ -139,7 +136,8 @@ class HybridMotion:
 
     def _here(self) -> Origin:
         """Return the present state as an origin, without making it one."""
-        return carried(self._origin, self._flight, max(0.0, self._tau(self._time)))
+        tau = max(0.0, self._tau(self._time))
+        return carried(self._origin, self._flight, end_at(self._flight, NO_EVENT, tau))
 
     def advance(self, time: float) -> list[Event]:
         """
@@ -233,19 +231,20 @@ class HybridMotion:
         """Look for the event that ends the flight, up to a time at least."""
         # An event that rounds to the time asked for belongs to it.
         limit = self._tau(nextafter(time, inf))
-        kind, tau = first_event(self._flight, self._node, limit)
-        if kind == NO_EVENT:
-            self._node = tau
+        end = flight_end(self._flight, self._node, limit)
+        if end.kind == NO_EVENT:
+            self._node = end.tau
             # Up to here, and a digit less, there is no need to ask again.
-            reached = advance_time(self._origin.time, self._origin.time_low, tau)[0]
+            reached = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
             self._clear = reached - 4.0 * ulp(reached)
         else:
-            self._expect(kind, tau)
+            self._expect(end)
 
     def _step_frequency(self) -> list[Event]:
         """Let the sweep go on to its next frequency, at an exact instant."""
         instant = self._step_due
-        there = carried(self._origin, self._flight, max(0.0, self._tau(instant)))
+        tau = max(0.0, self._tau(instant))
+        there = carried(self._origin, self._flight, end_at(self._flight, NO_EVENT, tau))
         there = self._sided(there._replace(time=instant, time_low=0.0))
         self._sweep = Sweep(self._sweep.start, self._sweep.step + 1)
         self._step_due = self._sweep.due(self._parameters)
@@ -256,9 +255,8 @@ class HybridMotion:
 
     def _pass_event(self) -> list[Event]:
         """Let the event that ends the flight happen."""
-        kind, tau = self._event
-        before = self._origin
-        transition = resolve(self._machine, before, self._flight, kind, tau)
+        kind, before = self._end.kind, self._origin
+        transition = resolve(self._machine, before, self._flight, self._end)
         self._begin(self._sided(transition.origin))
         mass = self._parameters.damper_mass
         return transition_events(self._machine, mass, kind, before, transition)

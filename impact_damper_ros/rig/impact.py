@@ -11,7 +11,7 @@ from math import inf, sqrt
 
 from .kernels import kernel
 
-__all__ = ['CHATTER_TOLERANCE', 'bounce_duration', 'chatter_duration', 'rebound']
+__all__ = ['CHATTER_TOLERANCE', 'bounce_duration', 'chatter_duration', 'may_chatter', 'rebound']
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
 #: by at most this fraction until its end. The accumulation instant then is in error by at most
@@ -20,7 +20,7 @@ __all__ = ['CHATTER_TOLERANCE', 'bounce_duration', 'chatter_duration', 'rebound'
 CHATTER_TOLERANCE = 1e-6
 
 
-@kernel
+@kernel(inline=True)
 def rebound(
     velocity: float, relative_velocity: float, restitution: float, mass_ratio: float
 ) -> tuple[float, float]:
@@ -73,6 +73,30 @@ def bounce_duration(speed: float, press: float, grip: float) -> float:
         return inf
     up = press + grip
     return speed * (1.0 / up + 1.0 / sqrt(up * down))
+
+
+@kernel(inline=True)
+def may_chatter(speed: float, push: float, jerk_bound: float, shortest: float) -> bool:
+    """
+    Return whether a chatter may be complete, or a bounce too short to be told, for all one knows.
+
+    Parameters
+    ----------
+    speed : float
+        Speed of m away from a stop just after an impact; positive.
+    push : float
+        Bound of the relative acceleration, friction included.
+    jerk_bound : float
+        A bound of the relative jerk is not less than this.
+    shortest : float
+        Time off the stop that is too short.
+
+    Notes
+    -----
+    A bounce takes 2 speed/push at least.
+    """
+    twice = 2.0 * speed
+    return jerk_bound * twice <= CHATTER_TOLERANCE * push * push or twice <= shortest * push
 
 
 @kernel

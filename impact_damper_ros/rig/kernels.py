@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import cache
 from itertools import repeat
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 from .kernel_cache import stamp_file
 
@@ -23,6 +23,7 @@ __all__ = ['compiled', 'elementwise', 'kernel', 'stamp']
 F = TypeVar('F', bound=Callable[..., Any])
 
 _KERNELS: dict[str, Callable[..., Any]] = {}
+_INLINE: set[str] = set()
 _ELEMENTWISE: dict[str, Callable[..., float]] = {}
 
 
@@ -31,18 +32,40 @@ def _register(name: str) -> None:
         raise ValueError(f'there are two kernels named {name}; compiled ones share a namespace')
 
 
-def kernel(function: F) -> F:
+@overload
+def kernel(function: F) -> F: ...
+
+
+@overload
+def kernel(*, inline: bool) -> Callable[[F], F]: ...
+
+
+def kernel(function: F | None = None, *, inline: bool = False) -> F | Callable[[F], F]:
     """
     Mark a function as a kernel and return it unchanged.
+
+    Parameters
+    ----------
+    function : callable
+        The function.
+    inline : bool, optional
+        Whether compiled callers contain it. Named tuples then stay in registers, where a call
+        would copy them; the price is compilation.
 
     Raises
     ------
     ValueError
         If another kernel has the same name.
     """
-    _register(function.__name__)
-    _KERNELS[function.__name__] = function
-    return function
+
+    def mark(function: F) -> F:
+        _register(function.__name__)
+        _KERNELS[function.__name__] = function
+        if inline:
+            _INLINE.add(function.__name__)
+        return function
+
+    return mark if function is None else mark(function)
 
 
 def elementwise(function: Callable[..., float]) -> Callable[..., tuple[float, ...]]:
@@ -170,5 +193,11 @@ def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
         )
         twin.__module__ = function.__module__
         # No fast-math: the operations and their order stay those of the plain kernel.
-        namespace[name] = numba.njit(twin, nogil=True, cache=keep is not None)
+        namespace[name] = numba.njit(
+            twin,
+            nogil=True,
+            error_model='numpy',
+            forceinline=name in _INLINE,
+            cache=keep is not None,
+        )
     return {name: namespace[name] for name in _KERNELS}

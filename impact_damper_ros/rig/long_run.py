@@ -184,11 +184,7 @@ class LongRun:
         # One harmonic is compiled as such; any other number of them as arrays, once for all.
         self._arrays = self._compiled and len(machine.phases) != 1
         if self._arrays:
-            machine = machine._replace(
-                free=_with_arrays(machine.free),
-                joint=_with_arrays(machine.joint),
-                phases=np.array(machine.phases),
-            )
+            machine = _with_arrays(machine)
         self._machine = machine
 
     @classmethod
@@ -393,7 +389,12 @@ def _has_numba() -> bool:
     return find_spec('numba') is not None
 
 
-def _with_arrays(oscillator: Any) -> Any:
-    return oscillator._replace(
-        forces=np.array(oscillator.forces), frequencies=np.array(oscillator.frequencies)
-    )
+def _with_arrays(values: Any) -> Any:
+    """Return a named tuple with arrays in place of tuples, within it too."""
+    arrays = {}
+    for name, value in values._asdict().items():
+        if hasattr(value, '_asdict'):
+            arrays[name] = _with_arrays(value)
+        elif isinstance(value, tuple):
+            arrays[name] = np.array(value)
+    return values._replace(**arrays)

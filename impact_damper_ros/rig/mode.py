@@ -82,6 +82,8 @@ class Machine(NamedTuple):
         As in `RigParameters`.
     slope, grip, air : float
         Accelerations g sin(angle), friction g cos(angle) and air_force/m, m/s^2.
+    push : float
+        Bound of the relative acceleration at rest, but for spring and dashpot, m/s^2.
     stop : float
         Distance of each stop from the middle, half the gap, m.
     one_sided : bool
@@ -98,6 +100,7 @@ class Machine(NamedTuple):
     slope: float
     grip: float
     air: float
+    push: float
     stop: float
     one_sided: bool
     phases: tuple[float, ...]
@@ -124,22 +127,28 @@ def make_machine(parameters: RigParameters, frequency: float | None = None) -> M
     cosine = cos(parameters.angle)
     if cosine < 1e-5:
         cosine = 0.0
+    mass_ratio = parameters.mass_ratio
+    slope = parameters.gravity * sin(parameters.angle)
+    grip = parameters.friction * parameters.gravity * cosine
+    air = parameters.air_force / parameters.damper_mass
+    forces = sum(map(abs, amplitudes)) / together
     return Machine(
         free=make_oscillator(parameters.primary_mass, *spring, *drive),
         joint=make_oscillator(together, *spring, *drive),
-        mass_ratio=parameters.mass_ratio,
+        mass_ratio=mass_ratio,
         restitution_1=parameters.restitution_1,
         restitution_2=parameters.restitution_2,
-        slope=parameters.gravity * sin(parameters.angle),
-        grip=parameters.friction * parameters.gravity * cosine,
-        air=parameters.air_force / parameters.damper_mass,
+        slope=slope,
+        grip=grip,
+        air=air,
+        push=(1.0 + mass_ratio) * (forces + 2.0 * abs(slope) + air + grip),
         stop=0.5 * parameters.gap,
         one_sided=parameters.one_sided,
         phases=phases,
     )
 
 
-@kernel
+@kernel(inline=True)
 def air_acceleration(machine: Machine, origin: Origin) -> float:
     """Return the acceleration of m by the air force, away from the stop hit last."""
     if origin.last_stop == 1:
@@ -149,7 +158,7 @@ def air_acceleration(machine: Machine, origin: Origin) -> float:
     return 0.0
 
 
-@kernel
+@kernel(inline=True)
 def support_need(
     machine: Machine, origin: Origin, sines: tuple[float, ...], velocity: float
 ) -> float:
@@ -226,7 +235,7 @@ def _stop_deadline(origin: Origin) -> tuple[int, float]:
     return kind, first
 
 
-@kernel
+@kernel(inline=True)
 def launch(machine: Machine, origin: Origin) -> Flight:
     """
     Build the flight that begins at an origin.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
-from .flight import Flight, Motion, motion_at
+from .flight import Flight, FlightEnd
 from .kernels import kernel
 from .phase import advance_time, turned_angles
 
@@ -81,13 +81,13 @@ class Origin(NamedTuple):
     side: int = 0
 
 
-@kernel
+@kernel(inline=True)
 def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: float) -> float:
     """Return Y from the clearances and positions of the stops, by the nearer one, m."""
     return stop_1 - clearance_1 if clearance_1 <= clearance_2 else stop_2 + clearance_2
 
 
-@kernel
+@kernel(inline=True)
 def placed(
     origin: Origin, flight: Flight, tau: float, travel: float
 ) -> tuple[float, float, float, float]:
@@ -131,8 +131,8 @@ def placed(
     return max(0.0, clearance_1), max(0.0, clearance_2), stop_1, stop_2
 
 
-@kernel
-def carried(origin: Origin, flight: Flight, tau: float) -> Origin:
+@kernel(inline=True)
+def carried(origin: Origin, flight: Flight, end: FlightEnd) -> Origin:
     """
     Return the state that a flight reaches, as the origin of another one.
 
@@ -140,25 +140,25 @@ def carried(origin: Origin, flight: Flight, tau: float) -> Origin:
     ----------
     origin, flight : Origin, Flight
         The flight with its origin.
-    tau : float
-        Time since the origin, s.
+    end : FlightEnd
+        When, and the motion then.
 
     Returns
     -------
     Origin
         State just *before* whatever happens at that instant, mode unchanged.
     """
+    tau = end.tau
     time, time_low = advance_time(origin.time, origin.time_low, tau)
     angles = turned_angles(origin.angles, flight.oscillator.frequencies, tau)
-    motion: Motion = motion_at(flight, tau)
-    clearance_1, clearance_2, stop_1, stop_2 = placed(origin, flight, tau, motion.travel)
-    speed = 0.0 if flight.joint else motion.relative_velocity
+    clearance_1, clearance_2, stop_1, stop_2 = placed(origin, flight, tau, end.travel)
+    speed = 0.0 if flight.joint else end.relative_velocity
     return Origin(
         time,
         time_low,
         origin.mode,
-        motion.x,
-        motion.velocity,
+        end.x,
+        end.velocity,
         speed,
         clearance_1,
         clearance_2,
@@ -176,7 +176,7 @@ def carried(origin: Origin, flight: Flight, tau: float) -> Origin:
     )
 
 
-@kernel
+@kernel(inline=True)
 def with_motion(
     origin: Origin,
     mode: int,
@@ -236,7 +236,7 @@ def with_side(origin: Origin, side: int) -> Origin:
     )
 
 
-@kernel
+@kernel(inline=True)
 def on_stop(one_sided: bool, origin: Origin, stop: int, stop_1: float, stop_2: float) -> Origin:
     """Return an origin with m exactly on a stop, and the stops placed."""
     across = inf if one_sided else max(0.0, stop_1 - stop_2)

@@ -8,10 +8,12 @@ The primary mass as a driven oscillator: its constants, and bounds of what its d
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import sqrt
 from typing import NamedTuple
 
+from .grid import Grid, drive_bound, make_grid
 from .kernels import kernel
+from .response import make_harmonic
 
 __all__ = ['Oscillator', 'acceleration_at', 'derivative_bound', 'make_oscillator']
 
@@ -23,20 +25,45 @@ class Oscillator(NamedTuple):
     """
     Mass on spring and dashpot with its harmonic drive; all per unit mass, SI units.
 
-    `horizon` is the longest time for which `bound_3`, `bound_4` and `bound_5` hold: these bound
-    what the drive adds to the third to fifth time derivative of X beyond their free vibration.
+    Attributes
+    ----------
+    decay, frequency, inverse, omega_squared : float
+        Constants a, b, 1/b and w^2 of the equation of motion.
+    forces, frequencies : tuple of float
+        Amplitude f, m/s^2, and circular frequency W, rad/s, of each harmonic.
+    detunings, near_re, near_im, far_re, far_im : tuple of float
+        Constants of the response to each harmonic, see `Harmonic`.
+    fastest : float
+        Circular frequency of the fastest of spring and harmonics.
+    taylor_limit : float
+        Longest time for which the Taylor series is summed.
+    horizon : float
+        The longest time for which `bound_3`, `bound_4` and `bound_5` hold: these bound what the
+        drive adds to the third to fifth time derivative of X beyond their free vibration.
+    bound_3, bound_4, bound_5 : float
+        See there.
+    grid : Grid
+        Steps of the quick search.
     """
 
     decay: float
     frequency: float
+    inverse: float
     omega_squared: float
     forces: tuple[float, ...]
     frequencies: tuple[float, ...]
-    horizon: float
+    detunings: tuple[float, ...]
+    near_re: tuple[float, ...]
+    near_im: tuple[float, ...]
+    far_re: tuple[float, ...]
+    far_im: tuple[float, ...]
+    fastest: float
     taylor_limit: float
+    horizon: float
     bound_3: float
     bound_4: float
     bound_5: float
+    grid: Grid
 
 
 def make_oscillator(
@@ -64,41 +91,36 @@ def make_oscillator(
     omega_squared = stiffness / mass
     omega = sqrt(omega_squared)
     decay = damping / (2.0 * mass)
+    frequency = sqrt((omega - decay) * (omega + decay))
     forces = tuple(amplitude / mass for amplitude in amplitudes)
-    active = [w for f, w in zip(forces, frequencies, strict=True) if f != 0.0 and w != 0.0]
-    fastest = max([omega, *active])
+    drive = tuple(zip(forces, frequencies, strict=True))
+    fastest = max([omega, *(w for f, w in drive if f != 0.0 and w != 0.0)])
     horizon = 2.0 / omega
-    bounds = []
-    for order in (3, 4, 5):
-        total = 0.0
-        for force, frequency in zip(forces, frequencies, strict=True):
-            drive = abs(force) * frequency**order
-            if drive == 0.0:
-                continue
-            # Response from rest, by Duhamel's integral with |impulse response| <= min(1/w, t) ...
-            from_rest = drive * horizon * min(1.0 / omega, horizon / 2.0)
-            # ... or the steady response and the free vibration that starts it from rest.
-            gain = sqrt((omega_squared - frequency**2) ** 2 + (2.0 * decay * frequency) ** 2)
-            steady = inf
-            if gain > 0.0:
-                steady = drive / gain * (1.0 + sqrt(1.0 + frequency**2 / omega_squared))
-            total += min(from_rest, steady)
-        bounds.append(total)
+    bounds = [drive_bound(omega, decay, drive, order, horizon) for order in (3, 4, 5)]
+    harmonics = [make_harmonic(decay, frequency, w) for w in frequencies]
     return Oscillator(
         decay=decay,
-        frequency=sqrt((omega - decay) * (omega + decay)),
+        frequency=frequency,
+        inverse=1.0 / frequency,
         omega_squared=omega_squared,
         forces=forces,
         frequencies=tuple(frequencies),
-        horizon=horizon,
+        detunings=tuple(h.detuning for h in harmonics),
+        near_re=tuple(h.near_re for h in harmonics),
+        near_im=tuple(h.near_im for h in harmonics),
+        far_re=tuple(h.far_re for h in harmonics),
+        far_im=tuple(h.far_im for h in harmonics),
+        fastest=fastest,
         taylor_limit=_TAYLOR_REACH / fastest,
+        horizon=horizon,
         bound_3=bounds[0],
         bound_4=bounds[1],
         bound_5=bounds[2],
+        grid=make_grid(omega, decay, drive, harmonics, fastest),
     )
 
 
-@kernel
+@kernel(inline=True)
 def acceleration_at(
     oscillator: Oscillator, constant: float, sines: tuple[float, ...], x: float, velocity: float
 ) -> float:
@@ -122,7 +144,7 @@ def acceleration_at(
     return acceleration
 
 
-@kernel
+@kernel(inline=True)
 def derivative_bound(
     oscillator: Oscillator, derivative: float, next_derivative: float, drive_bound: float
 ) -> float:

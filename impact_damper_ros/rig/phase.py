@@ -9,7 +9,7 @@ from .kernels import elementwise, kernel
 __all__ = ['advance_time', 'cosines_of', 'sines_of', 'turned_angles']
 
 
-@kernel
+@kernel(inline=True)
 def advance_time(time: float, time_low: float, tau: float) -> tuple[float, float]:
     """
     Add a duration to an instant held as an unevaluated sum.
@@ -30,7 +30,7 @@ def advance_time(time: float, time_low: float, tau: float) -> tuple[float, float
 def turned_angles(angle: float, frequency: float, tau: float) -> float:
     """Return angles after turning at their frequencies for a time, reduced mod 2 pi."""
     total = angle + frequency * tau
-    turns = floor(total / 6.283185307179586)
+    turns = floor(total * 0.15915494309189535)
     # 2 pi in two parts: the reduction must not shift the frequency.
     return total - turns * 6.283185307179586 - turns * 2.4492935982947064e-16
 

@@ -22,11 +22,12 @@ from .contact import (
     REVERSAL,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
-    first_event,
+    chatter_end,
+    flight_end,
 )
 from .crossing import sided
 from .event import EventKind
-from .flight import Flight, Motion, motion_at
+from .flight import Flight, FlightEnd, Motion, motion_at
 from .kernels import kernel
 from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine, launch
 from .origin import Origin, offset_of, placed
@@ -294,7 +295,6 @@ def run_through(
     writing = len(codes) > 0
     flight: Flight = launch(machine, origin)
     node = 0.0
-    kind = NO_EVENT
     known = False
     written = 0
     happened = 0
@@ -309,17 +309,14 @@ def run_through(
         if sampled < count:
             target = float(instants[sampled])
         since = (target - origin.time) - origin.time_low
-        if origin.mode >= CHATTER_1:
-            kind = NO_EVENT
-            node = origin.chatter_left
-            if flight.deadline <= node:
-                kind = flight.deadline_kind
-                node = flight.deadline
+        if not known and origin.mode >= CHATTER_1:
+            ending: FlightEnd = chatter_end(flight, origin.chatter_left)
             known = True
-        if not known:
-            kind, node = first_event(flight, node, since + _NEXT * abs(target))
-            known = kind != NO_EVENT
-        if not known or advance_time(origin.time, origin.time_low, node)[0] > target:
+        elif not known:
+            ending = flight_end(flight, node, since + _NEXT * abs(target))
+            known = ending.kind != NO_EVENT
+            node = ending.tau
+        if not known or advance_time(origin.time, origin.time_low, ending.tau)[0] > target:
             time = target
             if sampled == count:
                 in_mode[origin.mode] += since - begun
@@ -338,14 +335,14 @@ def run_through(
             time = max(time, origin.time)
             in_mode[origin.mode] += max(0.0, ((time - origin.time) - origin.time_low) - begun)
             return status, origin[:], time, sampled, written, happened
-        in_mode[origin.mode] += node - begun
+        in_mode[origin.mode] += ending.tau - begun
         ended = origin
-        transition: Transition = resolve(machine, ended, flight, kind, node)
+        transition: Transition = resolve(machine, ended, flight, ending)
         origin = sided(machine.free, ended, flight, transition.origin)
         happened += 1
         if writing:
             written = _write_transition(
-                machine, damper_mass, kind, ended, transition, numbers, codes, written
+                machine, damper_mass, ending.kind, ended, transition, numbers, codes, written
             )
         if origin.time > instant + at_once_span:
             instant = origin.time
@@ -354,5 +351,4 @@ def run_through(
         flight = launch(machine, origin)
         node = 0.0
         begun = 0.0
-        kind = NO_EVENT
         known = False

@@ -10,11 +10,14 @@ from .origin import Origin
 from .parameters import RigParameters
 from .sweep import Sweep
 
-__all__ = ['FORMATS', 'Snapshot', 'upgraded']
+__all__ = ['ARITHMETIC', 'FORMATS', 'Snapshot', 'upgraded']
 
 _FORMAT = 2
 #: Formats that can be read. The first knew neither stops that move nor sweeps.
 FORMATS = (1, 2)
+#: Counts up when the same motion gets other last bits: older runs then go on alike to round-off
+#: only. The first polished roots by certified steps alone.
+ARITHMETIC = 2
 
 
 class Snapshot(NamedTuple):
@@ -49,6 +52,7 @@ class Snapshot(NamedTuple):
         }
         return {
             'format': _FORMAT,
+            'arithmetic': ARITHMETIC,
             'time': self.time,
             'origin': {**origin, 'angles': list(self.origin.angles)},
             'unreported': [list(event) for event in self.unreported],

@@ -19,8 +19,8 @@ from .contact import (
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
 )
-from .flight import Flight, Motion, motion_at
-from .impact import bounce_duration, chatter_duration, rebound
+from .flight import Flight, FlightEnd, Motion, starting_motion
+from .impact import bounce_duration, chatter_duration, may_chatter, rebound
 from .kernels import kernel
 from .mode import (
     CHATTER_1,
@@ -75,7 +75,7 @@ class Transition(NamedTuple):
     relative_velocity_after: float
 
 
-@kernel
+@kernel(inline=True)
 def moving_mode(machine: Machine, relative_velocity: float) -> int:
     """Return the mode of a relative motion that is under way."""
     if machine.grip == 0.0:
@@ -91,7 +91,39 @@ def at_rest(machine: Machine, origin: Origin) -> Origin:
     return with_motion(still, mode, still.velocity, 0.0, still.last_stop, False, 0.0)
 
 
-@kernel
+@kernel(inline=True)
+def _last_bounces(machine: Machine, hit: Origin, stop: int, restitution: float) -> Origin:
+    """Return the state just after an impact, in the chatter that it belongs to if it does."""
+    share = machine.mass_ratio / (1.0 + machine.mass_ratio)
+    common = hit.velocity + share * hit.relative_velocity
+    away = 1.0 if stop == 2 else -1.0
+    speed = away * hit.relative_velocity
+    # Few impacts belong to a chatter; most are ruled out without a sine.
+    push = machine.push + (1.0 + machine.mass_ratio) * (
+        machine.joint.omega_squared * abs(hit.x) + 2.0 * machine.joint.decay * abs(common)
+    )
+    shortest = least_step(machine.free.horizon)
+    if not may_chatter(speed, push, machine.free.bound_3, shortest):
+        return hit
+    need = support_need(machine, hit, sines_of(machine.phases, hit.angles), common)
+    press = (1.0 + machine.mass_ratio) * away * need
+    grip = (1.0 + machine.mass_ratio) * machine.grip
+    # The least that the bound of the jerk can be rules most of these out too.
+    left = chatter_duration(speed, press, grip, restitution, machine.free.bound_3)
+    if left < inf:
+        motion: Motion = starting_motion(launch(machine, hit))
+        bound = derivative_bound(machine.free, motion.x_3, motion.x_4, machine.free.bound_3)
+        left = chatter_duration(speed, press, grip, restitution, bound)
+    if left == inf and bounce_duration(speed, press, grip) < shortest:
+        # Elastic stops: such bounces go on for ever, and have no energy left.
+        left = 0.0
+    if left == inf:
+        return hit
+    mode = CHATTER_1 if stop == 1 else CHATTER_2
+    return with_motion(hit, mode, common, 0.0, stop, False, left)
+
+
+@kernel(inline=True)
 def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
     """
     Resolve an impact.
@@ -141,25 +173,7 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
     )
     held = hit.stop_1 > hit.target_1 if stop == 1 else hit.stop_2 < hit.target_2
     if not held:
-        share = machine.mass_ratio / (1.0 + machine.mass_ratio)
-        common = after + share * relative_after
-        need = support_need(machine, hit, sines_of(machine.phases, hit.angles), common)
-        away = 1.0 if stop == 2 else -1.0
-        speed = away * relative_after
-        press = (1.0 + machine.mass_ratio) * away * need
-        grip = (1.0 + machine.mass_ratio) * machine.grip
-        # Few impacts belong to a chatter: the least that the bound can be rules most of them out.
-        left = chatter_duration(speed, press, grip, restitution, machine.free.bound_3)
-        if left < inf:
-            motion: Motion = motion_at(launch(machine, hit), 0.0)
-            bound = derivative_bound(machine.free, motion.x_3, motion.x_4, machine.free.bound_3)
-            left = chatter_duration(speed, press, grip, restitution, bound)
-        if left == inf and bounce_duration(speed, press, grip) < least_step(machine.free.horizon):
-            # Elastic stops: such bounces go on for ever, and have no energy left.
-            left = 0.0
-        if left < inf:
-            mode = CHATTER_1 if stop == 1 else CHATTER_2
-            hit = with_motion(hit, mode, common, 0.0, stop, False, left)
+        hit = _last_bounces(machine, hit, stop, restitution)
     return Transition(hit, stop, before, relative_before, after, relative_after)
 
 
@@ -177,8 +191,8 @@ def _touched(machine: Machine, there: Origin, stop: int) -> Transition:
     return Transition(there, stop, before, relative_before, before, relative_before)
 
 
-@kernel
-def resolve(machine: Machine, origin: Origin, flight: Flight, kind: int, tau: float) -> Transition:
+@kernel(inline=True)
+def resolve(machine: Machine, origin: Origin, flight: Flight, end: FlightEnd) -> Transition:
     """
     Resolve the event that ends a flight.
 
@@ -186,17 +200,16 @@ def resolve(machine: Machine, origin: Origin, flight: Flight, kind: int, tau: fl
     ----------
     machine, origin, flight : Machine, Origin, Flight
         The rig, and the flight with its origin.
-    kind : int
-        The event, as `contact.first_event` names it; `NO_EVENT` ends a chatter.
-    tau : float
-        Time of the event since the origin, s.
+    end : FlightEnd
+        The event, as `contact.flight_end` names it; `NO_EVENT` ends a chatter.
 
     Returns
     -------
     Transition
         Velocities before and after, and the origin of the next flight.
     """
-    there = carried(origin, flight, tau)
+    kind = end.kind
+    there = carried(origin, flight, end)
     before = there.velocity
     relative_before = there.relative_velocity
     if kind in (CONTACT_1, CONTACT_2):
@@ -218,7 +231,7 @@ def resolve(machine: Machine, origin: Origin, flight: Flight, kind: int, tau: fl
         stop_2 = there.target_2 if stop == 2 else there.stop_2
         there = stopped(there, stop, stop_1, stop_2, there.target_1, there.target_2)
         return Transition(there, 0, before, relative_before, before, relative_before)
-    if kind == REVERSAL and tau == 0.0:
+    if kind == REVERSAL and end.tau == 0.0:
         # m was about to leave its support and does not: the support holds to round-off.
         mode = STICK
         if there.clearance_1 == 0.0 and there.stop_velocity_1 == 0.0:

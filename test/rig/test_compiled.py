@@ -12,7 +12,8 @@ from impact_damper_ros.rig.contact import (
     NO_EVENT,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
-    first_event,
+    chatter_end,
+    flight_end,
 )
 from impact_damper_ros.rig.crossing import first_crossing, starting_side
 from impact_damper_ros.rig.flight import motion_at
@@ -20,7 +21,9 @@ from impact_damper_ros.rig.mode import CHATTER_1, launch
 from impact_damper_ros.rig.transition import resolve
 from rig.random_rigs import random_command, random_rig
 
-PLAIN = {'first_event': first_event, 'resolve': resolve, 'launch': launch, 'motion_at': motion_at}
+PLAIN = {
+    kernel.__name__: kernel for kernel in (chatter_end, flight_end, launch, motion_at, resolve)
+}
 
 # Kernels compile anew for every number of harmonics; this one stands for all.
 HARMONICS = 2
@@ -39,22 +42,21 @@ def compiled():
 
 def flights(kernel, machine, origin, until, most):
     """Yield origins, flights and motions, the way the simulator goes from one to the next."""
-    launch, first, resolve = kernel['launch'], kernel['first_event'], kernel['resolve']
+    launch, resolve = kernel['launch'], kernel['resolve']
     while most > 0:
         flight = launch(machine, origin)
         limit = until - origin.time
         if origin.mode >= CHATTER_1:
-            kind, tau = NO_EVENT, origin.chatter_left
-            if flight.deadline <= tau:
-                kind, tau = flight.deadline_kind, flight.deadline
+            end = kernel['chatter_end'](flight, origin.chatter_left)
+            tau = end.tau
         else:
-            kind, tau = first(flight, 0.0, limit)
-            if kind == NO_EVENT:
-                tau = inf
-        yield tuple(origin), tuple(kernel['motion_at'](flight, min(tau, limit) / 3)), kind, tau
+            end = kernel['flight_end'](flight, 0.0, limit)
+            tau = inf if end.kind == NO_EVENT else end.tau
+        motion = kernel['motion_at'](flight, min(tau, limit) / 3)
+        yield tuple(origin), tuple(motion), end.kind, tau
         if tau > limit:
             return
-        transition = resolve(machine, origin, flight, kind, tau)
+        transition = resolve(machine, origin, flight, end)
         yield tuple(transition)
         origin = transition.origin
         most -= 1
