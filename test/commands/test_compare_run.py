@@ -12,6 +12,7 @@ from recording.recorded_rig import NOTES, RecordedRig, random_run
 from recording.test_replay import with_arrival_times
 
 from impact_damper_ros.commands.compare_run import main
+from impact_damper_ros.commands.outcome import outcome
 from impact_damper_ros.commands.simulate_rig import main as simulate_rig
 from impact_damper_ros.recording import recover_run
 
@@ -397,3 +398,22 @@ def test_runs_of_the_live_node(tmp_path):
 
 
 CHANGED = ('primary_mass', 'damping', 'restitution_1', 'restitution_2', 'friction')
+
+
+def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
+    """A snapshot of another version in the middle ends what can be used."""
+    later = places(messages, '/snapshot')[2]
+    topic, content, stamp = messages[later]
+    mixed = list(messages)
+    mixed[later] = (topic, content.replace(b'"format": 1, "stamp', b'"format": 9, "stamp'), stamp)
+    code, result = run(samples.record(tmp_path / 'bag', mixed, custom=NOTES), tmp_path)
+    assert (code, verdicts(result)) == (3, ['agrees'])
+    assert 'is of format 9' in result['faults'][0]
+
+
+def test_interrupted(capsys):
+    def work():
+        raise KeyboardInterrupt
+
+    assert outcome('compare_run', work) == 130
+    assert 'compare_run: interrupted' in capsys.readouterr().err
