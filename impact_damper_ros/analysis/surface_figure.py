@@ -85,9 +85,9 @@ def _draw_map(axes: Any, table: SweepTable, turn: int, values: Any, scale: Any) 
             color=_DOTS[name],
             rasterized=True,
         )
-    impacts = grid_of(table, np.nan_to_num(table.numbers('impacts_per_cycle')))[turn][1]
+    impacts = grid_of(table, table.numbers('impacts_per_cycle'))[turn][1]
     if min(impacts.shape) > 1 and (impacts > 0.0).any() and (impacts == 0.0).any():
-        some = (impacts > 0.0).astype(float)
+        some = np.ma.masked_invalid(np.where(np.isnan(impacts), np.nan, impacts > 0.0))
         edge = axes.contour(
             across.values, up.values, some.T, [0.5], colors='white', linewidths=1.0
         )

@@ -10,12 +10,24 @@ from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from multiprocessing import connection, get_context, parent_process
 from typing import Any, Protocol, Self, TypeVar
 
-__all__ = ['DaskWorkers', 'FutureLike', 'Here', 'LocalWorkers', 'SweepExecutor', 'Workers']
+__all__ = [
+    'DaskWorkers',
+    'FutureLike',
+    'Here',
+    'LocalWorkers',
+    'SweepExecutor',
+    'Workers',
+    'WorkersError',
+]
 
 T = TypeVar('T')
 #: Blocks under way for each worker, so that none waits for the next one.
 _AHEAD = 2
 _CONNECT_SECONDS = 15.0
+
+
+class WorkersError(RuntimeError):
+    """The workers cannot do the work; the message says why."""
 
 
 class FutureLike(Protocol):
@@ -47,7 +59,7 @@ class Workers(Protocol):
 
     @property
     def at_once(self) -> int:
-        """How many blocks to have under way."""
+        """How many blocks to have under way, 0 if there are no workers now."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> FutureLike:
         """Have a function called somewhere."""
@@ -118,12 +130,16 @@ class LocalWorkers:
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
         """Have a function called in a process."""
+        # A process that begins now must not hear a Ctrl-C before it knows to ignore it
+        heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return self._pool.submit(fn, *args)
         except BrokenExecutor:
             self._pool.shutdown(wait=False, cancel_futures=True)
             self._pool = self._new()
             return self._pool.submit(fn, *args)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, heard)
 
     def __enter__(self) -> Self:
         return self
@@ -181,9 +197,12 @@ class DaskWorkers:
 
     @property
     def at_once(self) -> int:
-        """How many blocks to have under way; workers may come and go."""
-        threads: dict[str, int] = self._client.nthreads()
-        return max(1, _AHEAD * sum(threads.values()))
+        """How many blocks to have under way; workers may come and go, 0 if there are none."""
+        try:
+            threads: dict[str, int] = self._client.nthreads()
+        except OSError as error:
+            raise WorkersError(f'the scheduler cannot be reached any more ({error})') from error
+        return _AHEAD * sum(threads.values())
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> FutureLike:
         """Have a function called on a worker."""

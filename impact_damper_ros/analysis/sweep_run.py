@@ -10,22 +10,20 @@ from dataclasses import dataclass, replace
 
 import impact_damper_ros
 
-from .sweep_executors import FutureLike, SweepExecutor
+from .sweep_executors import FutureLike, SweepExecutor, WorkersError
 from .sweep_journal import Journal
 from .sweep_plan import Follow, SweepPlan
 from .sweep_work import Block, Done, Snapshot, run_block
 
-__all__ = ['WorkersError', 'run_sweep']
+__all__ = ['run_sweep']
 
 #: Most rigs in one block, and for how long a worker goes on with one, s.
 _MOST_POINTS = 256
-_SECONDS = 1.0
+_SECONDS = 0.25
 #: How often a block is handed out again whose worker died.
 _TRIES = 5
-
-
-class WorkersError(RuntimeError):
-    """The workers cannot do the work; the message says why."""
+#: For how long nothing may come back while there are no workers, s.
+_PATIENCE = 120.0
 
 
 @dataclass
@@ -129,7 +127,7 @@ def run_sweep(
         Where the rigs are run: anything with the `submit` of `concurrent.futures`, whose workers
         can import this package. It is left running.
     at_once : int or callable, optional
-        How many blocks of rigs to have under way, now.
+        How many blocks of rigs to have under way, now; 0 says that there are no workers.
     losses : tuple of exception types, optional
         What a future raises if its worker died; its rigs are then handed out again.
     progress : callable, optional
@@ -138,8 +136,8 @@ def run_sweep(
     Raises
     ------
     WorkersError
-        If the workers die again and again, or cannot run the rigs at all, as with another version
-        of the package.
+        If the workers die again and again, all have gone, or cannot run the rigs at all, as with
+        another version of the package.
     OSError
         If the journal cannot be written.
 
@@ -156,17 +154,25 @@ def run_sweep(
         under_way[future] = sent
         future.add_done_callback(finished.put)
 
+    def most() -> int:
+        return at_once if isinstance(at_once, int) else at_once()
+
     try:
         while True:
-            most = at_once if isinstance(at_once, int) else at_once()
-            while len(under_way) < most:
-                sent = work.next(most)
+            room = max(1, most())
+            while len(under_way) < room:
+                sent = work.next(room)
                 if sent is None:
                     break
                 hand_out(sent)
             if not under_way:
                 return
-            future = finished.get()
+            try:
+                future = finished.get(timeout=_PATIENCE)
+            except queue.Empty:
+                if most() == 0:
+                    raise WorkersError('all workers have gone') from None
+                continue
             sent = under_way.pop(future)
             try:
                 done: list[Done] = future.result()

@@ -85,6 +85,13 @@ def _schema(plan: SweepPlan, columns: list[Column]) -> Any:
     )
 
 
+def _attractors(plan: SweepPlan, journal: Journal) -> NDArray[np.int64] | None:
+    """Return the attractor of each row; None if each rig has but one row."""
+    if len(plan.follow.passes) == 1 and not any(axis.initial for axis in plan.axes):
+        return None
+    return identified(_rigs(plan, journal))
+
+
 def _rigs(plan: SweepPlan, journal: Journal) -> Iterator[tuple[tuple[float, ...], Row]]:
     """Yield what of each row is the rig, without its initial conditions, and the row."""
     for index in range(plan.size):
@@ -116,22 +123,21 @@ def write_table(plan: SweepPlan, journal: Journal, path: Path) -> None:
 
     columns = columns_of(plan)
     schema = _schema(plan, columns)
-    attractors = identified(_rigs(plan, journal))
+    attractors = _attractors(plan, journal)
+
+    def whole(index: int) -> Row:
+        row = journal.row(index)
+        number = FAILED if not row['ok'] else 0 if attractors is None else int(attractors[index])
+        attractor = None if number == FAILED else number
+        return {**place_of(plan, plan.point(index)), **row, 'attractor': attractor}
+
     unfinished = path.with_name(path.name + '.tmp')
     try:
         with unfinished.open('wb') as stream:
             with pq.ParquetWriter(stream, schema, compression='zstd') as writer:
                 for first in range(0, plan.size, _ROWS_AT_ONCE):
-                    rows = [
-                        {
-                            **place_of(plan, plan.point(index)),
-                            **journal.row(index),
-                            'attractor': None if number == FAILED else number,
-                        }
-                        for index, number in enumerate(
-                            attractors[first : first + _ROWS_AT_ONCE].tolist(), first
-                        )
-                    ]
+                    last = min(plan.size, first + _ROWS_AT_ONCE)
+                    rows = [whole(index) for index in range(first, last)]
                     arrays = [
                         pa.array([row.get(column.name) for row in rows], field.type)
                         for column, field in zip(columns, schema, strict=True)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import signal
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -13,7 +15,13 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from impact_damper_ros.analysis.sweep_executors import DaskWorkers, Here, LocalWorkers, Workers
+from impact_damper_ros.analysis.sweep_executors import (
+    DaskWorkers,
+    Here,
+    LocalWorkers,
+    Workers,
+    WorkersError,
+)
 from impact_damper_ros.analysis.sweep_journal import (
     Journal,
     differences,
@@ -21,7 +29,7 @@ from impact_damper_ros.analysis.sweep_journal import (
 )
 from impact_damper_ros.analysis.sweep_optimum import Best, Optimum, find_optimum
 from impact_damper_ros.analysis.sweep_plan import SweepPlan
-from impact_damper_ros.analysis.sweep_run import WorkersError, run_sweep
+from impact_damper_ros.analysis.sweep_run import run_sweep
 from impact_damper_ros.analysis.sweep_summary import summary_of, summary_text
 from impact_damper_ros.analysis.sweep_table import (
     MetadataError,
@@ -104,7 +112,11 @@ def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
 
 def _workers(arguments: argparse.Namespace) -> Workers:
     if arguments.scheduler:
-        return DaskWorkers(arguments.scheduler)
+        workers = DaskWorkers(arguments.scheduler)
+        # What matters of a lost connection is said here, in a line
+        for name in ('distributed.batched', 'distributed.client'):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        return workers
     return Here() if arguments.jobs == 1 else LocalWorkers(arguments.jobs)
 
 
@@ -115,6 +127,9 @@ def _stopped_by_sigterm() -> Iterator[None]:
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     before = signal.signal(signal.SIGTERM, stop)
     try:
         yield
@@ -138,6 +153,7 @@ def _run(
             total=plan.size,
             initial=len(journal.points),
             desc='rigs',
+            unit='rig',
             smoothing=0.05,
             disable=True if quiet else None,
         ) as bar:

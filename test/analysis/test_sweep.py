@@ -15,10 +15,10 @@ import pytest
 from impact_damper_ros.analysis.settling_rig import Settling
 from impact_damper_ros.analysis.steady_state import steady_state
 from impact_damper_ros.analysis.sweep_axes import axis_from_text
-from impact_damper_ros.analysis.sweep_executors import Here, LocalWorkers
+from impact_damper_ros.analysis.sweep_executors import Here, LocalWorkers, WorkersError
 from impact_damper_ros.analysis.sweep_journal import Journal, JournalError, journal_path
 from impact_damper_ros.analysis.sweep_plan import Follow, SweepPlan
-from impact_damper_ros.analysis.sweep_run import WorkersError, run_sweep
+from impact_damper_ros.analysis.sweep_run import run_sweep
 from impact_damper_ros.analysis.sweep_table import SweepTable, write_table
 from impact_damper_ros.analysis.sweep_work import Done, rig_row
 from impact_damper_ros.rig import InitialConditions, RigParameters

@@ -13,7 +13,7 @@ import pytest
 import impact_damper_ros
 from impact_damper_ros.analysis.settling_rig import Settling
 from impact_damper_ros.analysis.sweep_axes import axis_from_text
-from impact_damper_ros.analysis.sweep_executors import DaskWorkers, Here
+from impact_damper_ros.analysis.sweep_executors import DaskWorkers, Here, WorkersError
 from impact_damper_ros.analysis.sweep_journal import Journal, journal_path
 from impact_damper_ros.analysis.sweep_plan import SweepPlan
 from impact_damper_ros.analysis.sweep_run import run_sweep
@@ -135,3 +135,19 @@ def test_a_killed_worker_leaves_no_trace_in_the_table(cluster, tmp_path):
     assert killed[0][0] == -9
     assert killed[0][1] < PLAN.size / 2
     assert there.read_bytes() == here.read_bytes()
+
+
+def test_a_sweep_whose_workers_have_all_gone_says_so(cluster, tmp_path, monkeypatch):
+    """The last test of the cluster, which it leaves without workers."""
+    monkeypatch.setattr('impact_damper_ros.analysis.sweep_run._PATIENCE', 0.1)
+    monkeypatch.setattr('impact_damper_ros.analysis.sweep_executors._CONNECT_SECONDS', 1.0)
+    address, processes = cluster
+    path = journal_path(tmp_path / 'there.parquet')
+    with DaskWorkers(address) as workers, Journal(path, PLAN.inputs()) as journal:
+        for process in processes:
+            process.kill()
+            process.wait()
+        with pytest.raises(WorkersError, match='all workers have gone'):
+            run_sweep(PLAN, journal, workers, at_once=lambda: workers.at_once)
+    with pytest.raises(OSError, match='has no workers: start some'):
+        DaskWorkers(address)
