@@ -15,7 +15,7 @@ __all__ = ['filled_motion']
 #: Samples in a cycle of the force from which on straight lines between them look smooth.
 _FINE = 100
 #: Into how many parts each interval is cut otherwise.
-_PARTS = 6
+_PARTS = 3
 #: Intervals so many times longer than usual are left as they are: something is missing there.
 _LONGEST = 3.0
 

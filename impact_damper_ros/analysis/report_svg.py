@@ -74,7 +74,7 @@ def drawing_style() -> Iterator[None]:
         'legend.fontsize': 8.5,
         'legend.frameon': False,
         'legend.labelcolor': ink,
-        'path.simplify_threshold': 0.15,
+        'path.simplify_threshold': 0.25,
         'savefig.facecolor': 'none',
         'svg.fonttype': 'none',
         'svg.hashsalt': 'impact_damper_ros',
