@@ -110,8 +110,9 @@ def test_other_periodic_motions(rig, cycles, period, stops):
     assert found.stops in turns or tuple(3 - s for s in found.stops) in turns
     assert found.predicted.stops == found.stops
     assert found.decay.distance < 1e-4
-    # From how far the run comes in, and over how many periods, is a matter of the last digit.
-    close = 2e-3 if found.decay.periods >= 60 else 5e-2
+    # From how far the run comes in, and over how many periods, is a matter of the last digit; and
+    # with friction the rate is another as long as m turns once more or less in a period.
+    close = 2e-3 if found.decay.periods >= 60 and not rig.friction else 5e-2
     assert found.decay.measured == pytest.approx(found.decay.predicted, abs=close)
     assert abs(found.energy.residual) < found.energy.tolerance
     assert found.measured.x_max == pytest.approx(found.predicted.x_max, rel=5e-4)
