@@ -57,7 +57,7 @@ def command(candidate: str, rate: int, bags: Path) -> list[str]:
         return bare_command(PACES[candidate], rate)
     if candidate == RECORDING:
         return node_command(rate, record=True, bag_directory=bags)
-    return node_command(rate, real_time_priority=0 if candidate == ORDINARY else 1)
+    return node_command(rate, real_time_priority=0 if candidate == ORDINARY else 2)
 
 
 def measure_running(

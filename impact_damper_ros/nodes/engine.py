@@ -80,7 +80,8 @@ class Engine:
         Called from the engine's thread at the start and after every change and reset, with the
         snapshot of the rig as JSON; must return at once.
     real_time_priority : int, optional
-        Of the thread, if it is permitted; 0 for ordinary scheduling.
+        Of the thread, if it is permitted; 0, as for a rig that runs as fast as possible, for
+        ordinary scheduling.
 
     Raises
     ------
@@ -114,7 +115,7 @@ class Engine:
         self._acts = {action: ControlTemplate(action) for action in Action}
         self._clock = ClockTemplate()
         self._grid = TickGrid(state_rate)
-        self._scheduling = Scheduling(real_time_priority if real_time_factor else 0)
+        self._scheduling = Scheduling(real_time_priority)
         self._pacer = Pacer(
             self._grid.instant(1), real_time_factor, on_slip=self._scheduling.give_up
         )

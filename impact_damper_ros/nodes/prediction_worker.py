@@ -239,6 +239,9 @@ class _Server:
 def main() -> int:
     """Serve the node that has started this process."""
     os.nice(NICENESS)
+    with contextlib.suppress(AttributeError, OSError):
+        # Whatever the thread had that started this process
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     # Of a Ctrl-C in a terminal all processes hear; the node ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.simplefilter('ignore')

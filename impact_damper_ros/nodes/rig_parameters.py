@@ -77,13 +77,13 @@ SETTING_SPECS: dict[str, ParameterSpec] = {
         ),
         ParameterSpec(
             'real_time_priority',
-            'Real-time priority of the thread that moves the rig, where the system permits it; 0 '
-            'for ordinary scheduling.',
+            'Real-time priority of the thread that moves the rig, where the system permits it; '
+            'that of the others is one less. 0 for ordinary scheduling.',
             '',
             0,
             99,
             'integer',
-            1,
+            2,
         ),
         ParameterSpec(
             'predict_motion',

@@ -2,26 +2,35 @@
 Real-time scheduling of the thread that moves the rig, where the system permits it.
 
 Under the ordinary scheduler whoever else runs may hold the thread up for some milliseconds. With a
-real-time priority it is given a processor as soon as a tick is due; the lowest such priority is
-enough, since ordinary threads have none. It takes a permission: root's, the capability
-CAP_SYS_NICE, or a limit RTPRIO (`ulimit -r`). Without, the rig runs on as it did before.
+real-time priority it is given a processor as soon as a tick is due; the lowest ones are enough,
+since ordinary threads have none. They take a permission: root's, the capability CAP_SYS_NICE, or a
+limit RTPRIO (`ulimit -r`). Without, the rig runs on as it did before.
 
-Such a thread that never sleeps would leave others nothing of its processor. So a rig that cannot
-hold its pace, or runs as fast as possible, has ordinary scheduling.
+The other threads of the node, the executor and the writer of a recording, have a priority too, one
+less: if one of them lost its processor to another program while it holds the interpreter's lock,
+the rig would wait for that program. What they do takes little time.
+
+A thread that never sleeps would leave others nothing of its processor. So a rig that cannot hold
+its pace, or runs as fast as possible, has ordinary scheduling.
 """
 
 from __future__ import annotations
 
 import os
 
-__all__ = ['ORDINARY', 'Scheduling']
+__all__ = ['ORDINARY', 'Scheduling', 'priority_of_others']
 
 ORDINARY = 'ordinary'
 
 
+def priority_of_others(priority: int) -> int:
+    """Return the priority of the other threads, beside that of the thread that moves the rig."""
+    return max(1, priority - 1) if priority else 0
+
+
 class Scheduling:
     """
-    The scheduling of one thread.
+    The scheduling of one thread, and of those that it starts from then on.
 
     Parameters
     ----------
@@ -44,9 +53,7 @@ class Scheduling:
         if not self._priority:
             return
         try:
-            # Not for what the thread may start one day
-            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-            os.sched_setscheduler(0, policy, os.sched_param(self._priority))
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self._priority))
         except PermissionError:
             self.text = f'{ORDINARY}: no permission for SCHED_FIFO {self._priority}'
         except (AttributeError, OSError) as error:

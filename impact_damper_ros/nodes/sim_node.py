@@ -11,7 +11,6 @@ import contextlib
 import gc
 import signal
 import sys
-import time
 import traceback
 from collections.abc import Sequence
 from typing import Any
@@ -45,6 +44,7 @@ from impact_damper_ros.nodes.rig_parameters import (
     descriptor,
     parameters_from_overrides,
 )
+from impact_damper_ros.nodes.scheduling import Scheduling, priority_of_others
 from impact_damper_ros.nodes.serialisation import serialised
 
 __all__ = ['SimNode', 'main']
@@ -87,6 +87,9 @@ class SimNode(Node):
             self.get_logger().warning,
             enabled=parameters.predict_motion,
         )
+        # The predicting process comes from a thread that exists by now, and has no priority.
+        priority = parameters.real_time_priority if parameters.real_time_factor else 0
+        Scheduling(priority_of_others(priority)).take()
         self.engine = Engine(
             parameters.rig,
             parameters.initial,
@@ -98,10 +101,9 @@ class SimNode(Node):
             on_failure=self._failed.trigger,
             control=parameters.control,
             on_course=self._predictor.ask,
-            real_time_priority=parameters.real_time_priority,
+            real_time_priority=priority,
         )
         self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
-        self._motion_reported, self._motion_due = 0.0, False
         self._recorder = Recorder(self.engine, outlets, self.get_fully_qualified_name())
         self._live = LiveParameters(parameters, prepare=self._prepare, apply=self._apply)
         self._live.attach(self)
@@ -245,7 +247,6 @@ class SimNode(Node):
     def _report(self) -> None:
         engine = self.engine.status()
         recording = self._recorder.status(engine.recorded)
-        self._motion_reported, self._motion_due = time.monotonic(), False
         motion = self._monitor.look()
         self._publish_report(
             self._diagnostics.report(self.engine.stamp_ns(), engine, recording, motion)
@@ -253,9 +254,7 @@ class SimNode(Node):
 
     def _report_motion(self) -> None:
         """Report what has been predicted at once, or a little later than the last report."""
-        self._motion_due = time.monotonic() - self._motion_reported < WATCH_PERIOD_S
-        if not self._motion_due:
-            self._motion_reported = time.monotonic()
+        if self._monitor.may_look(WATCH_PERIOD_S):
             self._publish_report(
                 self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
             )
@@ -266,7 +265,7 @@ class SimNode(Node):
         self.engine.record_diagnostics(report)
 
     def _watch(self) -> None:
-        if self._motion_due:
+        if self._monitor.overdue:
             self._report_motion()
         if self._live.now.record and (error := self._recorder.failure()):
             self.get_logger().error(f'{error}; the rig runs on, record is false again')

@@ -8,10 +8,14 @@ from impact_damper_ros.analysis.motion_kind import MotionKind
 from impact_damper_ros.analysis.rhythm import Rhythm
 from impact_damper_ros.nodes.agreement import compare
 from impact_damper_ros.nodes.measured_motion import MeasuredMotion, measure
-from impact_damper_ros.nodes.motion_report import measured_report, predicted_report
+from impact_damper_ros.nodes.motion_report import (
+    MotionMonitor,
+    measured_report,
+    predicted_report,
+)
 from impact_damper_ros.nodes.motion_trace import KEPT, MotionTrace
 from impact_damper_ros.nodes.predicted_motion import Answer, PredictedMotion
-from impact_damper_ros.nodes.predictor import PredictorStatus
+from impact_damper_ros.nodes.predictor import Predictor, PredictorStatus
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import RigParameters, Simulator
 
@@ -240,3 +244,16 @@ def test_values_are_written_for_machines():
     assert values['Other stable motions'] == (
         '[{"stops": [1, 1, 2], "cycles": 1, "largest_x_over_a": 0.5, "largest_multiplier": 0.9}]'
     )
+
+
+def test_who_has_just_looked_looks_again_a_little_later():
+    predictor = Predictor(lambda: None, print, enabled=False)
+    monitor = MotionMonitor(lambda: traced(Simulator(INCLINED), 2), predictor, RATE)
+    assert [report.task for report in monitor.look()] == ['measured motion', 'predicted motion']
+    assert not monitor.overdue
+    assert not monitor.may_look(1e6)
+    assert monitor.overdue
+    monitor.look()
+    assert not monitor.overdue
+    assert monitor.may_look(0.0)
+    predictor.close()

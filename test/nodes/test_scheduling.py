@@ -5,9 +5,11 @@ import threading
 from pathlib import Path
 
 import pytest
+from sensor_msgs.msg import JointState
 
 from impact_damper_ros.nodes.pacing import CATCH_UP_NS, Pacer
 from impact_damper_ros.nodes.scheduling import ORDINARY, Scheduling
+from nodes.rig_client import until
 from nodes.test_engine import Bench
 
 
@@ -31,13 +33,14 @@ def permitted():
     return in_a_thread(probe)
 
 
-def policies():
-    """Return scheduling policy and priority of each thread of this process."""
-    tasks = [int(path.name) for path in Path('/proc/self/task').iterdir()]
-    return [
-        (os.sched_getscheduler(task) & ~os.SCHED_RESET_ON_FORK, os.sched_getparam(task))
+def priorities(process='self'):
+    """Return the real-time priorities of the threads of a process that have one."""
+    tasks = [int(path.name) for path in Path(f'/proc/{process}/task').iterdir()]
+    return sorted(
+        os.sched_getparam(task).sched_priority
         for task in tasks
-    ]
+        if os.sched_getscheduler(task) == os.SCHED_FIFO
+    )
 
 
 def test_a_priority_is_taken_where_it_is_permitted_and_given_up_for_good():
@@ -55,7 +58,7 @@ def test_a_priority_is_taken_where_it_is_permitted_and_given_up_for_good():
         assert (taken, given_up) == ('SCHED_FIFO 2', f'{ORDINARY}: the pace could not be held')
     else:
         assert taken == given_up == f'{ORDINARY}: no permission for SCHED_FIFO 2'
-    assert policy & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
+    assert policy == os.SCHED_OTHER
 
 
 def test_none_is_asked_for():
@@ -65,19 +68,31 @@ def test_none_is_asked_for():
     assert scheduling.text == ORDINARY
 
 
-@pytest.mark.parametrize(('factor', 'real_time'), [(50.0, True), (0.0, False)])
-def test_only_a_paced_engine_takes_a_priority(factor, real_time):
-    with Bench(factor=factor, priority=3) as bench:
+@pytest.mark.parametrize('priority', [3, 0])
+def test_the_engine_takes_the_priority_that_it_is_given(priority):
+    with Bench(factor=50.0, priority=priority) as bench:
         bench.engine.start()
         while bench.engine.stamp_ns() < 1e9:
             threading.Event().wait(0.005)
         status = bench.engine.status()
-        fifo = [param.sched_priority for policy, param in policies() if policy == os.SCHED_FIFO]
-    if real_time and permitted():
+        fifo = priorities()
+    if priority and permitted():
         assert (status.scheduling, fifo) == ('SCHED_FIFO 3', [3])
     else:
         assert status.scheduling.startswith(ORDINARY)
         assert fifo == []
+
+
+@pytest.mark.parametrize(('factor', 'expected'), [(1.0, [1, 1, 1, 2]), (0.0, [])])
+def test_the_threads_of_a_paced_node(client, launch, namespace, factor, expected):
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    process = launch(
+        f'__ns:={namespace}', record=True, predict_motion=False, real_time_factor=factor
+    )
+    until(lambda: len(states) > 2, lambda: process.output)
+    # Executor, writer and its synchronisation, and the engine
+    assert priorities(process.pid) == (expected if permitted() else [])
+    assert process.stop() == 0, process.output
 
 
 def test_a_slip_is_told_in_the_waiting_thread():
