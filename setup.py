@@ -59,6 +59,8 @@ setup(
         ],
         'plot': ['matplotlib>=3.6'],
         'compiled': ['numba>=0.59'],
+        # What benchmarks/peers.py holds the simulator against.
+        'peers': ['heyoka>=7.0', 'mujoco>=3.2', 'numba>=0.59', 'scipy>=1.10'],
         # sweep_rig: the table; and a cluster to run on
         'sweep': ['pyarrow>=14'],
         'dask': ['distributed>=2024.1'],
