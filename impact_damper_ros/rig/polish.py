@@ -114,7 +114,7 @@ def last_step(
     r_4 = v_2 * (5.0 * square + 5.0 * v_3) + v_4
     r_5 = square * (14.0 * square + 21.0 * v_3) + 6.0 * v_2 * v_4 + 3.0 * v_3 * v_3 + v_5
     step = u + u * (v_2 + (r_3 + (r_4 + r_5)))
-    if abs(v_2) > _REVERTED:
+    if abs(v_2) > _REVERTED or abs(v_3) > _REVERTED * _REVERTED:
         half = 0.5 * f_2
         third = f_3 * (1.0 / 6.0)
         fourth = f_4 * (1.0 / 24.0)

@@ -1,0 +1,105 @@
+"""The quick search: nodes, what is certain between them, and roots; against slower ways."""
+
+import math
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.rig.contact import NO_EVENT, flight_end
+from impact_damper_ros.rig.flight import motion_at
+from impact_damper_ros.rig.grid_search import _base_node, _next_node, keeps_sign
+from impact_damper_ros.rig.polish import falling_root, last_step
+from oracle.flight_generators import near_grazing_flights, random_flights
+from rig.break_contact import flight_of, launchable
+
+FLIGHTS = launchable(random_flights(400, np.random.default_rng(4)))
+
+
+def polynomial(coefficients, t):
+    """Return value and first derivative of a polynomial, lowest coefficient first."""
+    p = np.polynomial.Polynomial(coefficients)
+    return p(t), p.deriv()(t)
+
+
+def test_nodes_are_the_closed_form():
+    for i in range(200):
+        flight = flight_of(FLIGHTS, i)
+        oscillator = flight.oscillator
+        rest = flight.constant / oscillator.omega_squared
+        base = 0.0 if i % 2 else 0.7 / oscillator.fastest
+        node = _base_node(flight, base, motion_at(flight, base))
+        for k in range(1, oscillator.grid.nodes + 1):
+            node = _next_node(oscillator, node)
+            motion = motion_at(flight, base + k * oscillator.grid.step)
+            scale = abs(motion.x) + abs(flight.x) + abs(rest) + abs(motion.velocity)
+            assert node.offset + rest == pytest.approx(motion.x, abs=1e-12 * scale)
+            assert node.velocity == pytest.approx(
+                motion.velocity, abs=1e-12 * scale * oscillator.fastest
+            )
+
+
+def test_what_keeps_its_sign_does():
+    """Quartics: their fourth derivative is the bound. It may say no, but never a wrong yes."""
+    rng = np.random.default_rng(1)
+    s = np.linspace(0.0, 1.0, 2001)
+    certain = 0
+    for _ in range(4000):
+        c = rng.normal(size=5) * [1.0, 3.0, 3.0, 2.0, 2.0]
+        if rng.random() < 0.3:
+            c[0] = 0.0
+        (f_a, f_b), (d_a, d_b) = polynomial(c, np.array([0.0, 1.0]))
+        if keeps_sign(f_a, d_a, f_b, d_b, 1.0, 24.0 * abs(c[4]), 0.0):
+            certain += 1
+            assert (polynomial(c, s[1:])[0] > 0.0).all()
+        elif f_a > 0.0:
+            # It does say yes where there is room.
+            lifted = f_a + 12.0, f_b + 12.0
+            assert (
+                keeps_sign(lifted[0], d_a, lifted[1], d_b, 1.0, 24.0 * abs(c[4]), 0.0)
+                or (polynomial(c, s)[0] + 12.0).min() < 9.0
+            )
+    assert certain > 300
+
+
+@pytest.mark.parametrize('start', [1.0, 0.0])
+def test_falling_root_is_that_of_the_cubic(start):
+    for fall in (1.0, 0.2):
+        c = [0.5, -start, -fall, 0.0]
+        guess = falling_root(0.5, -start, *polynomial(c, 1.0), 1.0)
+        if polynomial(c, 1.0)[0] <= 0.0:
+            assert polynomial(c, guess)[0] == pytest.approx(0.0, abs=0.1)
+
+
+def test_last_step():
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        c = rng.normal(size=6)
+        root = rng.uniform(-1.0, 1.0) / 150.0
+        c[1] = -1.0 - abs(c[1])
+        c[0] = -sum(c[n] * root**n for n in range(1, 6))
+        derivatives = [c[n] * math.factorial(n) for n in range(6)]
+        step, exact = last_step(*derivatives, 1.0, 1.0 / 128.0)
+        assert exact == (abs(step) <= 1.0 / 128.0)
+        if exact:
+            assert step == pytest.approx(root, abs=2e-17)
+
+
+def test_the_quick_search_finds_what_certified_steps_find():
+    quick = 0
+    for cases in (FLIGHTS, launchable(near_grazing_flights(300, np.random.default_rng(5)))):
+        for i in range(len(cases)):
+            flight = flight_of(cases, i)
+            grid = flight.oscillator.grid._replace(nodes=0)
+            slow = flight._replace(oscillator=flight.oscillator._replace(grid=grid))
+            limit = float(cases.horizon[i])
+            found, expected = flight_end(flight, 0.0, limit), flight_end(slow, 0.0, limit)
+            if min(found.tau, expected.tau) > limit:
+                continue
+            assert found.kind == expected.kind
+            if found.kind != NO_EVENT:
+                quick += found.slope != 0.0
+                # A grazing root is known to the root of its round-off.
+                assert found.tau == pytest.approx(expected.tau, rel=1e-6)
+                if abs(found.slope) > 0.1:
+                    assert found.tau == pytest.approx(expected.tau, rel=1e-11, abs=1e-13)
+    assert quick > 200
