@@ -161,11 +161,18 @@ class RigClient:
         assert client.wait_for_service(DEADLINE_S), f'{service} is not there'
         return client.call_async(request)
 
-    def call(self, kind, service, request=None):
-        """Call a service and return its response."""
-        future = self.request(kind, service, request or kind.Request())
-        until(future.done, f'{service} did not answer')
-        return future.result()
+    def call(self, kind, service, request=None, attempts=1):
+        """Call a service, as often as need be, and return its response."""
+        futures = []
+        for _ in range(attempts):
+            futures.append(self.request(kind, service, request or kind.Request()))
+            end = time.monotonic() + DEADLINE_S / attempts
+            while time.monotonic() < end:
+                for future in futures:
+                    if future.done():
+                        return future.result()
+                time.sleep(0.005)
+        raise AssertionError(f'{service} did not answer')
 
 
 class RigParametersClient:
@@ -176,8 +183,12 @@ class RigParametersClient:
         self.node = node
 
     def get(self, *names):
+        # Asked again, if need be: until both sides have found each other, DDS may lose an answer.
         response = self._client.call(
-            GetParameters, f'{self.node}/get_parameters', GetParameters.Request(names=names)
+            GetParameters,
+            f'{self.node}/get_parameters',
+            GetParameters.Request(names=names),
+            attempts=3,
         )
         values = [parameter_value_to_python(value) for value in response.values]
         return values[0] if len(names) == 1 and values else values
