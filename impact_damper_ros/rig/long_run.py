@@ -7,6 +7,7 @@ stops. Both begin and end with the same snapshots, so that one can take over fro
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 from functools import cache
 from importlib.util import find_spec
@@ -22,7 +23,7 @@ from .kernels import compiled as compile_kernels
 from .kernels import stamp
 from .mode import Mode, Origin, make_machine
 from .parameters import InitialConditions, ParameterError, RigParameters
-from .run_loop import DONE, FULL, RUNAWAY, SPENT, Progress, run_through
+from .run_loop import DONE, FULL, MOST_ROWS, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator
 from .snapshot import Snapshot
 
@@ -46,9 +47,10 @@ EVENT_TYPE = np.dtype(
 )
 #: One sample, as `Sample`.
 SAMPLE_TYPE = np.dtype([(name, 'f8') for name in Sample._fields])
-_NUMBERS = 8
-_CODES = 3
-_ROWS = 4096
+#: Rows that the table of events begins with.
+_ROWS = 512
+#: Rows that it may be given beyond its double; memory that nothing is written to takes none.
+_MOST_AHEAD = 1_000_000
 
 Events = npt.NDArray[np.void]
 
@@ -100,6 +102,8 @@ class Stretch(NamedTuple):
         wanted = self.events['kind'] == EventKind.IMPACT
         if stop:
             wanted &= self.events['stop'] == stop
+        if wanted.all():
+            return self.events
         found: Events = self.events[wanted]
         return found
 
@@ -116,14 +120,23 @@ def _progress(reached: Any) -> Progress:
     return Progress(status, Origin(*origin), *others)
 
 
-def _table(events: list[Event], modes: list[int]) -> Events:
+def _table(events: Sequence[Event], mode: int) -> Events:
     """Return events as an array."""
     table = np.empty(len(events), EVENT_TYPE)
-    for row, (event, mode) in enumerate(zip(events, modes, strict=True)):
+    for row, event in enumerate(events):
         for name, value in event._asdict().items():
             table[name][row] = value
-        table['mode'][row] = mode
+    table['mode'] = mode
     return table
+
+
+def _enlarged(table: Events, written: int, done: float) -> Events:
+    """Return a full table with room for all the events, as far as one can tell from those yet."""
+    wanted = 1.1 * written / done if done > 0.0 else inf
+    double = 2 * len(table)
+    larger = np.empty(int(min(max(wanted, double), double + _MOST_AHEAD)), EVENT_TYPE)
+    larger[:written] = table[:written]
+    return larger
 
 
 class LongRun:
@@ -291,24 +304,24 @@ class LongRun:
             )
         samples = np.empty((len(when), len(Sample._fields)))
         in_mode = np.zeros(len(Mode))
-        rows = _ROWS if record else 0
-        numbers, codes = np.empty((rows, _NUMBERS)), np.empty((rows, _CODES), dtype=np.int64)
-        unreported = list(state.unreported) if record else []
-        tables = [_table(unreported, [int(self.mode)] * len(unreported))]
+        table = np.empty(_ROWS if record else 0, EVENT_TYPE)
+        written = 0
+        if record and state.unreported:
+            unreported = _table(state.unreported, self.mode)
+            written = len(unreported)
+            table[:written] = unreported
         happened = 0
         progress = Progress(FULL, self._packed(state.origin), state.time, 0, 0, 0)
         while progress.status == FULL:
+            if record and written + MOST_ROWS > len(table):
+                done = (progress.time - state.time) / (time - state.time)
+                table = _enlarged(table, written, done)
             progress = self._run(
-                progress, time, when, samples, numbers, codes, most_events - happened, in_mode
+                progress, time, when, samples, table[written:], most_events - happened, in_mode
             )
             happened += progress.happened
-            table = np.empty(progress.written, EVENT_TYPE)
-            names = EVENT_TYPE.names or ()
-            for column, name in enumerate(names[:_NUMBERS]):
-                table[name] = numbers[: progress.written, column]
-            for column, name in enumerate(names[_NUMBERS:]):
-                table[name] = codes[: progress.written, column]
-            tables.append(table)
+            written += progress.written
+        table = table[:written]
         outcome = Outcome(progress.status)
         origin = progress.origin._replace(angles=tuple(map(float, progress.origin.angles)))
         self._state = Snapshot(state.parameters, origin, progress.time, (), state.sweep)
@@ -317,7 +330,7 @@ class LongRun:
             self._reason(outcome, happened, state.time),
             progress.time,
             samples[: progress.sampled].view(SAMPLE_TYPE).reshape(-1),
-            np.concatenate(tables),
+            table,
             happened,
             in_mode,
         )
@@ -333,12 +346,12 @@ class LongRun:
         end: float,
         when: Any,
         samples: Any,
-        numbers: Any,
-        codes: Any,
+        table: Events,
         most: int,
         in_mode: Any,
     ) -> Progress:
         """Call the run loop, compiled or plain."""
+        shape = len(table), len(EVENT_TYPE.names or ())
         arguments = (
             self._machine,
             self.parameters.damper_mass,
@@ -348,8 +361,8 @@ class LongRun:
             when,
             progress.sampled,
             samples,
-            numbers,
-            codes,
+            table.view('f8').reshape(shape),
+            table.view('i8').reshape(shape),
             most,
             in_mode,
         )

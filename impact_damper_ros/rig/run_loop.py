@@ -34,7 +34,7 @@ from .origin import Origin, offset_of, placed
 from .phase import advance_time
 from .transition import Transition, resolve
 
-__all__ = ['DONE', 'FULL', 'RUNAWAY', 'SPENT', 'Progress', 'run_through']
+__all__ = ['DONE', 'FULL', 'MOST_ROWS', 'RUNAWAY', 'SPENT', 'Progress', 'run_through']
 
 #: All instants were reached.
 DONE = 0
@@ -44,6 +44,8 @@ FULL = 1
 SPENT = 2
 #: The rig has an endless number of events at one instant.
 RUNAWAY = 3
+#: Rows that one transition may take.
+MOST_ROWS = 3
 
 _IMPACT = int(EventKind.IMPACT)
 _REST = int(EventKind.REST)
@@ -82,7 +84,7 @@ class Progress(NamedTuple):
     happened: int
 
 
-@kernel
+@kernel(inline=True)
 def _write_event(
     numbers: Any,
     codes: Any,
@@ -107,13 +109,13 @@ def _write_event(
     numbers[row, 5] = damper_before
     numbers[row, 6] = damper_after
     numbers[row, 7] = impulse
-    codes[row, 0] = kind
-    codes[row, 1] = stop
-    codes[row, 2] = origin.mode
+    codes[row, 8] = kind
+    codes[row, 9] = stop
+    codes[row, 10] = origin.mode
     return row + 1
 
 
-@kernel
+@kernel(inline=True)
 def _stop_under(mode: int) -> int:
     """Return the stop on which m rests, or bounces for the last times; 0 for none."""
     if mode in (REST_1, CHATTER_1):
@@ -121,7 +123,7 @@ def _stop_under(mode: int) -> int:
     return 2 if mode in (REST_2, CHATTER_2) else 0
 
 
-@kernel
+@kernel(inline=True)
 def _support_code(mode_before: int, mode: int) -> int:
     """Return as what a stop's coming up to m at rest is reported; 0 for nothing."""
     if mode_before >= STICK > mode:
@@ -131,7 +133,7 @@ def _support_code(mode_before: int, mode: int) -> int:
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def _write_transition(
     machine: Machine,
     damper_mass: float,
@@ -222,7 +224,7 @@ def _write_transition(
     return row
 
 
-@kernel
+@kernel(inline=True)
 def _write_sample(
     samples: Any, row: int, time: float, origin: Origin, flight: Flight, tau: float
 ) -> None:
@@ -275,11 +277,10 @@ def run_through(
         How many of them are done already.
     samples : array of float, shape (n, 7)
         Takes the samples, in the order of `Sample`.
-    numbers : array of float, shape (rows, 8)
-        Takes time, X, Y, velocities of M and m before and after, and impulse of each event.
-        Without a row, events are counted only.
-    codes : array of int, shape (rows, 3)
-        Takes kind, stop and mode after each event.
+    numbers, codes : array of float and of int, shape (rows, 11)
+        The same memory. Takes of each event time, X, Y, velocities of M and m before and after,
+        and impulse as floats, then kind, stop and mode after it as integers. Without a row, events
+        are counted only.
     most : int
         How many transitions may be made.
     in_mode : array of float, shape (8,)
@@ -329,7 +330,7 @@ def run_through(
             status = SPENT
         elif at_once > _MOST_AT_ONCE:
             status = RUNAWAY
-        elif writing and written + 3 > len(codes):
+        elif writing and written + MOST_ROWS > len(codes):
             status = FULL
         if status != DONE:
             time = max(time, origin.time)
