@@ -14,6 +14,7 @@ from .contact import NO_EVENT, chatter_end, flight_end
 from .crossing import CrossingWatch, sided
 from .event import Event, EventKind, Sample
 from .flight import FlightEnd, end_at, motion_at
+from .frequency_step import origin_at_step, step_event
 from .mode import CHATTER_1, Machine, Mode, launch, make_machine
 from .origin import Origin, carried, offset_of, placed
 from .parameters import RigParameters
@@ -242,16 +243,13 @@ class HybridMotion:
 
     def _step_frequency(self) -> list[Event]:
         """Let the sweep go on to its next frequency, at an exact instant."""
-        instant = self._step_due
-        tau = max(0.0, self._tau(instant))
-        there = carried(self._origin, self._flight, end_at(self._flight, NO_EVENT, tau))
-        there = self._sided(there._replace(time=instant, time_low=0.0))
+        there = origin_at_step(self._machine, self._origin, self._flight, self._step_due)
         self._sweep = Sweep(self._sweep.start, self._sweep.step + 1)
         self._step_due = self._sweep.due(self._parameters)
         frequency = frequency_at(self._parameters, self._sweep.step)
         self._machine = make_machine(self._parameters, frequency)
         self._begin(there)
-        return [make_event(EventKind.FREQUENCY_STEP, 0, quiet(there))]
+        return [step_event(there)]
 
     def _pass_event(self) -> list[Event]:
         """Let the event that ends the flight happen."""

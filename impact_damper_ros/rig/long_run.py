@@ -7,136 +7,24 @@ stops. Both begin and end with the same snapshots, so that one can take over fro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from enum import IntEnum
-from functools import cache
-from importlib.util import find_spec
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .event import Event, EventKind, Sample
-from .kernel_cache import compiling_alone
-from .kernels import compiled as compile_kernels
-from .kernels import stamp
-from .mode import Mode, Origin, make_machine
-from .parameters import InitialConditions, ParameterError, RigParameters
-from .run_loop import DONE, FULL, MOST_ROWS, RUNAWAY, SPENT, Progress, run_through
+from .event import Event, Sample
+from .frequency_step import origin_at_step, step_event
+from .loop import Loop, has_numba
+from .mode import Machine, Mode, launch, make_machine
+from .parameters import InitialConditions, RigParameters
+from .run_loop import DONE, FULL, SPENT, Progress
 from .simulator import Simulator
 from .snapshot import Snapshot
+from .stretch import EVENT_TYPE, SAMPLE_TYPE, Events, EventTable, Outcome, Stretch
+from .sweep import Sweep, frequency_at
 
-__all__ = ['EVENT_TYPE', 'SAMPLE_TYPE', 'LongRun', 'Outcome', 'Stretch']
-
-#: One event, as `Event`, and the mode after it.
-EVENT_TYPE = np.dtype(
-    [
-        ('time', 'f8'),
-        ('x', 'f8'),
-        ('y', 'f8'),
-        ('primary_velocity_before', 'f8'),
-        ('primary_velocity_after', 'f8'),
-        ('damper_velocity_before', 'f8'),
-        ('damper_velocity_after', 'f8'),
-        ('impulse', 'f8'),
-        ('kind', 'i8'),
-        ('stop', 'i8'),
-        ('mode', 'i8'),
-    ]
-)
-#: One sample, as `Sample`.
-SAMPLE_TYPE = np.dtype([(name, 'f8') for name in Sample._fields])
-#: Rows that the table of events begins with.
-_ROWS = 512
-#: Rows that it may be given beyond its double; memory that nothing is written to takes none.
-_MOST_AHEAD = 1_000_000
-
-Events = npt.NDArray[np.void]
-
-
-class Outcome(IntEnum):
-    """How an advance ended."""
-
-    #: The time asked for was reached.
-    COMPLETE = DONE
-    #: The rig had as many events as it was allowed; it may go on.
-    TOO_MANY_EVENTS = SPENT
-    #: The rig has events without end at one instant, and cannot go on.
-    RUNAWAY = RUNAWAY
-
-
-class Stretch(NamedTuple):
-    """
-    What happened in one advance.
-
-    Attributes
-    ----------
-    outcome : Outcome
-        Whether the time asked for was reached.
-    reason : str
-        If not, why not and what helps; else empty.
-    time : float
-        Time reached, s.
-    samples : ndarray of SAMPLE_TYPE
-        Motion at each of the instants asked for, as far as they were reached.
-    events : ndarray of EVENT_TYPE
-        Events in order; empty if they were not to be recorded.
-    event_count : int
-        How many times the motion changed, recorded or not; an impact that ends in rest counts
-        once.
-    time_in_mode : ndarray of float, shape (8,)
-        Time spent in each `Mode`, s.
-    """
-
-    outcome: Outcome
-    reason: str
-    time: float
-    samples: npt.NDArray[np.void]
-    events: Events
-    event_count: int
-    time_in_mode: npt.NDArray[np.float64]
-
-    def impacts(self, stop: int = 0) -> Events:
-        """Return the impacts among the events; those with one stop, if one is given."""
-        wanted = self.events['kind'] == EventKind.IMPACT
-        if stop:
-            wanted &= self.events['stop'] == stop
-        if wanted.all():
-            return self.events
-        found: Events = self.events[wanted]
-        return found
-
-
-@cache
-def _compiled_loop() -> Any:
-    """Return the compiled run loop."""
-    return compile_kernels(cached=('run_through',))['run_through']
-
-
-def _progress(reached: Any) -> Progress:
-    """Return what the run loop has returned, by its names."""
-    status, origin, *others = reached
-    return Progress(status, Origin(*origin), *others)
-
-
-def _table(events: Sequence[Event], mode: int) -> Events:
-    """Return events as an array."""
-    table = np.empty(len(events), EVENT_TYPE)
-    for row, event in enumerate(events):
-        for name, value in event._asdict().items():
-            table[name][row] = value
-    table['mode'] = mode
-    return table
-
-
-def _enlarged(table: Events, written: int, done: float) -> Events:
-    """Return a full table with room for all the events, as far as one can tell from those yet."""
-    wanted = 1.1 * written / done if done > 0.0 else inf
-    double = 2 * len(table)
-    larger = np.empty(int(min(max(wanted, double), double + _MOST_AHEAD)), EVENT_TYPE)
-    larger[:written] = table[:written]
-    return larger
+__all__ = ['EVENT_TYPE', 'SAMPLE_TYPE', 'Events', 'LongRun', 'Outcome', 'Stretch']
 
 
 class LongRun:
@@ -158,7 +46,7 @@ class LongRun:
     Raises
     ------
     ParameterError
-        If m would not start between the stops, or the frequency is to be swept.
+        If m would not start between the stops.
     ImportError
         If compiled code is asked for without numba (extra ``compiled``).
 
@@ -180,25 +68,13 @@ class LongRun:
         compiled: bool | None = None,
     ) -> None:
         """Start the rig."""
-        self._compiled = _has_numba() if compiled is None else compiled
-        if self._compiled:
-            _compiled_loop()
+        self._compiled = has_numba() if compiled is None else compiled
         self._take(Simulator(parameters, initial, time).snapshot())
 
     def _take(self, snapshot: dict[str, Any]) -> None:
-        self._state = Snapshot.from_dict(snapshot)
-        if self._state.parameters.sweep_mode != 'off':
-            raise ParameterError(
-                'sweep_mode',
-                f'sweep_mode is {self._state.parameters.sweep_mode!r}: a long run keeps its '
-                'frequencies, give off, or let Simulator run the sweep',
-            )
-        machine: Any = make_machine(self._state.parameters)
-        # One harmonic is compiled as such; any other number of them as arrays, once for all.
-        self._arrays = self._compiled and len(machine.phases) != 1
-        if self._arrays:
-            machine = _with_arrays(machine)
-        self._machine = machine
+        self._state = state = Snapshot.from_dict(snapshot)
+        machine = _machine_of(state.parameters, state.sweep)
+        self._loop = Loop(machine, state.parameters.damper_mass, compiled=self._compiled)
 
     @classmethod
     def restore(cls, snapshot: dict[str, Any], *, compiled: bool | None = None) -> LongRun:
@@ -211,7 +87,7 @@ class LongRun:
             If the snapshot is of another format or lacks something.
         """
         run = cls.__new__(cls)
-        run._compiled = _has_numba() if compiled is None else compiled
+        run._compiled = has_numba() if compiled is None else compiled
         run._take(snapshot)
         return run
 
@@ -237,6 +113,11 @@ class LongRun:
     def mode(self) -> Mode:
         """Present mode, after any event at the present time."""
         return Mode(self._state.origin.mode)
+
+    @property
+    def force_frequency(self) -> float:
+        """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
+        return self._loop.machine.free.frequencies[0]
 
     @property
     def compiled(self) -> bool:
@@ -277,8 +158,9 @@ class LongRun:
         record : bool, optional
             Whether to return the events.
         most_events : int, optional
-            How many events the rig may have on the way. Elastic stops to which m is pressed can
-            have any number of them; then this ends the advance, and the outcome says so.
+            How many events the rig may have on the way, the steps of a sweep among them. Elastic
+            stops to which m is pressed can have any number of them; then this ends the advance,
+            and the outcome says so.
 
         Returns
         -------
@@ -304,110 +186,56 @@ class LongRun:
             )
         samples = np.empty((len(when), len(Sample._fields)))
         in_mode = np.zeros(len(Mode))
-        table = np.empty(_ROWS if record else 0, EVENT_TYPE)
-        written = 0
-        if record and state.unreported:
-            unreported = _table(state.unreported, self.mode)
-            written = len(unreported)
-            table[:written] = unreported
+        table = EventTable(record=record)
+        table.add(state.unreported, self.mode)
         happened = 0
-        progress = Progress(FULL, self._packed(state.origin), state.time, 0, 0, 0)
-        while progress.status == FULL:
-            if record and written + MOST_ROWS > len(table):
-                done = (progress.time - state.time) / (time - state.time)
-                table = _enlarged(table, written, done)
-            progress = self._run(
-                progress, time, when, samples, table[written:], most_events - happened, in_mode
-            )
-            happened += progress.happened
-            written += progress.written
-        table = table[:written]
-        outcome = Outcome(progress.status)
-        origin = progress.origin._replace(angles=tuple(map(float, progress.origin.angles)))
-        self._state = Snapshot(state.parameters, origin, progress.time, (), state.sweep)
+        origin, sweep, reached, sampled = state.origin, state.sweep, state.time, 0
+        loop = self._loop
+        while True:
+            due = sweep.due(state.parameters)
+            end, count = time, len(when)
+            if due <= time:
+                # A sample at the instant of a step shows what comes after it
+                end, count = due, int(np.searchsorted(when, due))
+            progress = Progress(FULL, loop.packed(origin), reached, sampled, 0, 0)
+            while progress.status == FULL:
+                done = (progress.time - state.time) / (time - state.time or 1.0)
+                progress = loop.run(
+                    progress,
+                    end,
+                    when[:count],
+                    samples,
+                    table.room(done),
+                    most_events - happened,
+                    in_mode,
+                )
+                happened += progress.happened
+                table.wrote(progress.written)
+            origin, reached = loop.unpacked(progress.origin), progress.time
+            status, sampled = progress.status, progress.sampled
+            if status == DONE and due <= time and happened >= most_events:
+                status = SPENT
+            if status != DONE or due > time:
+                break
+            origin = origin_at_step(loop.machine, origin, launch(loop.machine, origin), due)
+            sweep = Sweep(sweep.start, sweep.step + 1)
+            loop = loop.turned_to(_machine_of(state.parameters, sweep))
+            table.add([step_event(origin)], origin.mode)
+            happened += 1
+        # At once: an exception from a signal leaves the rig where it was
+        self._state, self._loop = Snapshot(state.parameters, origin, reached, (), sweep), loop
+        outcome = Outcome(status)
         return Stretch(
             outcome,
-            self._reason(outcome, happened, state.time),
-            progress.time,
-            samples[: progress.sampled].view(SAMPLE_TYPE).reshape(-1),
-            table,
+            outcome.reason(happened, state.time, reached, self.mode.name.lower()),
+            reached,
+            samples[:sampled].view(SAMPLE_TYPE).reshape(-1),
+            table.events,
             happened,
             in_mode,
         )
 
-    def _packed(self, origin: Origin) -> Any:
-        """Return an origin as the loop in use takes it."""
-        angles: Any = np.array(origin.angles)
-        return origin._replace(angles=angles) if self._arrays else origin
 
-    def _run(
-        self,
-        progress: Progress,
-        end: float,
-        when: Any,
-        samples: Any,
-        table: Events,
-        most: int,
-        in_mode: Any,
-    ) -> Progress:
-        """Call the run loop, compiled or plain."""
-        shape = len(table), len(EVENT_TYPE.names or ())
-        arguments = (
-            self._machine,
-            self.parameters.damper_mass,
-            progress.origin,
-            progress.time,
-            end,
-            when,
-            progress.sampled,
-            samples,
-            table.view('f8').reshape(shape),
-            table.view('i8').reshape(shape),
-            most,
-            in_mode,
-        )
-        if not self._compiled:
-            return _progress(run_through(*arguments))
-        loop = _compiled_loop()
-        if self._arrays in _READY:
-            reached = loop(*arguments)
-        else:
-            with compiling_alone(stamp()):
-                reached = loop(*arguments)
-            _READY.add(self._arrays)
-        return _progress(reached)
-
-    def _reason(self, outcome: Outcome, happened: int, since: float) -> str:
-        """Return why an advance ended before its time."""
-        if outcome == Outcome.COMPLETE:
-            return ''
-        mode = self.mode.name.lower()
-        if outcome == Outcome.TOO_MANY_EVENTS:
-            return (
-                f'{happened} events from {since!r} s to {self.time!r} s, the last of them in mode '
-                f'{mode}: allow more events, or make the stops less elastic'
-            )
-        return (
-            f'events without end at {self.time!r} s, in mode {mode}: make the stops less elastic, '
-            'or report it with the snapshot if they are not'
-        )
-
-
-#: Kinds of rigs, with arrays or without, for which the loop is compiled in this process.
-_READY: set[bool] = set()
-
-
-@cache
-def _has_numba() -> bool:
-    return find_spec('numba') is not None
-
-
-def _with_arrays(values: Any) -> Any:
-    """Return a named tuple with arrays in place of tuples, within it too."""
-    arrays = {}
-    for name, value in values._asdict().items():
-        if hasattr(value, '_asdict'):
-            arrays[name] = _with_arrays(value)
-        elif isinstance(value, tuple):
-            arrays[name] = np.array(value)
-    return values._replace(**arrays)
+def _machine_of(parameters: RigParameters, sweep: Sweep) -> Machine:
+    """Return the rig at its present frequency."""
+    return make_machine(parameters, frequency_at(parameters, sweep.step))

@@ -166,7 +166,7 @@ def test_without_recording_it_goes_the_same_way(compiled):
 
 def test_more_events_than_one_array_takes(compiled, monkeypatch):
     """A gap this small has thousands of impacts, which take several arrays."""
-    monkeypatch.setattr('impact_damper_ros.rig.long_run._ROWS', 500)
+    monkeypatch.setattr('impact_damper_ros.rig.stretch._ROWS', 500)
     parameters = RigParameters(gap=0.02, gravity=0.0, restitution_1=0.95, restitution_2=0.95)
     run, rig = LongRun(parameters, compiled=compiled), Simulator(parameters)
     stretch = assert_same(run, rig, np.array([30.0]))

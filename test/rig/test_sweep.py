@@ -3,11 +3,11 @@
 import math
 import random
 
+import numpy as np
 import pytest
 
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
-from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.rig.parameters import ParameterError
+from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.rig.long_run import EVENT_TYPE, LongRun, Outcome
 from impact_damper_ros.rig.sweep import frequency_at, frequency_steps
 from rig.random_rigs import random_command, random_rig, through_json
 
@@ -236,9 +236,115 @@ def test_runs_may_be_cut_up_anywhere(seed):
     assert steps(want)
 
 
-def test_a_long_run_refuses_it():
-    with pytest.raises(ParameterError, match='sweep_mode'):
-        LongRun(SWEPT)
+@pytest.fixture(params=[False, True], ids=['plain', 'compiled'])
+def compiled(request):
+    if request.param:
+        pytest.importorskip('numba')
+    return request.param
+
+
+def rows(events):
+    """Return events of the simulator as the table of a long run has them, without the mode."""
+    names = [name for name in EVENT_TYPE.names if name != 'mode']
+    return [tuple(getattr(event, name) for name in names) for event in events]
+
+
+def without_mode(table):
+    return [tuple(row)[:-1] for row in table.tolist()]
+
+
+def test_long_runs_sweep_as_the_simulator_does(compiled):
+    """Samples, events and snapshots to the last bit, at and between the steps."""
+    modes, kinds = set(), set()
+    for seed in range(40):
+        rng = random.Random(seed)
+        rig = Simulator(*swept_rig(seed))
+        run = LongRun(*swept_rig(seed), compiled=compiled)
+        for _ in range(5):
+            # Some advances end, and some samples lie, at the very instant of a step
+            dwell = rig.parameters.sweep_dwell
+            end = rng.choice([dwell * (1 + int(rig.time / dwell)), rig.time + rng.uniform(0, 2)])
+            end = max(end, rig.time)
+            instants = {rig.time, *(rng.uniform(rig.time, end) for _ in range(4)), end}
+            instants |= {t for k in range(90) if rig.time <= (t := k * dwell) <= end}
+            events, samples = [], []
+            begun = rig.time
+            for instant in sorted(instants):
+                events += rig.advance(instant)
+                samples.append(tuple(rig.sample()))
+            stretch = run.advance(end, sorted(instants))
+            assert stretch.outcome == Outcome.COMPLETE
+            assert stretch.samples.tolist() == samples
+            assert without_mode(stretch.events) == rows(events)
+            assert run.snapshot() == rig.snapshot()
+            assert run.force_frequency == rig.force_frequency
+            assert stretch.time_in_mode.sum() == pytest.approx(end - begun, abs=1e-12)
+            modes |= set(stretch.events['mode'].tolist())
+            kinds |= set(stretch.events['kind'].tolist())
+            if rng.random() < 0.3:
+                run = LongRun.restore(through_json(rig).snapshot(), compiled=compiled)
+            elif rng.random() < 0.3:
+                rig = run.simulator()
+            command = rig.parameters.replace(sweep_dwell=rng.choice([0.05, 0.31]))
+            if rng.random() < 0.3:
+                assert run.change(command) == rig.change(command)
+    assert modes >= {Mode.FREE, Mode.SLIDE_DOWN, Mode.SLIDE_UP, Mode.STICK, Mode.REST_1}
+    assert kinds >= {EventKind.IMPACT, EventKind.REST, EventKind.STICK, EventKind.RELEASE, STEP}
+
+
+def test_time_in_mode_across_steps(compiled):
+    """What lies between the events, whatever the sweep cuts it into."""
+    parameters = SWEPT.replace(
+        angle=math.pi / 4, gravity=1.0, friction=0.5, gap=37.0, sweep_mode='up_down'
+    )
+    run = LongRun(parameters, compiled=compiled)
+    parts = [run.advance(t) for t in (0.15, 0.7, 40.0)]
+    events = np.concatenate([part.events for part in parts])
+    release = events['time'][events['kind'] == EventKind.RELEASE]
+    stick = events['time'][events['kind'] == EventKind.STICK]
+    assert len(release) == len(stick) > 1
+    spent = sum(part.time_in_mode for part in parts)
+    assert spent[Mode.STICK] == pytest.approx(release.sum() - stick.sum(), rel=1e-12)
+
+
+def test_the_budget_of_events_holds_across_steps(compiled):
+    """Steps count; the rig stops short of one it may not have any more, and goes on from there."""
+    rig = SWEPT.replace(sweep_step=0.0005)
+    run = LongRun(rig, compiled=compiled)
+    stretch = run.advance(200.0, [0.0, 0.7, 0.71, 9.0], most_events=7)
+    assert stretch.outcome == Outcome.TOO_MANY_EVENTS
+    assert stretch.reason.startswith('7 events from 0.0 s to 0.8 s')
+    assert stretch.event_count == len(stretch.events) == 7
+    assert stretch.samples['time'].tolist() == [0.0, 0.7, 0.71]
+    assert run.time == 0.8
+    rest = run.advance(200.0)
+    assert rest.event_count == 1000 - 7
+    alone = Simulator(rig)
+    assert rows(alone.advance(200.0)) == without_mode(stretch.events) + without_mode(rest.events)
+    assert run.snapshot() == alone.snapshot()
+    silent = LongRun(rig, compiled=compiled)
+    assert silent.advance(200.0, record=False).event_count == 1000
+    assert silent.snapshot() == alone.snapshot()
+
+
+def test_a_signal_leaves_a_long_run_where_it_was(compiled, monkeypatch):
+    """Not with the frequency of one instant and the motion of another."""
+    run = LongRun(SWEPT, compiled=compiled)
+    run.advance(0.05)
+    before = run.snapshot(), run.force_frequency
+
+    def ring(_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr('impact_damper_ros.rig.long_run.step_event', ring)
+        with pytest.raises(KeyboardInterrupt):
+            run.advance(0.15)
+    assert (run.snapshot(), run.force_frequency) == before
+    alone = Simulator(SWEPT)
+    alone.advance(0.2)
+    run.advance(0.2)
+    assert run.snapshot() == alone.snapshot()
 
 
 def test_m_at_rest_stays_at_rest():
