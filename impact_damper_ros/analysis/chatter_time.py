@@ -9,6 +9,9 @@ from impact_damper_ros.rig.long_run import Events
 
 __all__ = ['chatter_time']
 
+#: Events in the midst of which m may chatter.
+_PASSED_OVER = (EventKind.REVERSAL, EventKind.CROSSING, EventKind.STOP_ARRIVED)
+
 
 def chatter_time(events: Events, start: float, end: float) -> float:
     """
@@ -31,7 +34,7 @@ def chatter_time(events: Events, start: float, end: float) -> float:
     total = 0.0
     faster: list[float] = []
     struck = 0
-    telling = events[events['kind'] != EventKind.REVERSAL]
+    telling = events[~np.isin(events['kind'], _PASSED_OVER)]
     rows = (telling[name].tolist() for name in ('time', 'kind', 'stop'))
     for time, kind, stop in zip(*rows, strict=True):
         if kind == EventKind.IMPACT:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.control import GapControlParameters
+from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, Stretch
 from impact_damper_ros.rig.mode import make_machine
@@ -96,6 +98,14 @@ def _repeats_with(parameters: RigParameters, cycle: float) -> bool:
     return all(abs(turn - round(turn)) < 1e-9 * max(turn, 1.0) for turn in turns)
 
 
+def _samples_alike(control: GapControlParameters, cycle: float) -> bool:
+    """Return whether a control can measure the same again after some cycles, s."""
+    if control.gap_control_noise_position or control.gap_control_noise_velocity:
+        return False
+    counts = [control.gap_control_rate * cycle * k for k in range(1, LONGEST_PERIOD + 1)]
+    return any(abs(count - round(count)) < 1e-9 * max(count, 1.0) for count in counts)
+
+
 def section_of(samples: NDArray[np.void]) -> Array:
     """Return X, X', Y and Y' of samples."""
     x, velocity = samples['x'], samples['primary_velocity']
@@ -110,8 +120,8 @@ class SettlingRig:
 
     Parameters
     ----------
-    run : LongRun
-        The rig, at time 0 and at the beginning of a cycle of its force; it goes on.
+    run : LongRun or ControlledRun
+        The rig, at the beginning of a cycle of its force; it goes on.
     settling : Settling
         How long and how closely it is watched.
 
@@ -123,31 +133,43 @@ class SettlingRig:
         Natural circular frequency of M alone, rad/s.
     forced, repeating : bool
         Whether there is a force, and whether it repeats with its cycle.
+    controlled, in_step : bool
+        Whether a control moves the stops, and whether its samples can repeat with the cycles.
     angles : tuple of float
-        Angle turned by each harmonic at time 0, rad.
+        Angle turned by each harmonic at the beginning, rad.
     cycles, events : int
         Cycles run and events had so far.
     """
 
-    def __init__(self, run: LongRun, settling: Settling) -> None:
+    def __init__(self, run: LongRun | ControlledRun, settling: Settling) -> None:
         parameters = run.parameters
         self.settling = settling
         self.cycle = cycle_of(parameters)
         self.machine = make_machine(parameters)
         self.angles = tuple(run.snapshot()['origin']['angles'])
         self.repeating = _repeats_with(parameters, self.cycle)
+        self.controlled = isinstance(run, ControlledRun)
+        self.in_step = not isinstance(run, ControlledRun) or _samples_alike(
+            run.control, self.cycle
+        )
         self.cycles = 0
         self.events = 0
         self._run = run
+        self._start = run.time
         self._rate = max(math.tau / self.cycle, parameters.omega)
         self.omega = parameters.omega
         self.forced = bool(_active_rates(parameters))
         self._size = 0.0
-        self._recent = np.empty((0, 4))
+        self._recent: Array
+        self.forget()
 
     def state(self) -> tuple[int, int]:
         """Return the mode, and the stop hit last."""
         return int(self._run.mode), int(self._run.snapshot()['origin']['last_stop'])
+
+    def time_after(self, cycles: int) -> float:
+        """Return the instant at which some cycles have been run, s."""
+        return cycles * self.cycle + self._start
 
     def run(self, cycles: int, looks: int = 1) -> Stretch:
         """
@@ -160,6 +182,7 @@ class SettlingRig:
         """
         grid = np.arange(cycles * looks + 1) / looks + self.cycles
         grid *= self.cycle
+        grid += self._start
         most = self.settling.events - self.events
         stretch = self._run.advance(float(grid[-1]), grid, most_events=max(most, 1))
         if stretch.outcome is not Outcome.COMPLETE:
@@ -173,15 +196,20 @@ class SettlingRig:
         left = max(1, self.settling.cycles - self.cycles)
         stretch = self.run(min(CYCLES_BETWEEN_LOOKS, left))
         section = section_of(stretch.samples[1:])
-        self._recent = np.concatenate([self._recent, section])[-4 * LONGEST_PERIOD :]
         size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
         # A rig without force has settled once next to nothing of its start is left
         self._size = size if self.forced else max(size, self._size)
+        if self.controlled:
+            # Stops that still move are not settled, whether m reaches them or not
+            x = stretch.samples['x'][1:]
+            places = [stretch.samples[name][1:] - x for name in ('stop_1', 'stop_2')]
+            section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
+        self._recent = np.concatenate([self._recent, section])[-4 * LONGEST_PERIOD :]
         return stretch.events
 
     def forget(self) -> None:
         """Let only states to come tell whether the motion repeats."""
-        self._recent = np.empty((0, 4))
+        self._recent = np.empty((0, 6 if self.controlled else 4))
 
     def period(self) -> int:
         """
@@ -196,6 +224,9 @@ class SettlingRig:
         if not self.repeating or not self._size or len(self._recent) < 2:
             return 0
         size = self.settling.tolerance * self._size * np.array([1.0, self._rate] * 2)
+        if self.controlled:
+            far = float(np.abs(self._recent[-1, 4:]).max())
+            size = np.append(size, [self.settling.tolerance * max(self._size, far)] * 2)
         last = self._recent[-1]
         if (np.abs(self._recent[-1 - LONGEST_PERIOD : -1] - last) / size).max(1).min() > _NEARLY:
             return 0

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.orbits.floquet import multipliers_of
 from impact_damper_ros.rig import EventKind, Mode
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Stretch
@@ -76,9 +77,10 @@ class SteadyState:
     impacts_per_cycle : float
         Impacts per cycle of the force.
     exponent : Exponent
-        Largest Lyapunov exponent.
+        Largest Lyapunov exponent; NaN under gap control.
     multiplier : float
-        Modulus of the largest multiplier of a period; NaN if it does not repeat.
+        Modulus of the largest multiplier of a period; NaN if it does not repeat, and under gap
+        control.
     shares : TimeShares
         Shares of the time that m sticks, rests and chatters.
     section : ndarray, shape (n, 4)
@@ -139,7 +141,7 @@ def _kind(rig: SettlingRig, period: int, impacts: int, exponent: Exponent) -> Mo
         return MotionKind.PERIODIC
     if period:
         return MotionKind.NO_IMPACTS if rig.forced else MotionKind.AT_REST
-    if not rig.repeating:
+    if not (rig.repeating and rig.in_step):
         return MotionKind.NOT_PERIODICALLY_DRIVEN
     grown = exponent.value * rig.settling.watch * rig.cycle
     if exponent.value > exponent.uncertainty and grown > _CHAOTIC_GROWTH:
@@ -162,24 +164,30 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     finer = max([rig.omega, *rig.machine.free.frequencies]) * cycle / math.tau
     looks = math.ceil((_LOOKS if period else _FEWER_LOOKS) * min(max(finer, 1.0), _MOST_FINER))
     cycles = 2 * period or rig.settling.watch
-    start, (mode, last_stop) = begun * cycle, rig.state()
+    start, (mode, last_stop) = rig.time_after(begun), rig.state()
     stretch = rig.run(cycles, looks)
-    end = rig.cycles * cycle
-    along = deviations(rig.machine, rig.angles, stretch.events, mode, last_stop, start, end)
+    end = rig.time_after(rig.cycles)
     # A chatter under way at either end is known by the events before and after
     around = np.concatenate([before, stretch.events, rig.run(1).events])
     swing = stretch_swing(stretch)
 
     kept = period or min(rig.settling.section, cycles)
-    since = (begun + cycles - kept) * cycle
+    since = rig.time_after(begun + cycles - kept)
     impacts = stretch.impacts()
     hits = impacts[impacts['time'] > since]
+    exponent, multiplier = Exponent(math.nan, math.nan), math.nan
+    if not rig.controlled:
+        along = deviations(rig.machine, rig.angles, stretch.events, mode, last_stop, start, end)
+        if period:
+            exponent, multiplier = _periodic_exponent(along, period * cycle)
+        else:
+            exponent = growth_exponent(along, rig.omega)
+    stops: tuple[str, ...] = ()
     if period:
-        exponent, multiplier = _periodic_exponent(along, period * cycle)
         stops = _sequence(stretch.events[stretch.events['time'] > since])
     else:
-        exponent, multiplier, stops = growth_exponent(along, rig.omega), math.nan, ()
         hits = hits[-2 * rig.settling.section :]
+    phases = (hits['time'] - rig.time_after(0)) / cycle % 1.0
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
     return SteadyState(
         kind=_kind(rig, period, len(hits), exponent),
@@ -197,20 +205,19 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
         multiplier=multiplier,
         shares=_shares(stretch, around, start, end),
         section=section_of(stretch.samples[looks::looks][-kept:]),
-        hits=np.stack([hits['stop'], hits['time'] / cycle % 1.0, np.abs(approach)], axis=-1),
+        hits=np.stack([hits['stop'], phases, np.abs(approach)], axis=-1),
         events=rig.events,
     )
 
 
-def steady_state(run: LongRun, settling: Settling) -> SteadyState:
+def steady_state(run: LongRun | ControlledRun, settling: Settling) -> SteadyState:
     """
     Let a rig settle, and measure the motion.
 
     Parameters
     ----------
-    run : LongRun
-        The rig, at time 0 and at the beginning of a cycle of its force. It is left at the end of
-        a cycle.
+    run : LongRun or ControlledRun
+        The rig, at the beginning of a cycle of its force. It is left at the end of a cycle.
     settling : Settling
         How long and how closely it is watched.
 
@@ -228,7 +235,9 @@ def steady_state(run: LongRun, settling: Settling) -> SteadyState:
     -----
     Every 50 cycles the states at the last ends of cycles are compared. The motion is periodic if
     they came back after at most 16 cycles, twice and at least ten times in a row. One that comes
-    back but is unstable by its multipliers is run on until it leaves.
+    back but is unstable by its multipliers is run on until it leaves. Under gap control the
+    stops must come back too, and there are no multipliers: what deviates moves the stops, at the
+    next sample or command, which the deviations of the rig alone do not hold.
     """
     rig = SettlingRig(run, settling)
     before = np.empty(0, EVENT_TYPE)

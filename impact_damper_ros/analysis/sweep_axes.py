@@ -12,17 +12,17 @@ from typing import Any, Self
 
 import numpy as np
 
+from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
-    InitialConditions,
     ParameterSpec,
     RigParameters,
 )
 
-__all__ = ['Axis', 'AxisError', 'Target', 'axis_from_mapping', 'axis_from_text', 'varied']
+__all__ = ['Axis', 'AxisError', 'Target', 'axis_from_mapping', 'axis_from_text']
 
-_SPECS: dict[str, ParameterSpec] = {**PARAMETER_SPECS, **INITIAL_SPECS}
+_SPECS: dict[str, ParameterSpec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS}
 _TARGET = re.compile(r'(?P<name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<index>\d+)\])?')
 #: Most values of one axis.
 MOST_VALUES = 1_000_000
@@ -36,7 +36,7 @@ class AxisError(ValueError):
 @dataclass(frozen=True, order=True)
 class Target:
     """
-    A parameter, an initial condition, or one entry of a parameter array.
+    A parameter of rig or gap control, an initial condition, or one entry of a parameter array.
 
     Attributes
     ----------
@@ -81,6 +81,11 @@ class Target:
     def initial(self) -> bool:
         """Whether it is a part of the initial conditions."""
         return self.name in INITIAL_SPECS
+
+    @property
+    def control(self) -> bool:
+        """Whether it is a parameter of the gap control."""
+        return self.name in GAP_CONTROL_SPECS
 
 
 @dataclass(frozen=True)
@@ -283,40 +288,3 @@ def axis_from_mapping(name: str, entry: Any, rig: RigParameters) -> Axis:
         return Axis(axis.targets, axis.values, spacing == 'log')
     listed = entry if isinstance(entry, Sequence) else [entry]
     return _axis(names, [_number(value, name) for value in listed], rig, name)
-
-
-def varied(
-    parameters: RigParameters,
-    initial: InitialConditions,
-    settings: Sequence[tuple[Target, float]],
-) -> tuple[RigParameters, InitialConditions]:
-    """
-    Return a rig with other values, all at once.
-
-    Parameters
-    ----------
-    parameters, initial : RigParameters, InitialConditions
-        The rig as it is.
-    settings : sequence of (Target, float)
-        What takes which value.
-
-    Raises
-    ------
-    ParameterError
-        If the rig is not admissible with them. Whether m then starts between the stops is left
-        to whoever starts it.
-    """
-    changes: dict[str, Any] = {}
-    start: dict[str, Any] = {}
-    for target, value in settings:
-        if target.initial:
-            start[target.name] = value
-        elif target.index is None and target.spec.kind != 'double_array':
-            changes[target.name] = int(value) if target.spec.kind == 'integer' else value
-        else:
-            entries = list(changes.get(target.name, getattr(parameters, target.name)))
-            entries[target.index or 0] = value
-            changes[target.name] = tuple(entries)
-    rig = parameters.replace(**changes)
-    begun = InitialConditions(**{**initial.as_dict(), **start})
-    return rig, begun

@@ -63,7 +63,8 @@ _VERDICT = (
         'text',
         '',
         'What it settled into: periodic, without impacts, at rest, chaotic, undecided '
-        '(quasi-periodic, or still settling), or not periodically driven.',
+        '(quasi-periodic, or still settling), or not periodically driven, by the force or by a '
+        'control whose samples fall elsewhere in each cycle.',
     ),
     Column('settled', 'bool', '', 'Whether the motion repeats, to the tolerance of the sweep.'),
     Column('settling_cycles', 'integer', '', 'Cycles of the force before it was measured.'),
@@ -99,7 +100,8 @@ _NUMBERS = (
         'double',
         '1/s',
         'Largest Lyapunov exponent: of a motion that repeats ln|largest multiplier| over its '
-        'period; else the mean growth of a deviation over the time measured.',
+        'period; else the mean growth of a deviation over the time measured. Null under gap '
+        'control, where a deviation also changes what the stops do.',
     ),
     Column(
         'lyapunov_uncertainty',
@@ -112,7 +114,8 @@ _NUMBERS = (
         'largest_multiplier',
         'double',
         '',
-        'Modulus of the largest multiplier of a period; null if the motion does not repeat.',
+        'Modulus of the largest multiplier of a period; null if the motion does not repeat, and '
+        'under gap control.',
     ),
     Column('stick_share', 'double', '', 'Share of the time that friction holds m in the gap.'),
     Column('rest_share', 'double', '', 'Share of the time that m rests on a stop.'),
@@ -199,8 +202,8 @@ def row_of(state: SteadyState, parameters: RigParameters) -> Row:
         'x_rms': state.x_rms,
         'x_mean': state.x_mean,
         'impacts_per_cycle': state.impacts_per_cycle,
-        'lyapunov_exponent': state.exponent.value,
-        'lyapunov_uncertainty': state.exponent.uncertainty,
+        'lyapunov_exponent': _known(state.exponent.value),
+        'lyapunov_uncertainty': _known(state.exponent.uncertainty),
         'largest_multiplier': _known(state.multiplier),
         'stick_share': state.shares.stick,
         'rest_share': state.shares.rest,

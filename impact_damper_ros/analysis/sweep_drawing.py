@@ -132,5 +132,7 @@ def fixed_text(table: SweepTable) -> str:
         parts.append(f'multisine of {rig.multisine_level:.6g} N rms')
     if rig.one_sided:
         parts.append('stop 1 only')
+    if table.plan.control.active:
+        parts.append(f'gap control: {table.plan.control.gap_control}')
     half = (len(parts) + 1) // 2
     return ',  '.join(parts[:half]) + '\n' + ',  '.join(parts[half:])

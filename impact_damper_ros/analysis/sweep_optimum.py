@@ -11,8 +11,9 @@ import numpy as np
 
 from impact_damper_ros.rig import InitialConditions
 
-from .sweep_axes import Target, varied
+from .sweep_axes import Target
 from .sweep_plan import SweepPlan
+from .sweep_settings import varied
 from .sweep_table import SweepTable
 from .sweep_work import Snapshot, rig_row
 
@@ -34,6 +35,9 @@ class Best(Enum):
 class Optimum:
     """
     The rig with the least or greatest measure, among those whose motion repeats.
+
+    Under gap control it is among all rigs, since no motion repeats to the last digits whose
+    samples do not; and on the grid, a search taking too long.
 
     Attributes
     ----------
@@ -95,10 +99,11 @@ def find_optimum(
     Returns
     -------
     Optimum or None
-        None if no motion of the sweep repeats.
+        None if no motion of the sweep repeats, or under control no rig could be simulated.
     """
     plan = table.plan
-    measures = np.where(table.flags('settled'), table.numbers(measure), np.nan)
+    eligible = table.flags('ok' if plan.control.active else 'settled')
+    measures = np.where(eligible, table.numbers(measure), np.nan)
     if np.isnan(measures).all():
         return None
     sign = 1.0 if best is Best.LEAST else -1.0
@@ -107,7 +112,7 @@ def find_optimum(
     numeric = all(not axis.initial and not isinstance(axis.values[0], bool) for axis in plan.axes)
     search = _Search(plan, measure, sign)
     found, reached = at, value
-    if refine and numeric and search.begin(table, row):
+    if refine and numeric and not plan.control.active and search.begin(table, row):
         found, reached = search.refined(at, value)
     edge = any(
         len(axis) > 1 and place in (axis.values[0], axis.values[-1])

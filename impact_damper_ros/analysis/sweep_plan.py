@@ -9,6 +9,7 @@ from enum import Enum
 from typing import Any, Self
 
 import impact_damper_ros
+from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.rig import InitialConditions, RigParameters
 
 from .settling_rig import Settling
@@ -77,6 +78,8 @@ class SweepPlan:
         How the rigs start.
     settling : Settling
         How long and how closely each rig is watched.
+    control : GapControlParameters
+        The gap control, but for what is varied; off, if not given.
 
     Raises
     ------
@@ -89,6 +92,7 @@ class SweepPlan:
     axes: tuple[Axis, ...]
     follow: Follow = Follow.NONE
     settling: Settling = field(default_factory=Settling)
+    control: GapControlParameters = field(default_factory=GapControlParameters)
 
     def __post_init__(self) -> None:
         """Check what holds between the axes."""
@@ -103,6 +107,11 @@ class SweepPlan:
         for target in targets:
             if targets.count(target) > 1:
                 raise AxisError(f'{target} is varied twice: give each name once')
+            if target.control and not self.control.active:
+                raise AxisError(
+                    f'{target} is varied, but gap_control is off, and nothing depends on it: '
+                    'give --set gap_control=amplitude or --set gap_control=timed'
+                )
         if self.follow is not Follow.NONE and self.axes[0].initial:
             raise AxisError(
                 f'{self.axes[0].name} cannot be followed, a rig has its initial conditions only '
@@ -164,7 +173,7 @@ class SweepPlan:
 
     def inputs(self) -> dict[str, Any]:
         """Return everything the table depends on, in a form that goes through JSON."""
-        return {
+        inputs: dict[str, Any] = {
             'format': TABLE_FORMAT,
             'version': impact_damper_ros.__version__,
             'parameters': {
@@ -183,6 +192,9 @@ class SweepPlan:
             'follow': self.follow.value,
             'settling': asdict(self.settling),
         }
+        if self.control != GapControlParameters():
+            inputs['gap_control'] = self.control.as_dict()
+        return inputs
 
     @classmethod
     def from_inputs(cls, inputs: dict[str, Any]) -> Self:
@@ -211,4 +223,5 @@ class SweepPlan:
             ),
             follow=Follow(inputs['follow']),
             settling=Settling(**inputs['settling']),
+            control=GapControlParameters(**inputs.get('gap_control', {})),
         )

@@ -87,6 +87,7 @@ class _Work:
             parameters=plan.parameters,
             initial=plan.initial,
             settling=plan.settling,
+            control=plan.control,
             points=tuple((row, tuple(plan.settings(plan.point(row)))) for row in rows),
             followed=self.followed,
             state=state,

@@ -8,13 +8,16 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import impact_damper_ros
+from impact_damper_ros.control import GapControlParameters
+from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
 
 from .settling_rig import EndlessEventsError, Settling
 from .steady_state import steady_state
-from .sweep_axes import Target, varied
+from .sweep_axes import Target
 from .sweep_columns import Row, failed_row, row_of
+from .sweep_settings import varied, varied_control
 
 __all__ = ['Block', 'Done', 'WrongVersionError', 'rig_row', 'run_block']
 
@@ -39,6 +42,8 @@ class Block:
         The rig, but for what is varied.
     settling : Settling
         How it is watched.
+    control : GapControlParameters
+        The gap control, but for what is varied.
     points : tuple of (int, Settings)
         Rows, and what takes which value there.
     followed : bool
@@ -53,6 +58,7 @@ class Block:
     parameters: RigParameters
     initial: InitialConditions
     settling: Settling
+    control: GapControlParameters
     points: tuple[tuple[int, Settings], ...]
     followed: bool
     state: Snapshot | None
@@ -89,12 +95,27 @@ def _continued(state: Snapshot, parameters: RigParameters) -> LongRun:
     return LongRun.restore({**snapshot, 'time': 0.0, 'origin': origin})
 
 
+def _controlled(
+    parameters: RigParameters,
+    initial: InitialConditions,
+    control: GapControlParameters,
+    state: Snapshot | None,
+) -> ControlledRun:
+    """Return a rig under control; one that takes over a state goes on in its time."""
+    if state is None:
+        return ControlledRun(parameters, initial, control)
+    run = ControlledRun.restore(state)
+    run.change(parameters, control)
+    return run
+
+
 def rig_row(
     parameters: RigParameters,
     initial: InitialConditions,
     settings: Sequence[tuple[Target, float]],
     settling: Settling,
     state: Snapshot | None = None,
+    control: GapControlParameters | None = None,
 ) -> tuple[Row, Snapshot | None]:
     """
     Run one rig of a sweep.
@@ -109,6 +130,8 @@ def rig_row(
         How it is watched.
     state : dict, optional
         State of another rig to start from.
+    control : GapControlParameters, optional
+        The gap control, but for what is varied; off, if not given.
 
     Returns
     -------
@@ -119,7 +142,11 @@ def rig_row(
     """
     try:
         rig, begun = varied(parameters, initial, settings)
-        run = LongRun(rig, begun) if state is None else _continued(state, rig)
+        run: LongRun | ControlledRun
+        if control is not None and control.active:
+            run = _controlled(rig, begun, varied_control(control, settings), state)
+        else:
+            run = LongRun(rig, begun) if state is None else _continued(state, rig)
         return row_of(steady_state(run, settling), rig), run.snapshot()
     except (ParameterError, EndlessEventsError) as error:
         return failed_row(str(error)), None
@@ -146,7 +173,9 @@ def run_block(block: Block) -> list[Done]:
     done: list[Done] = []
     state = block.state
     for point, settings in block.points:
-        row, last = rig_row(block.parameters, block.initial, settings, block.settling, state)
+        row, last = rig_row(
+            *(block.parameters, block.initial, settings, block.settling, state, block.control)
+        )
         if block.followed and last is not None:
             state = last
         done.append(Done(point, row, state if block.followed else None))

@@ -44,7 +44,8 @@ take the same value: --vary restitution_1=restitution_2=0.5:0.9:41. One entry of
 force_frequencies[0].
 
 An interrupted sweep goes on when the same command is given again; nothing that was done is lost.
-A rig that cannot be simulated is a row with its reason.
+A rig that cannot be simulated is a row with its reason. With gap_control in the parameters file or
+by --set, the rigs run under control, in plain Python; its parameters can be varied, too.
 
 Examples:
   sweep_rig config/paper.yaml --vary gap=5:80:400 --follow both -o gap.parquet --figure gap.png
@@ -193,11 +194,6 @@ def plan_of(arguments: argparse.Namespace) -> SweepPlan:
     parameters, initial, other = load_parameters(arguments.params)
     control = GapControlParameters(**{k: v for k, v in other.items() if k in GAP_CONTROL_SPECS})
     settings, control = overridden_control(arguments.set, control)
-    if control.active:
-        raise ValueError(
-            f'gap_control is {control.gap_control}: a sweep runs rigs whose stops stay where they '
-            'are; add --set gap_control=off'
-        )
     parameters, initial = overridden(settings, parameters, initial)
     axes: Sequence[Axis] = [
         *([] if arguments.ranges is None else _ranges(arguments.ranges, parameters)),
@@ -210,4 +206,9 @@ def plan_of(arguments: argparse.Namespace) -> SweepPlan:
         events=arguments.events,
         section=arguments.section,
     )
-    return SweepPlan(parameters, initial, tuple(axes), Follow(arguments.follow), settling)
+    if not control.active:
+        # Nothing depends on the rest of it
+        control = GapControlParameters()
+    return SweepPlan(
+        *(parameters, initial, tuple(axes), Follow(arguments.follow), settling, control)
+    )

@@ -9,7 +9,7 @@ run is cut into pieces here either.
 from __future__ import annotations
 
 from math import inf
-from typing import Any
+from typing import Any, Self
 
 from impact_damper_ros.rig import (
     Event,
@@ -71,6 +71,9 @@ class ControlledRig:
     (2.7, 100.0)
     """
 
+    #: What runs the rig itself.
+    _simulator: type[Simulator] = Simulator
+
     def __init__(
         self,
         parameters: RigParameters,
@@ -79,7 +82,7 @@ class ControlledRig:
         control: GapControlParameters | None = None,
     ) -> None:
         """Start the rig."""
-        self._rig = Simulator(parameters, initial, time)
+        self._rig = self._simulator(parameters, initial, time)
         self._control = control or GapControlParameters()
         self._records: list[ControlRecord] = []
         self._start()
@@ -147,7 +150,7 @@ class ControlledRig:
         """Return the motion at the present time, after any event at that instant."""
         return self._rig.sample()
 
-    def advance(self, time: float) -> list[Event]:
+    def advance(self, time: float, most_events: float = inf) -> list[Event]:
         """
         Let the rig run to a later time.
 
@@ -155,6 +158,9 @@ class ControlledRig:
         ----------
         time : float
             Time to reach, s; not before the present one.
+        most_events : float, optional
+            After about so many events the rig stops, at an event, if more are due before that
+            time; it may go on from there.
 
         Returns
         -------
@@ -179,10 +185,13 @@ class ControlledRig:
                 sample = controller.sample_index / self._control.gap_control_rate
             # A command may have become due in the past, where the delay has been shortened.
             until = max(rig.time, min(inf if command is None else command, sample, time))
-            new = rig.advance_to_crossing(until) if active else rig.advance(until)
+            run = rig.advance_to_crossing if active else rig.advance
+            new = run(until, most_events - len(events))
             events += self._noted(new)
             if new and new[-1].kind is EventKind.CROSSING:
                 self._cross(new[-1])
+            elif rig.time < until:
+                return events
             elif command is not None and command <= until:
                 events += self._carry_out()
             elif sample <= until:
@@ -235,23 +244,8 @@ class ControlledRig:
         return events
 
     def _record(self, action: Action, time: float) -> None:
-        actuators, observer = self._controller.actuators, self._controller.observer
-        target_1, target_2 = actuators.targets
-        velocity_1, velocity_2 = actuators.velocities
-        energy_1, energy_2 = actuators.energies
-        x_rate = observer.last[2] if observer.last else 0.0
-        record = ControlRecord(
-            time=time,
-            action=action,
-            target_1=target_1,
-            target_2=target_2,
-            amplitude=observer.amplitude,
-            velocity_1=velocity_1,
-            velocity_2=velocity_2,
-            x_rate=x_rate,
-            energy_1=energy_1,
-            energy_2=energy_2,
-        )
+        controller = self._controller
+        record = ControlRecord.of(action, time, controller.actuators, controller.observer)
         # Stops that arrive together are told of once.
         if self._records[-1:] != [record]:
             self._records.append(record)
@@ -346,7 +340,7 @@ class ControlledRig:
         return {**self._rig.snapshot(), 'gap_control': control}
 
     @classmethod
-    def restore(cls, snapshot: dict[str, Any]) -> ControlledRig:
+    def restore(cls, snapshot: dict[str, Any]) -> Self:
         """
         Continue from a snapshot, bit for bit; one of a plain `Simulator` has no control.
 
@@ -356,7 +350,9 @@ class ControlledRig:
             If the snapshot is of another format or lacks something.
         """
         rig = cls.__new__(cls)
-        rig._rig = Simulator.restore({k: v for k, v in snapshot.items() if k != 'gap_control'})
+        rig._rig = cls._simulator.restore(
+            {k: v for k, v in snapshot.items() if k != 'gap_control'}
+        )
         rig._records = []
         stored = snapshot.get('gap_control')
         if stored is None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, Self
+
+from .actuator import Actuators
+from .observer import Observer
 
 __all__ = ['CONTROL_JOINTS', 'Action', 'ControlRecord']
 
@@ -56,6 +59,25 @@ class ControlRecord(NamedTuple):
     x_rate: float
     energy_1: float
     energy_2: float
+
+    @classmethod
+    def of(cls, action: Action, time: float, actuators: Actuators, observer: Observer) -> Self:
+        """Return the record of an action, as actuators and observer are after it."""
+        target_1, target_2 = actuators.targets
+        velocity_1, velocity_2 = actuators.velocities
+        energy_1, energy_2 = actuators.energies
+        return cls(
+            time=time,
+            action=action,
+            target_1=target_1,
+            target_2=target_2,
+            amplitude=observer.amplitude,
+            velocity_1=velocity_1,
+            velocity_2=velocity_2,
+            x_rate=observer.last[2] if observer.last else 0.0,
+            energy_1=energy_1,
+            energy_2=energy_2,
+        )
 
     @property
     def frame_id(self) -> str:

@@ -24,11 +24,15 @@ from .stops import supports
 from .sweep import Sweep, frequency_at
 from .transition import at_rest, moving_mode, resolve, struck
 
-__all__ = ['HybridMotion']
+__all__ = ['HybridMotion', 'RunawayError']
 
 # Far more events than any chatter has, in this part of a radian of the natural vibration.
 _MOST_EVENTS_AT_ONCE = 100_000
 _AT_ONCE = 1e-9
+
+
+class RunawayError(RuntimeError):
+    """A rig has events without end at one instant; it cannot go on."""
 
 
 class HybridMotion:
@@ -140,7 +144,7 @@ class HybridMotion:
         tau = max(0.0, self._tau(self._time))
         return carried(self._origin, self._flight, end_at(self._flight, NO_EVENT, tau))
 
-    def advance(self, time: float) -> list[Event]:
+    def advance(self, time: float, most_events: float = inf) -> list[Event]:
         """
         Let the rig run to a later time.
 
@@ -148,6 +152,10 @@ class HybridMotion:
         ----------
         time : float
             Time to reach, s; not before the present one.
+        most_events : float, optional
+            After so many events the rig stops, at the last of them, if another one is due before
+            that time; it may go on from there. Elastic stops to which m is pressed can have any
+            number of events.
 
         Returns
         -------
@@ -160,9 +168,9 @@ class HybridMotion:
         ValueError
             If the time is before the present one or not finite.
         """
-        return self._run(time, watch=False)
+        return self._run(time, most_events, watch=False)
 
-    def advance_to_crossing(self, time: float) -> list[Event]:
+    def advance_to_crossing(self, time: float, most_events: float = inf) -> list[Event]:
         """
         Let the rig run until X passes through zero, or to a later time.
 
@@ -170,6 +178,8 @@ class HybridMotion:
         ----------
         time : float
             Time to reach at most, s; not before the present one.
+        most_events : float, optional
+            As of `advance`.
 
         Returns
         -------
@@ -189,9 +199,9 @@ class HybridMotion:
         of zero, or an excursion beyond it within round-off, is not a passage; neither is a change
         of parameters that moves the static equilibrium, from which X is measured.
         """
-        return self._run(time, watch=True)
+        return self._run(time, most_events, watch=True)
 
-    def _run(self, time: float, watch: bool) -> list[Event]:
+    def _run(self, time: float, most_events: float, *, watch: bool) -> list[Event]:
         """Advance to a time, or to the first passage of X through zero."""
         if not self._time <= time < inf:
             raise ValueError(
@@ -212,12 +222,15 @@ class HybridMotion:
                     until, passing = crossing, True
             if due > until:
                 break
+            if len(events) >= most_events and not passing:
+                until = max(self._time, self._origin.time)
+                break
             events += self._pass_event() if self._due <= due else self._step_frequency()
             if self._origin.time > instant + _AT_ONCE / self._machine.joint.frequency:
                 instant, at_once = self._origin.time, 0
             at_once += 1
             if at_once > _MOST_EVENTS_AT_ONCE:
-                raise RuntimeError(
+                raise RunawayError(
                     f'the rig has {at_once} events at {instant!r} s, which should not be '
                     f'possible; please report it with {self.snapshot()!r}'
                 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import inf
-from typing import Any
+from typing import Any, Self
 
 from .change import changed, kept_angles
 from .event import Event, EventKind
@@ -218,7 +218,7 @@ class Simulator(HybridMotion):
         ).as_dict()
 
     @classmethod
-    def restore(cls, snapshot: dict[str, Any]) -> Simulator:
+    def restore(cls, snapshot: dict[str, Any]) -> Self:
         """
         Continue from a snapshot, bit for bit.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from math import inf
 from typing import NamedTuple
@@ -13,7 +13,15 @@ import numpy.typing as npt
 from .event import Event, EventKind, Sample
 from .run_loop import DONE, MOST_ROWS, RUNAWAY, SPENT
 
-__all__ = ['EVENT_TYPE', 'SAMPLE_TYPE', 'EventTable', 'Events', 'Outcome', 'Stretch']
+__all__ = [
+    'EVENT_TYPE',
+    'SAMPLE_TYPE',
+    'EventTable',
+    'Events',
+    'Outcome',
+    'Stretch',
+    'event_table',
+]
 
 #: One event, as `Event`, and the mode after it.
 EVENT_TYPE = np.dtype(
@@ -119,6 +127,15 @@ class Stretch(NamedTuple):
         return found
 
 
+def event_table(events: Sequence[Event], modes: Iterable[int]) -> Events:
+    """Return events as an array, each with the mode after it."""
+    rows = [
+        (event.time, *event[3:], event.kind, event.stop, mode)
+        for event, mode in zip(events, modes, strict=True)
+    ]
+    return np.array(rows, EVENT_TYPE)
+
+
 class EventTable:
     """
     The events of a run while it goes on.
@@ -144,10 +161,7 @@ class EventTable:
         if not self._record or not events:
             return
         rows = self._rows(len(events), 0.0)
-        for row, event in enumerate(events):
-            for name, value in event._asdict().items():
-                rows[name][row] = value
-        rows['mode'][: len(events)] = mode
+        rows[: len(events)] = event_table(events, [mode] * len(events))
         self._written += len(events)
 
     def room(self, done: float) -> Events:

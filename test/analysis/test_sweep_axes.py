@@ -8,9 +8,9 @@ from impact_damper_ros.analysis.sweep_axes import (
     Target,
     axis_from_mapping,
     axis_from_text,
-    varied,
 )
 from impact_damper_ros.analysis.sweep_plan import Follow, SweepPlan
+from impact_damper_ros.analysis.sweep_settings import varied
 from impact_damper_ros.rig import InitialConditions, RigParameters
 
 RIG = RigParameters()

@@ -93,6 +93,33 @@ def test_ranges_from_a_file(tmp_path):
     assert table.read_bytes() == other.read_bytes()
 
 
+def test_rigs_under_gap_control(tmp_path):
+    """By the parameters file or --set, with a parameter of the control varied."""
+    params = tmp_path / 'controlled.yaml'
+    params.write_text(
+        '/**:\n  ros__parameters:\n    gravity: 0.0\n    gap_control: timed\n'
+        '    gap_control_rate: 4.0\n'
+    )
+    few = ('--cycles', 60, '--watch', 21, '--jobs', 1, '--quiet', '--measure', 'x_max')
+    table, other, figure, found = (
+        tmp_path / name for name in ('a.parquet', 'b.parquet', 'a.svg', 'a.json')
+    )
+    words = ('--vary', 'gap_control_park=1.2,1.8', *few)
+    assert run(*words, '-o', table, '--figure', figure, '--json', found, params=params) == 0
+    rows = pd.read_parquet(table)
+    assert list(rows.gap_control_park) == [1.2, 1.8]
+    assert list(rows.impacts_per_cycle) == pytest.approx([2.0, 2.0], abs=0.1)
+    assert (rows.x_max < 10.0).all()
+    assert rows.lyapunov_exponent.isna().all()
+    assert json.loads(found.read_text())['optimum']['value'] == rows.x_max.min()
+    assert 'gap control: timed' in figure.read_text()
+    sets = ('--set', 'gravity=0', '--set', 'gap_control=timed', '--set', 'gap_control_rate=4')
+    assert run(*words, *sets, '-o', other) == 0
+    assert pd.read_parquet(other).equals(rows)
+    # Off by --set, the stops of the same file stay where they are
+    assert run('--set', 'gap_control=off', *words, '-o', other, params=params) == 2
+
+
 def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
     """Kill -9 in the middle; the workers end too; the same command completes the table."""
     whole, table = tmp_path / 'whole.parquet', tmp_path / 'killed.parquet'
@@ -198,7 +225,11 @@ def test_every_rig_failed(tmp_path, capsys):
             'a figure shows one axis or two, not 3',
         ),
         (('--ranges', 'no.yaml'), 'no.yaml: cannot be read'),
-        (('--vary', 'gap=1,2', '--set', 'gap_control=timed'), 'gap_control is timed: a sweep'),
+        (('--vary', 'gap_min=1,2'), 'gap_min is varied, but gap_control is off'),
+        (
+            ('--vary', 'gap=1,2', '--set', 'sweep_mode=up'),
+            'has no steady state; give --set sweep_mode=off',
+        ),
         (('--vary', 'initial_damper_offset=0,1', '--follow', 'up'), 'cannot be followed'),
     ],
 )
