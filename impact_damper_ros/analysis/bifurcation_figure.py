@@ -53,6 +53,8 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
     """
     Draw impact phases, a measure and the Lyapunov exponent against the parameter.
 
+    Under gap control there is no exponent, and no panel for it.
+
     Parameters
     ----------
     table : SweepTable
@@ -64,13 +66,17 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
     """
     axis = table.plan.axes[0]
     values = np.array(axis.values, dtype=float)
-    figure = blank_figure(6.3, 7.4)
-    upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=[1.6, 1.0, 1.0])
+    exponents = not table.plan.control.active
+    figure = blank_figure(6.3, 7.4 if exponents else 5.6)
+    heights = [1.6, 1.0, 1.0] if exponents else [1.6, 1.0]
+    panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+    upper, middle = panels[:2]
     _draw_phases(upper, table, values)
     cycle = table.numbers('cycle')
     exponent = table.numbers('lyapunov_exponent') * cycle
     spread = grid_of(table, table.numbers('lyapunov_uncertainty') * cycle)
-    for axes, column in ((middle, table.numbers(measure)), (lower, exponent)):
+    columns = (table.numbers(measure), exponent)
+    for axes, column in zip(panels[1:], columns, strict=False):
         for turn, (direction, series) in enumerate(grid_of(table, column)):
             axes.plot(
                 *(values, series),
@@ -81,15 +87,16 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
                 markeredgewidth=0.0,
                 **_LOOKS[direction],
             )
-            if axes is lower:
+            if column is exponent:
                 error = spread[turn][1]
                 color = _LOOKS[direction]['color']
                 axes.vlines(values, series - error, series + error, color=color, linewidth=0.5)
-    lower.axhline(0.0, color='0.3', linewidth=0.7)
-    finite = exponent[np.isfinite(exponent)]
-    if len(finite):
-        # One that is next to superstable must not flatten all others
-        lower.set_ylim(max(finite.min(), np.quantile(finite, 0.02) - 0.2) - 0.05, None)
+    if exponents:
+        panels[2].axhline(0.0, color='0.3', linewidth=0.7)
+        finite = exponent[np.isfinite(exponent)]
+        if len(finite):
+            # One that is next to superstable must not flatten all others
+            panels[2].set_ylim(max(finite.min(), np.quantile(finite, 0.02) - 0.2) - 0.05, None)
     if optimum is not None:
         middle.plot(
             *(optimum.values[0], optimum.value),
@@ -101,15 +108,16 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
             zorder=4,
         )
     failed = ~table.flags('ok').reshape(-1, len(values)).any(axis=0)
-    for axes in (upper, middle, lower):
+    for axes in panels:
         for value in values[failed]:
             axes.axvline(value, color='0.85', linewidth=1.0, zorder=0)
         if axis.logarithmic:
             axes.set_xscale('log')
     upper.set_ylim(0.0, 1.0)
     finish_panel(upper, 'a', '', 'Phase of the impacts [cycles]')
-    finish_panel(middle, 'b', '', measure_label(measure))
-    finish_panel(lower, 'c', axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
+    finish_panel(middle, 'b', '' if exponents else axis_label(axis), measure_label(measure))
+    if exponents:
+        finish_panel(panels[2], 'c', axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
     handles, labels = middle.get_legend_handles_labels()
     figure.legend(
         *(handles, labels), loc='outside lower center', ncols=3, frameon=False, markerscale=2.0

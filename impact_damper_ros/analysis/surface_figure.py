@@ -103,7 +103,8 @@ def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
     handles: list[Any] = []
     if optimum is not None:
         at = ', '.join(f'{value:.5g}' for value in optimum.values)
-        label = f'{optimum.best.value} of those that repeat: {optimum.value:.4g} at ({at})'
+        among = 'all' if table.plan.control.active else 'those that repeat'
+        label = f'{optimum.best.value} of {among}: {optimum.value:.4g} at ({at})'
         handles.append(Line2D([], [], label=label, **{**_STAR, 'markersize': 10}))
     dot: dict[str, Any] = {'marker': 'o', 'linestyle': 'none', 'markersize': 3.0}
     handles += [

@@ -113,6 +113,7 @@ def test_rigs_under_gap_control(tmp_path):
     assert rows.lyapunov_exponent.isna().all()
     assert json.loads(found.read_text())['optimum']['value'] == rows.x_max.min()
     assert 'gap control: timed' in figure.read_text()
+    assert 'Lyapunov' not in figure.read_text()
     sets = ('--set', 'gravity=0', '--set', 'gap_control=timed', '--set', 'gap_control_rate=4')
     assert run(*words, *sets, '-o', other) == 0
     assert pd.read_parquet(other).equals(rows)
