@@ -2,7 +2,7 @@
 The rig as one would build it with other tools, each from rest, with two stops and one harmonic.
 
 Every class has `run(end)`, which returns the times and stops of all impacts. What is made once,
-such as compiled code, is made in the constructor.
+such as compiled code, is made in the constructor. Those of heyoka are in `heyoka_rigs`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ode_rig import OdeRig
 
 from impact_damper_ros.rig import RigParameters
 
-__all__ = ['HeyokaRig', 'MujocoRig', 'RungeKuttaRig', 'SolveIvpRig']
+__all__ = ['MujocoRig', 'RungeKuttaRig', 'SolveIvpRig']
 
 Impacts = tuple[Sequence[float], Sequence[int]]
 
@@ -32,133 +32,6 @@ class SolveIvpRig:
         rig = OdeRig(self._parameters)
         rig.run(end)
         return [i.time for i in rig.impacts], [i.stop for i in rig.impacts]
-
-
-class HeyokaRig:
-    """
-    heyoka's Taylor integrator with terminal events, whose callbacks do the impacts.
-
-    With friction, a second integrator moves both masses while m sticks, and the reversal of the
-    relative velocity is an event of the first.
-    """
-
-    def __init__(self, parameters: RigParameters, **options: Any) -> None:
-        import heyoka as hy
-
-        p = parameters
-        self._mass_ratio = p.mass_ratio
-        self._restitution = (p.restitution_1, p.restitution_2)
-        self._half = 0.5 * p.gap
-        slope = p.gravity * sin(p.angle)
-        self._grip = p.friction * p.gravity * sqrt(1.0 - sin(p.angle) ** 2)
-        x, v, y, u = hy.make_vars('x', 'v', 'y', 'u')
-        force = p.force_amplitudes[0] * hy.sin(p.force_frequencies[0] * hy.time)
-        load = force - p.damping * v - p.stiffness * x
-        drag = hy.par[0]
-        free = (load + p.damper_mass * drag) / p.primary_mass
-        together = p.primary_mass + p.damper_mass
-        joint = (load + p.damper_mass * slope) / together
-        up, down = hy.event_direction.positive, hy.event_direction.negative
-        self._impacts: list[tuple[float, int]] = []
-        watched = [
-            hy.t_event(y - self._half, callback=self._hit(1), direction=up),
-            hy.t_event(y + self._half, callback=self._hit(2), direction=down),
-        ]
-        if self._grip > 0.0:
-            watched.append(hy.t_event(u, callback=self._turn()))
-        self._free = hy.taylor_adaptive(
-            [(x, v), (v, free), (y, u), (u, slope - drag - free)],
-            [0.0] * 4,
-            t_events=watched,
-            pars=[0.0],
-            **options,
-        )
-        self._joint: Any = None
-        if self._grip > 0.0:
-            need = joint - slope
-            self._joint = hy.taylor_adaptive(
-                [(x, v), (v, joint)],
-                [0.0, 0.0],
-                t_events=[
-                    hy.t_event(need - self._grip, direction=up),
-                    hy.t_event(need + self._grip, direction=down),
-                ],
-                **options,
-            )
-        self._need = lambda t, x, v: (
-            (
-                p.force_amplitudes[0] * sin(p.force_frequencies[0] * t)
-                - p.damping * v
-                - p.stiffness * x
-                + p.damper_mass * slope
-            )
-            / together
-            - slope
-        )
-        self._sticks = False
-
-    def _hit(self, stop: int) -> Any:
-        share = self._mass_ratio / (1.0 + self._mass_ratio) * (1.0 + self._restitution[stop - 1])
-
-        def callback(integrator: Any, _: int) -> bool:
-            state = integrator.state
-            relative = state[3]
-            state[1] += share * relative
-            state[2] = self._half if stop == 1 else -self._half
-            state[3] = -self._restitution[stop - 1] * relative
-            integrator.pars[0] = self._grip if state[3] > 0.0 else -self._grip
-            self._impacts.append((integrator.time, stop))
-            return True
-
-        return callback
-
-    def _turn(self) -> Any:
-        def callback(integrator: Any, _: int) -> bool:
-            state = integrator.state
-            state[3] = 0.0
-            need = self._need(integrator.time, state[0], state[1])
-            if abs(need) <= self._grip:
-                self._sticks = True
-                return False
-            integrator.pars[0] = self._grip if need < 0.0 else -self._grip
-            return True
-
-        return callback
-
-    def _set_off(self) -> None:
-        """Let m move where its support has failed."""
-        free = self._free
-        way = 1.0 if self._need(free.time, *free.state[:2]) < 0.0 else -1.0
-        free.pars[0] = way * self._grip
-        # Where speed and acceleration are zero the event of the reversal would find its own start.
-        free.state[3] = way * 1e-30
-        free.reset_cooldowns()
-
-    def run(self, end: float) -> Impacts:
-        """Run from rest."""
-        free, joint = self._free, self._joint
-        self._impacts.clear()
-        free.time = 0.0
-        free.state[:] = 0.0
-        free.pars[0] = 0.0
-        free.reset_cooldowns()
-        self._sticks = joint is not None and abs(self._need(0.0, 0.0, 0.0)) <= self._grip
-        if joint is not None:
-            self._set_off()
-        while free.time < end:
-            if not self._sticks:
-                free.propagate_until(end)
-                continue
-            joint.time = free.time
-            joint.state[:] = free.state[:2]
-            joint.reset_cooldowns()
-            joint.propagate_until(end)
-            free.time = joint.time
-            free.state[:2] = joint.state
-            self._sticks = False
-            self._set_off()
-        times = [t for t, _ in self._impacts]
-        return times, [stop for _, stop in self._impacts]
 
 
 def _compiled_runge_kutta() -> Any:
@@ -358,19 +231,23 @@ class MujocoRig:
         self._half = half
 
     def run(self, end: float) -> Impacts:
-        """Run from rest; an impact is where the relative velocity turns at a stop."""
+        """Run from rest; an impact is where m goes beyond a limit, told by a straight line."""
         import mujoco
         from mujoco import rollout
 
         count = int(end / self._step)
         amplitude, frequency = self._force
         mujoco.mj_resetData(self._model, self._data)
-        control = amplitude * np.sin(frequency * self._step * np.arange(count)) - self._offset
+        # Held for a step at its value in the middle of it
+        middle = self._step * (np.arange(count) + 0.5)
+        control = amplitude * np.sin(frequency * middle) - self._offset
         size = mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         initial = np.empty(size)
         mujoco.mj_getState(self._model, self._data, initial, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         states, _ = rollout.rollout(self._model, self._data, initial, control[None, :, None])
-        y, u = states[0, :, 2], states[0, :, 4]
-        turned = np.flatnonzero((u[:-1] * u[1:] <= 0.0) & (np.abs(y[:-1]) > 0.99 * self._half))
-        stops = np.where(y[turned] > 0.0, 1, 2)
-        return (states[0, turned, 0]).tolist(), stops.tolist()
+        time, y = states[0, :, 0], states[0, :, 2]
+        beyond = np.abs(y) - self._half
+        entered = np.flatnonzero((beyond[:-1] <= 0.0) & (beyond[1:] > 0.0))
+        share = beyond[entered] / (beyond[entered] - beyond[entered + 1])
+        stops = np.where(y[entered] > 0.0, 1, 2)
+        return (time[entered] + share * self._step).tolist(), stops.tolist()

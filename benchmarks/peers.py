@@ -22,7 +22,8 @@ from pathlib import Path
 from time import thread_time
 from typing import Any, NamedTuple
 
-from peer_rigs import HeyokaRig, MujocoRig, RungeKuttaRig, SolveIvpRig
+from heyoka_rigs import HeyokaBatchRig, HeyokaRig, lanes
+from peer_rigs import MujocoRig, RungeKuttaRig, SolveIvpRig
 from simulator import CASES, Case, Impacts, impact_error, reference, run_plain, say
 
 from impact_damper_ros.rig import RigParameters
@@ -32,15 +33,35 @@ DOCS = Path(__file__).resolve().parents[1] / 'docs'
 OURS = 'LongRun, compiled'
 PLAIN = 'Simulator, plain Python'
 BEST_PEER = 'heyoka, fast_math'
+#: Rigs with neighbouring gaps, as many as heyoka recommends for its batch mode.
+OUR_ENSEMBLE = 'LongRun, neighbouring gaps in turn'
+BATCH = 'heyoka, batch of neighbouring gaps'
 LABELS = ('level, at resonance', '45°, frictionless, r = 1.02', '45°, friction 0.5, r = 1.02')
 
 
 class Contender(NamedTuple):
-    """A way to simulate the rig: what it needs, how to make it, and cycles enough to time it."""
+    """
+    A way to simulate the rig.
+
+    Attributes
+    ----------
+    module : str
+        What it needs.
+    make : callable
+        Makes it for a rig.
+    cycles : int
+        Cycles enough to time it.
+    ensemble : bool
+        Whether it runs several rigs; the cycles of all of them count.
+    cases : tuple of int
+        Where it takes part.
+    """
 
     module: str
     make: Callable[[RigParameters], Callable[[float], Impacts]]
     cycles: int
+    ensemble: bool = False
+    cases: tuple[int, ...] = (0, 1, 2)
 
 
 def _long_run(parameters: RigParameters) -> Callable[[float], Impacts]:
@@ -53,15 +74,49 @@ def _long_run(parameters: RigParameters) -> Callable[[float], Impacts]:
     return run
 
 
+def rigs_at_once() -> int:
+    """Return how many rigs an ensemble has."""
+    return lanes() if find_spec('heyoka') else 8
+
+
+def neighbours(parameters: RigParameters) -> list[float]:
+    """Return gaps from that of a rig on, each wider by a thousandth of it."""
+    return [parameters.gap * (1.0 + 1e-3 * k) for k in range(rigs_at_once())]
+
+
+def _ensemble(parameters: RigParameters) -> Callable[[float], Impacts]:
+    runs = [_long_run(parameters.replace(gap=gap)) for gap in neighbours(parameters)]
+
+    def run_all(end: float) -> Impacts:
+        first, *_ = [run(end) for run in runs]
+        return first
+
+    return run_all
+
+
 CONTENDERS: dict[str, Contender] = {
     OURS: Contender('numba', _long_run, 20_000),
     PLAIN: Contender('math', lambda p: lambda end: run_plain(p, end), 200),
     'heyoka': Contender('heyoka', lambda p: HeyokaRig(p).run, 1000),
     BEST_PEER: Contender('heyoka', lambda p: HeyokaRig(p, fast_math=True).run, 1000),
+    OUR_ENSEMBLE: Contender('numba', _ensemble, 10_000, ensemble=True, cases=(0, 1)),
+    BATCH: Contender(
+        'heyoka',
+        lambda p: HeyokaBatchRig(p, neighbours(p), fast_math=True).run,
+        500,
+        ensemble=True,
+        cases=(0, 1),
+    ),
     'RK4, 100 steps a cycle': Contender('numba', lambda p: RungeKuttaRig(p, 100).run, 400),
     'RK4, 2000 steps a cycle': Contender('numba', lambda p: RungeKuttaRig(p, 2000).run, 100),
     'solve_ivp, DOP853, 1e-10': Contender('scipy', lambda p: SolveIvpRig(p).run, 30),
+    'MuJoCo, 500 steps a cycle': Contender(
+        'mujoco', lambda p: MujocoRig(p, 500).run, 100, cases=(0,)
+    ),
     'MuJoCo, 2000 steps a cycle': Contender('mujoco', lambda p: MujocoRig(p, 2000).run, 40),
+    'MuJoCo, 8000 steps a cycle': Contender(
+        'mujoco', lambda p: MujocoRig(p, 8000).run, 20, cases=(0,)
+    ),
 }
 
 
@@ -95,6 +150,12 @@ def shown_error(impacts: Impacts, exact: Impacts) -> float:
     return impact_error((times, stops), exact)
 
 
+def in_order(impacts: Impacts, exact: Impacts) -> int:
+    """Return how many of the first impacts are at the right stops."""
+    right = [a == b for a, b in zip(impacts[1], exact[1], strict=False)]
+    return right.index(False) if False in right else len(right)
+
+
 def measure(case: Case, rounds: int) -> dict[str, Any]:
     """Measure all contenders in one case."""
     parameters = RigParameters(**case.changes)
@@ -103,19 +164,26 @@ def measure(case: Case, rounds: int) -> dict[str, Any]:
     rows: dict[str, Any] = {}
     runs: dict[str, Callable[[float], Impacts]] = {}
     for name, contender in CONTENDERS.items():
+        if CASES.index(case) not in contender.cases:
+            continue
         if find_spec(contender.module) is None:
             say(f'{name}: left out, {contender.module} is not installed (extra "peers")')
             continue
         runs[name] = contender.make(parameters)
-        error = shown_error(runs[name](exact[0][-1] * 1.02), exact)
-        rows[name] = {'impact_error': error, 'cycles_per_second': 0.0}
+        impacts = runs[name](exact[0][-1] * 1.02)
+        rows[name] = {
+            'impact_error': shown_error(impacts, exact),
+            'impacts_in_order': in_order(impacts, exact),
+            'cycles_per_second': 0.0,
+        }
     for turn in range(rounds):
         say(f'{case.name}: round {turn + 1} of {rounds}')
         for name, run in runs.items():
             cycles = CONTENDERS[name].cycles
+            rigs = rigs_at_once() if CONTENDERS[name].ensemble else 1
             began = thread_time()
             impacts = run(cycles * period)
-            speed = cycles / (thread_time() - began)
+            speed = rigs * cycles / (thread_time() - began)
             row = rows[name]
             row['impacts_per_cycle'] = len(impacts[0]) / cycles
             row['cycles_per_second'] = max(row['cycles_per_second'], speed)
@@ -126,7 +194,6 @@ def table(results: dict[str, Any]) -> list[str]:
     """Return the results as lines of Markdown."""
     lines = []
     for label, rows in zip(LABELS, results['cases'].values(), strict=True):
-        ours = rows[OURS]['cycles_per_second'] if OURS in rows else None
         lines += [
             '',
             f'**{label[0].upper()}{label[1:]}**',
@@ -136,9 +203,14 @@ def table(results: dict[str, Any]) -> list[str]:
         ]
         for name, row in rows.items():
             speed, error = row['cycles_per_second'], row['impact_error']
-            ratio = f'{ours / speed:.3g} times' if ours and name != OURS else '-'
-            wrong = 'wrong order' if error == inf else f'{error:.0e}'
-            lines.append(f'| {name} | {speed:.3g} | {ratio} | {wrong} |')
+            ours = OUR_ENSEMBLE if CONTENDERS[name].ensemble else OURS
+            ratio = '-'
+            if ours in rows and name != ours:
+                ratio = f'{rows[ours]["cycles_per_second"] / speed:.3g} times'
+            shown = f'{error:.0e}'
+            if error == inf:
+                shown = f'wrong stop after {row["impacts_in_order"]} impacts'
+            lines.append(f'| {name} | {speed:.3g} | {ratio} | {shown} |')
     return lines
 
 
@@ -149,16 +221,17 @@ def draw(results: dict[str, Any], path: Path) -> None:
     mpl.use('Agg')
     import matplotlib.pyplot as plt
 
+    colors = mpl.colormaps['tab20']
     figure, axes = plt.subplots(1, 3, figsize=(12.0, 4.4), sharey=True, layout='constrained')
     for label, axis, rows in zip(LABELS, axes, results['cases'].values(), strict=True):
-        for number, (name, row) in enumerate(rows.items()):
+        for name, row in rows.items():
             wrong = row['impact_error'] == inf
             error = 1.0 if wrong else max(row['impact_error'], 1e-16)
             axis.plot(
                 row['cycles_per_second'],
                 error,
                 'x' if wrong else 'o',
-                color=f'C{number}',
+                color=colors(list(CONTENDERS).index(name)),
                 markersize=9,
                 label=name + (' (x: wrong order)' if wrong else ''),
             )
@@ -200,11 +273,14 @@ def write_docs(results: dict[str, Any]) -> None:
         '',
         '- heyoka: Taylor integrator at its default tolerance (round-off) with terminal events,',
         '  whose callbacks, in Python, do the impacts; friction and sticking as a parameter and a',
-        '  second integrator. `fast_math` is its option.',
+        '  second integrator. `fast_math` is its option. Its batch mode (with `fast_math`) runs',
+        '  as many rigs at once as it recommends, here with neighbouring gaps, without friction;',
+        '  the cycles of all of them count, as those of the same rigs run by LongRun in turn.',
         '- RK4: the classical method with fixed steps, compiled by numba, with bisection.',
         '- solve_ivp: DOP853 with rtol and atol 1e-10 and terminal events.',
         '- MuJoCo: two slide joints with a limit that is 20 steps stiff and damped to the',
-        '  restitution, its RK4 integrator, stepped in C by `mujoco.rollout`.',
+        '  restitution, its RK4 integrator, stepped in C by `mujoco.rollout`; in the first case',
+        '  with fewer and with more steps, too. An impact is where m passes the limit.',
         '',
     ]
     (DOCS / 'performance.md').write_text('\n'.join(text), encoding='utf-8')
