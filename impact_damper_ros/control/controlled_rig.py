@@ -97,10 +97,6 @@ class ControlledRig:
     def _describe(self) -> None:
         self._damper = damper_of(self._rig.parameters)
 
-    def _idle(self) -> None:
-        """Keep no more of the controller than what the actuators have done."""
-        self._controller = Controller(actuators=self._controller.actuators)
-
     @property
     def _half_gap(self) -> float:
         return 0.5 * self._rig.parameters.gap
@@ -219,7 +215,7 @@ class ControlledRig:
             controller.send_back(rig.time, rig.stops, self._half_gap, control)
         controller.sample_index += 1
         if not (control.active or controller.returning):
-            self._idle()
+            self._controller = self._controller.idle()
 
     def _carry_out(self) -> list[Event]:
         """Carry out the command that is due."""
@@ -285,30 +281,13 @@ class ControlledRig:
             if old.active:
                 self._record(Action.COMMAND, self._rig.time)
             else:
-                self._idle()
+                self._controller = self._controller.idle()
         if control is not None and control != old:
             self._control = control
-            self._switch(old, control)
+            self._controller = self._controller.switched(
+                old, control, self._rig.time, self._half_gap
+            )
         return events
-
-    def _switch(self, old: GapControlParameters, new: GapControlParameters) -> None:
-        controller, time = self._controller, self._rig.time
-        if not new.active:
-            if old.active:
-                controller.rest(time, self._half_gap, new)
-            if controller.returning:
-                controller.begin(new, time)
-            else:
-                self._idle()
-            return
-        if not old.active:
-            self._idle()
-            controller = self._controller
-        if not old.active or new.gap_control_rate != old.gap_control_rate:
-            controller.begin(new, time)
-        laws = (old.gap_control, old.gap_control_stops), (new.gap_control, new.gap_control_stops)
-        if laws[0] != laws[1]:
-            controller.relearn()
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """

@@ -89,6 +89,29 @@ class Controller:
             returning=stored['returning'],
         )
 
+    def idle(self) -> Controller:
+        """Return a controller that keeps no more of this one than what the actuators have done."""
+        return Controller(actuators=self.actuators)
+
+    def switched(
+        self, old: GapControlParameters, new: GapControlParameters, time: float, half_gap: float
+    ) -> Controller:
+        """Return the controller that goes on with other parameters, on or off."""
+        if not new.active:
+            if old.active:
+                self.rest(time, half_gap, new)
+            if not self.returning:
+                return self.idle()
+            self.begin(new, time)
+            return self
+        controller = self if old.active else self.idle()
+        if not old.active or new.gap_control_rate != old.gap_control_rate:
+            controller.begin(new, time)
+        laws = (old.gap_control, old.gap_control_stops), (new.gap_control, new.gap_control_stops)
+        if laws[0] != laws[1]:
+            controller.relearn()
+        return controller
+
     def begin(self, p: GapControlParameters, time: float) -> None:
         """Begin to sample, from the first sampling instant after the present time on."""
         index = max(0, int(time * p.gap_control_rate))
