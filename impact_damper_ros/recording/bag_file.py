@@ -18,11 +18,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+from mcap.writer import LIBRARY_IDENTIFIER
 
 from impact_damper_ros import __version__
 
 from .bag_metadata import FILE_NAME, BagMetadata, sync_directory
+from .chunk_writer import ChunkWriter
 from .errors import RecordingError
 from .topic import Channel
 
@@ -186,12 +187,7 @@ class BagFile:
             raise RecordingError.from_os_error('record to', self.path, error) from error
 
     def _start(self) -> None:
-        self._writer = Writer(
-            self._stream,  # type: ignore[arg-type]  # as much of a file as the writer uses
-            chunk_size=_CHUNK_SIZE,
-            compression=CompressionType.ZSTD,
-        )
-        self._writer.start(profile=PROFILE, library=LIBRARY)
+        self._writer = ChunkWriter(self._stream, _CHUNK_SIZE, PROFILE, LIBRARY)
         # With the topics at the head, even a recording cut before its first chunk tells them.
         self._note_metadata()
         schemas: dict[str, int] = {}
@@ -257,7 +253,7 @@ class BagFile:
         """
         if sequence is None:
             sequence = self.counts[channel] & 0xFFFFFFFF
-        self._writer.add_message(self._channel_ids[channel], stamp_ns, content, stamp_ns, sequence)
+        self._writer.add_message(self._channel_ids[channel], stamp_ns, content, sequence)
         self.counts[channel] += 1
         if self.start_ns is None or stamp_ns < self.start_ns:
             self.start_ns = stamp_ns
@@ -275,7 +271,7 @@ class BagFile:
         OSError
             If that fails; the file then ends with the last good flush.
         """
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._writer.flush()
         self._commit()
 
     def _commit(self) -> None:
@@ -295,9 +291,9 @@ class BagFile:
             If that fails; what was flushed before stays salvageable.
         """
         try:
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
             self._note_metadata()
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
             self._stream.flush()
             self._commit()
             self._stream.sync()
