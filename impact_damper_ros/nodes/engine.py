@@ -1,9 +1,12 @@
 """
 The engine: one thread that moves the rig from tick to tick and hands out what happens.
 
-At every tick, in this order: move the rig to the instant of the tick, publish the impacts on the
-way (with their own exact stamps), carry out what was asked for since, publish the joint states.
-So the joint states of a tick already show a change that took effect at it.
+As soon as a tick has gone out, the rig is moved to the next one and the messages are made: the
+search for the next impact, which takes many times as long as a sample, is no reason for a tick to
+be late. What is left for the tick is to send them. The impacts on the way go out at their own
+instants, if the clock allows. When the tick is due, what was asked for since is carried out, and
+the joint states are published. So the joint states of a tick already show a change that took
+effect at it.
 
 Everything asked of the engine goes through a queue and takes effect at the tick the rig stands at,
 an exact number of nanoseconds. All that a recording holds is written from this thread, in order.
@@ -19,31 +22,17 @@ from typing import Any
 
 from std_msgs.msg import String
 
-from impact_damper_ros.control import (
-    Action,
-    ControlledRig,
-    ControlRecord,
-    GapControlParameters,
-)
+from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.nodes.engine_status import ControlStatus, EngineStatus
-from impact_damper_ros.nodes.messages import (
-    ClockTemplate,
-    ControlTemplate,
-    ImpactTemplate,
-    StateTemplate,
-)
+from impact_damper_ros.nodes.messages import ClockTemplate
 from impact_damper_ros.nodes.motion_trace import MotionTrace
 from impact_damper_ros.nodes.outlets import Emitter, Log, Outlets
 from impact_damper_ros.nodes.pacing import Pacer, StampClock, TickGrid
 from impact_damper_ros.nodes.requests import RequestQueue, Ticket
 from impact_damper_ros.nodes.scheduling import Scheduling
 from impact_damper_ros.nodes.serialisation import restamped, serialised
-from impact_damper_ros.rig import (
-    Event,
-    EventKind,
-    InitialConditions,
-    RigParameters,
-)
+from impact_damper_ros.nodes.tick_messages import Happening, TickMessages
+from impact_damper_ros.rig import Event, InitialConditions, RigParameters, Sample
 
 __all__ = ['Engine']
 
@@ -110,9 +99,7 @@ class Engine:
         self._outlets = outlets
         self._on_failure = on_failure
         self._on_course = on_course
-        self._states = StateTemplate()
-        self._impacts_at = {1: ImpactTemplate(1), 2: ImpactTemplate(2)}
-        self._acts = {action: ControlTemplate(action) for action in Action}
+        self._messages = TickMessages(outlets)
         self._clock = ClockTemplate()
         self._grid = TickGrid(state_rate)
         self._scheduling = Scheduling(real_time_priority)
@@ -122,9 +109,8 @@ class Engine:
         self._free_running = not real_time_factor
         self._stamps = StampClock(simulated=publish_clock)
         self._time_ns = 0
-        self._impacts = 0
-        self._commands = 0
-        self._last_act: ControlRecord | None = None
+        # The joint states of the tick that the rig stands at or moves to, once they are known
+        self._ready: tuple[Sample, bytes] | None = None
         # Between a tick and its joint states
         self._within_tick = True
         self._paused = False
@@ -163,10 +149,12 @@ class Engine:
             self._time_ns,
             self._paused,
             self._simulator.mode.name,
-            self._impacts,
+            self._messages.impacts,
             self._out.recorded,
             self._pacer.counts(),
-            ControlStatus(self._simulator.control, self._commands, self._last_act),
+            ControlStatus(
+                self._simulator.control, self._messages.commands, self._messages.last_act
+            ),
             self._scheduling.text,
         )
 
@@ -236,11 +224,16 @@ class Engine:
                 self._hold()
                 continue
             due_ns = self._grid.instant(tick + 1)
-            if not self._pacer.wait(due_ns, self._interrupted):
+            if not self._pacer.approach(due_ns, self._interrupted):
                 continue
+            # From here on nothing is asked of the rig before the tick.
             tick += 1
+            if happenings := self._move_to(due_ns):
+                last_ns = max(happening.stamp_ns for happening in happenings)
+                self._pacer.pause_until(last_ns - self._stamps.offset_ns)
+                self._emit_all(happenings)
+            self._pacer.wait(due_ns)
             self._time_ns, self._within_tick = due_ns, True
-            self._publish_events(self._simulator.advance(due_ns / 1e9))
             self._serve()
             self._publish_states()
             if self._free_running:
@@ -267,7 +260,9 @@ class Engine:
                 break
 
     def _serve(self) -> None:
-        self._requests.serve(self._time_ns)
+        if self._requests.serve(self._time_ns):
+            # They may have changed the rig, or the stamps.
+            self._ready = None
         if self._news:
             self._announce(self._news)
             self._news = ''
@@ -282,14 +277,14 @@ class Engine:
         self._record_event(event)
         if parameters is not None or control is not None:
             rig = self._simulator
-            self._publish_events(rig.change(parameters or rig.parameters, control))
+            self._emit_all(self._passed(rig.change(parameters or rig.parameters, control)))
             self._news = self._news or 'change'
             self._new_course = True
 
     def _reset(self, initial: InitialConditions) -> None:
         initial.check_within(self._simulator.parameters)
         self._simulator.reset(initial)
-        self._last_act = None
+        self._messages.last_act = None
         self._news = 'reset'
         self._new_course = True
 
@@ -314,40 +309,48 @@ class Engine:
         if self._within_tick:
             # A bag ends with a whole tick.
             stamp_ns = self.stamp_ns()
-            data = self._states.of(stamp_ns, self._simulator.sample())
+            _, data = self._joint_states(stamp_ns)
             self._out.record(self._outlets.joint_states.topic, data, stamp_ns)
         log, self._out.log = self._out.log, None
         return log
 
     # What goes out
 
+    def _move_to(self, due_ns: int) -> list[Happening]:
+        """Move the rig to the next tick; return what has to go out before its joint states."""
+        happenings = self._passed(self._simulator.advance(due_ns / 1e9))
+        self._ready = self._joint_states(self._stamps.offset_ns + due_ns)
+        return happenings
+
+    def _passed(self, events: Sequence[Event]) -> list[Happening]:
+        """Take note of what the rig has gone through; return it as messages."""
+        records = self._simulator.records
+        if events:
+            self._trace = self._trace.after(events)
+        elif not records:
+            return []
+        return self._messages.happenings(events, records, self._stamps.offset_ns)
+
+    def _joint_states(self, stamp_ns: int) -> tuple[Sample, bytes]:
+        sample = self._simulator.sample()
+        return sample, self._messages.states(stamp_ns, sample)
+
+    def _emit_all(self, happenings: Sequence[Happening]) -> None:
+        for happening in happenings:
+            self._out.emit(*happening)
+
     def _publish_states(self) -> None:
         stamp_ns = self.stamp_ns()
+        sample, data = self._ready or self._joint_states(stamp_ns)
+        self._ready = None
         self._within_tick = False
         self._publish_clock()
-        sample = self._simulator.sample()
-        self._out.emit(self._outlets.joint_states, self._states.of(stamp_ns, sample), stamp_ns)
+        self._out.emit(self._outlets.joint_states, data, stamp_ns)
         self._trace.sample(sample)
 
     def _publish_clock(self) -> None:
         if self._outlets.clock is not None:
             self._out.publish(self._outlets.clock, self._clock.of(self.stamp_ns()))
-
-    def _publish_events(self, events: Sequence[Event]) -> None:
-        if events:
-            self._trace = self._trace.after(events)
-        for event in events:
-            if event.kind is EventKind.IMPACT:
-                stamp_ns = self._stamps.offset_ns + round(event.time * 1e9)
-                data = self._impacts_at[event.stop].of(stamp_ns, event)
-                self._out.emit(self._outlets.impacts, data, stamp_ns)
-                self._impacts += 1
-        for record in self._simulator.records:
-            stamp_ns = self._stamps.offset_ns + round(record.time * 1e9)
-            data = self._acts[record.action].of(stamp_ns, record)
-            self._out.emit(self._outlets.gap_control, data, stamp_ns)
-            self._commands += record.action is Action.COMMAND
-            self._last_act = record
 
     def _announce(self, reason: str) -> None:
         """Publish all that is needed to run on from here, bit for bit."""

@@ -141,40 +141,42 @@ class Pacer:
         self._anchor_ns = self._clock()
         self._anchor_rig_ns = rig_ns
 
-    def wait(self, rig_ns: int, interrupted: Callable[[], bool]) -> bool:
+    def approach(self, rig_ns: int, interrupted: Callable[[], bool]) -> bool:
         """
-        Sleep until the tick at `rig_ns` is due, and count how late it is.
+        Sleep until an instant is no more than a nap away.
 
         Parameters
         ----------
         rig_ns : int
-            Instant of the tick in rig time.
+            The instant in rig time.
         interrupted : callable
-            Called between naps when the tick is far off; true ends the wait.
+            Called between naps; true ends the wait.
 
         Returns
         -------
         bool
             False if the wait was interrupted.
         """
-        if not self._factor:
-            self._rest_at_times()
-            self._ticks += 1
-            return True
-        elapsed = rig_ns - self._anchor_rig_ns
-        if self._factor != 1.0:
-            elapsed = round(elapsed / self._factor)
-        deadline = self._anchor_ns + elapsed
-        while (left := deadline - self._clock()) > 0:
-            if left <= NAP_NS:
-                self._sleep(left * 1e-9)
-            else:
+        if self._factor:
+            deadline = self._deadline(rig_ns)
+            while deadline - self._clock() > NAP_NS:
                 self._sleep(NAP_NS * 1e-9)
                 if interrupted():
                     return False
-        self._ticks += 1
-        self._count_lateness(-left)
         return True
+
+    def pause_until(self, rig_ns: int) -> None:
+        """Sleep until an instant of rig time, which is not that of a tick."""
+        if self._factor:
+            self._sleep_until(self._deadline(rig_ns))
+
+    def wait(self, rig_ns: int) -> None:
+        """Sleep until the tick at `rig_ns`, in rig time, is due, and count how late it is."""
+        self._ticks += 1
+        if self._factor:
+            self._count_lateness(self._sleep_until(self._deadline(rig_ns)))
+        else:
+            self._rest_at_times()
 
     def counts(self) -> PacingCounts:
         """Return what was counted; called from another thread, at a report."""
@@ -182,6 +184,19 @@ class Pacer:
         return PacingCounts(
             self._ticks, self._overruns, self._slips, self._slipped_ns, worst.lateness_ns
         )
+
+    def _deadline(self, rig_ns: int) -> int:
+        """Return the instant on the monotonic clock at which an instant of rig time is due."""
+        elapsed = rig_ns - self._anchor_rig_ns
+        if self._factor != 1.0:
+            elapsed = round(elapsed / self._factor)
+        return self._anchor_ns + elapsed
+
+    def _sleep_until(self, deadline: int) -> int:
+        """Return how late it is then, ns."""
+        while (left := deadline - self._clock()) > 0:
+            self._sleep(left * 1e-9)
+        return -left
 
     def _count_lateness(self, late_ns: int) -> None:
         worst = self._worst

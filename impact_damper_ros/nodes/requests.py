@@ -73,11 +73,13 @@ class RequestQueue:
             self._turn_away()
         return ticket
 
-    def serve(self, time_ns: int) -> None:
-        """Carry out all requests made so far, at an instant of rig time."""
+    def serve(self, time_ns: int) -> int:
+        """Carry out all requests made so far, at an instant of rig time; return how many."""
         # Not those that come in meanwhile: a flood of them must not stop the rig.
-        for _ in range(len(self._tickets)):
+        count = len(self._tickets)
+        for _ in range(count):
             self._tickets.popleft().carry_out(time_ns)
+        return count
 
     def close(self) -> None:
         """Turn away what waits, and whatever comes."""
