@@ -8,6 +8,7 @@ run is cut into pieces here either.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf
 from typing import Any, Self
 
@@ -145,6 +146,13 @@ class ControlledRig:
     def sample(self) -> Sample:
         """Return the motion at the present time, after any event at that instant."""
         return self._rig.sample()
+
+    def preview(self, times: Sequence[float]) -> list[Sample]:
+        """Return the motion at later instants, as `Simulator.preview` does; none under control."""
+        controller = self._controller
+        if self._control.active or controller.returning or controller.actuators.due is not None:
+            return []
+        return self._rig.preview(times)
 
     def advance(self, time: float, most_events: float = inf) -> list[Event]:
         """

@@ -25,14 +25,15 @@ from std_msgs.msg import String
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.nodes.engine_status import ControlStatus, EngineStatus
 from impact_damper_ros.nodes.messages import ClockTemplate
+from impact_damper_ros.nodes.motion_ahead import MotionAhead, ticks_ahead
 from impact_damper_ros.nodes.motion_trace import MotionTrace
 from impact_damper_ros.nodes.outlets import Emitter, Log, Outlets
 from impact_damper_ros.nodes.pacing import Pacer, StampClock, TickGrid
 from impact_damper_ros.nodes.requests import RequestQueue, Ticket
-from impact_damper_ros.nodes.scheduling import Scheduling
+from impact_damper_ros.nodes.scheduling import Scheduling, sleep_first_in_line
 from impact_damper_ros.nodes.serialisation import restamped, serialised
 from impact_damper_ros.nodes.tick_messages import Happening, TickMessages
-from impact_damper_ros.rig import Event, InitialConditions, RigParameters, Sample
+from impact_damper_ros.rig import InitialConditions, RigParameters
 
 __all__ = ['Engine']
 
@@ -104,18 +105,26 @@ class Engine:
         self._grid = TickGrid(state_rate)
         self._scheduling = Scheduling(real_time_priority)
         self._pacer = Pacer(
-            self._grid.instant(1), real_time_factor, on_slip=self._scheduling.give_up
+            self._grid.instant(1),
+            real_time_factor,
+            sleep=sleep_first_in_line,
+            on_slip=self._scheduling.give_up,
         )
         self._free_running = not real_time_factor
         self._stamps = StampClock(simulated=publish_clock)
         self._time_ns = 0
-        # The joint states of the tick that the rig stands at or moves to, once they are known
-        self._ready: tuple[Sample, bytes] | None = None
+        self._tick = 0
         # Between a tick and its joint states
         self._within_tick = True
         self._paused = False
         self._news = 'start'
-        self._trace = MotionTrace.at(parameters, self._simulator.snapshot())
+        self._motion = MotionAhead(
+            self._simulator,
+            self._messages,
+            self._grid,
+            MotionTrace.at(parameters, self._simulator.snapshot()),
+            ticks_ahead(self._grid.instant(1), real_time_factor),
+        )
         # The start is the first change of course.
         self._new_course = True
         self._requests = RequestQueue()
@@ -137,7 +146,7 @@ class Engine:
 
     def trace(self) -> MotionTrace:
         """Return what the rig has done since it was last changed or reset."""
-        return self._trace
+        return self._motion.trace
 
     def stamp_ns(self) -> int:
         """Return the stamp of the tick the rig stands at."""
@@ -215,7 +224,6 @@ class Engine:
 
     def _run_ticks(self) -> None:
         self._stamps.begin()
-        tick = 0
         self._pacer.anchor(0)
         self._serve()
         self._publish_states()
@@ -223,12 +231,12 @@ class Engine:
             if self._paused:
                 self._hold()
                 continue
-            due_ns = self._grid.instant(tick + 1)
+            due_ns = self._grid.instant(self._tick + 1)
             if not self._pacer.approach(due_ns, self._interrupted):
                 continue
             # From here on nothing is asked of the rig before the tick.
-            tick += 1
-            if happenings := self._move_to(due_ns):
+            self._tick += 1
+            if happenings := self._motion.move_to(self._tick, self._stamps.offset_ns):
                 last_ns = max(happening.stamp_ns for happening in happenings)
                 self._pacer.pause_until(last_ns - self._stamps.offset_ns)
                 self._emit_all(happenings)
@@ -260,9 +268,9 @@ class Engine:
                 break
 
     def _serve(self) -> None:
-        if self._requests.serve(self._time_ns):
-            # They may have changed the rig, or the stamps.
-            self._ready = None
+        if self._requests.waiting:
+            self._motion.stand_at(self._time_ns)
+            self._requests.serve(self._time_ns)
         if self._news:
             self._announce(self._news)
             self._news = ''
@@ -277,12 +285,15 @@ class Engine:
         self._record_event(event)
         if parameters is not None or control is not None:
             rig = self._simulator
-            self._emit_all(self._passed(rig.change(parameters or rig.parameters, control)))
+            self._motion.discard()
+            events = rig.change(parameters or rig.parameters, control)
+            self._emit_all(self._motion.passed(events, self._stamps.offset_ns))
             self._news = self._news or 'change'
             self._new_course = True
 
     def _reset(self, initial: InitialConditions) -> None:
         initial.check_within(self._simulator.parameters)
+        self._motion.discard()
         self._simulator.reset(initial)
         self._messages.last_act = None
         self._news = 'reset'
@@ -291,6 +302,8 @@ class Engine:
     def _pause(self, paused: bool) -> bool:
         if paused == self._paused:
             return False
+        # They have other stamps.
+        self._motion.discard()
         if paused:
             self._stamps.hold()
         else:
@@ -308,45 +321,22 @@ class Engine:
     def _stop_recording(self) -> Log | None:
         if self._within_tick:
             # A bag ends with a whole tick.
-            stamp_ns = self.stamp_ns()
-            _, data = self._joint_states(stamp_ns)
-            self._out.record(self._outlets.joint_states.topic, data, stamp_ns)
+            data = self._motion.states(self._time_ns, self._stamps.offset_ns)
+            self._out.record(self._outlets.joint_states.topic, data, self.stamp_ns())
         log, self._out.log = self._out.log, None
         return log
 
     # What goes out
-
-    def _move_to(self, due_ns: int) -> list[Happening]:
-        """Move the rig to the next tick; return what has to go out before its joint states."""
-        happenings = self._passed(self._simulator.advance(due_ns / 1e9))
-        self._ready = self._joint_states(self._stamps.offset_ns + due_ns)
-        return happenings
-
-    def _passed(self, events: Sequence[Event]) -> list[Happening]:
-        """Take note of what the rig has gone through; return it as messages."""
-        records = self._simulator.records
-        if events:
-            self._trace = self._trace.after(events)
-        elif not records:
-            return []
-        return self._messages.happenings(events, records, self._stamps.offset_ns)
-
-    def _joint_states(self, stamp_ns: int) -> tuple[Sample, bytes]:
-        sample = self._simulator.sample()
-        return sample, self._messages.states(stamp_ns, sample)
 
     def _emit_all(self, happenings: Sequence[Happening]) -> None:
         for happening in happenings:
             self._out.emit(*happening)
 
     def _publish_states(self) -> None:
-        stamp_ns = self.stamp_ns()
-        sample, data = self._ready or self._joint_states(stamp_ns)
-        self._ready = None
+        data = self._motion.take_states(self._time_ns, self._stamps.offset_ns)
         self._within_tick = False
         self._publish_clock()
-        self._out.emit(self._outlets.joint_states, data, stamp_ns)
-        self._trace.sample(sample)
+        self._out.emit(self._outlets.joint_states, data, self.stamp_ns())
 
     def _publish_clock(self) -> None:
         if self._outlets.clock is not None:
@@ -365,7 +355,7 @@ class Engine:
         self._out.emit(self._outlets.snapshot, serialised(String(data=text)), self.stamp_ns())
         if self._new_course:
             self._new_course = False
-            self._trace = MotionTrace.at(self._simulator.parameters, snapshot['state'])
+            self._motion.trace = MotionTrace.at(self._simulator.parameters, snapshot['state'])
             self._on_course(text)
 
     def _record_event(self, event: bytes) -> None:

@@ -44,11 +44,6 @@ class MotionMonitor:
         Is asked again if the rig settles into a motion that it has not thought of.
     state_rate : float
         Samples per second of rig time.
-
-    Attributes
-    ----------
-    overdue : bool
-        Whether somebody wanted to look so soon after the last time that it was put off.
     """
 
     def __init__(
@@ -59,19 +54,17 @@ class MotionMonitor:
         self._predictor = predictor
         self._state_rate = state_rate
         self._looked = 0.0
-        self.overdue = False
         # What has been asked for again, of which course and worker
         self._asked_of = (0, 0)
         self._asked: set[tuple[tuple[int, ...], int]] = set()
 
     def may_look(self, period: float) -> bool:
-        """Return whether the last look was so long ago, s; else it is overdue from now on."""
-        self.overdue = time.monotonic() - self._looked < period
-        return not self.overdue
+        """Return whether the last look was at least so long ago, s."""
+        return time.monotonic() - self._looked >= period
 
     def look(self) -> list[MotionReport]:
         """Return how the rig moves, and how it should."""
-        self._looked, self.overdue = time.monotonic(), False
+        self._looked = time.monotonic()
         # In this order: of a newer course there can be no rhythm yet to take for the older one's.
         status = self._predictor.status()
         measured = measure(self._trace(), self._state_rate)

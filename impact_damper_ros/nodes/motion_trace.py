@@ -83,8 +83,11 @@ class MotionTrace:
         return trace
 
     def sample(self, sample: Sample) -> None:
-        """Take the next sample."""
-        last, self._last = self._last, sample
+        """Take the next sample; one that was taken before is left alone."""
+        last = self._last
+        if last is not None and sample.time <= last.time:
+            return
+        self._last = sample
         if last is None:
             self._passed = ()
         elif self._passed or last.primary_velocity * sample.primary_velocity < 0.0:

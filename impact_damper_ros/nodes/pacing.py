@@ -200,7 +200,8 @@ class Pacer:
 
     def _count_lateness(self, late_ns: int) -> None:
         worst = self._worst
-        worst.lateness_ns = max(worst.lateness_ns, late_ns)
+        if late_ns > worst.lateness_ns:
+            worst.lateness_ns = late_ns
         if late_ns > self._late_after_ns:
             self._overruns += 1
         if late_ns > CATCH_UP_NS:

@@ -131,6 +131,8 @@ class Predictor:
         Whether to predict.
     command : sequence of str, optional
         What starts the worker.
+    on_thread : callable, optional
+        Called first of all in each thread of the predictor.
     """
 
     def __init__(
@@ -140,11 +142,13 @@ class Predictor:
         *,
         enabled: bool = True,
         command: Sequence[str] = (sys.executable, '-m', WORKER),
+        on_thread: Callable[[], object] = lambda: None,
     ) -> None:
         """Start no process yet."""
         self._on_answer = on_answer
         self._warn = warn
         self._command = list(command)
+        self._on_thread = on_thread
         self._enabled = enabled
         # Number and snapshot of the newest course; written by `ask` alone
         self._course, self._snapshot = 0, ''
@@ -234,6 +238,7 @@ class Predictor:
     # The predictor's thread
 
     def _run(self) -> None:
+        self._on_thread()
         while not self._closing:
             wait = None
             if self._worker is None and self._enabled and self._course:
@@ -281,6 +286,7 @@ class Predictor:
 
     def _read(self, worker: _Worker) -> None:
         """Take answers, in a thread of their own."""
+        self._on_thread()
         try:
             for line in worker.answers():
                 answer = Answer.from_line(line)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.nodes.diagnostics import RecordingStatus
@@ -30,10 +31,19 @@ class Recorder:
         The topics.
     node_name : str
         Fully qualified. The bag's notes tell it, and which topic is which after remapping.
+    on_failure : callable
+        Called from another thread when a recording fails.
     """
 
-    def __init__(self, engine: Engine, outlets: Outlets, node_name: str) -> None:
+    def __init__(
+        self,
+        engine: Engine,
+        outlets: Outlets,
+        node_name: str,
+        on_failure: Callable[[], object],
+    ) -> None:
         """Record nothing so far."""
+        self._on_failure = on_failure
         self._engine = engine
         self._outlets = outlets
         self._notes = {
@@ -67,7 +77,9 @@ class Recorder:
             # Left from a request that another part of the node rejected.
             self._writer.close()
             self._writer = None
-        self._writer = RunWriter.new_run(parent, self._topics(), custom=self._notes)
+        self._writer = RunWriter.new_run(
+            parent, self._topics(), custom=self._notes, on_error=self._on_failure
+        )
         self._error = ''
 
     def begin(self, dump: bytes) -> None:

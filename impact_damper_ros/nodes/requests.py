@@ -73,13 +73,16 @@ class RequestQueue:
             self._turn_away()
         return ticket
 
-    def serve(self, time_ns: int) -> int:
-        """Carry out all requests made so far, at an instant of rig time; return how many."""
+    @property
+    def waiting(self) -> bool:
+        """Whether there is anything to carry out."""
+        return bool(self._tickets)
+
+    def serve(self, time_ns: int) -> None:
+        """Carry out all requests made so far, at an instant of rig time."""
         # Not those that come in meanwhile: a flood of them must not stop the rig.
-        count = len(self._tickets)
-        for _ in range(count):
+        for _ in range(len(self._tickets)):
             self._tickets.popleft().carry_out(time_ns)
-        return count
 
     def close(self) -> None:
         """Turn away what waits, and whatever comes."""

@@ -44,16 +44,18 @@ from impact_damper_ros.nodes.rig_parameters import (
     descriptor,
     parameters_from_overrides,
 )
-from impact_damper_ros.nodes.scheduling import Scheduling, priority_of_others
+from impact_damper_ros.nodes.scheduling import (
+    SWITCH_INTERVAL_S,
+    Scheduling,
+    priority_of_others,
+)
 from impact_damper_ros.nodes.serialisation import serialised
 
 __all__ = ['SimNode', 'main']
 
-#: A thread that waits for the interpreter gets it after this time, not after 5 ms.
-SWITCH_INTERVAL_S = 2e-4
 REPORT_PERIOD_S = 1.0
-#: Also the least time between reports that new predictions set off.
-WATCH_PERIOD_S = 0.25
+#: Least time between reports that new predictions set off.
+MOTION_PERIOD_S = 0.25
 #: Longest wait of a service call for the engine.
 ANSWER_TIMEOUT_S = 2.0
 
@@ -82,14 +84,16 @@ class SimNode(Node):
         outlets = self._advertise(parameters)
         self._failed = self.create_guard_condition(lambda: None)
         self._predicted = self.create_guard_condition(self._report_motion)
+        priority = parameters.real_time_priority if parameters.real_time_factor else 0
+        of_others = priority_of_others(priority)
         self._predictor = Predictor(
             self._predicted.trigger,
             self.get_logger().warning,
             enabled=parameters.predict_motion,
+            # Not for the process that predicts
+            on_thread=Scheduling(of_others, inherited=False).take,
         )
-        # The predicting process comes from a thread that exists by now, and has no priority.
-        priority = parameters.real_time_priority if parameters.real_time_factor else 0
-        Scheduling(priority_of_others(priority)).take()
+        Scheduling(of_others).take()
         self.engine = Engine(
             parameters.rig,
             parameters.initial,
@@ -104,7 +108,10 @@ class SimNode(Node):
             real_time_priority=priority,
         )
         self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
-        self._recorder = Recorder(self.engine, outlets, self.get_fully_qualified_name())
+        broken = self.create_guard_condition(self._end_broken_recording)
+        self._recorder = Recorder(
+            self.engine, outlets, self.get_fully_qualified_name(), broken.trigger
+        )
         self._live = LiveParameters(parameters, prepare=self._prepare, apply=self._apply)
         self._live.attach(self)
         self._diagnostics = Diagnostics(
@@ -113,7 +120,10 @@ class SimNode(Node):
         # Reports come in wall time, also when the node's clock is a simulated or stopped one.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPORT_PERIOD_S, self._report, clock=steady)
-        self.create_timer(WATCH_PERIOD_S, self._watch, clock=steady)
+        # Runs while a report is overdue. The executor takes half a millisecond of the interpreter
+        # each time that it wakes up, which the rig may have to wait for.
+        self._overdue = self.create_timer(MOTION_PERIOD_S, self._report_motion, clock=steady)
+        self._overdue.cancel()
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         if parameters.record:
@@ -248,25 +258,27 @@ class SimNode(Node):
         engine = self.engine.status()
         recording = self._recorder.status(engine.recorded)
         motion = self._monitor.look()
+        self._overdue.cancel()
         self._publish_report(
             self._diagnostics.report(self.engine.stamp_ns(), engine, recording, motion)
         )
 
     def _report_motion(self) -> None:
         """Report what has been predicted at once, or a little later than the last report."""
-        if self._monitor.may_look(WATCH_PERIOD_S):
+        if self._monitor.may_look(MOTION_PERIOD_S):
+            self._overdue.cancel()
             self._publish_report(
                 self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
             )
+        else:
+            self._overdue.reset()
 
     def _publish_report(self, array: DiagnosticArray) -> None:
         report = serialised(array)
         self._diagnostics_publisher.publish(report)
         self.engine.record_diagnostics(report)
 
-    def _watch(self) -> None:
-        if self._monitor.overdue:
-            self._report_motion()
+    def _end_broken_recording(self) -> None:
         if self._live.now.record and (error := self._recorder.failure()):
             self.get_logger().error(f'{error}; the rig runs on, record is false again')
             self.set_parameters([Parameter('record', Parameter.Type.BOOL, False)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -18,8 +18,10 @@ from .topic import Topic
 
 __all__ = ['RunWriter']
 
-#: The writer thread looks at the queue this many times per flush period.
+#: Times per flush period that the writer thread looks at the queue while much comes in.
 _POLLS = 10
+#: Messages found at once that are much. A thread that wakes up seldom costs less.
+_MUCH = 1000
 #: Messages taken from the queue between two looks at the clock.
 _BATCH = 500
 _LATEST_STAMP = 2**63 - 1
@@ -49,6 +51,8 @@ class RunWriter:
     queue_limit : int, default 200000
         Messages that may wait; more are dropped and counted. A run that is simulated as fast as
         possible should pause while `backlog` is large.
+    on_error : callable, optional
+        Called, from any thread, once `error` is set; what it raises is ignored.
 
     Raises
     ------
@@ -68,6 +72,7 @@ class RunWriter:
         sync_period: float = 5.0,
         custom: Mapping[str, str] | None = None,
         queue_limit: int = 200_000,
+        on_error: Callable[[], object] = lambda: None,
     ) -> None:
         if len({topic.name for topic in topics}) < len(topics):
             raise ValueError('two topics have the same name; each may be given once')
@@ -80,8 +85,8 @@ class RunWriter:
         for index, topic in enumerate(topics):
             self._channels[index] = self._channels[topic.name] = index
         self._poll_period = flush_period / _POLLS
-        # A message waits for one look at the queue and the rest of a flush interval; a second
-        # look is kept in reserve for a busy machine.
+        # A message waits for the rest of a flush interval; two looks at the queue are kept in
+        # reserve for a busy machine.
         self._flush_interval = flush_period - 2 * self._poll_period
         self._sync_period = sync_period
         self._queue: deque[tuple[int | str, bytes, int]] = deque()
@@ -90,6 +95,7 @@ class RunWriter:
         self._lock = threading.Lock()
         self._dropped = 0
         self._drop_reason: str | None = None
+        self._on_error = on_error
         self._error: RecordingError | None = None
         self._summary: BagSummary | None = None
         self._closing = threading.RLock()
@@ -108,6 +114,7 @@ class RunWriter:
         topics: Sequence[Topic],
         *,
         custom: Mapping[str, str] | None = None,
+        on_error: Callable[[], object] = lambda: None,
     ) -> Self:
         """
         Start recording to a new directory ``parent/run_<date>_<time>``.
@@ -119,7 +126,7 @@ class RunWriter:
         """
         directory = create_run_directory(parent)
         try:
-            return cls(directory, topics, custom=custom)
+            return cls(directory, topics, custom=custom, on_error=on_error)
         except Exception:
             with suppress(OSError):
                 directory.rmdir()
@@ -239,6 +246,8 @@ class RunWriter:
                 cause = f'{type(error).__name__}: {error}'
                 error = RecordingError('go on recording to', self.path, cause)
             self._error = error
+            with suppress(Exception):
+                self._on_error()
         self._stop.set()
 
     def _finish(self) -> None:
@@ -262,20 +271,26 @@ class RunWriter:
         try:
             flushed = time.monotonic()
             dirty = False
+            pause = self._poll_period
             while True:
-                stopping = self._stop.wait(self._poll_period)
+                stopping = self._stop.wait(pause)
                 if self._error is not None:
                     break
+                found = len(self._queue)
                 while self._queue:
                     dirty = self._take(min(len(self._queue), _BATCH)) or dirty
                     if dirty and time.monotonic() - flushed >= self._flush_interval:
                         self._file.flush()
                         flushed, dirty = time.monotonic(), False
-                if dirty and time.monotonic() - flushed >= self._flush_interval:
-                    self._file.flush()
+                left = flushed + self._flush_interval - time.monotonic()
+                if left <= 0.0:
+                    if dirty:
+                        self._file.flush()
                     flushed, dirty = time.monotonic(), False
+                    left = self._flush_interval
                 if stopping:
                     break
+                pause = self._poll_period if found > _MUCH else left
         except Exception as error:
             self._fail(error)
 

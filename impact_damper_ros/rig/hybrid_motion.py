@@ -7,6 +7,7 @@ depend on the sampling rate or on how a run is cut into pieces, to the last bit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf, nextafter, ulp
 from typing import Any
 
@@ -274,15 +275,40 @@ class HybridMotion:
 
     def sample(self) -> Sample:
         """Return the motion at the present time, after any event at that instant."""
+        return self._sample_at(self._time)
+
+    def preview(self, times: Sequence[float]) -> list[Sample]:
+        """
+        Return the motion at later instants, as many of the first ones as the present flight lasts.
+
+        Parameters
+        ----------
+        times : sequence of float
+            Ascending, s; not before the present time.
+
+        Returns
+        -------
+        list of Sample
+            To the last bit what `sample` returns once the rig has been advanced to each of them,
+            if nobody does anything to it before; often fewer than asked for, or none.
+        """
+        last = max(times, default=-inf)
+        if self._due == inf and last >= self._clear:
+            self._search(last)
+        until = min(self._due, self._step_due)
+        return [self._sample_at(time) for time in times if time < until]
+
+    def _sample_at(self, time: float) -> Sample:
+        """Return the motion at an instant of the present flight."""
         origin, flight = self._origin, self._flight
-        tau = max(0.0, self._tau(self._time))
+        tau = max(0.0, self._tau(time))
         motion = motion_at(flight, tau)
         place = placed(origin, flight, tau, motion.travel)
         _, _, stop_1, stop_2 = place
         speed = 0.0 if flight.joint else motion.relative_velocity
         x, velocity = motion.x, motion.velocity
         return Sample(
-            self._time,
+            time,
             x,
             velocity,
             x + offset_of(*place),

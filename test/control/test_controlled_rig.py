@@ -36,6 +36,8 @@ def test_off_is_the_simulator_bit_for_bit(seed):
         # A stop that had to follow m is told of, too.
         assert {r.action for r in rig.records} <= {Action.ARRIVED}
         assert rig.sample() == plain.sample()
+        times = [time + 0.01 * i for i in range(5)]
+        assert rig.preview(times) == plain.preview(times)
         assert (rig.mode, rig.stops, rig.parameters) == (plain.mode, plain.stops, plain.parameters)
         changed = plain.parameters.replace(gap=rng.uniform(0.5, 3.0), gravity=rng.uniform(0, 2))
         assert rig.change(changed) == plain.change(changed)
@@ -87,6 +89,23 @@ def test_continues_from_a_snapshot_bit_for_bit(seed):
             other = random_control(rng)
             assert rig.change(rig.parameters, other) == twin.change(twin.parameters, other)
     assert rig.time > 5.0
+
+
+def test_nothing_is_foretold_until_the_stops_are_back_for_good():
+    rig = ControlledRig(TRIAL, control=control('timed', actuator_delay=0.4, actuator_speed=5.0))
+    rig.advance(30.0)
+    assert rig.preview([rig.time]) == []
+    rig.change(rig.parameters, control('off', actuator_delay=0.4, actuator_speed=5.0))
+    instants = []
+    for k in range(1, 400):
+        rig.advance(30.0 + 0.05 * k)
+        if rig.preview([rig.time]):
+            instants.append(k)
+            assert rig.preview([rig.time]) == [rig.sample()]
+        elif rig.records:
+            assert not instants
+    assert instants
+    assert instants[0] > 1
 
 
 def test_snapshots_are_taken_in_the_middle_of_moves_and_of_delays():

@@ -39,7 +39,7 @@ def priorities(process='self'):
     return sorted(
         os.sched_getparam(task).sched_priority
         for task in tasks
-        if os.sched_getscheduler(task) == os.SCHED_FIFO
+        if os.sched_getscheduler(task) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
     )
 
 
@@ -59,6 +59,16 @@ def test_a_priority_is_taken_where_it_is_permitted_and_given_up_for_good():
     else:
         assert taken == given_up == f'{ORDINARY}: no permission for SCHED_FIFO 2'
     assert policy == os.SCHED_OTHER
+
+
+def test_what_is_not_inherited():
+    def take():
+        Scheduling(2, inherited=False).take()
+        return priorities(), in_a_thread(lambda: os.sched_getscheduler(0))
+
+    taken, of_a_child = in_a_thread(take)
+    assert taken == ([2] if permitted() else [])
+    assert of_a_child == os.SCHED_OTHER
 
 
 def test_none_is_asked_for():
@@ -83,14 +93,14 @@ def test_the_engine_takes_the_priority_that_it_is_given(priority):
         assert fifo == []
 
 
-@pytest.mark.parametrize(('factor', 'expected'), [(1.0, [1, 1, 1, 2]), (0.0, [])])
+@pytest.mark.parametrize(('factor', 'expected'), [(1.0, [1, 1, 1, 1, 2]), (0.0, [])])
 def test_the_threads_of_a_paced_node(client, launch, namespace, factor, expected):
     states = client.listen(JointState, f'{namespace}/joint_states')
     process = launch(
         f'__ns:={namespace}', record=True, predict_motion=False, real_time_factor=factor
     )
     until(lambda: len(states) > 2, lambda: process.output)
-    # Executor, writer and its synchronisation, and the engine
+    # Executor, predictor, writer and its synchronisation, and the engine
     assert priorities(process.pid) == (expected if permitted() else [])
     assert process.stop() == 0, process.output
 

@@ -54,8 +54,10 @@ def noise() -> str:
 
 def test_full_disk(small_disk: Path, tmp_path: Path) -> None:
     bag = small_disk / 'run'
-    writer = RunWriter(bag, [NOTE], flush_period=0.05)
+    told: list[RecordingError | None] = []
+    writer = RunWriter(bag, [NOTE], flush_period=0.05, on_error=lambda: told.append(writer.error))
     count = record_until_full(writer)
+    assert told == [writer.error]
     for _ in range(10):
         assert not writer.write('/note', b'', 0)
     summary = writer.close()
