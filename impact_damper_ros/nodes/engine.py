@@ -232,20 +232,26 @@ class Engine:
                 self._hold()
                 continue
             due_ns = self._grid.instant(self._tick + 1)
-            if not self._pacer.approach(due_ns, self._interrupted):
+            if not self._motion.known and not self._move_to(due_ns):
                 continue
             # From here on nothing is asked of the rig before the tick.
             self._tick += 1
-            if happenings := self._motion.move_to(self._tick, self._stamps.offset_ns):
-                last_ns = max(happening.stamp_ns for happening in happenings)
-                self._pacer.pause_until(last_ns - self._stamps.offset_ns)
-                self._emit_all(happenings)
             self._pacer.wait(due_ns)
             self._time_ns, self._within_tick = due_ns, True
             self._serve()
             self._publish_states()
             if self._free_running:
                 self._wait_for_log()
+
+    def _move_to(self, due_ns: int) -> bool:
+        """Move the rig to the next tick and send what happens on the way, or be interrupted."""
+        if not self._pacer.approach(due_ns, self._interrupted):
+            return False
+        if happenings := self._motion.move_to(self._tick + 1, self._stamps.offset_ns):
+            last_ns = max(happening.stamp_ns for happening in happenings)
+            self._pacer.pause_until(last_ns - self._stamps.offset_ns)
+            self._emit_all(happenings)
+        return True
 
     def _interrupted(self) -> bool:
         self._serve()

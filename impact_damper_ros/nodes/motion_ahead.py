@@ -20,7 +20,8 @@ from impact_damper_ros.rig import Event, Sample
 
 __all__ = ['MotionAhead', 'ticks_ahead']
 
-#: Joint states are made for so much wall time ahead, and for so many ticks at most.
+#: Joint states are made for so much wall time ahead, no longer than a nap of the pacer, and for so
+#: many ticks at most.
 SPAN_NS = 20_000_000
 MOST_TICKS = 20
 #: The same after an event, when the search for the next one has taken some of the time.
@@ -67,6 +68,8 @@ class MotionAhead:
     trace : MotionTrace
         What the rig has done since it was last changed or reset, and will have done by the last
         tick that is known; to be replaced at a change.
+    known : deque of bytes
+        Joint states of the next ticks, as far as they are known.
     """
 
     def __init__(
@@ -83,12 +86,11 @@ class MotionAhead:
         self._messages = messages
         self._grid = grid
         self._most = most
-        # Joint states of the next ticks
-        self._known: deque[bytes] = deque()
+        self.known: deque[bytes] = deque()
 
     def move_to(self, tick: int, offset_ns: int) -> list[Happening]:
         """
-        Move the rig to the next tick.
+        Move the rig to the next tick, whose joint states are not known.
 
         Parameters
         ----------
@@ -102,8 +104,6 @@ class MotionAhead:
         list of Happening
             What has to go out before the joint states of that tick.
         """
-        if self._known:
-            return []
         events = self._rig.advance(self._grid.instant(tick) / 1e9)
         happenings = self.passed(events, offset_ns)
         self._look_ahead(tick, offset_ns, min(self._most, AFTER_EVENT) if events else self._most)
@@ -117,7 +117,7 @@ class MotionAhead:
 
     def take_states(self, time_ns: int, offset_ns: int) -> bytes:
         """Return the joint states of the tick that is due, at an instant of rig time, once."""
-        return self._known.popleft() if self._known else self.states(time_ns, offset_ns)
+        return self.known.popleft() if self.known else self.states(time_ns, offset_ns)
 
     def states(self, time_ns: int, offset_ns: int) -> bytes:
         """Return the joint states of the tick at which the rig stands, made anew."""
@@ -131,14 +131,14 @@ class MotionAhead:
 
     def discard(self) -> None:
         """Forget the joint states that are known: the rig or the stamps are about to change."""
-        self._known.clear()
+        self.known.clear()
 
     def _look_ahead(self, tick: int, offset_ns: int, most: int) -> None:
         """Make the joint states of the tick at which the rig stands, and more as far as known."""
         instants = [self._grid.instant(tick + i) for i in range(most)]
         samples = self._rig.preview([instant / 1e9 for instant in instants])
         for instant, sample in zip(instants, samples or [self._rig.sample()], strict=False):
-            self._known.append(self._message(offset_ns + instant, sample))
+            self.known.append(self._message(offset_ns + instant, sample))
 
     def _message(self, stamp_ns: int, sample: Sample) -> bytes:
         self.trace.sample(sample)

@@ -22,12 +22,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 __all__ = [
+    'NS_PER_S',
     'ORIGIN',
+    'STAMP',
     'SerialisationError',
     'Walk',
     'restamped',
     'serialised',
-    'stamp_into',
     'time_from_ns',
 ]
 
@@ -35,7 +36,8 @@ NS_PER_S = 1_000_000_000
 #: CDR: a message begins after the four bytes that name the encoding; alignment counts from there.
 ORIGIN = 4
 _LITTLE_ENDIAN = b'\x00\x01'
-_STAMP = struct.Struct('<iI')
+#: Of a builtin_interfaces/Time
+STAMP = struct.Struct('<iI')
 _COUNT = struct.Struct('<I')
 
 # A field is the name of a method of `Walk`; a list is a sequence of its entries.
@@ -68,15 +70,10 @@ def serialised(message: Any) -> bytes:
     return bytes(Walk(message).buffer)
 
 
-def stamp_into(buffer: bytearray, stamp_ns: int) -> None:
-    """Stamp a serialised message, of a type that begins with its stamp, in place."""
-    _STAMP.pack_into(buffer, ORIGIN, *divmod(stamp_ns, NS_PER_S))
-
-
 def restamped(data: bytes, stamp_ns: int) -> bytes:
     """Return a serialised message, of a type that begins with its stamp, stamped anew."""
     buffer = bytearray(data)
-    stamp_into(buffer, stamp_ns)
+    STAMP.pack_into(buffer, ORIGIN, *divmod(stamp_ns, NS_PER_S))
     return bytes(buffer)
 
 
@@ -136,7 +133,7 @@ class Walk:
         return int(count)
 
     def _stamp(self) -> None:
-        self._at += _STAMP.size
+        self._at += STAMP.size
 
     def _byte(self) -> None:
         self._at += 1
