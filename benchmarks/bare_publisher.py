@@ -5,12 +5,16 @@ It publishes the same message with the same quality of service at the same rate,
 nothing. `thread` paces by a thread with absolute deadlines on the monotonic clock, `timer` by an
 rclpy timer, as most people would write it. `bytes` is `thread` without the serialisation: it
 fills stamp and one number into bytes that it has, which is the least that a publisher can do.
+`first` is `bytes` with the real-time priority that the node takes, where it is permitted: what it
+is late by is the machine's doing.
 
     python benchmarks/bare_publisher.py thread 1000
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
 import struct
 import sys
 import threading
@@ -28,6 +32,8 @@ JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 STAMP, NUMBER = struct.Struct('<iI'), struct.Struct('<d')
 # Found again in the serialised message
 MARK = 1.2345
+#: That of the node, if nothing else is asked for
+PRIORITY = 2
 
 
 class BarePublisher(Node):
@@ -36,8 +42,8 @@ class BarePublisher(Node):
 
     Parameters
     ----------
-    pace : {'thread', 'timer', 'bytes'}
-        What paces it, and whether it serialises.
+    pace : {'thread', 'timer', 'bytes', 'first'}
+        What paces it, whether it serialises, and how it is scheduled.
     rate : float
         Messages per second.
     """
@@ -56,8 +62,9 @@ class BarePublisher(Node):
         if pace == 'timer':
             self.create_timer(self.period_ns * 1e-9, self.publish)
         else:
-            publish = self.publish_bytes if pace == 'bytes' else self.publish
-            threading.Thread(target=self.pace, args=(publish,), daemon=True).start()
+            publish = self.publish if pace == 'thread' else self.publish_bytes
+            priority = PRIORITY if pace == 'first' else 0
+            threading.Thread(target=self.pace, args=(publish, priority), daemon=True).start()
 
     def publish_bytes(self) -> None:
         """Publish one message that is serialised but for its stamp and first position."""
@@ -76,8 +83,11 @@ class BarePublisher(Node):
         self.message.velocity = [x, 0.3, x, x]
         self.out.publish(self.message)
 
-    def pace(self, publish: Callable[[], None]) -> None:
+    def pace(self, publish: Callable[[], None], priority: int) -> None:
         """Publish at absolute deadlines."""
+        if priority:
+            with contextlib.suppress(PermissionError):
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
         deadline_ns = time.monotonic_ns()
         while self.going:
             deadline_ns += self.period_ns
@@ -94,8 +104,8 @@ class BarePublisher(Node):
 def main() -> int:
     """Publish until told to end."""
     pace, rate = sys.argv[1], float(sys.argv[2])
-    if pace not in ('thread', 'timer', 'bytes'):
-        raise SystemExit(f'unknown pace {pace!r}: thread, timer or bytes')
+    if pace not in ('thread', 'timer', 'bytes', 'first'):
+        raise SystemExit(f'unknown pace {pace!r}: thread, timer, bytes or first')
     rclpy.init()
     node = BarePublisher(pace, rate)
     try:

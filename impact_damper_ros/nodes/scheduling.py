@@ -29,6 +29,7 @@ import time
 __all__ = [
     'ORDINARY',
     'SWITCH_INTERVAL_S',
+    'WAKING_INTERVAL_S',
     'Scheduling',
     'priority_of_others',
     'sleep_first_in_line',

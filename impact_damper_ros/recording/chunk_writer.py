@@ -90,7 +90,8 @@ class ChunkWriter:
         self._compressor = zstandard.ZstdCompressor()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
+        # Records for the summary, as bytes: there are thousands in a long run.
+        self._chunks: list[bytes] = []
         self._metadata: list[MetadataIndex] = []
         # Messages by channel, in the order in which the channels had their first ones
         self._counts: dict[int, int] = {}
@@ -198,7 +199,7 @@ class ChunkWriter:
             )
             self._counts[channel] = self._counts.get(channel, 0) + len(entries) // 2
         self._output.write(b''.join(indices))
-        self._chunks.append(
+        index = _bytes_of(
             ChunkIndex(
                 message_start_time=first,
                 message_end_time=last,
@@ -211,6 +212,7 @@ class ChunkWriter:
                 uncompressed_size=len(content),
             )
         )
+        self._chunks.append(index)
         self._begin_chunk()
 
     def finish(self) -> None:
@@ -229,24 +231,23 @@ class ChunkWriter:
             message_end_time=self._last,
             schema_count=len(self._schemas),
         )
-        groups: tuple[tuple[Opcode, list[McapRecord]], ...] = (
-            (Opcode.SCHEMA, [*self._schemas]),
-            (Opcode.CHANNEL, [*self._channels]),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, [*self._chunks]),
-            (Opcode.ATTACHMENT_INDEX, []),
-            (Opcode.METADATA_INDEX, [*self._metadata]),
+        groups = (
+            (Opcode.SCHEMA, _bytes_of(*self._schemas)),
+            (Opcode.CHANNEL, _bytes_of(*self._channels)),
+            (Opcode.STATISTICS, _bytes_of(statistics)),
+            (Opcode.CHUNK_INDEX, b''.join(self._chunks)),
+            (Opcode.ATTACHMENT_INDEX, b''),
+            (Opcode.METADATA_INDEX, _bytes_of(*self._metadata)),
         )
-        parts = []
         offsets: list[McapRecord] = []
         offset = start
-        for opcode, records in groups:
-            parts.append(_bytes_of(*records))
-            length = len(parts[-1])
+        for opcode, content in groups:
+            length = len(content)
             offsets.append(
                 SummaryOffset(group_opcode=opcode, group_start=offset, group_length=length)
             )
             offset += length
+        parts = [content for _, content in groups]
         summary = b''.join((*parts, _bytes_of(*offsets)))
         head = _FOOTER_HEAD.pack(Opcode.FOOTER, _FOOTER_LENGTH, start, offset)
         crc = zlib.crc32(head, zlib.crc32(summary))

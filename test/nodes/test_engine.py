@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from impact_damper_ros.nodes.engine import LOG_BACKLOG, Engine
+from impact_damper_ros.nodes.motion_ahead import ticks_ahead
 from impact_damper_ros.nodes.outlets import Outlet, Outlets
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 
@@ -202,6 +203,22 @@ def test_a_change_takes_effect_at_the_instant_recorded():
         assert position == [sample.x, sample.z, sample.stop_1, sample.stop_2]
     reasons = [json.loads(m.data)['reason'] for m in bench.messages('snapshot')]
     assert reasons == ['record', 'start', 'change']
+
+
+@pytest.mark.parametrize(
+    ('period_ns', 'factor', 'ticks'),
+    [
+        (1_000_000, 1.0, 20),
+        (5_000_000, 1.0, 4),
+        (20_000_000, 1.0, 1),
+        (1_000_000_000, 1.0, 1),
+        (10_000_000, 20.0, 20),
+        (1_000_000, 0.001, 1),
+        (1_000_000, 0.0, 20),
+    ],
+)
+def test_ticks_are_made_ahead_where_they_come_thick_and_fast(period_ns, factor, ticks):
+    assert ticks_ahead(period_ns, factor) == ticks
 
 
 def test_what_is_recorded_is_what_is_published():

@@ -1,6 +1,7 @@
 """The thread that moves the rig is scheduled in real time where permitted, or says why not."""
 
 import os
+import sys
 import threading
 from pathlib import Path
 
@@ -8,7 +9,13 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from impact_damper_ros.nodes.pacing import CATCH_UP_NS, Pacer
-from impact_damper_ros.nodes.scheduling import ORDINARY, Scheduling
+from impact_damper_ros.nodes.scheduling import (
+    ORDINARY,
+    SWITCH_INTERVAL_S,
+    WAKING_INTERVAL_S,
+    Scheduling,
+    sleep_first_in_line,
+)
 from nodes.rig_client import until
 from nodes.test_engine import Bench
 
@@ -103,6 +110,19 @@ def test_the_threads_of_a_paced_node(client, launch, namespace, factor, expected
     # Executor, predictor, writer and its synchronisation, and the engine
     assert priorities(process.pid) == (expected if permitted() else [])
     assert process.stop() == 0, process.output
+
+
+def test_who_sleeps_first_in_line_is_given_the_interpreter_soon():
+    before = sys.getswitchinterval()
+    try:
+        thread = threading.Thread(target=sleep_first_in_line, args=(1.0,))
+        thread.start()
+        until(lambda: sys.getswitchinterval() == pytest.approx(WAKING_INTERVAL_S))
+        assert thread.is_alive()
+        thread.join()
+        assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
+    finally:
+        sys.setswitchinterval(before)
 
 
 def test_a_slip_is_told_in_the_waiting_thread():

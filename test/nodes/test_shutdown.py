@@ -79,10 +79,10 @@ from impact_damper_ros.rig import Simulator
 
 advance = Simulator.advance
 
-def fail_later(rig, time):
+def fail_later(rig, time, *others):
     if time > 0.5:
         raise ArithmeticError('no first root')
-    return advance(rig, time)
+    return advance(rig, time, *others)
 
 Simulator.advance = fail_later
 sys.exit(sim_node.main())
@@ -97,5 +97,5 @@ def test_a_failed_engine_is_reported_and_the_bag_finished(launch, namespace, tmp
     reader = RunReader(run_directory(tmp_path / 'process_0'))
     assert reader.complete
     counts = {name: topic.message_count for name, topic in reader.topics.items()}
-    # The samples at 0, 5, ... 500 ms.
-    assert counts[f'{namespace}/joint_states'] == 101
+    # The samples at 0, 5, ... 500 ms; those of three more ticks may have been known before.
+    assert 101 <= counts[f'{namespace}/joint_states'] <= 104
