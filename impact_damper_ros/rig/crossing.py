@@ -21,7 +21,7 @@ from .origin import Origin, with_side
 from .oscillator import Oscillator, derivative_bound
 from .phase import advance_time
 
-__all__ = ['CrossingWatch', 'first_crossing', 'sided', 'starting_side']
+__all__ = ['CrossingWatch', 'first_crossing', 'has_side', 'sided', 'starting_side']
 
 _EPSILON = 2.220446049250313e-16
 # Where X is smaller than this part of its scale, it is left to the watch to tell its side.
@@ -150,6 +150,15 @@ def _side_at(origin: Origin, flight: Flight, instant: float) -> int:
     return side
 
 
+@kernel(inline=True)
+def has_side(oscillator: Oscillator, origin: Origin) -> bool:
+    """Return whether X tells its own side; see `sided`."""
+    scale = abs(origin.velocity) * oscillator.horizon
+    for j in range(len(oscillator.forces)):
+        scale += abs(oscillator.forces[j]) / oscillator.omega_squared
+    return abs(origin.x) > _NEAR_ZERO * scale
+
+
 @kernel
 def sided(oscillator: Oscillator, before: Origin, flight: Flight, origin: Origin) -> Origin:
     """
@@ -164,10 +173,7 @@ def sided(oscillator: Oscillator, before: Origin, flight: Flight, origin: Origin
     origin : Origin
         The state after whatever ends it, X being continuous.
     """
-    scale = abs(origin.velocity) * oscillator.horizon
-    for j in range(len(oscillator.forces)):
-        scale += abs(oscillator.forces[j]) / oscillator.omega_squared
-    if abs(origin.x) > _NEAR_ZERO * scale:
+    if has_side(oscillator, origin):
         return origin
     return with_side(origin, _side_at(before, flight, origin.time))
 

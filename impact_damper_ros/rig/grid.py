@@ -15,7 +15,7 @@ from .response import Harmonic, driven_response, free_response
 __all__ = ['Grid', 'drive_bound', 'make_grid']
 
 #: Length of a step, as a phase of the fastest of spring and harmonics, rad.
-_STEP = 0.8
+_STEP = 1.2
 #: Nodes reached from one base. The bounds grow with their number, round-off with its square root.
 _NODES = 5
 
@@ -26,8 +26,8 @@ class Grid(NamedTuple):
 
     Attributes
     ----------
-    step : float
-        Time from node to node, s.
+    step, inverse : float
+        Time from node to node, s, and its inverse.
     nodes : int
         Number of nodes for which the bounds hold.
     x_x, v_x, x_v, v_v : float
@@ -37,11 +37,16 @@ class Grid(NamedTuple):
         its phase at the start.
     turn_cosine, turn_sine : tuple of float
         Cosine and sine of the angle that each harmonic turns.
-    bound_4, bound_5, bound_6 : float
+    bound_3, bound_4, bound_5, bound_6 : float
         As the oscillator's bounds, over all nodes.
+    spring, dashpot : float
+        Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
+    pushes, turns : tuple of float
+        Amplitude f step^2 and angle turned in a step W step of each harmonic.
     """
 
     step: float
+    inverse: float
     nodes: int
     x_x: float
     v_x: float
@@ -53,9 +58,14 @@ class Grid(NamedTuple):
     v_sine: tuple[float, ...]
     turn_cosine: tuple[float, ...]
     turn_sine: tuple[float, ...]
+    bound_3: float
     bound_4: float
     bound_5: float
     bound_6: float
+    spring: float
+    dashpot: float
+    pushes: tuple[float, ...]
+    turns: tuple[float, ...]
 
 
 def drive_bound(
@@ -125,9 +135,10 @@ def make_grid(
         for (_, circular), harmonic in zip(drive, harmonics, strict=True)
     ]
     scaled = [(force, r) for (force, _), r in zip(drive, responses, strict=True)]
-    bounds = [drive_bound(omega, decay, drive, order, _NODES * step) for order in (4, 5, 6)]
+    bounds = [drive_bound(omega, decay, drive, order, _NODES * step) for order in (3, 4, 5, 6)]
     return Grid(
         step=step,
+        inverse=1.0 / step,
         nodes=_NODES,
         x_x=free.step,
         v_x=-(omega**2) * free.impulse,
@@ -139,7 +150,12 @@ def make_grid(
         v_sine=tuple(force * r.rate_cosine for force, r in scaled),
         turn_cosine=tuple(r.turned_cosine for r in responses),
         turn_sine=tuple(r.turned_sine for r in responses),
-        bound_4=bounds[0],
-        bound_5=bounds[1],
-        bound_6=bounds[2],
+        bound_3=bounds[0],
+        bound_4=bounds[1],
+        bound_5=bounds[2],
+        bound_6=bounds[3],
+        spring=(omega * step) ** 2,
+        dashpot=2.0 * decay * step,
+        pushes=tuple(force * step**2 for force, _ in drive),
+        turns=tuple(circular * step for _, circular in drive),
     )

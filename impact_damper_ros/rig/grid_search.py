@@ -11,13 +11,14 @@ says so, and certified steps take over (`contact`).
 
 from __future__ import annotations
 
-from math import cos, inf, sin
-from typing import NamedTuple
+from math import inf
 
-from .event_codes import CONTACT_1, CONTACT_2, NO_EVENT, RELEASE_DOWN, RELEASE_UP, REVERSAL
+from .contact_root import Relative, contact_root
+from .event_codes import NO_EVENT, RELEASE_DOWN, RELEASE_UP, REVERSAL
 from .flight import Flight, FlightEnd, Motion, unfinished
-from .kernels import elementwise, kernel
-from .oscillator import Oscillator, derivative_bound
+from .kernels import kernel
+from .node import Node, acceleration_of, base_node, jerk_of, next_node
+from .oscillator import derivative_bound
 from .polish import falling_root, polished
 
 __all__ = ['keeps_sign', 'search_contact', 'search_release']
@@ -25,78 +26,6 @@ __all__ = ['keeps_sign', 'search_contact', 'search_release']
 #: What positions, velocities and accelerations at the nodes may be wrong by, as a part of their
 #: terms.
 _NODE_ERROR = 1e-13
-
-
-class _Node(NamedTuple):
-    """X from its rest, X', X'' and X''' at a node, with the phases of the harmonics."""
-
-    offset: float
-    velocity: float
-    x_2: float
-    x_3: float
-    sines: tuple[float, ...]
-    cosines: tuple[float, ...]
-
-
-@elementwise
-def _sines_at(sine: float, cosine: float, frequency: float, tau: float) -> float:
-    """Return the sine of each harmonic's phase after a time."""
-    return sine * cos(frequency * tau) + cosine * sin(frequency * tau)
-
-
-@elementwise
-def _cosines_at(sine: float, cosine: float, frequency: float, tau: float) -> float:
-    """Return the cosine of each harmonic's phase after a time."""
-    return cosine * cos(frequency * tau) - sine * sin(frequency * tau)
-
-
-@elementwise
-def _next_sines(sine: float, cosine: float, turn_cosine: float, turn_sine: float) -> float:
-    """Return the sine of each harmonic's phase a step later."""
-    return sine * turn_cosine + cosine * turn_sine
-
-
-@elementwise
-def _next_cosines(sine: float, cosine: float, turn_cosine: float, turn_sine: float) -> float:
-    """Return the cosine of each harmonic's phase a step later."""
-    return cosine * turn_cosine - sine * turn_sine
-
-
-@kernel(inline=True)
-def _base_node(flight: Flight, tau: float, motion: Motion) -> _Node:
-    """Return the node from which the others are reached."""
-    sines = flight.sines
-    cosines = flight.cosines
-    if tau > 0.0:
-        frequencies = flight.oscillator.frequencies
-        sines = _sines_at(flight.sines, flight.cosines, frequencies, tau)
-        cosines = _cosines_at(flight.sines, flight.cosines, frequencies, tau)
-    offset = motion.x - flight.constant / flight.oscillator.omega_squared
-    return _Node(offset, motion.velocity, motion.x_2, motion.x_3, sines, cosines)
-
-
-@kernel(inline=True)
-def _next_node(oscillator: Oscillator, node: _Node) -> _Node:
-    """Return the node a step later."""
-    grid = oscillator.grid
-    offset = node.offset * grid.x_x + node.velocity * grid.x_v
-    velocity = node.offset * grid.v_x + node.velocity * grid.v_v
-    for j in range(len(node.sines)):
-        sine = node.sines[j]
-        cosine = node.cosines[j]
-        offset += cosine * grid.x_cosine[j] + sine * grid.x_sine[j]
-        velocity += cosine * grid.v_cosine[j] + sine * grid.v_sine[j]
-    sines = _next_sines(node.sines, node.cosines, grid.turn_cosine, grid.turn_sine)
-    cosines = _next_cosines(node.sines, node.cosines, grid.turn_cosine, grid.turn_sine)
-    drive = 0.0
-    drive_1 = 0.0
-    for j in range(len(sines)):
-        drive += oscillator.forces[j] * sines[j]
-        drive_1 += oscillator.forces[j] * oscillator.frequencies[j] * cosines[j]
-    damping = 2.0 * oscillator.decay
-    x_2 = drive - damping * velocity - oscillator.omega_squared * offset
-    x_3 = drive_1 - damping * x_2 - oscillator.omega_squared * velocity
-    return _Node(offset, velocity, x_2, x_3, sines, cosines)
 
 
 @kernel(inline=True)
@@ -137,10 +66,9 @@ def keeps_sign(
 def _turn(
     flight: Flight,
     side: int,
-    t_a: float,
-    travel_a: float,
-    speed_a: float,
-    rate_a: float,
+    node: Node,
+    start: Relative,
+    rate: float,
     t_b: float,
     speed_b: float,
     rate_b: float,
@@ -156,13 +84,18 @@ def _turn(
         The flight.
     side : int
         Direction of the motion, +1 or -1.
-    t_a, travel_a, speed_a, rate_a, t_b, speed_b, rate_b : float
-        Time, travel, speed and acceleration at the nodes, the latter three in that direction.
+    node, start, rate : Node, Relative, float
+        The first node, and the relative acceleration there.
+    t_b, speed_b, rate_b : float
+        Time, speed and acceleration at the second one, the latter two in that direction.
     bound_5 : float
         Bound of the fourth derivative of the speed.
     error : float
         Bound of the round-off in the speeds.
     """
+    t_a = start.tau
+    speed_a = side * start.speed
+    rate_a = side * rate
     if not (speed_a > error and speed_b < -error):
         return unfinished(NO_EVENT, t_a)
     guess = falling_root(speed_a, rate_a, speed_b, rate_b, t_b - t_a)
@@ -179,9 +112,8 @@ def _turn(
         return end
     if left >= 0.0:
         return unfinished(NO_EVENT, t_a)
-    guess = falling_root(clearance - travel_a, -speed_a, left, 0.0, span)
-    kind = CONTACT_1 if side > 0 else CONTACT_2
-    return polished(flight, kind, side, t_a + guess, t_a, end.tau)
+    guess = falling_root(clearance - side * start.travel, -speed_a, left, 0.0, span)
+    return contact_root(flight, side, node, start, rate, guess, t_a, end.tau)
 
 
 @kernel(inline=True)
@@ -210,69 +142,81 @@ def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
     # The damper mass alone
     fall = flight.relative_acceleration + flight.acceleration
     launched = flight.relative_velocity + flight.velocity
-    bound_4 = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.grid.bound_4)
-    bound_5 = derivative_bound(oscillator, motion.x_5, motion.x_6, oscillator.grid.bound_5)
-    node = _base_node(flight, tau, motion)
-    t_a = tau
-    travel_a = motion.travel
-    speed_a = motion.relative_velocity
+    # How far the speed may fall below both its values at two nodes
+    bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, oscillator.grid.bound_3)
+    sag = 0.125 * step * step * bound_3
+    node_a: Node = base_node(flight, tau, motion)
+    a = Relative(tau, motion.x, motion.travel, motion.relative_velocity)
     rate_a = motion.relative_2
     for k in range(oscillator.grid.nodes):
-        node = _next_node(oscillator, node)
+        node_b: Node = next_node(oscillator, node_a)
         t_b = tau + step * (k + 1)
-        x_b = rest + node.offset
-        travel_b = launched * t_b + 0.5 * fall * t_b * t_b - (x_b - flight.x)
-        speed_b = launched + fall * t_b - node.velocity
-        rate_b = fall - node.x_2
-        error = _NODE_ERROR * (abs(node.velocity) + abs(speed_b) + abs(speed_a))
+        x_b = rest + node_b.offset
+        b = Relative(
+            t_b,
+            x_b,
+            t_b * (launched + 0.5 * fall * t_b) - (x_b - flight.x),
+            launched + fall * t_b - node_b.velocity,
+        )
+        error = _NODE_ERROR * (abs(node_b.velocity) + abs(b.speed) + abs(a.speed))
+        if k > 0:
+            rate_a = fall - acceleration_of(oscillator, node_a)
         side = flight.direction
         if side == 0:
-            side = 1 if speed_a > 0.0 or (speed_a == 0.0 and rate_a > 0.0) else -1
-        if keeps_sign(
-            side * speed_a, side * rate_a, side * speed_b, side * rate_b, step, bound_5, error
-        ):
+            side = 1 if a.speed > 0.0 or (a.speed == 0.0 and rate_a > 0.0) else -1
+        closing = min(side * a.speed, side * b.speed) > sag + error
+        if not closing:
+            rate_b = fall - acceleration_of(oscillator, node_b)
+            bound_5 = derivative_bound(oscillator, motion.x_5, motion.x_6, oscillator.grid.bound_5)
+            closing = keeps_sign(
+                side * a.speed, side * rate_a, side * b.speed, side * rate_b, step, bound_5, error
+            )
+            if not closing and flight.direction != 0:
+                return _turn(
+                    flight,
+                    side,
+                    node_a,
+                    a,
+                    rate_a,
+                    t_b,
+                    side * b.speed,
+                    side * rate_b,
+                    bound_5,
+                    error,
+                )
+        if closing:
             # m closes in on one stop all the way
             clearance = flight.clearance_1 if side > 0 else flight.clearance_2
-            left = clearance - side * travel_b
+            left = clearance - side * b.travel
             if left <= 0.0:
                 guess = falling_root(
-                    clearance - side * travel_a, -side * speed_a, left, -side * speed_b, step
+                    clearance - side * a.travel, -side * a.speed, left, -side * b.speed, step
                 )
-                kind = CONTACT_1 if side > 0 else CONTACT_2
-                return polished(flight, kind, side, t_a + guess, t_a, t_b)
-        elif flight.direction != 0:
-            return _turn(
-                flight,
-                side,
-                t_a,
-                side * travel_a,
-                side * speed_a,
-                side * rate_a,
-                t_b,
-                side * speed_b,
-                side * rate_b,
-                bound_5,
-                error,
-            )
+                low = a.tau
+                if guess > 0.5 * step:
+                    node_a = node_b
+                    a = b
+                    rate_a = fall - acceleration_of(oscillator, node_a)
+                    guess -= step
+                return contact_root(flight, side, node_a, a, rate_a, guess, low, t_b)
         else:
-            error = _NODE_ERROR * (abs(x_b) + abs(flight.x) + abs(travel_a) + abs(travel_b))
+            error = _NODE_ERROR * (abs(x_b) + abs(flight.x) + abs(a.travel) + abs(b.travel))
+            bound_4 = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.grid.bound_4)
             for side in (1, -1):
                 clearance = flight.clearance_1 if side > 0 else flight.clearance_2
                 if clearance < inf and not keeps_sign(
-                    clearance - side * travel_a,
-                    -side * speed_a,
-                    clearance - side * travel_b,
-                    -side * speed_b,
+                    clearance - side * a.travel,
+                    -side * a.speed,
+                    clearance - side * b.travel,
+                    -side * b.speed,
                     step,
                     bound_4,
                     error,
                 ):
-                    return unfinished(NO_EVENT, t_a)
-        t_a = t_b
-        travel_a = travel_b
-        speed_a = speed_b
-        rate_a = rate_b
-    return unfinished(NO_EVENT, t_a)
+                    return unfinished(NO_EVENT, a.tau)
+        node_a = node_b
+        a = b
+    return unfinished(NO_EVENT, a.tau)
 
 
 @kernel
@@ -294,7 +238,7 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
     """
     oscillator = flight.oscillator
     grid = oscillator.grid
-    node = _base_node(flight, tau, motion)
+    node = base_node(flight, tau, motion)
     drive_5 = 0.0
     for j in range(len(node.sines)):
         drive_5 += oscillator.forces[j] * oscillator.frequencies[j] ** 5 * node.cosines[j]
@@ -304,12 +248,14 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
     x_2 = motion.x_2
     x_3 = motion.x_3
     for k in range(grid.nodes):
-        node = _next_node(oscillator, node)
+        node = next_node(oscillator, node)
         t_b = tau + grid.step * (k + 1)
+        x_2_b = acceleration_of(oscillator, node)
+        x_3_b = jerk_of(oscillator, node, x_2_b)
         error = _NODE_ERROR * (
             oscillator.omega_squared * abs(node.offset)
             + abs(node.velocity * oscillator.decay)
-            + abs(node.x_2)
+            + abs(x_2_b)
             + abs(flight.constant)
             + abs(flight.slope)
         )
@@ -319,8 +265,8 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
             if most < inf and not keeps_sign(
                 most - side * (x_2 - flight.slope),
                 -side * x_3,
-                most - side * (node.x_2 - flight.slope),
-                -side * node.x_3,
+                most - side * (x_2_b - flight.slope),
+                -side * x_3_b,
                 grid.step,
                 bound_6,
                 error,
@@ -331,10 +277,10 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
         if failing != 0:
             most = flight.support_high if failing > 0 else -flight.support_low
             left_a = most - failing * (x_2 - flight.slope)
-            left_b = most - failing * (node.x_2 - flight.slope)
+            left_b = most - failing * (x_2_b - flight.slope)
             if not (left_a > error and left_b < -error):
                 return unfinished(NO_EVENT, t_a)
-            guess = falling_root(left_a, -failing * x_3, left_b, -failing * node.x_3, grid.step)
+            guess = falling_root(left_a, -failing * x_3, left_b, -failing * x_3_b, grid.step)
             kind = RELEASE_UP if failing > 0 else RELEASE_DOWN
             end: FlightEnd = polished(flight, kind, failing, t_a + guess, t_a, t_b)
             # Backwards from there what is left only grows from zero: it is the first release.
@@ -344,6 +290,6 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
                 return end
             return unfinished(NO_EVENT, t_a)
         t_a = t_b
-        x_2 = node.x_2
-        x_3 = node.x_3
+        x_2 = x_2_b
+        x_3 = x_3_b
     return unfinished(NO_EVENT, t_a)

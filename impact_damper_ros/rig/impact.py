@@ -11,7 +11,14 @@ from math import inf, sqrt
 
 from .kernels import kernel
 
-__all__ = ['CHATTER_TOLERANCE', 'bounce_duration', 'chatter_duration', 'may_chatter', 'rebound']
+__all__ = [
+    'CHATTER_TOLERANCE',
+    'bounce_duration',
+    'chatter_duration',
+    'impulse',
+    'may_chatter',
+    'rebound',
+]
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
 #: by at most this fraction until its end. The accumulation instant then is in error by at most
@@ -46,6 +53,14 @@ def rebound(
         velocity + share * (1.0 + restitution) * relative_velocity,
         -restitution * relative_velocity,
     )
+
+
+@kernel(inline=True)
+def impulse(
+    damper_mass: float, mass_ratio: float, restitution: float, relative_velocity: float
+) -> float:
+    """Return the impulse of an impact, N s, from the relative velocity just before it."""
+    return damper_mass * (1.0 + restitution) / (1.0 + mass_ratio) * abs(relative_velocity)
 
 
 @kernel

@@ -155,6 +155,25 @@ def stamp() -> Path | None:
     return stamp_file()
 
 
+def _share(function: types.FunctionType, namespace: dict[str, Any]) -> None:
+    """
+    Put what a kernel refers to into the namespace of all of them.
+
+    Raises
+    ------
+    ValueError
+        If another kernel means something else by one of the names.
+    """
+    for name in function.__code__.co_names:
+        if name in function.__globals__:
+            value = function.__globals__[name]
+            if namespace.setdefault(name, value) is not value and namespace[name] != value:
+                raise ValueError(
+                    f'kernels share a namespace, and {name} is {value!r} in '
+                    f'{function.__module__} but {namespace[name]!r} elsewhere: rename one'
+                )
+
+
 def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
     """
     Compile every kernel imported so far with numba.
@@ -179,9 +198,9 @@ def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
     namespace: dict[str, Any] = {}
     for function in _KERNELS.values():
         assert isinstance(function, types.FunctionType)
-        namespace.update(function.__globals__)
+        _share(function, namespace)
     for name, function in _ELEMENTWISE.items():
-        namespace[name] = _compile_elementwise(numba.njit(function))
+        namespace[name] = _compile_elementwise(numba.njit(function, forceinline=True))
     for name, function in _KERNELS.items():
         assert isinstance(function, types.FunctionType)
         code = function.__code__

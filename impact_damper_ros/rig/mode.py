@@ -36,6 +36,7 @@ __all__ = [
     'launch',
     'make_machine',
     'mode_at_rest',
+    'moving_flight',
     'support_need',
 ]
 
@@ -236,61 +237,60 @@ def _stop_deadline(origin: Origin) -> tuple[int, float]:
 
 
 @kernel(inline=True)
-def launch(machine: Machine, origin: Origin) -> Flight:
+def _joint_flight(machine: Machine, origin: Origin, deadline_kind: int, deadline: float) -> Flight:
+    """Build a flight of both masses as one; see `launch`."""
+    sines = sines_of(machine.phases, origin.angles)
+    cosines = cosines_of(machine.phases, origin.angles)
+    standing_1 = origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0
+    standing_2 = origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0
+    share = machine.mass_ratio / (1.0 + machine.mass_ratio)
+    constant = share * machine.slope
+    return Flight(
+        machine.joint,
+        constant,
+        sines,
+        cosines,
+        origin.x,
+        origin.velocity,
+        acceleration_at(machine.joint, constant, sines, origin.x, origin.velocity),
+        0.0,
+        0.0,
+        origin.clearance_1,
+        origin.clearance_2,
+        True,
+        0,
+        inf,
+        machine.slope + air_acceleration(machine, origin),
+        # Between two stops that have both come up to it, m cannot move at all.
+        -inf if origin.mode == REST_1 or standing_1 else -machine.grip,
+        inf if origin.mode == REST_2 or standing_2 else machine.grip,
+        origin.stop_velocity_1,
+        origin.stop_velocity_2,
+        deadline,
+        deadline_kind,
+    )
+
+
+@kernel(inline=True)
+def moving_flight(
+    machine: Machine, origin: Origin, deadline_kind: int = NO_EVENT, deadline: float = inf
+) -> Flight:
     """
-    Build the flight that begins at an origin.
+    Build a flight in which m moves relative to M.
 
     Parameters
     ----------
-    machine : Machine
-        The rig.
-    origin : Origin
-        State after the event that begins the flight.
-
-    Returns
-    -------
-    Flight
-        The closed form and what ends it.
+    machine, origin : Machine, Origin
+        As for `launch`; the mode is `FREE`, `SLIDE_DOWN` or `SLIDE_UP`.
+    deadline_kind, deadline : int, float
+        What ends the flight at the latest, and when.
     """
     sines = sines_of(machine.phases, origin.angles)
     cosines = cosines_of(machine.phases, origin.angles)
-    air = air_acceleration(machine, origin)
     mode = origin.mode
-    velocity_1 = origin.stop_velocity_1
-    velocity_2 = origin.stop_velocity_2
-    deadline_kind = NO_EVENT
-    deadline = inf
-    if velocity_1 != 0.0 or velocity_2 != 0.0:
-        deadline_kind, deadline = _stop_deadline(origin)
-    standing_1 = origin.clearance_1 == 0.0 and velocity_1 == 0.0
-    standing_2 = origin.clearance_2 == 0.0 and velocity_2 == 0.0
-    if mode >= STICK:
-        share = machine.mass_ratio / (1.0 + machine.mass_ratio)
-        constant = share * machine.slope
-        return Flight(
-            machine.joint,
-            constant,
-            sines,
-            cosines,
-            origin.x,
-            origin.velocity,
-            acceleration_at(machine.joint, constant, sines, origin.x, origin.velocity),
-            0.0,
-            0.0,
-            origin.clearance_1,
-            origin.clearance_2,
-            True,
-            0,
-            inf,
-            machine.slope + air,
-            # Between two stops that have both come up to it, m cannot move at all.
-            -inf if mode == REST_1 or standing_1 else -machine.grip,
-            inf if mode == REST_2 or standing_2 else machine.grip,
-            velocity_1,
-            velocity_2,
-            deadline,
-            deadline_kind,
-        )
+    standing_1 = origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0
+    standing_2 = origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0
+    air = air_acceleration(machine, origin)
     direction = 0
     if mode == SLIDE_DOWN:
         direction = 1
@@ -337,8 +337,34 @@ def launch(machine: Machine, origin: Origin) -> Flight:
         0.0,
         -inf,
         inf,
-        velocity_1,
-        velocity_2,
+        origin.stop_velocity_1,
+        origin.stop_velocity_2,
         deadline,
         deadline_kind,
     )
+
+
+@kernel(inline=True)
+def launch(machine: Machine, origin: Origin) -> Flight:
+    """
+    Build the flight that begins at an origin.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    origin : Origin
+        State after the event that begins the flight.
+
+    Returns
+    -------
+    Flight
+        The closed form and what ends it.
+    """
+    deadline_kind = NO_EVENT
+    deadline = inf
+    if origin.stop_velocity_1 != 0.0 or origin.stop_velocity_2 != 0.0:
+        deadline_kind, deadline = _stop_deadline(origin)
+    if origin.mode >= STICK:
+        return _joint_flight(machine, origin, deadline_kind, deadline)
+    return moving_flight(machine, origin, deadline_kind, deadline)

@@ -8,6 +8,7 @@ The primary mass as a driven oscillator: its constants, and bounds of what its d
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import sqrt
 from typing import NamedTuple
 
@@ -66,6 +67,7 @@ class Oscillator(NamedTuple):
     grid: Grid
 
 
+@lru_cache(maxsize=64)
 def make_oscillator(
     mass: float,
     stiffness: float,
@@ -86,7 +88,8 @@ def make_oscillator(
     Returns
     -------
     Oscillator
-        Constants shared by all flights of this mass.
+        Constants shared by all flights of this mass; kept for the next rig with the same, since
+        rigs of a sweep often differ in something else.
     """
     omega_squared = stiffness / mass
     omega = sqrt(omega_squared)

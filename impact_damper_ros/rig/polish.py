@@ -7,7 +7,7 @@ leads to the root and carries the motion there.
 
 from __future__ import annotations
 
-from .event_codes import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL
+from .event_codes import NO_EVENT, REVERSAL
 from .flight import Flight, FlightEnd, Motion, motion_at, unfinished
 from .kernels import kernel
 
@@ -157,7 +157,7 @@ def polished(
     flight: Flight, kind: int, side: int, tau: float, low: float, high: float
 ) -> FlightEnd:
     """
-    Return the end of a flight near a guess.
+    Return the end of a flight by a reversal or a release near a guess.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def polished(
     kind : int
         The event.
     side : int
-        +1 for stop 1, motion down or a support that gives way upwards; else -1.
+        +1 for motion down or a support that gives way upwards, else -1.
     tau : float
         The guess.
     low, high : float
@@ -183,15 +183,7 @@ def polished(
         x_3 = side * motion.x_3
         x_4 = side * motion.x_4
         x_5 = side * motion.x_5
-        if kind in (CONTACT_1, CONTACT_2):
-            clearance = flight.clearance_1 if side > 0 else flight.clearance_2
-            f_0 = clearance - side * motion.travel
-            f_1 = -side * motion.relative_velocity
-            f_2 = -side * motion.relative_2
-            f_3 = x_3
-            f_4 = x_4
-            f_5 = x_5
-        elif kind == REVERSAL:
+        if kind == REVERSAL:
             f_0 = side * motion.relative_velocity
             f_1 = side * motion.relative_2
             f_2 = -x_3

@@ -13,6 +13,7 @@ from .contact import (
     STOP_ARRIVED_2,
 )
 from .event import Event, EventKind
+from .impact import impulse
 from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine
 from .origin import Origin, offset_of
 from .transition import Transition
@@ -52,13 +53,10 @@ def impact_events(machine: Machine, damper_mass: float, transition: Transition) 
     restitution = machine.restitution_1 if stop == 1 else machine.restitution_2
     if transition.relative_velocity_after == 0.0:
         restitution = 0.0
-    impulse = (
-        damper_mass
-        * (1.0 + restitution)
-        / (1.0 + machine.mass_ratio)
-        * abs(transition.relative_velocity_before)
+    push = impulse(
+        damper_mass, machine.mass_ratio, restitution, transition.relative_velocity_before
     )
-    events = [make_event(EventKind.IMPACT, stop, transition, impulse)]
+    events = [make_event(EventKind.IMPACT, stop, transition, push)]
     if transition.origin.mode in _RESTING:
         still = transition._replace(
             velocity_before=transition.velocity_after, relative_velocity_before=0.0

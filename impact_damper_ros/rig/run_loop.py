@@ -12,29 +12,18 @@ from math import inf
 from typing import Any, NamedTuple
 
 from .certificate import least_step
-from .contact import (
-    ARRIVAL,
-    CONTACT_1,
-    CONTACT_2,
-    NO_EVENT,
-    RELEASE_DOWN,
-    RELEASE_UP,
-    REVERSAL,
-    STOP_ARRIVED_1,
-    STOP_ARRIVED_2,
-    chatter_end,
-    flight_end,
-)
+from .contact import NO_EVENT, chatter_end, flight_end
 from .crossing import sided
-from .event import EventKind
-from .flight import Flight, FlightEnd, Motion, motion_at
+from .event_rows import MOST_ROWS, write_transition
+from .flight import Flight, FlightEnd, Motion, motion_at, unfinished
 from .kernels import kernel
-from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine, launch
+from .mode import CHATTER_1, Machine, launch
 from .origin import Origin, offset_of, placed
 from .phase import advance_time
+from .plain_impacts import flies_plainly, plain_impacts
 from .transition import Transition, resolve
 
-__all__ = ['DONE', 'FULL', 'MOST_ROWS', 'RUNAWAY', 'SPENT', 'Progress', 'run_through']
+__all__ = ['DONE', 'FULL', 'RUNAWAY', 'SPENT', 'Progress', 'run_through']
 
 #: All instants were reached.
 DONE = 0
@@ -44,16 +33,6 @@ FULL = 1
 SPENT = 2
 #: The rig has an endless number of events at one instant.
 RUNAWAY = 3
-#: Rows that one transition may take.
-MOST_ROWS = 3
-
-_IMPACT = int(EventKind.IMPACT)
-_REST = int(EventKind.REST)
-_STICK = int(EventKind.STICK)
-_RELEASE = int(EventKind.RELEASE)
-_REVERSAL = int(EventKind.REVERSAL)
-_STOP_ARRIVED = int(EventKind.STOP_ARRIVED)
-_STOP_TOUCHED = int(EventKind.STOP_TOUCHED)
 
 _MOST_AT_ONCE = 100_000
 # The tolerance of the search, so that an event which rounds to the end of a search belongs to it
@@ -82,146 +61,6 @@ class Progress(NamedTuple):
     sampled: int
     written: int
     happened: int
-
-
-@kernel(inline=True)
-def _write_event(
-    numbers: Any,
-    codes: Any,
-    row: int,
-    kind: int,
-    stop: int,
-    origin: Origin,
-    before: float,
-    after: float,
-    damper_before: float,
-    damper_after: float,
-    impulse: float,
-) -> int:
-    """Write one event into a row; return the next one."""
-    numbers[row, 0] = origin.time
-    numbers[row, 1] = origin.x
-    numbers[row, 2] = offset_of(
-        origin.clearance_1, origin.clearance_2, origin.stop_1, origin.stop_2
-    )
-    numbers[row, 3] = before
-    numbers[row, 4] = after
-    numbers[row, 5] = damper_before
-    numbers[row, 6] = damper_after
-    numbers[row, 7] = impulse
-    codes[row, 8] = kind
-    codes[row, 9] = stop
-    codes[row, 10] = origin.mode
-    return row + 1
-
-
-@kernel(inline=True)
-def _stop_under(mode: int) -> int:
-    """Return the stop on which m rests, or bounces for the last times; 0 for none."""
-    if mode in (REST_1, CHATTER_1):
-        return 1
-    return 2 if mode in (REST_2, CHATTER_2) else 0
-
-
-@kernel(inline=True)
-def _support_code(mode_before: int, mode: int) -> int:
-    """Return as what a stop's coming up to m at rest is reported; 0 for nothing."""
-    if mode_before >= STICK > mode:
-        return _RELEASE
-    if mode in (REST_1, REST_2) and (mode_before < STICK or mode_before >= CHATTER_1):
-        return _REST
-    return 0
-
-
-@kernel(inline=True)
-def _write_transition(
-    machine: Machine,
-    damper_mass: float,
-    kind: int,
-    ended: Origin,
-    transition: Transition,
-    numbers: Any,
-    codes: Any,
-    row: int,
-) -> int:
-    """Write what an event is reported as, none to three rows; return the next free row."""
-    origin = transition.origin
-    mode = origin.mode
-    before = transition.velocity_before
-    after = transition.velocity_after
-    damper_before = before + transition.relative_velocity_before
-    damper_after = after + transition.relative_velocity_after
-    code = 0
-    stop = 0
-    impulse = 0.0
-    if kind in (CONTACT_1, CONTACT_2):
-        stop = transition.stop
-        outward = transition.relative_velocity_before * (1.0 if stop == 1 else -1.0) > 0.0
-        code = _IMPACT
-        if (ended.stop_velocity_1 if stop == 1 else ended.stop_velocity_2) != 0.0:
-            row = _write_event(
-                numbers,
-                codes,
-                row,
-                _STOP_TOUCHED,
-                stop,
-                origin,
-                before,
-                before,
-                damper_before,
-                damper_before,
-                0.0,
-            )
-            if not outward:
-                code = _support_code(ended.mode, mode)
-                if code == 0:
-                    return row
-                stop = _stop_under(mode if code == _REST else ended.mode)
-        restitution = machine.restitution_1 if stop == 1 else machine.restitution_2
-        if transition.relative_velocity_after == 0.0:
-            restitution = 0.0
-        impulse = (
-            damper_mass
-            * (1.0 + restitution)
-            / (1.0 + machine.mass_ratio)
-            * abs(transition.relative_velocity_before)
-        )
-    elif kind == ARRIVAL:
-        code = _STOP_ARRIVED
-        stop = 1 if origin.clearance_1 == 0.0 else 2
-    elif kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
-        code = _STOP_ARRIVED
-        stop = 1 if kind == STOP_ARRIVED_1 else 2
-    elif kind in (RELEASE_UP, RELEASE_DOWN):
-        code = _RELEASE
-        stop = _stop_under(ended.mode)
-    elif mode in (REST_1, REST_2):
-        code = _REST
-        stop = 1 if mode == REST_1 else 2
-    elif mode == STICK:
-        code = _STICK
-    elif kind == REVERSAL:
-        code = _REVERSAL
-    if code == 0:
-        return row
-    row = _write_event(
-        numbers,
-        codes,
-        row,
-        code,
-        stop,
-        origin,
-        before,
-        after,
-        damper_before,
-        damper_after,
-        impulse,
-    )
-    if code == _IMPACT and mode in (REST_1, REST_2):
-        row = _write_event(
-            numbers, codes, row, _REST, stop, origin, after, after, after, damper_after, 0.0
-        )
-    return row
 
 
 @kernel(inline=True)
@@ -304,14 +143,37 @@ def run_through(
     count = len(instants)
     # Of the present flight, what belongs to the time before
     begun = (time - origin.time) - origin.time_low
+    ending: FlightEnd = unfinished(NO_EVENT, 0.0)
     at_once_span = least_step(machine.joint.horizon) * 0.5
     while True:
         target = end
         if sampled < count:
             target = float(instants[sampled])
+        if not known and node == 0.0 and flies_plainly(origin):
+            before = happened
+            origin, instant, written, happened, ending = plain_impacts(
+                machine,
+                damper_mass,
+                origin,
+                begun,
+                target,
+                numbers,
+                codes,
+                written,
+                happened,
+                most,
+                in_mode,
+                instant,
+            )
+            known = ending.kind != NO_EVENT
+            node = ending.tau
+            if happened > before:
+                flight = launch(machine, origin)
+                begun = 0.0
+                at_once = 1
         since = (target - origin.time) - origin.time_low
         if not known and origin.mode >= CHATTER_1:
-            ending: FlightEnd = chatter_end(flight, origin.chatter_left)
+            ending = chatter_end(flight, origin.chatter_left)
             known = True
         elif not known:
             ending = flight_end(flight, node, since + _NEXT * abs(target))
@@ -342,7 +204,7 @@ def run_through(
         origin = sided(machine.free, ended, flight, transition.origin)
         happened += 1
         if writing:
-            written = _write_transition(
+            written = write_transition(
                 machine, damper_mass, ending.kind, ended, transition, numbers, codes, written
             )
         if origin.time > instant + at_once_span:

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .event import Event, EventKind, Sample
-from .run_loop import DONE, MOST_ROWS, RUNAWAY, SPENT
+from .event_rows import MOST_ROWS
+from .run_loop import DONE, RUNAWAY, SPENT
 
 __all__ = [
     'EVENT_TYPE',

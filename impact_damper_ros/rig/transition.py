@@ -44,8 +44,10 @@ __all__ = [
     'Transition',
     'at_rest',
     'carried',
+    'is_no_chatter',
     'moving_mode',
     'placed',
+    'rebounded',
     'resolve',
     'struck',
 ]
@@ -92,19 +94,39 @@ def at_rest(machine: Machine, origin: Origin) -> Origin:
 
 
 @kernel(inline=True)
+def is_no_chatter(machine: Machine, hit: Origin, stop: int) -> bool:
+    """
+    Return whether an impact belongs to no chatter, as far as one can tell without a sine.
+
+    Parameters
+    ----------
+    machine, hit : Machine, Origin
+        The rig, and its state just after the impact.
+    stop : int
+        The stop hit.
+    """
+    push = machine.push + (1.0 + machine.mass_ratio) * (
+        machine.joint.omega_squared * abs(hit.x)
+        + 2.0 * machine.joint.decay * abs(_common_velocity(machine, hit))
+    )
+    speed = hit.relative_velocity if stop == 2 else -hit.relative_velocity
+    shortest = least_step(machine.free.horizon)
+    return not may_chatter(speed, push, machine.free.bound_3, shortest)
+
+
+@kernel(inline=True)
+def _common_velocity(machine: Machine, hit: Origin) -> float:
+    """Return the velocity that M and m would have together."""
+    share = machine.mass_ratio / (1.0 + machine.mass_ratio)
+    return hit.velocity + share * hit.relative_velocity
+
+
+@kernel
 def _last_bounces(machine: Machine, hit: Origin, stop: int, restitution: float) -> Origin:
     """Return the state just after an impact, in the chatter that it belongs to if it does."""
-    share = machine.mass_ratio / (1.0 + machine.mass_ratio)
-    common = hit.velocity + share * hit.relative_velocity
+    common = _common_velocity(machine, hit)
     away = 1.0 if stop == 2 else -1.0
     speed = away * hit.relative_velocity
-    # Few impacts belong to a chatter; most are ruled out without a sine.
-    push = machine.push + (1.0 + machine.mass_ratio) * (
-        machine.joint.omega_squared * abs(hit.x) + 2.0 * machine.joint.decay * abs(common)
-    )
-    shortest = least_step(machine.free.horizon)
-    if not may_chatter(speed, push, machine.free.bound_3, shortest):
-        return hit
     need = support_need(machine, hit, sines_of(machine.phases, hit.angles), common)
     press = (1.0 + machine.mass_ratio) * away * need
     grip = (1.0 + machine.mass_ratio) * machine.grip
@@ -114,7 +136,7 @@ def _last_bounces(machine: Machine, hit: Origin, stop: int, restitution: float) 
         motion: Motion = starting_motion(launch(machine, hit))
         bound = derivative_bound(machine.free, motion.x_3, motion.x_4, machine.free.bound_3)
         left = chatter_duration(speed, press, grip, restitution, bound)
-    if left == inf and bounce_duration(speed, press, grip) < shortest:
+    if left == inf and bounce_duration(speed, press, grip) < least_step(machine.free.horizon):
         # Elastic stops: such bounces go on for ever, and have no energy left.
         left = 0.0
     if left == inf:
@@ -124,9 +146,9 @@ def _last_bounces(machine: Machine, hit: Origin, stop: int, restitution: float) 
 
 
 @kernel(inline=True)
-def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
+def rebounded(machine: Machine, origin: Origin, stop: int) -> tuple[float, float, float, float]:
     """
-    Resolve an impact.
+    Return the velocities at an impact.
 
     Parameters
     ----------
@@ -139,10 +161,9 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
 
     Returns
     -------
-    Transition
-        The state just after: moving away, or at rest, or in the last bounces of a chatter.
+    restitution, relative_before, after, relative_after : float
+        Coefficient of restitution, Y' just before, and X' and Y' just after the impact.
     """
-    before = origin.velocity
     relative_before = origin.relative_velocity
     # Towards stop 1 is positive; round-off must not turn a grazing contact into a push.
     if stop == 1:
@@ -154,7 +175,29 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
     if origin.clearance_1 == 0.0 and origin.clearance_2 == 0.0:
         # With no room between the stops the impacts on both have no end before m is at rest.
         restitution = 0.0
-    after, relative_after = rebound(before, relative_before, restitution, machine.mass_ratio)
+    after, relative_after = rebound(
+        origin.velocity, relative_before, restitution, machine.mass_ratio
+    )
+    return restitution, relative_before, after, relative_after
+
+
+@kernel(inline=True)
+def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
+    """
+    Resolve an impact.
+
+    Parameters
+    ----------
+    machine, origin, stop : Machine, Origin, int
+        As for `rebounded`.
+
+    Returns
+    -------
+    Transition
+        The state just after: moving away, or at rest, or in the last bounces of a chatter.
+    """
+    before = origin.velocity
+    restitution, relative_before, after, relative_after = rebounded(machine, origin, stop)
     if relative_after == 0.0:
         # -0.0 would be taken for a direction
         relative_after = 0.0
@@ -172,7 +215,7 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
         0.0,
     )
     held = hit.stop_1 > hit.target_1 if stop == 1 else hit.stop_2 < hit.target_2
-    if not held:
+    if not held and not is_no_chatter(machine, hit, stop):
         hit = _last_bounces(machine, hit, stop, restitution)
     return Transition(hit, stop, before, relative_before, after, relative_after)
 

@@ -19,6 +19,7 @@ from impact_damper_ros.recording.rig_messages import parameter_event
 from impact_damper_ros.recording.run_history import RunHistory
 from impact_damper_ros.recording.what_if import WhatIf
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, Simulator
+from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 
 def replayed(bag, node=None):
@@ -388,12 +389,13 @@ def test_other_formats_are_refused(tmp_path, messages):
 
 def test_a_bag_of_another_arithmetic_says_so(tmp_path, messages):
     topic, content, stamp = messages[0]
-    assert content.count(b'"arithmetic": 2') == 1
-    older = content.replace(b'"arithmetic": 2', b'"arithmetic": 1')
+    now = f'"arithmetic": {ARITHMETIC}'.encode()
+    assert content.count(now) == 1
+    older = content.replace(now, b'"arithmetic": 1')
     findings = replayed(
         samples.record(tmp_path / 'older', [(topic, older, stamp), *messages[1:]], custom=NOTES)
     )
-    assert 'recorded with arithmetic 1, this version has 2' in findings.remarks[0]
+    assert f'recorded with arithmetic 1, this version has {ARITHMETIC}' in findings.remarks[0]
     same = replayed(samples.record(tmp_path / 'same', messages, custom=NOTES))
     assert same.remarks == []
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.rig.contact import NO_EVENT, flight_end
+from impact_damper_ros.rig.contact_root import Relative, contact_root
 from impact_damper_ros.rig.flight import motion_at
-from impact_damper_ros.rig.grid_search import _base_node, _next_node, keeps_sign
+from impact_damper_ros.rig.grid_search import keeps_sign
+from impact_damper_ros.rig.node import acceleration_of, base_node, jerk_of, next_node
 from impact_damper_ros.rig.polish import falling_root, last_step
 from oracle.flight_generators import near_grazing_flights, random_flights
 from rig.break_contact import flight_of, launchable
@@ -27,15 +29,20 @@ def test_nodes_are_the_closed_form():
         oscillator = flight.oscillator
         rest = flight.constant / oscillator.omega_squared
         base = 0.0 if i % 2 else 0.7 / oscillator.fastest
-        node = _base_node(flight, base, motion_at(flight, base))
+        node = base_node(flight, base, motion_at(flight, base))
         for k in range(1, oscillator.grid.nodes + 1):
-            node = _next_node(oscillator, node)
+            node = next_node(oscillator, node)
             motion = motion_at(flight, base + k * oscillator.grid.step)
             scale = abs(motion.x) + abs(flight.x) + abs(rest) + abs(motion.velocity)
             assert node.offset + rest == pytest.approx(motion.x, abs=1e-12 * scale)
             assert node.velocity == pytest.approx(
                 motion.velocity, abs=1e-12 * scale * oscillator.fastest
             )
+            x_2 = acceleration_of(oscillator, node)
+            x_3 = jerk_of(oscillator, node, x_2)
+            terms = scale + abs(motion.x_2) + abs(flight.acceleration)
+            assert x_2 == pytest.approx(motion.x_2, abs=1e-11 * terms * oscillator.fastest**2)
+            assert x_3 == pytest.approx(motion.x_3, abs=1e-11 * terms * oscillator.fastest**3)
 
 
 def test_what_keeps_its_sign_does():
@@ -82,6 +89,56 @@ def test_last_step():
         assert exact == (abs(step) <= 1.0 / 128.0)
         if exact:
             assert step == pytest.approx(root, abs=2e-17)
+
+
+@pytest.mark.parametrize('side', [1, -1])
+def test_a_contact_from_the_series_around_a_node_is_that_of_the_closed_form(side):
+    """Wherever the root is between half a step before and after the node, or further away."""
+    rng = np.random.default_rng(7)
+    found = 0
+    for i in range(300):
+        flight = flight_of(FLIGHTS, i)
+        oscillator = flight.oscillator
+        step = oscillator.grid.step
+        node = base_node(flight, 0.0, motion_at(flight, 0.0))
+        for _ in range(2):
+            node = next_node(oscillator, node)
+        base = 2.0 * step
+        at_node = motion_at(flight, base)
+        there = Relative(base, at_node.x, at_node.travel, at_node.relative_velocity)
+        tau = base + step * rng.uniform(-0.6, 0.6)
+        motion = motion_at(flight, tau)
+        if side * motion.relative_velocity <= 0.3:
+            continue
+        clearance = side * motion.travel
+        stopped = flight._replace(
+            clearance_1=clearance if side > 0 else math.inf,
+            clearance_2=clearance if side < 0 else math.inf,
+        )
+        guess = tau - base + 1e-3 * step * rng.uniform(-1.0, 1.0)
+        end = contact_root(
+            stopped, side, node, there, at_node.relative_2, guess, tau - step, tau + step
+        )
+        if abs(tau - base) > 0.55 * step and end.kind == NO_EVENT:
+            continue
+        found += 1
+        scale = abs(flight.x) + abs(motion.x) + abs(motion.travel) + abs(motion.velocity) + 1.0
+        assert end.kind == (1 if side > 0 else 2)
+        assert end.tau == pytest.approx(tau, abs=1e-13 * scale)
+        assert end.x == pytest.approx(motion.x, abs=1e-13 * scale)
+        assert end.travel == pytest.approx(motion.travel, abs=1e-13 * scale)
+        fast = 1e-13 * scale * (1.0 + oscillator.fastest)
+        assert end.velocity == pytest.approx(motion.velocity, abs=fast)
+        assert end.relative_velocity == pytest.approx(motion.relative_velocity, abs=fast)
+        assert end.slope == pytest.approx(-side * end.relative_velocity, rel=1e-6)
+        # Not where it is asked for: no answer
+        assert (
+            contact_root(
+                stopped, side, node, there, at_node.relative_2, guess, tau + step, tau + 2.0 * step
+            ).kind
+            == NO_EVENT
+        )
+    assert found > 60
 
 
 def test_the_quick_search_finds_what_certified_steps_find():

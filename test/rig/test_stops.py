@@ -15,6 +15,7 @@ from impact_damper_ros.rig import (
     RigParameters,
     Simulator,
 )
+from impact_damper_ros.rig.snapshot import ARITHMETIC
 from oracle.hybrid_oracle import DEFAULTS
 from oracle.moving_stops import first_meeting
 from rig.energy import Account
@@ -484,5 +485,5 @@ def test_a_snapshot_of_version_0_1_goes_on_as_it_did():
         '-0x1.2316375f2ea42p-1',
     ]
     assert list(rig.sample()) == pytest.approx([float.fromhex(v) for v in last], rel=2048 * EPS)
-    assert rig.snapshot()['arithmetic'] == 2
+    assert rig.snapshot()['arithmetic'] == ARITHMETIC
     assert through_json(rig).snapshot() == rig.snapshot()

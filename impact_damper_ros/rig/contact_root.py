@@ -1,0 +1,297 @@
+"""
+Contacts to the last digit: the Taylor series of the motion around the node nearest to a guess.
+
+Half a step of the grid is short enough for the series to be complete. So the root needs neither a
+sine nor the closed form, and brings the motion there with it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from .event_codes import CONTACT_1, CONTACT_2, NO_EVENT
+from .flight import Flight, FlightEnd, unfinished
+from .kernels import kernel
+from .node import Node
+from .oscillator import Oscillator
+
+__all__ = ['Relative', 'contact_root']
+
+#: The series is complete this far from its node, in steps; half a step is what it takes.
+_REACH = 0.6
+#: A last step this long, in steps of the grid and relative to the time since the flight's origin,
+#: leaves nothing behind.
+_LEAST_LEFT = 1e-8
+_TRIES = 6
+
+
+class Relative(NamedTuple):
+    """
+    Where and when a node is, and the motion of m relative to M there.
+
+    Attributes
+    ----------
+    tau : float
+        Time since the flight's origin, s.
+    x : float
+        X, m.
+    travel, speed : float
+        Y - Y(origin), m, and Y', m/s.
+    """
+
+    tau: float
+    x: float
+    travel: float
+    speed: float
+
+
+class _Series(NamedTuple):
+    """X'' at a node, and the coefficients of the second to fifteenth power in the series of X'."""
+
+    x_2: float
+    b_3: float
+    b_4: float
+    b_5: float
+    b_6: float
+    b_7: float
+    b_8: float
+    b_9: float
+    b_10: float
+    b_11: float
+    b_12: float
+    b_13: float
+    b_14: float
+    b_15: float
+    b_16: float
+
+
+@kernel(inline=True)
+def _series_at(oscillator: Oscillator, node: Node) -> _Series:
+    """Return the series around a node: each derivative from the two before it and the drive."""
+    grid = oscillator.grid
+    f_0 = 0.0
+    f_1 = 0.0
+    f_2 = 0.0
+    f_3 = 0.0
+    f_4 = 0.0
+    f_5 = 0.0
+    f_6 = 0.0
+    f_7 = 0.0
+    f_8 = 0.0
+    f_9 = 0.0
+    f_10 = 0.0
+    f_11 = 0.0
+    f_12 = 0.0
+    f_13 = 0.0
+    f_14 = 0.0
+    for j in range(len(node.sines)):
+        even = grid.pushes[j] * node.sines[j]
+        odd = grid.pushes[j] * grid.turns[j] * node.cosines[j]
+        turned = -grid.turns[j] * grid.turns[j]
+        f_0 += even
+        f_1 += odd
+        even *= turned
+        odd *= turned
+        f_2 += even
+        f_3 += odd
+        even *= turned
+        odd *= turned
+        f_4 += even
+        f_5 += odd
+        even *= turned
+        odd *= turned
+        f_6 += even
+        f_7 += odd
+        even *= turned
+        odd *= turned
+        f_8 += even
+        f_9 += odd
+        even *= turned
+        odd *= turned
+        f_10 += even
+        f_11 += odd
+        even *= turned
+        odd *= turned
+        f_12 += even
+        f_13 += odd
+        even *= turned
+        f_14 += even
+    spring = grid.spring
+    dashpot = grid.dashpot
+    d_0 = node.offset
+    d_1 = node.velocity * grid.step
+    d_2 = (f_0 - spring * d_0) - dashpot * d_1
+    d_3 = (f_1 - spring * d_1) - dashpot * d_2
+    d_4 = (f_2 - spring * d_2) - dashpot * d_3
+    d_5 = (f_3 - spring * d_3) - dashpot * d_4
+    d_6 = (f_4 - spring * d_4) - dashpot * d_5
+    d_7 = (f_5 - spring * d_5) - dashpot * d_6
+    d_8 = (f_6 - spring * d_6) - dashpot * d_7
+    d_9 = (f_7 - spring * d_7) - dashpot * d_8
+    d_10 = (f_8 - spring * d_8) - dashpot * d_9
+    d_11 = (f_9 - spring * d_9) - dashpot * d_10
+    d_12 = (f_10 - spring * d_10) - dashpot * d_11
+    d_13 = (f_11 - spring * d_11) - dashpot * d_12
+    d_14 = (f_12 - spring * d_12) - dashpot * d_13
+    d_15 = (f_13 - spring * d_13) - dashpot * d_14
+    d_16 = (f_14 - spring * d_14) - dashpot * d_15
+    return _Series(
+        d_2,
+        d_3 * (1.0 / 2.0),
+        d_4 * (1.0 / 6.0),
+        d_5 * (1.0 / 24.0),
+        d_6 * (1.0 / 120.0),
+        d_7 * (1.0 / 720.0),
+        d_8 * (1.0 / 5040.0),
+        d_9 * (1.0 / 40320.0),
+        d_10 * (1.0 / 362880.0),
+        d_11 * (1.0 / 3628800.0),
+        d_12 * (1.0 / 39916800.0),
+        d_13 * (1.0 / 479001600.0),
+        d_14 * (1.0 / 6227020800.0),
+        d_15 * (1.0 / 87178291200.0),
+        d_16 * (1.0 / 1307674368000.0),
+    )
+
+
+@kernel(inline=True)
+def _coarse_tail(series: _Series, s: float) -> tuple[float, float, float, float]:
+    """Return what the third to tenth power add to X and its first three derivatives."""
+    _, b_3, b_4, b_5, b_6, b_7, b_8, b_9, b_10 = series[:9]
+    s_2 = s * s
+    s_4 = s_2 * s_2
+    value = ((b_3 * (1.0 / 3.0) + 0.25 * b_4 * s) + (0.2 * b_5 + b_6 * (1.0 / 6.0) * s) * s_2) + (
+        (b_7 * (1.0 / 7.0) + 0.125 * b_8 * s) + (b_9 * (1.0 / 9.0) + 0.1 * b_10 * s) * s_2
+    ) * s_4
+    slope = ((b_3 + b_4 * s) + (b_5 + b_6 * s) * s_2) + (
+        (b_7 + b_8 * s) + (b_9 + b_10 * s) * s_2
+    ) * s_4
+    bend = (2.0 * b_3 + 3.0 * b_4 * s) + (4.0 * b_5 + 5.0 * b_6 * s) * s_2
+    third = (2.0 * b_3 + 6.0 * b_4 * s) + (12.0 * b_5 + 20.0 * b_6 * s) * s_2
+    return s * s_2 * value, s_2 * slope, s * bend, third
+
+
+@kernel(inline=True)
+def _tail(series: _Series, s: float) -> tuple[float, float, float]:
+    """
+    Return what the third and higher powers add to X and its first two derivatives.
+
+    The last one is that of a last step, and needs half of the digits. Products are taken in pairs,
+    so that few of them wait for one another.
+    """
+    s_2 = s * s
+    s_4 = s_2 * s_2
+    s_8 = s_4 * s_4
+    _, b_3, b_4, b_5, b_6, b_7, b_8, b_9, b_10, b_11, b_12, b_13, b_14, b_15, b_16 = series
+    value = (
+        ((b_3 * (1.0 / 3.0) + 0.25 * b_4 * s) + (0.2 * b_5 + b_6 * (1.0 / 6.0) * s) * s_2)
+        + ((b_7 * (1.0 / 7.0) + 0.125 * b_8 * s) + (b_9 * (1.0 / 9.0) + 0.1 * b_10 * s) * s_2)
+        * s_4
+        + (
+            (b_11 * (1.0 / 11.0) + b_12 * (1.0 / 12.0) * s)
+            + (b_13 * (1.0 / 13.0) + b_14 * (1.0 / 14.0) * s) * s_2
+            + (b_15 * (1.0 / 15.0) + 0.0625 * b_16 * s) * s_4
+        )
+        * s_8
+    )
+    slope = (
+        ((b_3 + b_4 * s) + (b_5 + b_6 * s) * s_2)
+        + ((b_7 + b_8 * s) + (b_9 + b_10 * s) * s_2) * s_4
+        + ((b_11 + b_12 * s) + (b_13 + b_14 * s) * s_2 + (b_15 + b_16 * s) * s_4) * s_8
+    )
+    bend = (
+        ((2.0 * b_3 + 3.0 * b_4 * s) + (4.0 * b_5 + 5.0 * b_6 * s) * s_2)
+        + ((6.0 * b_7 + 7.0 * b_8 * s) + (8.0 * b_9 + 9.0 * b_10 * s) * s_2) * s_4
+        + (10.0 * b_11 + 11.0 * b_12 * s) * s_8
+    )
+    return s * s_2 * value, s_2 * slope, s * bend
+
+
+@kernel(inline=True)
+def contact_root(
+    flight: Flight,
+    side: int,
+    node: Node,
+    there: Relative,
+    rate: float,
+    guess: float,
+    low: float,
+    high: float,
+) -> FlightEnd:
+    """
+    Return the end of a flight by a contact near a guess.
+
+    Parameters
+    ----------
+    flight : Flight
+        The flight.
+    side : int
+        +1 for stop 1, -1 for stop 2.
+    node, there, rate : Node, Relative, float
+        The node nearest to the guess, and the relative acceleration there.
+    guess : float
+        Time since the node, s.
+    low, high : float
+        Times since the flight's origin between which the contact is, s.
+
+    Returns
+    -------
+    FlightEnd
+        The end; without event if that does not succeed.
+    """
+    grid = flight.oscillator.grid
+    step = grid.step
+    clearance = flight.clearance_1 if side > 0 else flight.clearance_2
+    left = clearance - side * there.travel
+    speed = there.speed * step
+    rate = rate * step * step
+    velocity = node.velocity * step
+    series: _Series = _series_at(flight.oscillator, node)
+    x_2 = series.x_2
+    begun = there.tau * grid.inverse
+    s = guess * grid.inverse
+    # First to within a last step of the root, by most of the series
+    bend, bend_1, bend_2, bend_3 = _coarse_tail(series, s)
+    f_1 = -side * (speed + s * rate - bend_1)
+    if f_1 >= 0.0:
+        return unfinished(NO_EVENT, low)
+    inverse = -1.0 / f_1
+    u = (left - side * (s * (speed + 0.5 * s * rate) - bend)) * inverse
+    v_2 = -0.5 * side * (rate - bend_2) * inverse * u
+    v_3 = side * bend_3 * inverse * (u * u) * (1.0 / 6.0)
+    s += u + u * (v_2 + (2.0 * v_2 * v_2 + v_3))
+    for _ in range(_TRIES):
+        if abs(s) > _REACH:
+            break
+        bend, bend_1, bend_2 = _tail(series, s)
+        travel = s * (speed + 0.5 * s * rate) - bend
+        closing = speed + s * rate - bend_1
+        closing_1 = rate - bend_2
+        f_1 = -side * closing
+        if f_1 >= 0.0:
+            break
+        # Newton's step, bent as the function is
+        inverse = -1.0 / f_1
+        u = (left - side * travel) * inverse
+        u -= 0.5 * side * closing_1 * inverse * u * u
+        if abs(u) <= _LEAST_LEFT * min(1.0, begun + s):
+            tau = there.tau + (s + u) * step
+            if not low < tau <= high:
+                break
+            return FlightEnd(
+                CONTACT_1 if side > 0 else CONTACT_2,
+                tau,
+                there.x
+                + (
+                    s * (velocity + 0.5 * s * x_2)
+                    + bend
+                    + u * (velocity + s * x_2 + bend_1 + 0.5 * u * (x_2 + bend_2))
+                ),
+                node.velocity + (s * x_2 + bend_1 + u * (x_2 + bend_2)) * grid.inverse,
+                there.travel + (travel + u * (closing + 0.5 * u * closing_1)),
+                there.speed + (s * rate - bend_1 + u * closing_1) * grid.inverse,
+                f_1 * grid.inverse,
+                True,
+            )
+        s += u
+    return unfinished(NO_EVENT, low)

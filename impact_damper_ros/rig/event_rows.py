@@ -1,0 +1,203 @@
+"""Events as rows of a table, written by kernels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .event import EventKind
+from .event_codes import (
+    ARRIVAL,
+    CONTACT_1,
+    CONTACT_2,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    REVERSAL,
+    STOP_ARRIVED_1,
+    STOP_ARRIVED_2,
+)
+from .impact import impulse
+from .kernels import kernel
+from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine
+from .origin import Origin, offset_of
+from .transition import Transition
+
+__all__ = ['IMPACT', 'MOST_ROWS', 'write_event', 'write_transition']
+
+#: Rows that one transition may take.
+MOST_ROWS = 3
+IMPACT = int(EventKind.IMPACT)
+_REST = int(EventKind.REST)
+_STICK = int(EventKind.STICK)
+_RELEASE = int(EventKind.RELEASE)
+_REVERSAL = int(EventKind.REVERSAL)
+_STOP_ARRIVED = int(EventKind.STOP_ARRIVED)
+_STOP_TOUCHED = int(EventKind.STOP_TOUCHED)
+
+
+@kernel(inline=True)
+def write_event(
+    numbers: Any,
+    codes: Any,
+    row: int,
+    kind: int,
+    stop: int,
+    origin: Origin,
+    before: float,
+    after: float,
+    damper_before: float,
+    damper_after: float,
+    push: float,
+) -> int:
+    """
+    Write one event into a row of the table; return the next row.
+
+    Parameters
+    ----------
+    numbers, codes : array of float and of int, shape (rows, 11)
+        The table; see `run_loop.run_through`.
+    row, kind, stop : int
+        The row, the kind of event and the stop.
+    origin : Origin
+        State after the event.
+    before, after, damper_before, damper_after : float
+        Velocities of M and of m just before and after it, m/s.
+    push : float
+        Impulse, N s.
+    """
+    numbers[row, 0] = origin.time
+    numbers[row, 1] = origin.x
+    numbers[row, 2] = offset_of(
+        origin.clearance_1, origin.clearance_2, origin.stop_1, origin.stop_2
+    )
+    numbers[row, 3] = before
+    numbers[row, 4] = after
+    numbers[row, 5] = damper_before
+    numbers[row, 6] = damper_after
+    numbers[row, 7] = push
+    codes[row, 8] = kind
+    codes[row, 9] = stop
+    codes[row, 10] = origin.mode
+    return row + 1
+
+
+@kernel(inline=True)
+def _stop_under(mode: int) -> int:
+    """Return the stop on which m rests, or bounces for the last times; 0 for none."""
+    if mode in (REST_1, CHATTER_1):
+        return 1
+    return 2 if mode in (REST_2, CHATTER_2) else 0
+
+
+@kernel(inline=True)
+def _support_code(mode_before: int, mode: int) -> int:
+    """Return as what a stop's coming up to m at rest is reported; 0 for nothing."""
+    if mode_before >= STICK > mode:
+        return _RELEASE
+    if mode in (REST_1, REST_2) and (mode_before < STICK or mode_before >= CHATTER_1):
+        return _REST
+    return 0
+
+
+@kernel(inline=True)
+def write_transition(
+    machine: Machine,
+    damper_mass: float,
+    kind: int,
+    ended: Origin,
+    transition: Transition,
+    numbers: Any,
+    codes: Any,
+    row: int,
+) -> int:
+    """
+    Write what an event is reported as, none to three rows; return the next free row.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    damper_mass : float
+        Mass m, kg.
+    kind : int
+        The event, as `contact.first_event` names it.
+    ended : Origin
+        Origin of the flight that it ended.
+    transition : Transition
+        What it did.
+    numbers, codes, row : array, array, int
+        As for `write_event`.
+    """
+    origin = transition.origin
+    mode = origin.mode
+    before = transition.velocity_before
+    after = transition.velocity_after
+    damper_before = before + transition.relative_velocity_before
+    damper_after = after + transition.relative_velocity_after
+    code = 0
+    stop = 0
+    push = 0.0
+    if kind in (CONTACT_1, CONTACT_2):
+        stop = transition.stop
+        outward = transition.relative_velocity_before * (1.0 if stop == 1 else -1.0) > 0.0
+        code = IMPACT
+        if (ended.stop_velocity_1 if stop == 1 else ended.stop_velocity_2) != 0.0:
+            row = write_event(
+                numbers,
+                codes,
+                row,
+                _STOP_TOUCHED,
+                stop,
+                origin,
+                before,
+                before,
+                damper_before,
+                damper_before,
+                0.0,
+            )
+            if not outward:
+                code = _support_code(ended.mode, mode)
+                if code == 0:
+                    return row
+                stop = _stop_under(mode if code == _REST else ended.mode)
+        restitution = machine.restitution_1 if stop == 1 else machine.restitution_2
+        if transition.relative_velocity_after == 0.0:
+            restitution = 0.0
+        push = impulse(
+            damper_mass, machine.mass_ratio, restitution, transition.relative_velocity_before
+        )
+    elif kind == ARRIVAL:
+        code = _STOP_ARRIVED
+        stop = 1 if origin.clearance_1 == 0.0 else 2
+    elif kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
+        code = _STOP_ARRIVED
+        stop = 1 if kind == STOP_ARRIVED_1 else 2
+    elif kind in (RELEASE_UP, RELEASE_DOWN):
+        code = _RELEASE
+        stop = _stop_under(ended.mode)
+    elif mode in (REST_1, REST_2):
+        code = _REST
+        stop = 1 if mode == REST_1 else 2
+    elif mode == STICK:
+        code = _STICK
+    elif kind == REVERSAL:
+        code = _REVERSAL
+    if code == 0:
+        return row
+    row = write_event(
+        numbers,
+        codes,
+        row,
+        code,
+        stop,
+        origin,
+        before,
+        after,
+        damper_before,
+        damper_after,
+        push,
+    )
+    if code == IMPACT and mode in (REST_1, REST_2):
+        row = write_event(
+            numbers, codes, row, _REST, stop, origin, after, after, after, damper_after, 0.0
+        )
+    return row
