@@ -6,7 +6,8 @@ Ten thousand gaps from 10 to 60 m, five hundred cycles of each, on one and on tw
 Each gap is a rig of its own, run from rest in compiled code. Workers are processes that take the
 gaps in blocks; what comes out of a gap is the same whoever has run it, which is checked. On a
 machine that does other work, read the CPU time: workers that do not wait for one another have
-together no more of it than one.
+together no more of it than one. What two processes gain on such a machine with arithmetic alone,
+which shares neither memory nor anything else, is printed first, and again after each case.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
+from floor_chain import chain
 from simulator import CASES
 
 from impact_damper_ros.rig import RigParameters
@@ -34,6 +36,7 @@ GAPS = 10.0, 60.0
 def load() -> None:
     """Have the compiled code, and nothing else to do later."""
     LongRun(RigParameters(), compiled=True).advance(1.0)
+    chain()
 
 
 def run_block(
@@ -74,6 +77,31 @@ def run_all(
     }
 
 
+def arithmetic(count: int) -> None:
+    """Keep a processor busy with nothing but arithmetic."""
+    chain()(count)
+
+
+def arithmetic_seconds(pool: ProcessPoolExecutor, parts: int = 40) -> float:
+    """Return the least wall time of the same arithmetic in parts, whoever does them, s."""
+    best = float('inf')
+    for _ in range(3):
+        began = perf_counter()
+        for job in [pool.submit(arithmetic, 200_000) for _ in range(parts)]:
+            job.result()
+        best = min(best, perf_counter() - began)
+    return best
+
+
+def say_arithmetic(pools: dict[int, ProcessPoolExecutor]) -> dict[int, float]:
+    """Print how much faster the workers are with arithmetic alone; return their seconds."""
+    seconds = {workers: arithmetic_seconds(pool) for workers, pool in pools.items()}
+    first = next(iter(seconds.values()))
+    for workers, spent in list(seconds.items())[1:]:
+        print(f'arithmetic alone: {workers} workers are {first / spent:.2f} times as fast')
+    return seconds
+
+
 def main() -> int:
     """Run and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n\n')[0].strip())
@@ -88,6 +116,7 @@ def main() -> int:
         workers: ProcessPoolExecutor(workers, get_context('fork'), load)
         for workers in arguments.workers
     }
+    results['arithmetic'] = [say_arithmetic(pools)]
     for case in CASES:
         results[case.name] = {
             workers: run_all(pool, case.changes, arguments.count, arguments.cycles)
@@ -104,11 +133,12 @@ def main() -> int:
                 f'{"same" if row["digest"] == first["digest"] else "OTHER"} results, '
                 f'{first["seconds"] / row["seconds"]:.2f} times as fast as the first'
             )
+        results['arithmetic'].append(say_arithmetic(pools))
     for pool in pools.values():
         pool.shutdown()
     if arguments.json:
         arguments.json.write_text(json.dumps(results, indent=2) + '\n')
-    return int(any(row['failed'] for rows in results.values() for row in rows.values()))
+    return int(any(row['failed'] for case in CASES for row in results[case.name].values()))
 
 
 if __name__ == '__main__':

@@ -69,10 +69,10 @@ class LongRun:
     ) -> None:
         """Start the rig."""
         self._compiled = has_numba() if compiled is None else compiled
-        self._take(Simulator(parameters, initial, time).snapshot())
+        self._take(Simulator(parameters, initial, time).state())
 
-    def _take(self, snapshot: dict[str, Any]) -> None:
-        self._state = state = Snapshot.from_dict(snapshot)
+    def _take(self, state: Snapshot) -> None:
+        self._state = state
         machine = _machine_of(state.parameters, state.sweep)
         self._loop = Loop(machine, state.parameters.damper_mass, compiled=self._compiled)
 
@@ -88,7 +88,7 @@ class LongRun:
         """
         run = cls.__new__(cls)
         run._compiled = has_numba() if compiled is None else compiled
-        run._take(snapshot)
+        run._take(Snapshot.from_dict(snapshot))
         return run
 
     def snapshot(self) -> dict[str, Any]:
@@ -135,7 +135,7 @@ class LongRun:
         """
         rig = self.simulator()
         events = rig.change(parameters)
-        self._take(rig.snapshot())
+        self._take(rig.state())
         return events
 
     def advance(

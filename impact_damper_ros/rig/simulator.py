@@ -213,9 +213,13 @@ class Simulator(HybridMotion):
             The origin of the present flight, the parameters and the time reached; it goes
             through JSON without loss.
         """
+        return self.state().as_dict()
+
+    def state(self) -> Snapshot:
+        """Return the same by its fields."""
         return Snapshot(
             self._parameters, self._origin, self._time, tuple(self._unreported), self._sweep
-        ).as_dict()
+        )
 
     @classmethod
     def restore(cls, snapshot: dict[str, Any]) -> Self:
