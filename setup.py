@@ -78,7 +78,13 @@ setup(
             'xacro>=2.1',
             'xarray>=2023.1',
         ],
-        'dev': ['mypy>=1.11', 'pre-commit>=3.7', 'ruff>=0.9', 'types-PyYAML>=6.0'],
+        'dev': [
+            'mypy>=1.11',
+            'pre-commit>=3.7',
+            'pytest-xdist>=3.5',
+            'ruff>=0.9',
+            'types-PyYAML>=6.0',
+        ],
     },
     entry_points={
         'console_scripts': [

@@ -182,7 +182,8 @@ def test_a_transient_that_repeats_nearly():
     words = found.sentence.split('after about ')[1].split()
     later = compared(OFF_RESONANCE.replace(gap=8.0), 155 + int(words[0]))
     assert later.verdict is Verdict.AGREES
-    assert later.decay.distance == pytest.approx(1e-3, rel=0.5)
+    # Two multipliers of nearly the same size beat: the distance falls in waves.
+    assert 1e-4 < later.decay.distance < 1e-3
 
 
 def test_a_transient_that_does_not_repeat_yet():
