@@ -15,11 +15,10 @@ from .event_codes import (
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
 )
-from .impact import impulse
 from .kernels import kernel
 from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine
 from .origin import Origin, offset_of
-from .transition import Transition
+from .transition import Transition, impulse_of
 
 __all__ = ['IMPACT', 'MOST_ROWS', 'write_event', 'write_transition']
 
@@ -159,12 +158,7 @@ def write_transition(
                 if code == 0:
                     return row
                 stop = _stop_under(mode if code == _REST else ended.mode)
-        restitution = machine.restitution_1 if stop == 1 else machine.restitution_2
-        if transition.relative_velocity_after == 0.0:
-            restitution = 0.0
-        push = impulse(
-            damper_mass, machine.mass_ratio, restitution, transition.relative_velocity_before
-        )
+        push = impulse_of(machine, damper_mass, transition)
     elif kind == ARRIVAL:
         code = _STOP_ARRIVED
         stop = 1 if origin.clearance_1 == 0.0 else 2

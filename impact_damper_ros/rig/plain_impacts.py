@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from .certificate import least_step
 from .crossing import has_side
 from .event_codes import CONTACT_1, CONTACT_2, NO_EVENT
 from .event_rows import IMPACT, MOST_ROWS, write_event
@@ -53,6 +52,7 @@ def plain_impacts(
     most: int,
     in_mode: Any,
     instant: float,
+    span: float,
 ) -> tuple[Origin, float, int, int, FlightEnd]:
     """
     Go from impact to impact as long as they are plain.
@@ -69,8 +69,8 @@ def plain_impacts(
         As for `run_loop.run_through`.
     written, happened : int
         Rows written, and transitions made so far.
-    instant : float
-        Instant that none of the impacts may be too close to for two, s.
+    instant, span : float
+        Instant of the last event, and how long after an event the next one must be, s.
 
     Returns
     -------
@@ -80,15 +80,12 @@ def plain_impacts(
         How the present flight ends, or how far it is known to go on.
     """
     writing = len(codes) > 0
-    span = least_step(machine.joint.horizon) * 0.5
     ending: FlightEnd = unfinished(NO_EVENT, 0.0)
     while happened < most and not (writing and written + MOST_ROWS > len(codes)):
         flight: Flight = moving_flight(machine, origin)
         motion: Motion = starting_motion(flight)
         ending = search_contact(flight, 0.0, motion)
         if ending.kind not in (CONTACT_1, CONTACT_2):
-            if ending.kind != NO_EVENT:
-                ending = unfinished(NO_EVENT, 0.0)
             break
         stop = 1 if ending.kind == CONTACT_1 else 2
         there = carried(origin, flight, ending)

@@ -13,10 +13,9 @@ from .contact import (
     STOP_ARRIVED_2,
 )
 from .event import Event, EventKind
-from .impact import impulse
 from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine
 from .origin import Origin, offset_of
-from .transition import Transition
+from .transition import Transition, impulse_of
 
 __all__ = ['impact_events', 'make_event', 'quiet', 'support_events', 'transition_events']
 
@@ -50,12 +49,7 @@ def make_event(kind: EventKind, stop: int, transition: Transition, impulse: floa
 def impact_events(machine: Machine, damper_mass: float, transition: Transition) -> list[Event]:
     """Report an impact, and the rest that a plastic one leads to."""
     stop = transition.stop
-    restitution = machine.restitution_1 if stop == 1 else machine.restitution_2
-    if transition.relative_velocity_after == 0.0:
-        restitution = 0.0
-    push = impulse(
-        damper_mass, machine.mass_ratio, restitution, transition.relative_velocity_before
-    )
+    push = impulse_of(machine, damper_mass, transition)
     events = [make_event(EventKind.IMPACT, stop, transition, push)]
     if transition.origin.mode in _RESTING:
         still = transition._replace(

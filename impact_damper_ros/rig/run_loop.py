@@ -164,6 +164,7 @@ def run_through(
                 most,
                 in_mode,
                 instant,
+                at_once_span,
             )
             known = ending.kind != NO_EVENT
             node = ending.tau

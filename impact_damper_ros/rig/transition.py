@@ -20,7 +20,7 @@ from .contact import (
     STOP_ARRIVED_2,
 )
 from .flight import Flight, FlightEnd, Motion, starting_motion
-from .impact import bounce_duration, chatter_duration, may_chatter, rebound
+from .impact import bounce_duration, chatter_duration, impulse, may_chatter, rebound
 from .kernels import kernel
 from .mode import (
     CHATTER_1,
@@ -44,6 +44,7 @@ __all__ = [
     'Transition',
     'at_rest',
     'carried',
+    'impulse_of',
     'is_no_chatter',
     'moving_mode',
     'placed',
@@ -75,6 +76,17 @@ class Transition(NamedTuple):
     relative_velocity_before: float
     velocity_after: float
     relative_velocity_after: float
+
+
+@kernel(inline=True)
+def impulse_of(machine: Machine, damper_mass: float, transition: Transition) -> float:
+    """Return the impulse of the impact that a transition is, N s."""
+    restitution = machine.restitution_1 if transition.stop == 1 else machine.restitution_2
+    if transition.relative_velocity_after == 0.0:
+        restitution = 0.0
+    return impulse(
+        damper_mass, machine.mass_ratio, restitution, transition.relative_velocity_before
+    )
 
 
 @kernel(inline=True)
