@@ -2,15 +2,14 @@
 
 import json
 import os
-import random
 import signal
-import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pandas as pd
 import pytest
+from analysis.shuffled_executor import Shuffled
 
 from impact_damper_ros.analysis.settling_rig import Settling
 from impact_damper_ros.analysis.steady_state import steady_state
@@ -51,23 +50,6 @@ def table_of(plan, path, executor=None, **options):
         write_table(plan, journal, path)
     journal_path(path).unlink()
     return path.read_bytes()
-
-
-class Shuffled:
-    """Any executor: here one that finishes in an order of its own, in threads."""
-
-    def __init__(self):
-        self.pool = ThreadPoolExecutor(3)
-        self.chance = random.Random(4)
-
-    def submit(self, fn, /, *args):
-        delay = self.chance.random() * 0.02
-        return self.pool.submit(self.run, delay, fn, args)
-
-    @staticmethod
-    def run(delay, fn, args):
-        time.sleep(delay)
-        return fn(*args)
 
 
 @pytest.mark.parametrize('plan', [MIXED, FOLLOWED], ids=['independent', 'followed'])

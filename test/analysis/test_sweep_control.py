@@ -1,13 +1,11 @@
 """Sweeps of rigs under gap control: what they settle into, however and by whom they are run."""
 
 import math
-import random
-import time
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas as pd
 import pytest
+from analysis.shuffled_executor import Shuffled
 from control.controlled_rigs import IDEAL, TRIAL, control
 
 from impact_damper_ros.analysis.motion_kind import MotionKind
@@ -143,23 +141,6 @@ def test_followed_rigs_take_over_rig_and_control():
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
     assert following['impact_phase'] == pytest.approx(fresh['impact_phase'], abs=1e-6)
-
-
-class Shuffled:
-    """Any executor: here one that finishes in an order of its own, in threads."""
-
-    def __init__(self):
-        self.pool = ThreadPoolExecutor(3)
-        self.chance = random.Random(4)
-
-    def submit(self, fn, /, *args):
-        delay = self.chance.random() * 0.02
-        return self.pool.submit(self.run, delay, fn, args)
-
-    @staticmethod
-    def run(delay, fn, args):
-        time.sleep(delay)
-        return fn(*args)
 
 
 @pytest.mark.parametrize('plan', [VARIED, FOLLOWED], ids=['independent', 'followed'])

@@ -19,7 +19,8 @@ from impact_damper_ros.rig import (
     Simulator,
     kernel_cache,
 )
-from impact_damper_ros.rig.long_run import EVENT_TYPE, SAMPLE_TYPE, LongRun, Outcome
+from impact_damper_ros.rig.long_run import SAMPLE_TYPE, LongRun, Outcome
+from rig.long_run_events import rows, without_mode
 from rig.random_rigs import random_command, random_rig
 
 ROOT = Path(__file__).parents[2]
@@ -41,16 +42,6 @@ def compiled(request):
     if request.param:
         pytest.importorskip('numba')
     return request.param
-
-
-def rows(events):
-    """Return events of the simulator as the table of a long run has them, without the mode."""
-    names = [name for name in EVENT_TYPE.names if name != 'mode']
-    return [tuple(getattr(event, name) for name in names) for event in events]
-
-
-def without_mode(table):
-    return [tuple(row)[:-1] for row in table.tolist()]
 
 
 def followed(rig, instants):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
-from impact_damper_ros.rig.long_run import EVENT_TYPE, LongRun, Outcome
+from impact_damper_ros.rig.long_run import LongRun, Outcome
 from impact_damper_ros.rig.sweep import frequency_at, frequency_steps
+from rig.long_run_events import rows, without_mode
 from rig.random_rigs import random_command, random_rig, through_json
 
 STEP = EventKind.FREQUENCY_STEP
@@ -241,16 +242,6 @@ def compiled(request):
     if request.param:
         pytest.importorskip('numba')
     return request.param
-
-
-def rows(events):
-    """Return events of the simulator as the table of a long run has them, without the mode."""
-    names = [name for name in EVENT_TYPE.names if name != 'mode']
-    return [tuple(getattr(event, name) for name in names) for event in events]
-
-
-def without_mode(table):
-    return [tuple(row)[:-1] for row in table.tolist()]
 
 
 def test_long_runs_sweep_as_the_simulator_does(compiled):
