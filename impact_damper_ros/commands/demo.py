@@ -88,9 +88,11 @@ class _Client:
     def __init__(self) -> None:
         import rclpy
         from rclpy.parameter_client import AsyncParameterClient
+        from rclpy.signals import SignalHandlerOptions
         from sensor_msgs.msg import JointState as JointStateMessage
 
-        rclpy.init(args=[])
+        # Ctrl-C is Python's here: it ends the waiting, which is never long.
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._rclpy = rclpy
         self._node = rclpy.create_node('demo')
         self.states = self.impacts = 0

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
@@ -31,6 +31,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.nodes.command_line import answer_foreign, in_words, refuse
 from impact_damper_ros.nodes.diagnostics import Diagnostics
+from impact_damper_ros.nodes.end_request import EndRequest
 from impact_damper_ros.nodes.engine import Engine
 from impact_damper_ros.nodes.live_parameters import LiveParameters
 from impact_damper_ros.nodes.motion_report import MotionMonitor
@@ -82,7 +83,7 @@ class SimNode(Node):
         parameters = parameters_from_overrides(overrides, declared, self.get_logger().warning)
         self._declare(parameters)
         outlets = self._advertise(parameters)
-        self._failed = self.create_guard_condition(lambda: None)
+        self._woken = self.create_guard_condition(lambda: None)
         self._predicted = self.create_guard_condition(self._report_motion)
         priority = parameters.real_time_priority if parameters.real_time_factor else 0
         of_others = priority_of_others(priority)
@@ -102,7 +103,7 @@ class SimNode(Node):
             real_time_factor=parameters.real_time_factor,
             publish_clock=parameters.publish_clock,
             alive=self.context.ok,
-            on_failure=self._failed.trigger,
+            on_failure=self.wake,
             control=parameters.control,
             on_course=self._predictor.ask,
             real_time_priority=priority,
@@ -133,6 +134,10 @@ class SimNode(Node):
     def start(self) -> None:
         """Set the rig going."""
         self.engine.start()
+
+    def wake(self) -> None:
+        """Let the executor look whether it is to go on; from any thread."""
+        self._woken.trigger()
 
     def finish(self) -> str:
         """Stop the rig and finish the bag, without ROS; return what was recorded, in words."""
@@ -284,26 +289,26 @@ class SimNode(Node):
             self.set_parameters([Parameter('record', Parameter.Type.BOOL, False)])
 
 
-def _spin(node: SimNode, executor: SingleThreadedExecutor) -> None:
+def _spin(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> None:
     executor.add_node(node)
-    while rclpy.ok() and node.engine.failure is None:
+    while rclpy.ok() and not end.received and node.engine.failure is None:
         try:
             executor.spin_once()
         except Exception:
-            # A malformed request, say; it must not take the rig down. A shutdown ends here too.
-            if rclpy.ok():
-                node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
+            # A malformed request, say; it must not take the rig down.
+            node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
 
 
-def _run(node: SimNode, executor: SingleThreadedExecutor) -> int:
+def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> int:
     """Run the node until it is told to end, or its engine fails."""
+    end.wake_with(node.wake)
     try:
         # What exists by now stays: the garbage collector need not look through it again.
         gc.freeze()
         node.start()
-        _spin(node, executor)
+        _spin(node, executor, end)
     finally:
-        # ROS may be down already; this needs none of it.
+        end.wake_with(None)
         if summary := node.finish():
             print(f'sim_node: {summary}', file=sys.stderr)
     if (failure := node.engine.failure) is not None:
@@ -311,6 +316,29 @@ def _run(node: SimNode, executor: SingleThreadedExecutor) -> int:
         traceback.print_exception(failure)
         return 1
     return 0
+
+
+def _serve(arguments: Sequence[str], end: EndRequest) -> int:
+    """Run the node on ROS, and leave it; return the exit code."""
+    try:
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:
+        return refuse(in_words(error))
+    node = None
+    try:
+        if (code := answer_foreign(remove_ros_args(arguments)[1:])) is not None:
+            return code
+        try:
+            executor = SingleThreadedExecutor()
+            node = SimNode()
+        except Exception as error:
+            return refuse(error)
+        return _run(node, executor, end)
+    finally:
+        with contextlib.suppress(Exception):
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -327,34 +355,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         Exit code: 0 after SIGINT and SIGTERM, 1 if the node could not start or has failed.
     """
-    arguments = list(sys.argv if argv is None else argv)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    # ROS handles the signal by shutting down, which ends the spinning. A KeyboardInterrupt on top
-    # (or a second one, while the bag is being finished) could strike anywhere.
-    signal.signal(signal.SIGINT, lambda *_: None)
+    end = EndRequest()
     try:
-        rclpy.init(args=arguments)
-    except Exception as error:
-        return refuse(in_words(error))
-    node = None
-    try:
-        if (code := answer_foreign(remove_ros_args(arguments)[1:])) is not None:
-            return code
-        try:
-            executor = SingleThreadedExecutor()
-            node = SimNode()
-        except Exception as error:
-            # Told to end before it had begun, or not able to begin.
-            return refuse(error) if rclpy.ok() else 0
-        return _run(node, executor)
+        return _serve(sys.argv if argv is None else argv, end)
     finally:
-        with contextlib.suppress(Exception):
-            if node is not None:
-                node.destroy_node()
-            rclpy.try_shutdown()
-        # The process is at its end; an impatient signal must not spoil the exit code.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+        end.close()
 
 
 if __name__ == '__main__':

@@ -41,6 +41,48 @@ def test_signals_end_the_node_with_a_complete_bag(client, launch, namespace, tmp
     assert reader.unusable == 0
 
 
+IMPATIENT = """
+import os
+import signal
+import sys
+import threading
+
+from rclpy.signals import SignalHandlerGuardCondition
+from impact_damper_ros.nodes import sim_node
+
+destroy_node = sim_node.SimNode.destroy_node
+
+def destroy_slowly(node):
+    done = threading.Event()
+
+    def insist():
+        while not done.wait(1e-4):
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    insisting = threading.Thread(target=insist)
+    insisting.start()
+    for _ in range(20_000):
+        SignalHandlerGuardCondition(node.context).destroy()
+    done.set()
+    insisting.join()
+    destroy_node(node)
+
+sim_node.SimNode.destroy_node = destroy_slowly
+sys.exit(sim_node.main())
+"""
+
+
+def test_signals_while_the_node_is_taken_apart_do_no_harm(client, launch, namespace):
+    # An executor destroys its guard condition, which rclpy's own handling of a signal may be
+    # just about to trigger; many of them make that crash certain.
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    process = launch(f'__ns:={namespace}', code=IMPATIENT)
+    until(lambda: states, lambda: process.output)
+    assert process.stop(signal.SIGINT) == 0, process.output
+    assert process.output == ''
+
+
 def test_a_signal_during_start_up_ends_the_node_quietly(launch, namespace):
     for delay in (0.35, 0.5):
         process = launch(f'__ns:={namespace}')
