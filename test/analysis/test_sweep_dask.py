@@ -8,14 +8,21 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+import pandas as pd
 import pytest
+from control.controlled_rigs import TRIAL, control
 
 import impact_damper_ros
 from impact_damper_ros.analysis.settling_rig import Settling
 from impact_damper_ros.analysis.sweep_axes import axis_from_text
-from impact_damper_ros.analysis.sweep_executors import DaskWorkers, Here, WorkersError
+from impact_damper_ros.analysis.sweep_executors import (
+    DaskWorkers,
+    Here,
+    LocalWorkers,
+    WorkersError,
+)
 from impact_damper_ros.analysis.sweep_journal import Journal, journal_path
-from impact_damper_ros.analysis.sweep_plan import SweepPlan
+from impact_damper_ros.analysis.sweep_plan import Follow, SweepPlan
 from impact_damper_ros.analysis.sweep_run import run_sweep
 from impact_damper_ros.analysis.sweep_table import write_table
 from impact_damper_ros.commands.sweep_rig import main
@@ -37,6 +44,26 @@ PLAN = SweepPlan(
     (axis_from_text('gap=2:14:40', RigParameters()),),
     settling=Settling(cycles=1000, watch=40),
 )
+#: Each rig takes over stops, estimates and waiting commands of the one before, noise and all.
+CONTROLLED = SweepPlan(
+    TRIAL,
+    InitialConditions(initial_primary_position=1.0),
+    (
+        axis_from_text('gap_control_park=1.2:1.8:3', TRIAL),
+        axis_from_text('gap_min=0.01,2e3', TRIAL),
+    ),
+    Follow.BOTH,
+    Settling(cycles=60, watch=21, section=10),
+    control('timed', actuator_delay=0.1, actuator_speed=40.0, gap_control_noise_position=0.02),
+)
+
+
+def table_of(plan, path, workers):
+    """Return the bytes of the table that some workers make."""
+    with workers, Journal(journal_path(path), plan.inputs()) as journal:
+        run_sweep(plan, journal, workers, at_once=lambda: workers.at_once, losses=workers.losses)
+        write_table(plan, journal, path)
+    return path.read_bytes()
 
 
 def start(stack, module, *arguments):
@@ -94,6 +121,17 @@ def test_command_runs_on_a_cluster(cluster, tmp_path):
     assert table.read_bytes() == other.read_bytes()
 
 
+def test_controlled_rigs_on_a_cluster(cluster, tmp_path):
+    """As by local processes, to the last byte; some of the rigs cannot be."""
+    address, _ = cluster
+    local = table_of(CONTROLLED, tmp_path / 'local.parquet', LocalWorkers(2))
+    assert table_of(CONTROLLED, tmp_path / 'there.parquet', DaskWorkers(address)) == local
+    table = pd.read_parquet(tmp_path / 'there.parquet')
+    assert list(table.direction) == ['up'] * 6 + ['down'] * 6
+    assert list(table.ok) == [True, False] * 6
+    assert table.x_rms[0] != table.x_rms[6]
+
+
 def test_no_scheduler_at_the_address(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.analysis.sweep_executors._CONNECT_SECONDS', 0.3)
     words = [str(ROOT / 'config' / 'paper.yaml'), '--vary', 'gap=24:37:6', '--quiet']
@@ -106,9 +144,7 @@ def test_no_scheduler_at_the_address(tmp_path, capsys, monkeypatch):
 def test_a_killed_worker_leaves_no_trace_in_the_table(cluster, tmp_path):
     address, processes = cluster
     here, there = tmp_path / 'here.parquet', tmp_path / 'there.parquet'
-    with Journal(journal_path(here), PLAN.inputs()) as journal:
-        run_sweep(PLAN, journal, Here(), at_once=1)
-        write_table(PLAN, journal, here)
+    table_of(PLAN, here, Here())
     killed = []
     with (
         DaskWorkers(address) as workers,
