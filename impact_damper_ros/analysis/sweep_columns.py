@@ -146,6 +146,14 @@ _SECTION = (
     Column('impact_phase', 'doubles', '', 'Its phase in cycles of the force, from 0 to 1.'),
     Column('impact_speed', 'doubles', 'm/s', 'Speed of approach of m and the stop.'),
 )
+_CONTROLLED = (
+    Column(
+        'state',
+        'text',
+        '',
+        'State of rig and control at the end, as ControlledRig.snapshot gives it, in JSON.',
+    ),
+)
 #: Measures that can be drawn and made least or greatest.
 MEASURES: dict[str, Column] = {
     column.name: column
@@ -166,7 +174,8 @@ def columns_of(plan: SweepPlan) -> list[Column]:
         for axis in plan.axes
         for target in axis.targets
     ]
-    return [*_PLACE, *varied, *_VERDICT, *_NUMBERS, *_ATTRACTOR, *_SECTION]
+    controlled = _CONTROLLED if plan.control.active else ()
+    return [*_PLACE, *varied, *_VERDICT, *_NUMBERS, *_ATTRACTOR, *_SECTION, *controlled]
 
 
 def place_of(plan: SweepPlan, point: Point) -> Row:

@@ -18,7 +18,7 @@ from .sweep_axes import Axis, AxisError, Target
 __all__ = ['MOST_POINTS', 'TABLE_FORMAT', 'Follow', 'Point', 'SweepPlan']
 
 #: Raised whenever the same inputs give other rows.
-TABLE_FORMAT = 1
+TABLE_FORMAT = 2
 #: Most rigs of one sweep.
 MOST_POINTS = 2_000_000
 

@@ -99,7 +99,9 @@ def summary_text(path: Path, summary: dict[str, Any]) -> str:
             for name, value in zip(optimum['names'], optimum['values'], strict=True)
         )
         edge = ', at the end of a range' if optimum['at_edge'] else ''
+        scatter = f' +- {optimum["scatter"]:.1g}' if optimum['scatter'] else ''
         lines.append(
-            f'  {optimum["best"]} {optimum["measure"]}: {optimum["value"]:.7g} at {at}{edge}'
+            f'  {optimum["best"]} {optimum["measure"]}: {optimum["value"]:.7g}{scatter} at '
+            f'{at}{edge}'
         )
     return '\n'.join(lines)

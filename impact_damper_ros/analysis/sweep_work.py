@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -147,7 +148,11 @@ def rig_row(
             run = _controlled(rig, begun, varied_control(control, settings), state)
         else:
             run = LongRun(rig, begun) if state is None else _continued(state, rig)
-        return row_of(steady_state(run, settling), rig), run.snapshot()
+        row, last = row_of(steady_state(run, settling), rig), run.snapshot()
+        if isinstance(run, ControlledRun):
+            # The section does not tell what the control knows
+            row['state'] = json.dumps(last, separators=(',', ':'))
+        return row, last
     except (ParameterError, EndlessEventsError) as error:
         return failed_row(str(error)), None
     except (ArithmeticError, ValueError, RuntimeError, AssertionError) as error:

@@ -135,6 +135,12 @@ def parser() -> argparse.ArgumentParser:
         help='which value of the measure is best [least]',
     )
     drawn.add_argument(
+        '--no-search',
+        action='store_true',
+        help='leave the optimum on the grid: no search between its values, which takes long for '
+        'rigs under gap control',
+    )
+    drawn.add_argument(
         '--json',
         type=Path,
         metavar='FILE',

@@ -208,12 +208,24 @@ def _sweep(arguments: argparse.Namespace, plan: SweepPlan) -> None:
             journal.path.unlink(missing_ok=True)
 
 
+def _optimum(table: SweepTable, arguments: argparse.Namespace) -> Optimum | None:
+    """Find the best rig, and show how the search for it goes on if it takes long."""
+    with tqdm(
+        desc='optimum', unit='rig', delay=2.0, disable=True if arguments.quiet else None
+    ) as bar:
+        return find_optimum(
+            *(table, arguments.measure, Best(arguments.optimum)),
+            refine=not arguments.no_search,
+            progress=bar.update,
+        )
+
+
 def _report(arguments: argparse.Namespace) -> int:
     """Draw and say what the table holds."""
     table = SweepTable(arguments.output)
     optimum: Optimum | None = None
     if arguments.optimum != 'none':
-        optimum = find_optimum(table, arguments.measure, Best(arguments.optimum))
+        optimum = _optimum(table, arguments)
     summary = summary_of(table, optimum)
     for path in arguments.figure:
         from impact_damper_ros.analysis.sweep_figure import draw_sweep

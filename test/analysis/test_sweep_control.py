@@ -1,5 +1,6 @@
 """Sweeps of rigs under gap control: what they settle into, however and by whom they are run."""
 
+import json
 import math
 
 import numpy as np
@@ -18,6 +19,7 @@ from impact_damper_ros.analysis.sweep_journal import Journal, journal_path
 from impact_damper_ros.analysis.sweep_optimum import find_optimum
 from impact_damper_ros.analysis.sweep_plan import Follow, SweepPlan
 from impact_damper_ros.analysis.sweep_run import run_sweep
+from impact_damper_ros.analysis.sweep_summary import summary_of, summary_text
 from impact_damper_ros.analysis.sweep_table import SweepTable, write_table
 from impact_damper_ros.analysis.sweep_work import rig_row
 from impact_damper_ros.control import ControlledRig
@@ -162,17 +164,48 @@ def test_the_table_does_not_depend_on_how_it_was_run(plan, tmp_path, monkeypatch
     assert table_of(plan, path) == whole
 
 
-def test_the_optimum_is_that_of_the_grid(tmp_path):
-    """Among all rigs: none of these repeats to the last digits."""
-    law = control('timed', gap_control_rate=5.0)
+def test_the_optimum_of_a_control_lies_between_the_values_of_the_grid(tmp_path, monkeypatch):
+    """A stop that closes slowly hits late, one that closes fast after another sample."""
+    monkeypatch.setattr('impact_damper_ros.analysis.sweep_optimum._FINEST', 0.02)
+    law = control('timed', gap_control_rate=IN_STEP, actuator_delay=0.3, gap_control_park=1.2)
+    plan = plan_of('actuator_speed=12,20,60', 'gap_control_seed=0,1', law=law)
+    table_of(plan, tmp_path / 'a.parquet')
+    table = SweepTable(tmp_path / 'a.parquet')
+    on_grid = find_optimum(table, 'x_rms', refine=False)
+    assert on_grid.value == table.numbers('x_rms').min()
+    assert on_grid.values == (20.0, 0.0)
+    assert on_grid.trials == 0
+    trials = []
+    found = find_optimum(table, 'x_rms', progress=lambda: trials.append(1))
+    assert found.trials == len(trials) > 5
+    assert found.grid_values == on_grid.values
+    assert found.value < on_grid.value - 1e-5
+    assert 21.0 < found.values[0] < 26.0
+    # Nothing lies between two seeds
+    assert found.values[1] == 0.0
+    fine, settings = [], plan.settings(plan.point(found.point))[1:]
+    state = json.loads(table.texts('state')[found.point])
+    for speed in (*np.linspace(18.0, 30.0, 7), found.values[0]):
+        varied = [(plan.axes[0].targets[0], float(speed)), *settings]
+        fine.append(rig_row(TRIAL, START, varied, BRIEF, state, law)[0]['x_rms'])
+    assert fine[-1] == found.value <= min(fine)
+
+
+def test_what_scatters_must_be_better_by_more_than_that(tmp_path):
+    """Out of step, none of these repeats to the last digits."""
+    law = control('timed', gap_control_rate=5.0, gap_control_noise_position=0.02)
     plan = plan_of('gap_control_park=0.6,1.5,3', law=law, settling=Settling(cycles=60, watch=21))
     table_of(plan, tmp_path / 'a.parquet')
     table = SweepTable(tmp_path / 'a.parquet')
     assert not table.flags('settled').any()
     optimum = find_optimum(table, 'x_rms')
-    assert optimum.value == table.numbers('x_rms').min()
-    assert optimum.values == (plan.axes[0].values[optimum.point],)
-    assert optimum.trials == 0
+    assert optimum.grid_measure == table.numbers('x_rms').min()
+    # From 1.5 on the parked stops are out of the way
+    assert optimum.grid_values[0] >= 1.5
+    assert 0.0 < optimum.scatter < 0.01 * optimum.value
+    assert optimum.value == optimum.grid_measure
+    text = summary_text(tmp_path, summary_of(table, optimum))
+    assert f' +- {optimum.scatter:.1g} at gap_control_park = ' in text
 
 
 def test_endless_events_are_a_reason():
