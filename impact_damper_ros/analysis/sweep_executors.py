@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
-from multiprocessing import connection, get_context, parent_process
+from concurrent.futures import BrokenExecutor, Future
 from typing import Any, Protocol, Self, TypeVar
+
+from .process_pool import ProcessPool
 
 __all__ = [
     'DaskWorkers',
@@ -91,19 +89,6 @@ class Here:
         """Nothing is left to end."""
 
 
-def _begin_worker() -> None:
-    """Leave Ctrl-C to the parent, and do not outlive it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-    if parent is not None:
-
-        def wait() -> None:
-            connection.wait([parent.sentinel])
-            os._exit(1)
-
-        threading.Thread(target=wait, daemon=True).start()
-
-
 class LocalWorkers:
     """
     Processes on this machine; if one dies, all are replaced.
@@ -118,10 +103,7 @@ class LocalWorkers:
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
-        self._pool = self._new()
-
-    def _new(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self._jobs, get_context('spawn'), initializer=_begin_worker)
+        self._pool = ProcessPool(jobs)
 
     @property
     def at_once(self) -> int:
@@ -130,26 +112,19 @@ class LocalWorkers:
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
         """Have a function called in a process."""
-        # A process that begins now must not hear a Ctrl-C before it knows to ignore it
-        heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return self._pool.submit(fn, *args)
         except BrokenExecutor:
             self._pool.shutdown(wait=False, cancel_futures=True)
-            self._pool = self._new()
+            self._pool = ProcessPool(self._jobs)
             return self._pool.submit(fn, *args)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, heard)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: object, *_: object) -> None:
-        if kind is not None:
-            # Those under way need not be waited for: they are run again
-            for process in list((self._pool._processes or {}).values()):
-                process.terminate()
-        self._pool.shutdown(wait=True, cancel_futures=True)
+    def __exit__(self, kind: object, *rest: object) -> None:
+        # Those under way need not be waited for after an exception: they are run again
+        self._pool.__exit__(kind, *rest)
 
 
 class DaskWorkers:

@@ -10,7 +10,8 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from impact_damper_ros.commands.worker_pool import add_jobs_option, worker_pool
+from impact_damper_ros.analysis.process_pool import ProcessPool
+from impact_damper_ros.commands.whole_number import add_jobs_option
 
 if TYPE_CHECKING:
     from impact_damper_ros.analysis.paper_claims import Claim
@@ -69,7 +70,7 @@ def _compute(
     sweeps = [sweep for figure in figures for sweep in sweeps_of(figure, quick=quick)]
     angles = figure_5_angles(quick=quick) if '5' in figures else ()
     # A sweep takes up to a minute
-    with worker_pool(jobs) as pool:
+    with ProcessPool(jobs) as pool:
         series: list[Future[Series]] = [pool.submit(run_sweep, sweep) for sweep in sweeps]
         optima: list[Future[OptimumPoint]] = [pool.submit(optimum_at, v) for v in angles]
         work: list[Future[Any]] = [*series, *optima]

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from impact_damper_ros.commands.overrides import add_set_option, overridden
+from impact_damper_ros.commands.whole_number import up_to
 from impact_damper_ros.orbits import (
     OrbitSearch,
     PeriodicOrbit,
@@ -41,16 +42,6 @@ Example: solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.j
 """
 
 
-def _count(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if not 1 <= value <= 64:
-        raise argparse.ArgumentTypeError(f'{text!r}: give a whole number from 1 to 64')
-    return value
-
-
 def _stops(text: str) -> tuple[int, ...]:
     words = [word.strip() for word in text.split(',')]
     if not all(word in ('1', '2') for word in words):
@@ -69,10 +60,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('params', type=Path, metavar='PARAMS.yaml', help='ROS 2 parameters file')
     parser.add_argument(
-        '--impacts', type=_count, required=True, metavar='N', help='impacts in one period'
+        '--impacts', type=up_to(64), required=True, metavar='N', help='impacts in one period'
     )
     parser.add_argument(
-        '--cycles', type=_count, default=1, metavar='K', help='period in cycles of the force [1]'
+        '--cycles',
+        type=up_to(64),
+        default=1,
+        metavar='K',
+        help='period in cycles of the force [1]',
     )
     parser.add_argument(
         '--stops',

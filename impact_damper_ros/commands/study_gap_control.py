@@ -9,7 +9,8 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from impact_damper_ros.commands.worker_pool import add_jobs_option, worker_pool
+from impact_damper_ros.analysis.process_pool import ProcessPool
+from impact_damper_ros.commands.whole_number import add_jobs_option
 
 if TYPE_CHECKING:
     from impact_damper_ros.analysis.gap_study_plan import Extent
@@ -58,7 +59,7 @@ def _compute(extent: Extent, jobs: int) -> dict[tuple[object, ...], Response]:
     from impact_damper_ros.analysis.gap_study_runs import run_case
 
     results: dict[tuple[object, ...], Response] = {}
-    with worker_pool(jobs) as pool:
+    with ProcessPool(jobs) as pool:
         for what in ('fixed gaps', 'all runs'):
             shares = tuned_shares(results, extent) if results else {}
             cases = all_cases(extent, shares) if results else tuning_cases(extent)

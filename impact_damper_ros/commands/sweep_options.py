@@ -24,6 +24,7 @@ from impact_damper_ros.commands.overrides import (
     overridden,
     overridden_control,
 )
+from impact_damper_ros.commands.whole_number import up_to
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import RigParameters, load_parameters
 
@@ -148,7 +149,7 @@ def parser() -> argparse.ArgumentParser:
     )
     where = options.add_argument_group('where it runs').add_mutually_exclusive_group()
     where.add_argument(
-        '--jobs', type=_jobs, default=_cores(), metavar='N', help=f'processes [{_cores()}]'
+        '--jobs', type=up_to(1024), default=_cores(), metavar='N', help=f'processes [{_cores()}]'
     )
     where.add_argument(
         '--scheduler',
@@ -161,16 +162,6 @@ def parser() -> argparse.ArgumentParser:
 
 def _cores() -> int:
     return max(1, len(os.sched_getaffinity(0)))
-
-
-def _jobs(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if not 1 <= value <= 1024:
-        raise argparse.ArgumentTypeError(f'{text!r}: give a whole number from 1 to 1024')
-    return value
 
 
 def _ranges(path: Path, rig: RigParameters) -> list[Axis]:

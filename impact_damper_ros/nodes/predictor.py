@@ -12,6 +12,7 @@ import contextlib
 import json
 import os
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -238,6 +239,8 @@ class Predictor:
     # The predictor's thread
 
     def _run(self) -> None:
+        # Handed on to the worker: it must not hear a Ctrl-C, which is the node's, while it begins
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         self._on_thread()
         while not self._closing:
             wait = None
