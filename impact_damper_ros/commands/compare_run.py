@@ -23,6 +23,7 @@ from impact_damper_ros.analysis.run_comparison import RunComparison, StretchComp
 from impact_damper_ros.commands.bag_stretches import BagStretches
 from impact_damper_ros.commands.comparison_text import comparison_text
 from impact_damper_ros.commands.outcome import outcome
+from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig import load_parameters
 
 __all__ = ['main']
@@ -215,4 +216,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('compare_run', main))

@@ -24,6 +24,7 @@ from tqdm import tqdm
 
 from impact_damper_ros.analysis.motion import Motion, Stretch, measure
 from impact_damper_ros.analysis.motion_figure import Closeup, draw_motion
+from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording import JointState, ParameterEvent, RunReader
 from impact_damper_ros.rig import load_parameters
 
@@ -312,4 +313,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('demo', main))

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording import RecordingError, Recovery, recover_run
 
 
@@ -59,4 +60,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('recover_run', main))

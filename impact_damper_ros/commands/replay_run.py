@@ -15,6 +15,7 @@ from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, o
 from impact_damper_ros.commands.outcome import outcome
 from impact_damper_ros.commands.replay_report import as_json, findings_text
 from impact_damper_ros.commands.what_if_comparison import Comparison, held_values
+from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording.replay import Replay
 from impact_damper_ros.recording.replayed_rig import setting_of
 from impact_damper_ros.recording.run_history import RunHistory
@@ -171,4 +172,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('replay_run', main))

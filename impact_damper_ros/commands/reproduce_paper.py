@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.analysis.process_pool import ProcessPool
 from impact_damper_ros.commands.whole_number import add_jobs_option
+from impact_damper_ros.entry_points import run
 
 if TYPE_CHECKING:
     from impact_damper_ros.analysis.paper_claims import Claim
@@ -155,4 +156,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('reproduce_paper', main))

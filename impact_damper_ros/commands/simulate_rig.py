@@ -29,6 +29,7 @@ from impact_damper_ros.control import (
     ControlledRig,
     GapControlParameters,
 )
+from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording import RecordingError
 from impact_damper_ros.recording.rig_recorder import RigRecorder
 from impact_damper_ros.rig import (
@@ -340,4 +341,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('simulate_rig', main))

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from impact_damper_ros.commands.overrides import add_set_option, overridden
 from impact_damper_ros.commands.whole_number import up_to
+from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import (
     OrbitSearch,
     PeriodicOrbit,
@@ -225,4 +226,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('solve_periodic', main))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from impact_damper_ros.analysis.process_pool import ProcessPool
 from impact_damper_ros.commands.whole_number import add_jobs_option
+from impact_damper_ros.entry_points import run
 
 if TYPE_CHECKING:
     from impact_damper_ros.analysis.gap_study_plan import Extent
@@ -127,4 +128,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('study_gap_control', main))

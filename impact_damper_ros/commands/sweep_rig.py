@@ -39,6 +39,7 @@ from impact_damper_ros.analysis.sweep_table import (
     write_table,
 )
 from impact_damper_ros.commands.sweep_options import FIGURE_SUFFIXES, parser, plan_of
+from impact_damper_ros.entry_points import run
 
 __all__ = ['main']
 
@@ -279,4 +280,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('sweep_rig', main))

@@ -29,6 +29,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from impact_damper_ros.entry_points import run
 from impact_damper_ros.nodes.command_line import answer_foreign, in_words, refuse
 from impact_damper_ros.nodes.diagnostics import Diagnostics
 from impact_damper_ros.nodes.end_request import EndRequest
@@ -364,4 +365,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('sim_node', main))

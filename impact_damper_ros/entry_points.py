@@ -1,0 +1,135 @@
+"""
+The commands as console scripts, and how Ctrl-C ends them at any time.
+
+A command imports for up to a second before it can handle a signal. An exception would then come
+up anywhere in the import system, as a traceback or as whatever a library makes of it; so until the
+command runs, and again once it has run, a signal ends the process at once. This module must not
+import anything that takes time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+
+__all__ = [
+    'begin',
+    'begin_module',
+    'compare_run',
+    'recover_run',
+    'replay_run',
+    'reproduce_paper',
+    'run',
+    'sim_node',
+    'simulate_rig',
+    'solve_periodic',
+    'study_gap_control',
+    'sweep_rig',
+]
+
+EXIT_INTERRUPTED = 130
+
+_PACKAGE = 'impact_damper_ros'
+_NODE = 'sim_node'
+
+
+def begin(command: str) -> None:
+    """
+    Let signals end the process at once and without a traceback, until `run`.
+
+    Ctrl-C says that the command is interrupted, with exit code 130. The node ends with 0 on SIGINT
+    and SIGTERM, as when it runs. A Ctrl-C that the process was started to ignore stays ignored.
+
+    Parameters
+    ----------
+    command : str
+        Its name.
+    """
+    if command == _NODE:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: os._exit(0))
+    elif signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, partial(_end, command))
+
+
+def begin_module() -> None:
+    """Do `begin` for a command that ``python -m`` is just looking for, if it is one of these."""
+    named = [word.split('.') for word in sys.orig_argv if word.startswith(f'{_PACKAGE}.')]
+    if named and named[0][1:-1] in (['commands'], ['nodes']):
+        begin(named[0][-1])
+
+
+def run(command: str, main: Callable[[], int]) -> int:
+    """
+    Run a command whose modules are imported.
+
+    Parameters
+    ----------
+    command : str
+        Its name.
+    main : callable
+        Does the work, and returns the exit code.
+
+    Returns
+    -------
+    int
+        That exit code; 130 if a Ctrl-C comes out of `main`, or an error that it has led to.
+    """
+    if command == _NODE:
+        return main()  # which takes the signals itself, for good
+    interrupted = False
+
+    def interrupt(*_: object) -> None:
+        nonlocal interrupted
+        interrupted = True
+        raise KeyboardInterrupt
+
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, interrupt)
+    try:
+        code = main()
+    except (Exception, KeyboardInterrupt):
+        if not interrupted:
+            raise
+        begin(command)
+        _say_interrupted(command)
+        code = EXIT_INTERRUPTED
+    finally:
+        begin(command)
+    # What is written must not be lost to a late Ctrl-C; a closed pipe is told again at exit.
+    with contextlib.suppress(OSError):
+        sys.stdout.flush()
+    return code
+
+
+def _say_interrupted(command: str) -> None:
+    # Past sys.stderr, which a signal may have come in the midst of
+    with contextlib.suppress(OSError):
+        os.write(2, f'{command}: interrupted\n'.encode())
+
+
+def _end(command: str, *_: object) -> None:
+    _say_interrupted(command)
+    os._exit(EXIT_INTERRUPTED)
+
+
+def _command(name: str, package: str = 'commands') -> int:
+    """Import a command and run it."""
+    begin(name)
+    return run(name, import_module(f'{_PACKAGE}.{package}.{name}').main)
+
+
+compare_run = partial(_command, 'compare_run')
+recover_run = partial(_command, 'recover_run')
+replay_run = partial(_command, 'replay_run')
+reproduce_paper = partial(_command, 'reproduce_paper')
+sim_node = partial(_command, _NODE, 'nodes')
+simulate_rig = partial(_command, 'simulate_rig')
+solve_periodic = partial(_command, 'solve_periodic')
+study_gap_control = partial(_command, 'study_gap_control')
+sweep_rig = partial(_command, 'sweep_rig')
