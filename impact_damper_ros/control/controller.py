@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import asdict, dataclass, field
 from math import inf
 from typing import Any
@@ -75,6 +76,8 @@ class Controller:
         KeyError, TypeError
             If something is missing, or unknown.
         """
+        # Lists of its own: what was stored may be read again
+        stored = deepcopy(stored)
         actuators = Actuators(**stored['actuators'])
         actuators.waiting = [Command(*command) for command in actuators.waiting]
         return cls(

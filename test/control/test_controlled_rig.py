@@ -1,6 +1,7 @@
 """The controlled rig as a simulator: bits, cuts, snapshots, switching."""
 
 import itertools
+import json
 import random
 
 import pytest
@@ -123,6 +124,20 @@ def test_snapshots_are_taken_in_the_middle_of_moves_and_of_delays():
         assert again.snapshot() == twin.snapshot()
     assert waiting > 10
     assert moving > 10
+
+
+def test_rigs_restored_from_one_snapshot_do_not_share_it():
+    """Neither with one another nor with the snapshot, which can be read again."""
+    law = control('timed', actuator_delay=0.1, actuator_speed=30.0)
+    rig = ControlledRig(TRIAL, InitialConditions(initial_primary_position=1.0), control=law)
+    rig.advance(20.0)
+    snapshot = rig.snapshot()
+    kept = json.dumps(snapshot)
+    first = ControlledRig.restore(snapshot)
+    expected = first.advance(60.0)
+    assert {EventKind.CROSSING, EventKind.STOP_ARRIVED} <= {event.kind for event in expected}
+    assert json.dumps(snapshot) == kept
+    assert ControlledRig.restore(snapshot).advance(60.0) == expected
 
 
 def test_snapshot_of_a_plain_simulator_means_off():
