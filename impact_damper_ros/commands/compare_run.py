@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shlex
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,6 +22,7 @@ from impact_damper_ros.analysis.run_comparison import RunComparison, StretchComp
 from impact_damper_ros.commands.bag_stretches import BagStretches
 from impact_damper_ros.commands.comparison_text import comparison_text
 from impact_damper_ros.commands.outcome import outcome
+from impact_damper_ros.commands.outputs import check_directory, check_file, write_text
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig import load_parameters
 
@@ -145,30 +145,11 @@ def _with_gap_curves(stretches: Sequence[StretchComparison]) -> list[StretchComp
     ]
 
 
-def _write_json(path: Path, text: str) -> None:
-    """Write a file so that at any instant there is a whole one, the old or the new, or none."""
-    draft = path.with_name(f'.{path.name}.{os.getpid()}')
-    try:
-        with draft.open('w', encoding='utf-8') as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        draft.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            draft.unlink()
-        error.filename = str(path)
-        raise
-
-
 def _report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> int:
     to_stdout = arguments.json is not None and str(arguments.json) == '-'
     if arguments.json is not None:
         text = json.dumps(comparison.as_dict(), indent=2, allow_nan=False) + '\n'
-        if to_stdout:
-            print(text, end='')
-        else:
-            _write_json(arguments.json, text)
+        write_text(arguments.json, text)
     stream = sys.stderr if to_stdout else sys.stdout
     if not arguments.quiet:
         print(comparison_text(comparison), file=stream)
@@ -210,6 +191,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
 
     def work() -> int:
+        # Before the work, not after it
+        if arguments.json is not None:
+            check_file(arguments.json)
+        if arguments.report is not None:
+            check_directory(arguments.report)
         return _report(arguments, _compared(arguments), shlex.join(['compare_run', *words]))
 
     return outcome('compare_run', work)

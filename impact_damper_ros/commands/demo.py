@@ -24,6 +24,7 @@ from tqdm import tqdm
 
 from impact_damper_ros.analysis.motion import Motion, Stretch, measure
 from impact_damper_ros.analysis.motion_figure import Closeup, draw_motion
+from impact_damper_ros.commands.outputs import check_directory, in_words
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording import JointState, ParameterEvent, RunReader
 from impact_damper_ros.rig import load_parameters
@@ -273,12 +274,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--duration', type=float, default=30.0, help='seconds, at least 15 [30]')
     arguments = parser.parse_args(argv)
     duration = max(15.0, arguments.duration)
+    directory: Path = arguments.directory.resolve()
+    try:
+        check_directory(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        print(f'demo: {in_words(error)}', file=sys.stderr)
+        return 1
     _environment()
     from ament_index_python.packages import get_package_share_directory
 
     preset = Path(get_package_share_directory('impact_damper_ros')) / 'config' / 'bench_rig.yaml'
-    directory: Path = arguments.directory.resolve()
-    directory.mkdir(parents=True, exist_ok=True)
     known = set(directory.iterdir())
     print(
         f'A 5 Hz bench rig runs live on ROS 2 for {duration:.0f} s, at {SPEED:g} times its speed, '

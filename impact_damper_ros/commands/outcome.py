@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 
+from impact_damper_ros.commands.outputs import in_words
 from impact_damper_ros.recording import RecordingError
 
 __all__ = ['outcome']
@@ -40,10 +41,5 @@ def outcome(command: str, work: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        where = error.filename or 'output'
-        print(
-            f'{command}: cannot write {where}: {error.strerror}: give a directory that exists '
-            'and is writable, with room on the disk',
-            file=sys.stderr,
-        )
+        print(f'{command}: {in_words(error)}', file=sys.stderr)
         return 1

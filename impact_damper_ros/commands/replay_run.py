@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.commands.outcome import outcome
+from impact_damper_ros.commands.outputs import check_figure, check_file, whole, write_text
 from impact_damper_ros.commands.replay_report import as_json, findings_text
 from impact_damper_ros.commands.what_if_comparison import Comparison, held_values
 from impact_damper_ros.entry_points import run
@@ -134,14 +135,12 @@ def _report(arguments: argparse.Namespace, replay: Replay, comparison: Compariso
         if findings.difference_count:
             text += '\ncaution     the run is not reproduced from its log: see above'
         if arguments.figure is not None:
-            comparison.draw(arguments.figure)
+            with whole(arguments.figure) as draft:
+                comparison.draw(draft)
     to_stdout = arguments.json is not None and str(arguments.json) == '-'
     if arguments.json is not None:
         content = json.dumps(result, indent=2) + '\n'
-        if to_stdout:
-            print(content, end='')
-        else:
-            arguments.json.write_text(content, encoding='utf-8')
+        write_text(arguments.json, content)
     if not arguments.quiet:
         print(text, file=sys.stderr if to_stdout else sys.stdout)
     return findings.verdict.value if findings.samples else 2
@@ -162,6 +161,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error('--figure draws a what-if beside the recorded run: give --set NAME=VALUE too')
 
     def work() -> int:
+        # Before the work, not after it
+        if arguments.json is not None:
+            check_file(arguments.json)
+        if arguments.figure is not None:
+            check_figure(arguments.figure)
         replay = Replay(RunHistory(arguments.bag, arguments.node))
         if arguments.set:
             # A slip of the pen is told at once.

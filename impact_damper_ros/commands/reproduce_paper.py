@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.analysis.process_pool import ProcessPool
+from impact_damper_ros.commands.outputs import check_directory, in_words
 from impact_damper_ros.commands.whole_number import add_jobs_option
 from impact_damper_ros.entry_points import run
 
@@ -98,6 +99,7 @@ def _run(arguments: argparse.Namespace) -> int:
         asked = {figure_of(name.strip()) for name in arguments.only.split(',')}
         figures = [figure for figure in FIGURES if figure in asked]
     # Before the work, not after it
+    check_directory(arguments.output)
     arguments.output.mkdir(parents=True, exist_ok=True)
     results, optima = _compute(figures, arguments.jobs, arguments.quick)
     for figure in figures:
@@ -144,11 +146,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return EXIT_WRITE
     except OSError as error:
-        print(
-            f'reproduce_paper: cannot write {error.filename or arguments.output}: '
-            f'{error.strerror}: give a directory that can be written, with room on the disk',
-            file=sys.stderr,
-        )
+        print(f'reproduce_paper: {in_words(error, arguments.output)}', file=sys.stderr)
         return EXIT_WRITE
     except KeyboardInterrupt:
         print('reproduce_paper: interrupted, nothing half-written is left', file=sys.stderr)

@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from impact_damper_ros.analysis.swing import Swing
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
+from impact_damper_ros.commands.outputs import in_words
 from impact_damper_ros.commands.overrides import (
     add_set_option,
     overridden,
@@ -328,12 +329,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f'simulate_rig: {error}', file=sys.stderr)
         return 1
     except OSError as error:
-        where = error.filename or 'output'
-        print(
-            f'simulate_rig: cannot write {where}: {error.strerror}: give a directory that exists '
-            'and is writable, with room on the disk',
-            file=sys.stderr,
-        )
+        print(f'simulate_rig: {in_words(error)}', file=sys.stderr)
         return 1
     if not arguments.quiet:
         print(summary, file=sys.stderr)

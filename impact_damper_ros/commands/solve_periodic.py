@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from impact_damper_ros.commands.outputs import check_file, in_words, write_text
 from impact_damper_ros.commands.overrides import add_set_option, overridden
 from impact_damper_ros.commands.whole_number import up_to
 from impact_damper_ros.entry_points import run
@@ -186,10 +187,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         parameters, initial, _ = load_parameters(arguments.params)
         parameters, _ = overridden(arguments.set, parameters, initial)
+        if arguments.json is not None:
+            check_file(arguments.json)  # before the work, not after it
         searches = _searches(parameters, arguments)
     except ValueError as error:
         print(f'solve_periodic: {error}', file=sys.stderr)
         return EXIT_INPUT
+    except OSError as error:
+        print(f'solve_periodic: {in_words(error)}', file=sys.stderr)
+        return EXIT_WRITE
     except KeyboardInterrupt:
         print('solve_periodic: interrupted', file=sys.stderr)
         return 130
@@ -199,16 +205,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json is not None:
         text = json.dumps([orbit.as_dict() for orbit in orbits], indent=2) + '\n'
         try:
-            if to_stdout:
-                sys.stdout.write(text)
-            else:
-                arguments.json.write_text(text, encoding='utf-8')
+            write_text(arguments.json, text)
         except OSError as error:
-            print(
-                f'solve_periodic: cannot write {arguments.json}: {error.strerror}: give a '
-                'directory that exists and is writable, with room on the disk',
-                file=sys.stderr,
-            )
+            print(f'solve_periodic: {in_words(error)}', file=sys.stderr)
             return EXIT_WRITE
     if not arguments.quiet:
         table = sys.stderr if to_stdout else sys.stdout

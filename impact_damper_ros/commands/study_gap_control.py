@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.analysis.process_pool import ProcessPool
+from impact_damper_ros.commands.outputs import check_directory, in_words
 from impact_damper_ros.commands.whole_number import add_jobs_option
 from impact_damper_ros.entry_points import run
 
@@ -77,6 +78,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     extent = Extent.quick() if arguments.quick else Extent()
     # Before the work, not after it
+    check_directory(arguments.output)
     arguments.output.mkdir(parents=True, exist_ok=True)
     results = _compute(extent, arguments.jobs)
     for path in write_study(results, extent, arguments.output):
@@ -116,11 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return 1
     except OSError as error:
-        print(
-            f'study_gap_control: cannot write {error.filename or arguments.output}: '
-            f'{error.strerror}: give a directory that can be written, with room on the disk',
-            file=sys.stderr,
-        )
+        print(f'study_gap_control: {in_words(error, arguments.output)}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print('study_gap_control: interrupted', file=sys.stderr)

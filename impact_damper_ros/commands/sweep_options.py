@@ -28,9 +28,7 @@ from impact_damper_ros.commands.whole_number import up_to
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import RigParameters, load_parameters
 
-__all__ = ['FIGURE_SUFFIXES', 'parser', 'plan_of']
-
-FIGURE_SUFFIXES = ('.png', '.svg', '.pdf')
+__all__ = ['parser', 'plan_of']
 _DEFAULT = Settling()
 
 _DESCRIPTION = """\

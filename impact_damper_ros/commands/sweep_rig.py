@@ -38,7 +38,8 @@ from impact_damper_ros.analysis.sweep_table import (
     stored_inputs,
     write_table,
 )
-from impact_damper_ros.commands.sweep_options import FIGURE_SUFFIXES, parser, plan_of
+from impact_damper_ros.commands.outputs import check_figure, check_file, in_words, write_text
+from impact_damper_ros.commands.sweep_options import parser, plan_of
 from impact_damper_ros.entry_points import run
 
 __all__ = ['main']
@@ -69,21 +70,15 @@ def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
                 f'{path.name}',
                 EXIT_INPUT,
             )
+        check_file(path)
     if len({path.absolute() for path in outputs}) < len(outputs):
         raise _StopError('two outputs have the same name: give each its own', EXIT_INPUT)
     for path in figures:
-        if path.suffix.lower() not in FIGURE_SUFFIXES:
-            raise _StopError(f'{path}: give a name that ends in .png, .svg or .pdf', EXIT_INPUT)
+        check_figure(path)
     if figures and len(plan.axes) > 2:
         raise _StopError(
             f'a figure shows one axis or two, not {len(plan.axes)}: leave out --figure, and draw '
             'the table',
-            EXIT_INPUT,
-        )
-    if figures and find_spec('matplotlib') is None:
-        raise _StopError(
-            'matplotlib, which draws the figure, is missing: install it, or the package with its '
-            'extra [plot]',
             EXIT_INPUT,
         )
 
@@ -200,8 +195,7 @@ def _sweep(arguments: argparse.Namespace, plan: SweepPlan) -> None:
             journal = Journal(journal_path(output), plan.inputs(), anew=arguments.overwrite)
         except OSError as error:
             raise _StopError(
-                f'cannot write {journal_path(output)}: {error.strerror}: give a directory that '
-                'can be written, with room on the disk',
+                in_words(error, journal_path(output)),
                 EXIT_WRITE,
             ) from error
         with journal:
@@ -234,10 +228,7 @@ def _report(arguments: argparse.Namespace) -> int:
         draw_sweep(table, arguments.measure, optimum, path)
     if arguments.json is not None:
         text = json.dumps(summary, indent=2) + '\n'
-        if str(arguments.json) == '-':
-            sys.stdout.write(text)
-        else:
-            arguments.json.write_text(text, encoding='utf-8')
+        write_text(arguments.json, text)
     if not arguments.quiet:
         print(summary_text(arguments.output, summary), file=sys.stderr)
     return EXIT_ALL_FAILED if summary['failed'] == summary['rigs'] else 0
@@ -268,11 +259,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f'sweep_rig: {error}', file=sys.stderr)
         return error.code
     except OSError as error:
-        print(
-            f'sweep_rig: cannot write {error.filename or "output"}: {error.strerror}: give a '
-            'directory that can be written, with room on the disk',
-            file=sys.stderr,
-        )
+        print(f'sweep_rig: {in_words(error)}', file=sys.stderr)
         return EXIT_WRITE
     except KeyboardInterrupt:
         print('sweep_rig: interrupted; give the same command again to go on', file=sys.stderr)
