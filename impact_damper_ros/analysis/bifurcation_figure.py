@@ -51,9 +51,7 @@ def _draw_phases(axes: Any, table: SweepTable, values: NDArray[np.float64]) -> N
 
 def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
     """
-    Draw impact phases, a measure and the Lyapunov exponent against the parameter.
-
-    Under gap control there is no exponent, and no panel for it.
+    Draw impact phases, a measure and, if there is any, the Lyapunov exponent on the parameter.
 
     Parameters
     ----------
@@ -66,14 +64,14 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
     """
     axis = table.plan.axes[0]
     values = np.array(axis.values, dtype=float)
-    exponents = not table.plan.control.active
+    cycle = table.numbers('cycle')
+    exponent = table.numbers('lyapunov_exponent') * cycle
+    exponents = bool(np.isfinite(exponent).any())
     figure = blank_figure(6.3, 7.4 if exponents else 5.6)
     heights = [1.6, 1.0, 1.0] if exponents else [1.6, 1.0]
     panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     upper, middle = panels[:2]
     _draw_phases(upper, table, values)
-    cycle = table.numbers('cycle')
-    exponent = table.numbers('lyapunov_exponent') * cycle
     spread = grid_of(table, table.numbers('lyapunov_uncertainty') * cycle)
     columns = (table.numbers(measure), exponent)
     for axes, column in zip(panels[1:], columns, strict=False):
@@ -94,9 +92,8 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
     if exponents:
         panels[2].axhline(0.0, color='0.3', linewidth=0.7)
         finite = exponent[np.isfinite(exponent)]
-        if len(finite):
-            # One that is next to superstable must not flatten all others
-            panels[2].set_ylim(max(finite.min(), np.quantile(finite, 0.02) - 0.2) - 0.05, None)
+        # One that is next to superstable must not flatten all others
+        panels[2].set_ylim(max(finite.min(), np.quantile(finite, 0.02) - 0.2) - 0.05, None)
     if optimum is not None:
         middle.plot(
             *(optimum.values[0], optimum.value),

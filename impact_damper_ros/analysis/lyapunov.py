@@ -23,7 +23,15 @@ from impact_damper_ros.rig.long_run import Events
 from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, Machine
 from impact_damper_ros.rig.oscillator import Oscillator
 
-__all__ = ['Deviations', 'Exponent', 'deviations', 'growth_exponent', 'monodromy_of']
+__all__ = [
+    'BATCHES',
+    'Deviations',
+    'Exponent',
+    'batched_exponent',
+    'deviations',
+    'growth_exponent',
+    'monodromy_of',
+]
 
 Array = NDArray[np.float64]
 
@@ -297,5 +305,19 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
             return Exponent(-math.inf, 0.0)
         growth[part] += math.log(norm)
         vector /= norm
-    rates: Any = growth[1:] / np.diff(ends)
+    return batched_exponent(growth, np.diff(ends, prepend=along.start))
+
+
+def batched_exponent(growth: Array, spans: Array) -> Exponent:
+    """
+    Return the exponent from the growth in each part of a time.
+
+    Parameters
+    ----------
+    growth : ndarray, shape (BATCHES + 1,)
+        Growth of the logarithm of a deviation in each part; that in the first is left out.
+    spans : ndarray, shape (BATCHES + 1,)
+        How long each part is, s.
+    """
+    rates: Any = growth[1:] / spans[1:]
     return Exponent(float(rates.mean()), _STUDENT * float(rates.std(ddof=1)) / math.sqrt(BATCHES))

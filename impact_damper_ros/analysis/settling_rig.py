@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control.nearby_rig import Scales
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, Stretch
 from impact_damper_ros.rig.mode import make_machine
@@ -162,6 +164,15 @@ class SettlingRig:
         self._size = 0.0
         self._recent: Array
         self.forget()
+
+    @property
+    def scales(self) -> Scales:
+        """What makes the numbers of the state of a rig under control comparable."""
+        return Scales(self._size or 1.0, self._rate)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what the rig's future depends on."""
+        return self._run.snapshot()
 
     def state(self) -> tuple[int, int]:
         """Return the mode, and the stop hit last."""

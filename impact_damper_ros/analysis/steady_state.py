@@ -16,6 +16,7 @@ from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Stretch
 from .chatter_time import chatter_time
 from .lyapunov import Deviations, Exponent, deviations, growth_exponent, monodromy_of
 from .motion_kind import MotionKind
+from .neighbours import parting_exponent, period_exponent
 from .settling_rig import Settling, SettlingRig, section_of
 from .stretch_swing import stretch_swing
 
@@ -77,10 +78,10 @@ class SteadyState:
     impacts_per_cycle : float
         Impacts per cycle of the force.
     exponent : Exponent
-        Largest Lyapunov exponent; NaN under gap control.
+        Largest Lyapunov exponent; NaN if neighbours decide differently under gap control.
     multiplier : float
-        Modulus of the largest multiplier of a period; NaN if it does not repeat, and under gap
-        control.
+        Modulus of the largest multiplier of a period; NaN if it does not repeat, or if neighbours
+        decide differently under gap control.
     shares : TimeShares
         Shares of the time that m sticks, rests and chatters.
     section : ndarray, shape (n, 4)
@@ -135,6 +136,12 @@ def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]
     return Exponent(rates[1], spread), moduli[1]
 
 
+def _unstable(found: SteadyState) -> bool:
+    """Return whether a motion that repeats will leave, beyond doubt."""
+    doubt = found.exponent.uncertainty * found.period * found.cycle
+    return found.multiplier > _GROWS * math.exp(doubt)
+
+
 def _kind(rig: SettlingRig, period: int, impacts: int, exponent: Exponent) -> MotionKind:
     """Say what a motion is, by how it was recognised; the exponent is that of the time watched."""
     if period and impacts:
@@ -165,6 +172,7 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     looks = math.ceil((_LOOKS if period else _FEWER_LOOKS) * min(max(finer, 1.0), _MOST_FINER))
     cycles = 2 * period or rig.settling.watch
     start, (mode, last_stop) = rig.time_after(begun), rig.state()
+    snapshot = rig.snapshot() if rig.controlled else {}
     stretch = rig.run(cycles, looks)
     end = rig.time_after(rig.cycles)
     # A chatter under way at either end is known by the events before and after
@@ -175,8 +183,12 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     since = rig.time_after(begun + cycles - kept)
     impacts = stretch.impacts()
     hits = impacts[impacts['time'] > since]
-    exponent, multiplier = Exponent(math.nan, math.nan), math.nan
-    if not rig.controlled:
+    multiplier = math.nan
+    if rig.controlled and period:
+        exponent, multiplier = period_exponent(snapshot, period * cycle, rig.scales)
+    elif rig.controlled:
+        exponent = parting_exponent(snapshot, cycle, cycles, rig.scales)
+    else:
         along = deviations(rig.machine, rig.angles, stretch.events, mode, last_stop, start, end)
         if period:
             exponent, multiplier = _periodic_exponent(along, period * cycle)
@@ -236,8 +248,7 @@ def steady_state(run: LongRun | ControlledRun, settling: Settling) -> SteadyStat
     Every 50 cycles the states at the last ends of cycles are compared. The motion is periodic if
     they came back after at most 16 cycles, twice and at least ten times in a row. One that comes
     back but is unstable by its multipliers is run on until it leaves. Under gap control the
-    stops must come back too, and there are no multipliers: what deviates moves the stops, at the
-    next sample or command, which the deviations of the rig alone do not hold.
+    stops must come back too, and deviations are those of two rigs; see `neighbours`.
     """
     rig = SettlingRig(run, settling)
     before = np.empty(0, EVENT_TYPE)
@@ -246,7 +257,7 @@ def steady_state(run: LongRun | ControlledRun, settling: Settling) -> SteadyStat
         period = rig.period()
         if period:
             found = _measured(rig, before, period)
-            if not found.multiplier > _GROWS:
+            if not _unstable(found):
                 return found
             rig.forget()
     return _measured(rig, before, 0)

@@ -100,8 +100,8 @@ _NUMBERS = (
         'double',
         '1/s',
         'Largest Lyapunov exponent: of a motion that repeats ln|largest multiplier| over its '
-        'period; else the mean growth of a deviation over the time measured. Null under gap '
-        'control, where a deviation also changes what the stops do.',
+        'period; else the mean growth of a deviation over the time measured. Under gap control '
+        'by two neighbouring rigs; null if their controls decide differently too often.',
     ),
     Column(
         'lyapunov_uncertainty',
@@ -114,8 +114,8 @@ _NUMBERS = (
         'largest_multiplier',
         'double',
         '',
-        'Modulus of the largest multiplier of a period; null if the motion does not repeat, and '
-        'under gap control.',
+        'Modulus of the largest multiplier of a period; null if the motion does not repeat, or '
+        'as the exponent.',
     ),
     Column('stick_share', 'double', '', 'Share of the time that friction holds m in the gap.'),
     Column('rest_share', 'double', '', 'Share of the time that m rests on a stop.'),

@@ -221,6 +221,10 @@ class Simulator(HybridMotion):
             self._parameters, self._origin, self._time, tuple(self._unreported), self._sweep
         )
 
+    def state_here(self) -> Snapshot:
+        """Return it as of a flight that begins now: the same motion, to round-off."""
+        return self.state()._replace(origin=self._here())
+
     @classmethod
     def restore(cls, snapshot: dict[str, Any]) -> Self:
         """
