@@ -7,10 +7,12 @@ sine nor the closed form, and brings the motion there with it.
 
 from __future__ import annotations
 
+from math import nan
 from typing import NamedTuple
 
 from .event_codes import CONTACT_1, CONTACT_2, NO_EVENT
 from .flight import Flight, FlightEnd, unfinished
+from .grid import Grid
 from .kernels import kernel
 from .node import Node
 from .oscillator import Oscillator
@@ -22,7 +24,7 @@ _REACH = 0.6
 #: A last step this long, in steps of the grid and relative to the time since the flight's origin,
 #: leaves nothing behind.
 _LEAST_LEFT = 1e-8
-_TRIES = 6
+_MORE_STEPS = 5
 
 
 class Relative(NamedTuple):
@@ -69,21 +71,22 @@ class _Series(NamedTuple):
 def _series_at(oscillator: Oscillator, node: Node) -> _Series:
     """Return the series around a node: each derivative from the two before it and the drive."""
     grid = oscillator.grid
-    f_0 = 0.0
-    f_1 = 0.0
-    f_2 = 0.0
-    f_3 = 0.0
-    f_4 = 0.0
-    f_5 = 0.0
-    f_6 = 0.0
-    f_7 = 0.0
-    f_8 = 0.0
-    f_9 = 0.0
-    f_10 = 0.0
-    f_11 = 0.0
-    f_12 = 0.0
-    f_13 = 0.0
-    f_14 = 0.0
+    # Negative zero is what adds nothing, which a compiler makes use of.
+    f_0 = -0.0
+    f_1 = -0.0
+    f_2 = -0.0
+    f_3 = -0.0
+    f_4 = -0.0
+    f_5 = -0.0
+    f_6 = -0.0
+    f_7 = -0.0
+    f_8 = -0.0
+    f_9 = -0.0
+    f_10 = -0.0
+    f_11 = -0.0
+    f_12 = -0.0
+    f_13 = -0.0
+    f_14 = -0.0
     for j in range(len(node.sines)):
         even = grid.pushes[j] * node.sines[j]
         odd = grid.pushes[j] * grid.turns[j] * node.cosines[j]
@@ -208,9 +211,107 @@ def _tail(series: _Series, s: float) -> tuple[float, float, float]:
 
 
 @kernel(inline=True)
+def _step(
+    side: float,
+    node: Node,
+    there: Relative,
+    rate: float,
+    left: float,
+    series: _Series,
+    grid: Grid,
+    s: float,
+    low: float,
+    high: float,
+) -> tuple[float, FlightEnd]:
+    """
+    Return a step to a contact from close by, and the end of the flight if the step leads there.
+
+    Parameters
+    ----------
+    side, node, there, rate, low, high : float, Node, Relative, float, float, float
+        As for `contact_root`.
+    left : float
+        Distance of m from the stop at the node, m.
+    series : _Series
+        Around the node.
+    grid : Grid
+        Whose node it is.
+    s : float
+        Time since the node, in steps.
+
+    Returns
+    -------
+    step : float
+        In steps of the grid; NaN if there is none.
+    end : FlightEnd
+        The end; without event if the step is too long, or leads out of the interval.
+    """
+    step = grid.step
+    speed = there.speed * step
+    scaled = rate * step * step
+    velocity = node.velocity * step
+    x_2 = series.x_2
+    bend, bend_1, bend_2 = _tail(series, s)
+    travel = s * (speed + 0.5 * s * scaled) - bend
+    closing = speed + s * scaled - bend_1
+    closing_1 = scaled - bend_2
+    f_1 = -side * closing
+    if f_1 >= 0.0:
+        return nan, unfinished(NO_EVENT, low)
+    # Newton's step, bent as the function is
+    inverse = -1.0 / f_1
+    u = (left - side * travel) * inverse
+    u -= 0.5 * side * closing_1 * inverse * u * u
+    tau = there.tau + (s + u) * step
+    if abs(u) > _LEAST_LEFT * min(1.0, there.tau * grid.inverse + s) or not low < tau <= high:
+        return u, unfinished(NO_EVENT, low)
+    return u, FlightEnd(
+        CONTACT_1 if side > 0.0 else CONTACT_2,
+        tau,
+        there.x
+        + (
+            s * (velocity + 0.5 * s * x_2)
+            + bend
+            + u * (velocity + s * x_2 + bend_1 + 0.5 * u * (x_2 + bend_2))
+        ),
+        node.velocity + (s * x_2 + bend_1 + u * (x_2 + bend_2)) * grid.inverse,
+        there.travel + (travel + u * (closing + 0.5 * u * closing_1)),
+        there.speed + (s * scaled - bend_1 + u * closing_1) * grid.inverse,
+        f_1 * grid.inverse,
+        True,
+    )
+
+
+@kernel
+def _by_steps(
+    flight: Flight,
+    side: float,
+    node: Node,
+    there: Relative,
+    rate: float,
+    left: float,
+    s: float,
+    low: float,
+    high: float,
+) -> FlightEnd:
+    """Go on step by step where the first one is too long; the parameters are those of `_step`."""
+    grid = flight.oscillator.grid
+    series: _Series = _series_at(flight.oscillator, node)
+    end: FlightEnd = unfinished(NO_EVENT, low)
+    for _ in range(_MORE_STEPS):
+        if not abs(s) <= _REACH:
+            break
+        u, end = _step(side, node, there, rate, left, series, grid, s, low, high)
+        if end.finished:
+            break
+        s += u
+    return end
+
+
+@kernel(inline=True)
 def contact_root(
     flight: Flight,
-    side: int,
+    side: float,
     node: Node,
     there: Relative,
     rate: float,
@@ -225,7 +326,7 @@ def contact_root(
     ----------
     flight : Flight
         The flight.
-    side : int
+    side : float
         +1 for stop 1, -1 for stop 2.
     node, there, rate : Node, Relative, float
         The node nearest to the guess, and the relative acceleration there.
@@ -241,57 +342,25 @@ def contact_root(
     """
     grid = flight.oscillator.grid
     step = grid.step
-    clearance = flight.clearance_1 if side > 0 else flight.clearance_2
+    clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
     left = clearance - side * there.travel
     speed = there.speed * step
-    rate = rate * step * step
-    velocity = node.velocity * step
+    scaled = rate * step * step
     series: _Series = _series_at(flight.oscillator, node)
-    x_2 = series.x_2
-    begun = there.tau * grid.inverse
     s = guess * grid.inverse
     # First to within a last step of the root, by most of the series
     bend, bend_1, bend_2, bend_3 = _coarse_tail(series, s)
-    f_1 = -side * (speed + s * rate - bend_1)
+    f_1 = -side * (speed + s * scaled - bend_1)
     if f_1 >= 0.0:
         return unfinished(NO_EVENT, low)
     inverse = -1.0 / f_1
-    u = (left - side * (s * (speed + 0.5 * s * rate) - bend)) * inverse
-    v_2 = -0.5 * side * (rate - bend_2) * inverse * u
+    u = (left - side * (s * (speed + 0.5 * s * scaled) - bend)) * inverse
+    v_2 = -0.5 * side * (scaled - bend_2) * inverse * u
     v_3 = side * bend_3 * inverse * (u * u) * (1.0 / 6.0)
     s += u + u * (v_2 + (2.0 * v_2 * v_2 + v_3))
-    for _ in range(_TRIES):
-        if abs(s) > _REACH:
-            break
-        bend, bend_1, bend_2 = _tail(series, s)
-        travel = s * (speed + 0.5 * s * rate) - bend
-        closing = speed + s * rate - bend_1
-        closing_1 = rate - bend_2
-        f_1 = -side * closing
-        if f_1 >= 0.0:
-            break
-        # Newton's step, bent as the function is
-        inverse = -1.0 / f_1
-        u = (left - side * travel) * inverse
-        u -= 0.5 * side * closing_1 * inverse * u * u
-        if abs(u) <= _LEAST_LEFT * min(1.0, begun + s):
-            tau = there.tau + (s + u) * step
-            if not low < tau <= high:
-                break
-            return FlightEnd(
-                CONTACT_1 if side > 0 else CONTACT_2,
-                tau,
-                there.x
-                + (
-                    s * (velocity + 0.5 * s * x_2)
-                    + bend
-                    + u * (velocity + s * x_2 + bend_1 + 0.5 * u * (x_2 + bend_2))
-                ),
-                node.velocity + (s * x_2 + bend_1 + u * (x_2 + bend_2)) * grid.inverse,
-                there.travel + (travel + u * (closing + 0.5 * u * closing_1)),
-                there.speed + (s * rate - bend_1 + u * closing_1) * grid.inverse,
-                f_1 * grid.inverse,
-                True,
-            )
-        s += u
-    return unfinished(NO_EVENT, low)
+    if not abs(s) <= _REACH:
+        return unfinished(NO_EVENT, low)
+    u, end = _step(side, node, there, rate, left, series, grid, s, low, high)
+    if not end.finished:
+        return _by_steps(flight, side, node, there, rate, left, s + u, low, high)
+    return end

@@ -231,7 +231,7 @@ def _differentiated(
 def starting_motion(flight: Flight) -> Motion:
     """Return the motion at a flight's origin."""
     oscillator = flight.oscillator
-    drive = _Drive(0.0, 0.0, 0.0, 0.0, 0.0)
+    drive = _Drive(-0.0, -0.0, -0.0, -0.0, -0.0)
     for j in range(len(flight.sines)):
         force = oscillator.forces[j]
         drive = _with_harmonic(
@@ -258,7 +258,7 @@ def _near_motion(flight: Flight, tau: float) -> Motion:
     bend, bend_1, bend_2 = _series(
         tau, a, omega_squared, flight.x, flight.velocity, flight.constant, 0.0, 0.0
     )
-    drive = _Drive(0.0, 0.0, 0.0, 0.0, 0.0)
+    drive = _Drive(-0.0, -0.0, -0.0, -0.0, -0.0)
     for j in range(len(flight.sines)):
         force = oscillator.forces[j]
         frequency = oscillator.frequencies[j]
@@ -302,7 +302,7 @@ def _far_motion(flight: Flight, tau: float) -> Motion:
     x += constant / omega_squared * (1.0 - free.step)
     velocity = flight.velocity * free.rate
     velocity += (constant - omega_squared * flight.x) * free.impulse
-    drive = _Drive(0.0, 0.0, 0.0, 0.0, 0.0)
+    drive = _Drive(-0.0, -0.0, -0.0, -0.0, -0.0)
     for j in range(len(flight.sines)):
         force = oscillator.forces[j]
         frequency = oscillator.frequencies[j]

@@ -11,14 +11,14 @@ says so, and certified steps take over (`contact`).
 
 from __future__ import annotations
 
-from math import inf
+from math import copysign, inf
 
 from .contact_root import Relative, contact_root
 from .event_codes import NO_EVENT, RELEASE_DOWN, RELEASE_UP, REVERSAL
 from .flight import Flight, FlightEnd, Motion, unfinished
 from .kernels import kernel
 from .node import Node, acceleration_of, base_node, jerk_of, next_node
-from .oscillator import derivative_bound
+from .oscillator import Oscillator, derivative_bound
 from .polish import falling_root, polished
 
 __all__ = ['keeps_sign', 'search_contact', 'search_release']
@@ -26,6 +26,9 @@ __all__ = ['keeps_sign', 'search_contact', 'search_release']
 #: What positions, velocities and accelerations at the nodes may be wrong by, as a part of their
 #: terms.
 _NODE_ERROR = 1e-13
+
+# What `_in_doubt` has found
+_CLOSING, _CLEAR, _ENDED = range(3)
 
 
 @kernel(inline=True)
@@ -65,7 +68,7 @@ def keeps_sign(
 @kernel
 def _turn(
     flight: Flight,
-    side: int,
+    side: float,
     node: Node,
     start: Relative,
     rate: float,
@@ -82,7 +85,7 @@ def _turn(
     ----------
     flight : Flight
         The flight.
-    side : int
+    side : float
         Direction of the motion, +1 or -1.
     node, start, rate : Node, Relative, float
         The first node, and the relative acceleration there.
@@ -99,14 +102,14 @@ def _turn(
     if not (speed_a > error and speed_b < -error):
         return unfinished(NO_EVENT, t_a)
     guess = falling_root(speed_a, rate_a, speed_b, rate_b, t_b - t_a)
-    end: FlightEnd = polished(flight, REVERSAL, side, t_a + guess, t_a, t_b)
+    end: FlightEnd = polished(flight, REVERSAL, int(side), t_a + guess, t_a, t_b)
     if end.kind == NO_EVENT:
         return end
     # Backwards from there the speed only grows from zero: it is the first reversal.
     span = end.tau - t_a
     if not keeps_sign(0.0, -end.slope, speed_a, -rate_a, span, bound_5, error):
         return unfinished(NO_EVENT, t_a)
-    clearance = flight.clearance_1 if side > 0 else flight.clearance_2
+    clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
     left = clearance - side * end.travel
     if left > _NODE_ERROR * (abs(end.x) + abs(flight.x) + abs(end.travel)):
         return end
@@ -114,6 +117,97 @@ def _turn(
         return unfinished(NO_EVENT, t_a)
     guess = falling_root(clearance - side * start.travel, -speed_a, left, 0.0, span)
     return contact_root(flight, side, node, start, rate, guess, t_a, end.tau)
+
+
+@kernel
+def _in_doubt(
+    flight: Flight,
+    motion: Motion,
+    node_a: Node,
+    a: Relative,
+    rate_a: float,
+    node_b: Node,
+    b: Relative,
+    error: float,
+) -> tuple[int, float, FlightEnd]:
+    """
+    Look closer at a step in which the speeds alone do not tell that m closes in on a stop.
+
+    Parameters
+    ----------
+    flight, motion : Flight, Motion
+        The flight, and its motion where the grid begins, for the bounds.
+    node_a, a, rate_a : Node, Relative, float
+        The first node, and the relative acceleration there.
+    node_b, b : Node, Relative
+        The second one.
+    error : float
+        Bound of the round-off in the speeds.
+
+    Returns
+    -------
+    verdict : int
+        `_CLOSING`: m closes in on one stop all the way; `_CLEAR`: it reaches neither, and does not
+        turn where that is an event; `_ENDED`: the flight ends, or what happens is in doubt.
+    side : float
+        That stop, +1 for stop 1 and -1 for stop 2.
+    end : FlightEnd
+        The end, if it has ended; without event in doubt.
+    """
+    oscillator = flight.oscillator
+    step = oscillator.grid.step
+    fall = flight.relative_acceleration + flight.acceleration
+    side = float(flight.direction)
+    if side == 0.0:
+        side = 1.0 if a.speed > 0.0 or (a.speed == 0.0 and rate_a > 0.0) else -1.0
+    bound_5 = derivative_bound(oscillator, motion.x_5, motion.x_6, oscillator.grid.bound_5)
+    rate_b = fall - acceleration_of(oscillator, node_b)
+    if keeps_sign(
+        side * a.speed, side * rate_a, side * b.speed, side * rate_b, step, bound_5, error
+    ):
+        return _CLOSING, side, unfinished(NO_EVENT, a.tau)
+    if flight.direction != 0:
+        speed_b = side * b.speed
+        end: FlightEnd = _turn(
+            flight, side, node_a, a, rate_a, b.tau, speed_b, side * rate_b, bound_5, error
+        )
+        return _ENDED, side, end
+    error = _NODE_ERROR * (abs(b.x) + abs(flight.x) + abs(a.travel) + abs(b.travel))
+    bound_4 = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.grid.bound_4)
+    for side in (1.0, -1.0):
+        clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
+        if clearance < inf and not keeps_sign(
+            clearance - side * a.travel,
+            -side * a.speed,
+            clearance - side * b.travel,
+            -side * b.speed,
+            step,
+            bound_4,
+            error,
+        ):
+            return _ENDED, side, unfinished(NO_EVENT, a.tau)
+    return _CLEAR, 0.0, unfinished(NO_EVENT, a.tau)
+
+
+@kernel(inline=True)
+def _relative(
+    first: Relative,
+    rest: float,
+    step: float,
+    node: Node,
+    reached: float,
+    travel: float,
+    speed: float,
+) -> Relative:
+    """Put together what is known of a node, which is so many steps from the first one."""
+    x = first.x if reached == 0.0 else rest + node.offset
+    return Relative(first.tau + step * reached, x, travel, speed)
+
+
+@kernel(inline=True)
+def _rate(oscillator: Oscillator, first: float, fall: float, node: Node, reached: float) -> float:
+    """Return the relative acceleration at a node, as known already at the first one."""
+    return first if reached == 0.0 else fall - acceleration_of(oscillator, node)
 
 
 @kernel(inline=True)
@@ -137,86 +231,60 @@ def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
         comes then is already in doubt.
     """
     oscillator = flight.oscillator
-    step = oscillator.grid.step
+    grid = oscillator.grid
+    step = grid.step
     rest = flight.constant / oscillator.omega_squared
     # The damper mass alone
     fall = flight.relative_acceleration + flight.acceleration
     launched = flight.relative_velocity + flight.velocity
     # How far the speed may fall below both its values at two nodes
-    bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, oscillator.grid.bound_3)
+    bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, grid.bound_3)
     sag = 0.125 * step * step * bound_3
+    leading = float(flight.direction)
     node_a: Node = base_node(flight, tau, motion)
-    a = Relative(tau, motion.x, motion.travel, motion.relative_velocity)
-    rate_a = motion.relative_2
-    for k in range(oscillator.grid.nodes):
+    first = Relative(tau, motion.x, motion.travel, motion.relative_velocity)
+    travel_a = first.travel
+    speed_a = first.speed
+    reached = 0.0
+    while reached < grid.nodes:
         node_b: Node = next_node(oscillator, node_a)
-        t_b = tau + step * (k + 1)
+        t_b = tau + step * (reached + 1.0)
         x_b = rest + node_b.offset
-        b = Relative(
-            t_b,
-            x_b,
-            t_b * (launched + 0.5 * fall * t_b) - (x_b - flight.x),
-            launched + fall * t_b - node_b.velocity,
-        )
-        error = _NODE_ERROR * (abs(node_b.velocity) + abs(b.speed) + abs(a.speed))
-        if k > 0:
-            rate_a = fall - acceleration_of(oscillator, node_a)
-        side = flight.direction
-        if side == 0:
-            side = 1 if a.speed > 0.0 or (a.speed == 0.0 and rate_a > 0.0) else -1
-        closing = min(side * a.speed, side * b.speed) > sag + error
-        if not closing:
-            rate_b = fall - acceleration_of(oscillator, node_b)
-            bound_5 = derivative_bound(oscillator, motion.x_5, motion.x_6, oscillator.grid.bound_5)
-            closing = keeps_sign(
-                side * a.speed, side * rate_a, side * b.speed, side * rate_b, step, bound_5, error
+        travel_b = t_b * (launched + 0.5 * fall * t_b) - (x_b - flight.x)
+        speed_b = launched + fall * t_b - node_b.velocity
+        # The stop that m closes in on, as long as the speeds leave no doubt of it
+        side = leading if leading != 0.0 else copysign(1.0, speed_a)
+        error = _NODE_ERROR * (abs(node_b.velocity) + abs(speed_b) + abs(speed_a))
+        clear = False
+        if not min(side * speed_a, side * speed_b) > sag + error:
+            a = _relative(first, rest, step, node_a, reached, travel_a, speed_a)
+            rate = _rate(oscillator, motion.relative_2, fall, node_a, reached)
+            b = Relative(t_b, x_b, travel_b, speed_b)
+            verdict, side, end = _in_doubt(flight, motion, node_a, a, rate, node_b, b, error)
+            if verdict == _ENDED:
+                return end
+            clear = verdict == _CLEAR
+        clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
+        left = clearance - side * travel_b
+        if left <= 0.0 and not clear:
+            guess = falling_root(
+                clearance - side * travel_a, -side * speed_a, left, -side * speed_b, step
             )
-            if not closing and flight.direction != 0:
-                return _turn(
-                    flight,
-                    side,
-                    node_a,
-                    a,
-                    rate_a,
-                    t_b,
-                    side * b.speed,
-                    side * rate_b,
-                    bound_5,
-                    error,
-                )
-        if closing:
-            # m closes in on one stop all the way
-            clearance = flight.clearance_1 if side > 0 else flight.clearance_2
-            left = clearance - side * b.travel
-            if left <= 0.0:
-                guess = falling_root(
-                    clearance - side * a.travel, -side * a.speed, left, -side * b.speed, step
-                )
-                low = a.tau
-                if guess > 0.5 * step:
-                    node_a = node_b
-                    a = b
-                    rate_a = fall - acceleration_of(oscillator, node_a)
-                    guess -= step
-                return contact_root(flight, side, node_a, a, rate_a, guess, low, t_b)
-        else:
-            error = _NODE_ERROR * (abs(x_b) + abs(flight.x) + abs(a.travel) + abs(b.travel))
-            bound_4 = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.grid.bound_4)
-            for side in (1, -1):
-                clearance = flight.clearance_1 if side > 0 else flight.clearance_2
-                if clearance < inf and not keeps_sign(
-                    clearance - side * a.travel,
-                    -side * a.speed,
-                    clearance - side * b.travel,
-                    -side * b.speed,
-                    step,
-                    bound_4,
-                    error,
-                ):
-                    return unfinished(NO_EVENT, a.tau)
+            low = tau + step * reached
+            if guess > 0.5 * step:
+                node_a = node_b
+                travel_a = travel_b
+                speed_a = speed_b
+                reached += 1.0
+                guess -= step
+            a = _relative(first, rest, step, node_a, reached, travel_a, speed_a)
+            rate = _rate(oscillator, motion.relative_2, fall, node_a, reached)
+            return contact_root(flight, side, node_a, a, rate, guess, low, t_b)
         node_a = node_b
-        a = b
-    return unfinished(NO_EVENT, a.tau)
+        travel_a = travel_b
+        speed_a = speed_b
+        reached += 1.0
+    return unfinished(NO_EVENT, tau + step * reached)
 
 
 @kernel

@@ -13,18 +13,20 @@ import types
 from collections.abc import Callable
 from functools import cache
 from itertools import repeat
+from math import cos, sin
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from .kernel_cache import stamp_file
 
-__all__ = ['compiled', 'elementwise', 'kernel', 'stamp']
+__all__ = ['compiled', 'elementwise', 'kernel', 'sine_and_cosine', 'stamp']
 
 F = TypeVar('F', bound=Callable[..., Any])
 
 _KERNELS: dict[str, Callable[..., Any]] = {}
 _INLINE: set[str] = set()
-_ELEMENTWISE: dict[str, Callable[..., float]] = {}
+#: Scalar functions and how many numbers they return.
+_ELEMENTWISE: dict[str, tuple[Callable[..., Any], int]] = {}
 
 
 def _register(name: str) -> None:
@@ -68,29 +70,55 @@ def kernel(function: F | None = None, *, inline: bool = False) -> F | Callable[[
     return mark if function is None else mark(function)
 
 
-def elementwise(function: Callable[..., float]) -> Callable[..., tuple[float, ...]]:
+@overload
+def elementwise(function: Callable[..., float]) -> Callable[..., tuple[float, ...]]: ...
+
+
+@overload
+def elementwise(
+    *, results: int
+) -> Callable[
+    [Callable[..., tuple[float, ...]]], Callable[..., tuple[tuple[float, ...], ...]]
+]: ...
+
+
+def elementwise(function: Callable[..., Any] | None = None, *, results: int = 1) -> Any:
     """
     Return a kernel that applies a scalar one along its tuple arguments.
 
     Arguments that are not tuples are passed on to every call.
+
+    Parameters
+    ----------
+    function : callable
+        The scalar kernel.
+    results : int, optional
+        How many numbers it returns: if not one, a tuple for each of them.
 
     Raises
     ------
     ValueError
         If another kernel has the same name.
     """
-    _register(function.__name__)
-    _ELEMENTWISE[function.__name__] = function
 
-    def along(*arguments: Any) -> tuple[float, ...]:
-        return tuple(map(function, *(a if isinstance(a, tuple) else repeat(a) for a in arguments)))
+    def mark(function: Callable[..., Any]) -> Callable[..., Any]:
+        _register(function.__name__)
+        _ELEMENTWISE[function.__name__] = function, results
 
-    along.__name__ = function.__name__
-    along.__doc__ = function.__doc__
-    return along
+        def along(*arguments: Any) -> tuple[Any, ...]:
+            rows = map(function, *(a if isinstance(a, tuple) else repeat(a) for a in arguments))
+            if results == 1:
+                return tuple(rows)
+            return tuple(zip(*rows, strict=True)) or ((),) * results
+
+        along.__name__ = function.__name__
+        along.__doc__ = function.__doc__
+        return along
+
+    return mark if function is None else mark(function)
 
 
-def _unrolled(arguments: list[Any], rows: int) -> str:
+def _unrolled(arguments: list[Any], rows: int, results: int) -> str:
     """Return the source of a function that applies `scalar` along tuples of that length."""
     from numba import types as nb
 
@@ -102,26 +130,35 @@ def _unrolled(arguments: list[Any], rows: int) -> str:
         )
         for row in range(rows)
     ]
-    return f'def along({names}):\n    return ({"".join(f"scalar({c}), " for c in cells)})'
+    lines = [f'    r{row} = scalar({cell})\n' for row, cell in enumerate(cells)]
+    if results == 1:
+        out = ''.join(f'r{row}, ' for row in range(rows))
+    else:
+        out = ''.join(
+            f'({"".join(f"r{row}[{k}], " for row in range(rows))}), ' for k in range(results)
+        )
+    return f'def along({names}):\n{"".join(lines)}    return ({out})'
 
 
-def _looped(arguments: list[Any]) -> str:
+def _looped(arguments: list[Any], results: int) -> str:
     """Return the source of a function that applies `scalar` along arrays."""
     from numba import types as nb
 
     names = ', '.join(f'a{i}' for i in range(len(arguments)))
     arrays = [i for i, a in enumerate(arguments) if isinstance(a, nb.Array)]
     cells = ', '.join(f'a{i}[row]' if i in arrays else f'a{i}' for i in range(len(arguments)))
+    outs = [f'out{k}' for k in range(results)]
+    made = ''.join(f'    {out} = empty(len(a{arrays[0]}))\n' for out in outs)
     return (
         f'def along({names}):\n'
-        f'    out = empty(len(a{arrays[0]}))\n'
-        f'    for row in range(len(out)):\n'
-        f'        out[row] = scalar({cells})\n'
-        f'    return out'
+        f'{made}'
+        f'    for row in range(len(out0)):\n'
+        f'        {", ".join(f"{out}[row]" for out in outs)} = scalar({cells})\n'
+        f'    return {", ".join(outs)}'
     )
 
 
-def _compile_elementwise(scalar: Any) -> Any:
+def _compile_elementwise(scalar: Any, results: int) -> Any:
     """Return a compiled function along tuples, unrolled, or arrays."""
     import numba
     import numpy as np
@@ -134,9 +171,9 @@ def _compile_elementwise(scalar: Any) -> Any:
     def overloaded(*arguments: Any) -> Any:
         tuples = [a for a in arguments if isinstance(a, nb.BaseTuple)]
         if tuples:
-            source = _unrolled(list(arguments), len(tuples[0]))
+            source = _unrolled(list(arguments), len(tuples[0]), results)
         else:
-            source = _looped(list(arguments))
+            source = _looped(list(arguments), results)
         scope: dict[str, Any] = {'scalar': scalar, 'empty': np.empty}
         exec(source, scope)
         inner = numba.njit(scope['along'])
@@ -147,6 +184,40 @@ def _compile_elementwise(scalar: Any) -> Any:
         return implementation
 
     return along
+
+
+def sine_and_cosine(angle: float) -> tuple[float, float]:
+    """Return the sine and the cosine of an angle; compiled, in one go where libm can do that."""
+    return sin(angle), cos(angle)
+
+
+@cache
+def _compiled_sine_and_cosine() -> Any:
+    """Return `sine_and_cosine` compiled."""
+    import numba
+    from llvmlite import binding, ir
+    from numba.core import cgutils
+    from numba.core import types as nb
+
+    if binding.address_of_symbol('sincos') is None:
+        return numba.njit(sine_and_cosine, forceinline=True)
+
+    @numba.extending.intrinsic  # type: ignore[untyped-decorator]
+    def together(_context: Any, _angle: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            number = ir.DoubleType()
+            pointer = number.as_pointer()
+            kind = ir.FunctionType(ir.VoidType(), (number, pointer, pointer))
+            sincos = cgutils.get_or_insert_function(builder.module, kind, 'sincos')
+            places = [cgutils.alloca_once(builder, number) for _ in range(2)]
+            builder.call(sincos, (*arguments, *places))
+            values = [builder.load(place) for place in places]
+            return context.make_tuple(builder, signature.return_type, values)
+
+        pair = nb.UniTuple(nb.float64, 2)  # type: ignore[attr-defined]
+        return pair(nb.float64), generate
+
+    return numba.njit(lambda angle: together(angle), forceinline=True)
 
 
 @cache
@@ -199,8 +270,14 @@ def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
     for function in _KERNELS.values():
         assert isinstance(function, types.FunctionType)
         _share(function, namespace)
-    for name, function in _ELEMENTWISE.items():
-        namespace[name] = _compile_elementwise(numba.njit(function, forceinline=True))
+    for name, (function, results) in _ELEMENTWISE.items():
+        assert isinstance(function, types.FunctionType)
+        scalar = types.FunctionType(
+            function.__code__,
+            {**function.__globals__, 'sine_and_cosine': _compiled_sine_and_cosine()},
+            name,
+        )
+        namespace[name] = _compile_elementwise(numba.njit(scalar, forceinline=True), results)
     for name, function in _KERNELS.items():
         assert isinstance(function, types.FunctionType)
         code = function.__code__

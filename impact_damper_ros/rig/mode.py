@@ -18,7 +18,7 @@ from .kernels import kernel
 from .origin import Origin
 from .oscillator import Oscillator, acceleration_at, make_oscillator
 from .parameters import RigParameters
-from .phase import cosines_of, sines_of
+from .phase import sines_and_cosines_of
 
 __all__ = [
     'CHATTER_1',
@@ -239,8 +239,7 @@ def _stop_deadline(origin: Origin) -> tuple[int, float]:
 @kernel(inline=True)
 def _joint_flight(machine: Machine, origin: Origin, deadline_kind: int, deadline: float) -> Flight:
     """Build a flight of both masses as one; see `launch`."""
-    sines = sines_of(machine.phases, origin.angles)
-    cosines = cosines_of(machine.phases, origin.angles)
+    sines, cosines = sines_and_cosines_of(machine.phases, origin.angles)
     standing_1 = origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0
     standing_2 = origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0
     share = machine.mass_ratio / (1.0 + machine.mass_ratio)
@@ -285,8 +284,7 @@ def moving_flight(
     deadline_kind, deadline : int, float
         What ends the flight at the latest, and when.
     """
-    sines = sines_of(machine.phases, origin.angles)
-    cosines = cosines_of(machine.phases, origin.angles)
+    sines, cosines = sines_and_cosines_of(machine.phases, origin.angles)
     mode = origin.mode
     standing_1 = origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0
     standing_2 = origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0

@@ -84,8 +84,9 @@ def base_node(flight: Flight, tau: float, motion: Motion) -> Node:
 def next_node(oscillator: Oscillator, node: Node) -> Node:
     """Return the node a step later."""
     grid = oscillator.grid
-    pushed = 0.0
-    speeded = 0.0
+    # Negative zero is what adds nothing, which a compiler makes use of.
+    pushed = -0.0
+    speeded = -0.0
     for j in range(len(node.sines)):
         sine = node.sines[j]
         cosine = node.cosines[j]

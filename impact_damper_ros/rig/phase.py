@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from math import cos, floor, sin
+from math import floor, sin
 
-from .kernels import elementwise, kernel
+from .kernels import elementwise, kernel, sine_and_cosine
 
-__all__ = ['advance_time', 'cosines_of', 'sines_of', 'turned_angles']
+__all__ = ['advance_time', 'sines_and_cosines_of', 'sines_of', 'turned_angles']
 
 
 @kernel(inline=True)
@@ -41,7 +41,7 @@ def sines_of(phase: float, angle: float) -> float:
     return sin(angle + phase)
 
 
-@elementwise
-def cosines_of(phase: float, angle: float) -> float:
-    """Return the cosine of each harmonic."""
-    return cos(angle + phase)
+@elementwise(results=2)
+def sines_and_cosines_of(phase: float, angle: float) -> tuple[float, float]:
+    """Return the sine and the cosine of each harmonic."""
+    return sine_and_cosine(angle + phase)
