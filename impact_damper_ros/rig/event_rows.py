@@ -20,7 +20,14 @@ from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine
 from .origin import Origin, offset_of
 from .transition import Transition, impulse_of
 
-__all__ = ['IMPACT', 'MOST_ROWS', 'write_event', 'write_transition']
+__all__ = [
+    'IMPACT',
+    'MOST_ROWS',
+    'stop_under',
+    'support_code',
+    'write_event',
+    'write_transition',
+]
 
 #: Rows that one transition may take.
 MOST_ROWS = 3
@@ -80,7 +87,7 @@ def write_event(
 
 
 @kernel(inline=True)
-def _stop_under(mode: int) -> int:
+def stop_under(mode: int) -> int:
     """Return the stop on which m rests, or bounces for the last times; 0 for none."""
     if mode in (REST_1, CHATTER_1):
         return 1
@@ -88,7 +95,7 @@ def _stop_under(mode: int) -> int:
 
 
 @kernel(inline=True)
-def _support_code(mode_before: int, mode: int) -> int:
+def support_code(mode_before: int, mode: int) -> int:
     """Return as what a stop's coming up to m at rest is reported; 0 for nothing."""
     if mode_before >= STICK > mode:
         return _RELEASE
@@ -154,10 +161,10 @@ def write_transition(
                 0.0,
             )
             if not outward:
-                code = _support_code(ended.mode, mode)
+                code = support_code(ended.mode, mode)
                 if code == 0:
                     return row
-                stop = _stop_under(mode if code == _REST else ended.mode)
+                stop = stop_under(mode if code == _REST else ended.mode)
         push = impulse_of(machine, damper_mass, transition)
     elif kind == ARRIVAL:
         code = _STOP_ARRIVED
@@ -167,7 +174,7 @@ def write_transition(
         stop = 1 if kind == STOP_ARRIVED_1 else 2
     elif kind in (RELEASE_UP, RELEASE_DOWN):
         code = _RELEASE
-        stop = _stop_under(ended.mode)
+        stop = stop_under(ended.mode)
     elif mode in (REST_1, REST_2):
         code = _REST
         stop = 1 if mode == REST_1 else 2

@@ -1,25 +1,33 @@
-"""Reports: the events that a transition of the rig is told as."""
+"""Events, made of the rows that `event_rows` writes; its kernels run as plain Python here."""
 
 from __future__ import annotations
 
-from .contact import (
-    ARRIVAL,
-    CONTACT_1,
-    CONTACT_2,
-    RELEASE_DOWN,
-    RELEASE_UP,
-    REVERSAL,
-    STOP_ARRIVED_1,
-    STOP_ARRIVED_2,
-)
+from operator import itemgetter
+from typing import Any
+
 from .event import Event, EventKind
-from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine
-from .origin import Origin, offset_of
-from .transition import Transition, impulse_of
+from .event_codes import CONTACT_1, CONTACT_2
+from .event_rows import MOST_ROWS, stop_under, support_code, write_event, write_transition
+from .mode import Machine
+from .origin import Origin
+from .transition import Transition
 
 __all__ = ['impact_events', 'make_event', 'quiet', 'support_events', 'transition_events']
 
-_RESTING = {REST_1: 1, REST_2: 2}
+# The table that the kernels write into, by row and column: floats and codes together
+_Table = dict[tuple[int, int], Any]
+# The fields of `Event` in a row
+_ROWS = [
+    itemgetter(*[(row, column) for column in (0, 8, 9, 1, 2, 3, 4, 5, 6, 7)])
+    for row in range(MOST_ROWS)
+]
+_KINDS = {int(kind): kind for kind in EventKind}
+
+
+def _event(table: _Table, row: int) -> Event:
+    """Return a row of the table as an event."""
+    time, kind, *others = _ROWS[row](table)
+    return Event(time, _KINDS[kind], *others)
 
 
 def quiet(origin: Origin, stop: int = 0) -> Transition:
@@ -28,46 +36,42 @@ def quiet(origin: Origin, stop: int = 0) -> Transition:
     return Transition(origin, stop, velocity, relative_velocity, velocity, relative_velocity)
 
 
-def make_event(kind: EventKind, stop: int, transition: Transition, impulse: float = 0.0) -> Event:
-    """Return the event of a transition."""
-    origin = transition.origin
+def make_event(kind: EventKind, stop: int, transition: Transition) -> Event:
+    """Return an event without impulse, of a transition."""
+    table: _Table = {}
     before, after = transition.velocity_before, transition.velocity_after
-    return Event(
-        origin.time,
+    write_event(
+        table,
+        table,
+        0,
         kind,
         stop,
-        origin.x,
-        offset_of(origin.clearance_1, origin.clearance_2, origin.stop_1, origin.stop_2),
+        transition.origin,
         before,
         after,
         before + transition.relative_velocity_before,
         after + transition.relative_velocity_after,
-        impulse,
+        0.0,
     )
+    return _event(table, 0)
 
 
 def impact_events(machine: Machine, damper_mass: float, transition: Transition) -> list[Event]:
-    """Report an impact, and the rest that a plastic one leads to."""
-    stop = transition.stop
-    push = impulse_of(machine, damper_mass, transition)
-    events = [make_event(EventKind.IMPACT, stop, transition, push)]
-    if transition.origin.mode in _RESTING:
-        still = transition._replace(
-            velocity_before=transition.velocity_after, relative_velocity_before=0.0
-        )
-        events.append(make_event(EventKind.REST, stop, still))
-    return events
+    """Report an impact on a standing stop, and the rest that a plastic one leads to."""
+    standing = transition.origin._replace(stop_velocity_1=0.0, stop_velocity_2=0.0)
+    kind = CONTACT_1 if transition.stop == 1 else CONTACT_2
+    return transition_events(machine, damper_mass, kind, standing, transition)
 
 
 def support_events(mode_before: int, transition: Transition) -> list[Event]:
     """Report what a stop that has come up to m at rest, or left it, makes of its rest."""
     mode = transition.origin.mode
-    if mode_before >= STICK > mode:
-        stop = {CHATTER_1: 1, CHATTER_2: 2, **_RESTING}.get(mode_before, 0)
-        return [make_event(EventKind.RELEASE, stop, transition)]
-    if mode in _RESTING and (mode_before < STICK or mode_before >= CHATTER_1):
-        return [make_event(EventKind.REST, _RESTING[mode], transition)]
-    return []
+    code = support_code(mode_before, mode)
+    if code == 0:
+        return []
+    kind = EventKind(code)
+    rested = mode if kind is EventKind.REST else mode_before
+    return [make_event(kind, stop_under(rested), transition)]
 
 
 def transition_events(
@@ -92,44 +96,8 @@ def transition_events(
     Returns
     -------
     list of Event
-        One or two events, or none.
+        None to three of them.
     """
-    origin = transition.origin
-    mode = origin.mode
-    if kind in (CONTACT_1, CONTACT_2):
-        speed = before.stop_velocity_1 if kind == CONTACT_1 else before.stop_velocity_2
-        if speed == 0.0:
-            return impact_events(machine, damper_mass, transition)
-        return _meeting_events(machine, damper_mass, before.mode, transition)
-    if kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
-        stop = 1 if kind == STOP_ARRIVED_1 else 2
-        return [make_event(EventKind.STOP_ARRIVED, stop, transition)]
-    if kind == ARRIVAL:
-        stop = 1 if origin.clearance_1 == 0.0 else 2
-        return [make_event(EventKind.STOP_ARRIVED, stop, transition)]
-    if kind in (RELEASE_UP, RELEASE_DOWN):
-        return [make_event(EventKind.RELEASE, _RESTING.get(before.mode, 0), transition)]
-    # A reversal, or the end of a chatter
-    if mode in _RESTING:
-        return [make_event(EventKind.REST, _RESTING[mode], transition)]
-    if mode == STICK:
-        return [make_event(EventKind.STICK, 0, transition)]
-    if kind == REVERSAL:
-        return [make_event(EventKind.REVERSAL, 0, transition)]
-    return []
-
-
-def _meeting_events(
-    machine: Machine, damper_mass: float, mode_before: int, transition: Transition
-) -> list[Event]:
-    """Report that a moving stop has met m, and the impact if m hit it."""
-    stop = transition.stop
-    met = transition._replace(
-        velocity_after=transition.velocity_before,
-        relative_velocity_after=transition.relative_velocity_before,
-    )
-    events = [make_event(EventKind.STOP_TOUCHED, stop, met)]
-    outward = transition.relative_velocity_before * (1.0 if stop == 1 else -1.0)
-    if outward > 0.0:
-        return events + impact_events(machine, damper_mass, transition)
-    return events + support_events(mode_before, transition)
+    table: _Table = {}
+    rows = write_transition(machine, damper_mass, kind, before, transition, table, table, 0)
+    return [_event(table, row) for row in range(rows)]
