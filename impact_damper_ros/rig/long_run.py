@@ -97,7 +97,7 @@ class LongRun:
 
     def simulator(self) -> Simulator:
         """Return a simulator that goes on from here, bit for bit."""
-        return Simulator.restore(self.snapshot())
+        return Simulator.resume(self._state)
 
     @property
     def time(self) -> float:

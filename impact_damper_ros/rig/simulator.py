@@ -235,7 +235,11 @@ class Simulator(HybridMotion):
         ValueError
             If the snapshot is of another format or lacks something.
         """
-        state = Snapshot.from_dict(snapshot)
+        return cls.resume(Snapshot.from_dict(snapshot))
+
+    @classmethod
+    def resume(cls, state: Snapshot) -> Self:
+        """Continue from what `state` has returned, bit for bit."""
         rig = cls.__new__(cls)
         rig._parameters = state.parameters
         rig._sweep = state.sweep
