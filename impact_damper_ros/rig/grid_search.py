@@ -309,7 +309,9 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
     node = base_node(flight, tau, motion)
     drive_5 = 0.0
     for j in range(len(node.sines)):
-        drive_5 += oscillator.forces[j] * oscillator.frequencies[j] ** 5 * node.cosines[j]
+        frequency = oscillator.frequencies[j]
+        square = frequency * frequency
+        drive_5 += oscillator.forces[j] * (square * square * frequency) * node.cosines[j]
     x_7 = drive_5 - 2.0 * oscillator.decay * motion.x_6 - oscillator.omega_squared * motion.x_5
     bound_6 = derivative_bound(oscillator, motion.x_6, x_7, grid.bound_6)
     t_a = tau

@@ -1,6 +1,9 @@
 """Compiled kernels do the same arithmetic as the plain ones, to the last bit."""
 
+import ast
+import inspect
 import random
+import textwrap
 from math import inf
 
 import pytest
@@ -132,3 +135,10 @@ def test_every_kernel_is_there(compiled):
 def test_names_are_unique():
     with pytest.raises(ValueError, match='two kernels named motion_at'):
         kernels.kernel(motion_at)
+
+
+@pytest.mark.parametrize('name', sorted(kernels._KERNELS))
+def test_kernels_raise_nothing_to_a_power(name):
+    """Compiled, that is a product; otherwise it is libm's `pow`, which may differ from it."""
+    code = ast.parse(textwrap.dedent(inspect.getsource(kernels._KERNELS[name])))
+    assert not [node for node in ast.walk(code) if isinstance(node, ast.Pow)]

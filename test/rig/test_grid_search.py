@@ -141,8 +141,18 @@ def test_a_contact_from_the_series_around_a_node_is_that_of_the_closed_form(side
     assert found > 60
 
 
+def is_graze(flight, tau):
+    """Return whether m comes so near a stop, and no nearer, that round-off decides on a touch."""
+    motion = motion_at(flight, tau)
+    scale = abs(flight.x) + abs(motion.x) + abs(motion.travel)
+    error = 64.0 * np.finfo(float).eps * scale
+    gap = min(flight.clearance_1 - motion.travel, flight.clearance_2 + motion.travel)
+    overshoot = motion.relative_velocity**2 / (2.0 * abs(motion.relative_2) or math.inf)
+    return abs(gap) < error and overshoot < error
+
+
 def test_the_quick_search_finds_what_certified_steps_find():
-    quick = 0
+    quick = grazes = 0
     for cases in (FLIGHTS, launchable(near_grazing_flights(300, np.random.default_rng(5)))):
         for i in range(len(cases)):
             flight = flight_of(cases, i)
@@ -150,13 +160,19 @@ def test_the_quick_search_finds_what_certified_steps_find():
             slow = flight._replace(oscillator=flight.oscillator._replace(grid=grid))
             limit = float(cases.horizon[i])
             found, expected = flight_end(flight, 0.0, limit), flight_end(slow, 0.0, limit)
-            if min(found.tau, expected.tau) > limit:
+            first = min(found.tau, expected.tau)
+            if first > limit:
+                continue
+            if is_graze(flight, first):
+                # Either search may miss it, or find it as far off as the root of round-off.
+                grazes += 1
                 continue
             assert found.kind == expected.kind
             if found.kind != NO_EVENT:
                 quick += found.slope != 0.0
-                # A grazing root is known to the root of its round-off.
+                # The slower m is, the less exactly its arrival is known.
                 assert found.tau == pytest.approx(expected.tau, rel=1e-6)
                 if abs(found.slope) > 0.1:
                     assert found.tau == pytest.approx(expected.tau, rel=1e-11, abs=1e-13)
     assert quick > 200
+    assert grazes < 50
