@@ -278,11 +278,13 @@ class Predictor:
     def _start(self) -> None:
         """Start a worker, and let it answer what is not answered yet."""
         try:
-            self._worker = _Worker(self._command, self._read)
+            worker = _Worker(self._command, self._read)
         except OSError as error:
             self._fail(f'the process that predicts cannot be started: {error}')
             return
+        # In this order: who sees the worker sees no trouble.
         self._trouble = ''
+        self._worker = worker
         course, answer = self._answered
         if not self._unsent and (course != self._course or not answer.complete):
             self._compose(None)

@@ -6,17 +6,18 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from nodes.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, until
 
 _numbers = itertools.count(1)
 
 
-@pytest.fixture(scope='package')
+@pytest.fixture
 def client():
-    client = RigClient()
-    yield client
-    client.close()
+    """Return a client of its own for a test: whom it has met costs it time with each message."""
+    with RigClient() as client:
+        yield client
 
 
 @pytest.fixture
@@ -63,12 +64,19 @@ class SharedRig:
         )
         assert self.process.running(), self.process.output
 
+    def reset(self):
+        """Reset the rig; then no earlier snapshot is under way any more."""
+        have = len(self.snapshots)
+        assert self.client.call(Trigger, '/sim_node/reset').success
+        until(lambda: any('"reason": "reset"' in m.data for m in self.snapshots[have:]))
+
 
 @pytest.fixture(scope='package')
-def shared_rig(client, tmp_path_factory):
+def shared_rig(tmp_path_factory):
     process = SimProcess(tmp_path_factory.mktemp('shared'), **LIVELY)
     try:
-        yield SharedRig(client, process)
+        with RigClient() as client:
+            yield SharedRig(client, process)
         assert process.stop() == 0, process.output
         # One test provokes one.
         assert process.output.count('a callback failed') <= 1, process.output

@@ -1,5 +1,6 @@
 """What the integration tests need: the node as a process, and a plain rclpy client."""
 
+import math
 import os
 import signal
 import subprocess
@@ -13,6 +14,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
+    GetParameterTypes,
     ListParameters,
     SetParameters,
     SetParametersAtomically,
@@ -22,11 +24,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
+from std_srvs.srv import SetBool, Trigger
 
 import impact_damper_ros
 
-#: Generous: the tests wait for conditions, not for times.
-DEADLINE_S = 30.0
+#: Generous: the tests wait for conditions, not for times, also on a machine with much else to do.
+DEADLINE_S = 100.0
+#: After which a request is made again whose answer may have been lost.
+ASK_AGAIN_S = 1.0
 #: A small rig at its resonance of 5 Hz, whose damper rattles within the first second.
 LIVELY = {
     'primary_mass': 1.0,
@@ -36,6 +41,17 @@ LIVELY = {
     'gap': 0.01,
     'force_amplitudes': '[10.0]',
     'force_frequencies': '[31.6]',
+}
+
+#: Of a node, beside the one that it is met by.
+SERVICES = {
+    'describe_parameters': DescribeParameters,
+    'get_parameters': GetParameters,
+    'list_parameters': ListParameters,
+    'set_parameters': SetParameters,
+    'set_parameters_atomically': SetParametersAtomically,
+    'pause': SetBool,
+    'reset': Trigger,
 }
 
 SOURCE = Path(impact_damper_ros.__file__).parents[1]
@@ -140,7 +156,10 @@ class RigClient:
         while self._spinning:
             self._executor.spin_once(timeout_sec=0.05)
 
-    def close(self):
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
         self._spinning = False
         self._thread.join()
         self._executor.shutdown()
@@ -153,26 +172,44 @@ class RigClient:
         self.node.create_subscription(kind, topic, messages.append, qos or QoSProfile(depth=1000))
         return messages
 
-    def request(self, kind, service, request):
-        """Send a request and return its future."""
-        client = self._clients.get(service)
-        if client is None:
-            client = self._clients[service] = self.node.create_client(kind, service)
-        assert client.wait_for_service(DEADLINE_S), f'{service} is not there'
-        return client.call_async(request)
+    def request(self, service, request):
+        """Send a request to a service of a node and return its future."""
+        node, _, _ = service.rpartition('/')
+        if service not in self._clients:
+            self._meet(node)
+        return self._clients[service].call_async(request)
 
-    def call(self, kind, service, request=None, attempts=1):
-        """Call a service, as often as need be, and return its response."""
+    def call(self, kind, service, request=None):
+        """Call a service of a node and return its response."""
+        future = self.request(service, request or kind.Request())
+        return until(lambda: future.done() and future.result(), f'{service} did not answer')
+
+    def _meet(self, node):
+        """
+        Make the clients of the services of a node, and wait until it knows them all.
+
+        That a client has found its service does not mean that the service has found the client:
+        until then an answer is lost. A client's endpoints are found in the order in which they
+        were made, so once the last client has had an answer, the others will have theirs. The
+        last one may be asked as often as need be.
+        """
+        for name, kind in SERVICES.items():
+            service = f'{node}/{name}'
+            self._clients[service] = self.node.create_client(kind, service)
+        last = self.node.create_client(GetParameterTypes, f'{node}/get_parameter_types')
+        for client in (*(self._clients[f'{node}/{name}'] for name in SERVICES), last):
+            until(client.service_is_ready, f'{client.srv_name} is not there')
         futures = []
-        for _ in range(attempts):
-            futures.append(self.request(kind, service, request or kind.Request()))
-            end = time.monotonic() + DEADLINE_S / attempts
-            while time.monotonic() < end:
-                for future in futures:
-                    if future.done():
-                        return future.result()
-                time.sleep(0.005)
-        raise AssertionError(f'{service} did not answer')
+        asked = -math.inf
+
+        def answered():
+            nonlocal asked
+            if time.monotonic() >= asked + ASK_AGAIN_S:
+                futures.append(last.call_async(GetParameterTypes.Request()))
+                asked = time.monotonic()
+            return any(future.done() for future in futures)
+
+        until(answered, f'{node} does not answer')
 
 
 class RigParametersClient:
@@ -183,12 +220,8 @@ class RigParametersClient:
         self.node = node
 
     def get(self, *names):
-        # Asked again, if need be: until both sides have found each other, DDS may lose an answer.
         response = self._client.call(
-            GetParameters,
-            f'{self.node}/get_parameters',
-            GetParameters.Request(names=names),
-            attempts=3,
+            GetParameters, f'{self.node}/get_parameters', GetParameters.Request(names=names)
         )
         values = [parameter_value_to_python(value) for value in response.values]
         return values[0] if len(names) == 1 and values else values

@@ -31,24 +31,33 @@ class Reports:
     """What one node says of its motion."""
 
     def __init__(self, client, namespace):
-        self._name = f'{namespace.removeprefix("/")}/sim_node'
+        self._prefix = f'{namespace.removeprefix("/")}/sim_node: '
         self._arrays = client.listen(DiagnosticArray, '/diagnostics')
-
-    def last(self, task):
-        """Return the last status of a task and its values."""
-        for array in reversed(list(self._arrays)):
-            for status in array.status:
-                if status.name == f'{self._name}: {task}':
-                    return status, {v.key: v.value for v in status.values}
-        return None, {}
+        self._seen = 0
+        #: Of the predicted motion, when it was last waited for
+        self.level = None
 
     def motion(self, condition):
-        """Wait until the measured and the predicted motion are as they should be."""
-        until(
-            lambda: condition(self.last('measured motion')[1], self.last('predicted motion')[1]),
-            lambda: f'{self.last("measured motion")}, {self.last("predicted motion")}',
+        """
+        Wait until the measured and the predicted motion are as they should be; return them.
+
+        No report is passed over, however late this process looks, and each is looked at once.
+        """
+        return until(
+            lambda: self._next(condition), lambda: str([a.status[-2:] for a in self._arrays[-9:]])
         )
-        return self.last('measured motion')[1], self.last('predicted motion')[1]
+
+    def _next(self, condition):
+        while self._seen < len(self._arrays):
+            array = self._arrays[self._seen]
+            self._seen += 1
+            ours = {s.name.removeprefix(self._prefix): s for s in array.status}
+            tasks = [ours[t] for t in ('measured motion', 'predicted motion') if t in ours]
+            values = [{v.key: v.value for v in task.values} for task in tasks]
+            if tasks and condition(*values):
+                self.level = tasks[-1].level
+                return values
+        return None
 
 
 @pytest.fixture
@@ -67,7 +76,7 @@ def agreeing(orbit):
     """Return a condition: the predicted motion is this one, and the measured one agrees."""
 
     def condition(_, predicted):
-        return predicted.get('Agreement') == 'agrees' and json.loads(
+        return predicted['Agreement'] == 'agrees' and json.loads(
             predicted['Largest X [m]']
         ) == pytest.approx(orbit.x_max, rel=1e-6)
 
@@ -111,7 +120,7 @@ def test_measured_and_predicted_motion_agree_before_and_after_a_change(node):
         assert parameters.set(gap=gap) == ''
         orbit = find_orbits(RIG.replace(gap=gap), (1, 2)).orbits[0]
         check(*reports.motion(agreeing(orbit)), orbit)
-    assert reports.last('predicted motion')[0].level == DiagnosticStatus.OK
+    assert reports.level == DiagnosticStatus.OK
     # A second harmonic repeats after three cycles of the first, and begins as it is added.
     both = {'force_amplitudes': [1.0, 0.1], 'force_phases': [0.0, 0.0]}
     assert parameters.set_atomically(force_frequencies=[1.02, 1.7], **both) == ''
@@ -121,7 +130,7 @@ def test_measured_and_predicted_motion_agree_before_and_after_a_change(node):
     assert parameters.set(force_frequencies=[1.02, 1.7171]) == ''
     _, predicted = reports.motion(lambda _, p: p['State'] == 'none')
     assert 'needs a whole number' in predicted['Reason']
-    assert reports.last('predicted motion')[0].level == DiagnosticStatus.OK
+    assert reports.level == DiagnosticStatus.OK
     pid = int(predicted['Process'])
     assert alive(pid)
     assert process.stop() == 0, process.output
@@ -130,11 +139,11 @@ def test_measured_and_predicted_motion_agree_before_and_after_a_change(node):
 
 def test_the_predicting_process_is_replaced_and_does_not_outlive_its_node(node):
     process, reports, parameters = node()
-    _, predicted = reports.motion(lambda _, p: p.get('State') == 'found')
+    _, predicted = reports.motion(lambda _, p: p['State'] == 'found')
     first = int(predicted['Process'])
     os.kill(first, signal.SIGKILL)
     _, predicted = reports.motion(lambda _, p: 'ended by signal 9' in p['Reason'])
-    assert reports.last('predicted motion')[0].level == DiagnosticStatus.WARN
+    assert reports.level == DiagnosticStatus.WARN
     _, predicted = reports.motion(lambda _, p: p['Process'] not in ('', str(first)))
     assert predicted['Restarts of the process'] == '1'
     assert predicted['Last end of the process'].endswith('has ended by signal 9')
@@ -148,7 +157,7 @@ def test_the_predicting_process_is_replaced_and_does_not_outlive_its_node(node):
 
 def test_switched_off_there_is_no_process(node):
     _, reports, parameters = node(predict_motion=False)
-    measured, predicted = reports.motion(lambda m, _: m.get('State') == 'periodic')
+    measured, predicted = reports.motion(lambda m, _: m['State'] == 'periodic')
     assert (predicted['State'], predicted['Process']) == ('off', '')
     assert measured['Stop sequence'] == '[1, 2]'
     assert parameters.set(predict_motion=True) == ''

@@ -79,6 +79,7 @@ def test_accepted_values_are_stored(rig, name, given, stored):
 def test_rejected_values_are_explained_and_change_nothing(rig, name, given, words):
     names = rig.parameters.names()
     before = rig.parameters.get(*names)
+    rig.reset()
     count = len(rig.snapshots)
     for reason in (
         rig.parameters.set(**{name: given}),
@@ -126,9 +127,7 @@ def test_the_force_arrays_are_set_one_at_a_time(rig):
 def test_a_malformed_request_does_not_harm_the_rig(rig):
     """A type that does not exist raises within rclpy, before any callback of the node."""
     bad = Parameter(name='gap', value=ParameterValue(type=99))
-    rig.client.request(
-        SetParameters, '/sim_node/set_parameters', SetParameters.Request(parameters=[bad])
-    )
+    rig.client.request('/sim_node/set_parameters', SetParameters.Request(parameters=[bad]))
     assert rig.parameters.set(gap=0.02) == ''
     assert rig.parameters.get('gap') == 0.02
     rig.await_states(10)

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,7 @@ from impact_damper_ros.nodes import predictor as module
 from impact_damper_ros.nodes.predictor import WORKER, Predictor
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import RigParameters, Simulator
-from nodes.rig_client import until
+from nodes.rig_client import DEADLINE_S, until
 
 HORIZONTAL = RigParameters(gravity=0.0)
 THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
@@ -108,10 +107,13 @@ def test_a_new_course_supersedes_the_old_one_and_nothing_piles_up(start):
     asked.answer(1)
     before = asked.status.answer.request
     gaps = [20.0 + 0.5 * k for k in range(30)]
+    # It answers none of them before all have been asked for.
+    os.kill(asked.status.process, signal.SIGSTOP)
     for gap in gaps:
         asked.predictor.ask(snapshot(HORIZONTAL.replace(gap=gap)))
     # Of the old answer nothing is left, and the next one is for the last of all.
     assert asked.status.answer.request == 0
+    os.kill(asked.status.process, signal.SIGCONT)
     answer = asked.answer(1 + len(gaps), complete=False)
     x_max = find_orbits(HORIZONTAL.replace(gap=gaps[-1]), (1, 2)).orbits[0].x_max
     assert answer.motions[0].rhythm.x_max == pytest.approx(x_max, rel=1e-9)
@@ -195,11 +197,10 @@ def test_a_stopped_process_holds_up_neither_the_requests_nor_the_end(start, monk
     pid = asked.status.process
     os.kill(pid, signal.SIGSTOP)
     long = json.dumps({'state': Simulator(THREE).snapshot(), 'padding': 'x' * 100_000})
-    began = time.monotonic()
-    for _ in range(5):
-        asked.predictor.ask(long)
-        time.sleep(0.01)
-    assert time.monotonic() - began < 5.0
+    asking = threading.Thread(target=lambda: [asked.predictor.ask(long) for _ in range(5)])
+    asking.start()
+    asking.join(DEADLINE_S)
+    assert not asking.is_alive()
     asked.predictor.close()
     assert not alive(pid)
 

@@ -1,13 +1,17 @@
 """The thread that moves the rig is scheduled in real time where permitted, or says why not."""
 
+import contextlib
 import os
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
+from impact_damper_ros.nodes import scheduling
 from impact_damper_ros.nodes.pacing import CATCH_UP_NS, Pacer
 from impact_damper_ros.nodes.scheduling import (
     ORDINARY,
@@ -16,7 +20,7 @@ from impact_damper_ros.nodes.scheduling import (
     Scheduling,
     sleep_first_in_line,
 )
-from nodes.rig_client import until
+from nodes.rig_client import stamp_ns, until
 from nodes.test_engine import Bench
 
 
@@ -42,22 +46,24 @@ def permitted():
 
 def priorities(process='self'):
     """Return the real-time priorities of the threads of a process that have one."""
-    tasks = [int(path.name) for path in Path(f'/proc/{process}/task').iterdir()]
-    return sorted(
-        os.sched_getparam(task).sched_priority
-        for task in tasks
-        if os.sched_getscheduler(task) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
-    )
+    found = []
+    for path in Path(f'/proc/{process}/task').iterdir():
+        task = int(path.name)
+        # One may end meanwhile.
+        with contextlib.suppress(ProcessLookupError):
+            if os.sched_getscheduler(task) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO:
+                found.append(os.sched_getparam(task).sched_priority)
+    return sorted(found)
 
 
 def test_a_priority_is_taken_where_it_is_permitted_and_given_up_for_good():
     def take_and_give_up():
-        scheduling = Scheduling(2)
-        texts = [scheduling.text]
-        scheduling.take()
-        texts.append(scheduling.text)
-        scheduling.give_up()
-        return [*texts, scheduling.text, os.sched_getscheduler(0)]
+        own = Scheduling(2)
+        texts = [own.text]
+        own.take()
+        texts.append(own.text)
+        own.give_up()
+        return [*texts, own.text, os.sched_getscheduler(0)]
 
     before, taken, given_up, policy = in_a_thread(take_and_give_up)
     assert before == ORDINARY
@@ -79,21 +85,24 @@ def test_what_is_not_inherited():
 
 
 def test_none_is_asked_for():
-    scheduling = Scheduling(0)
-    scheduling.take()
-    scheduling.give_up()
-    assert scheduling.text == ORDINARY
+    own = Scheduling(0)
+    own.take()
+    own.give_up()
+    assert own.text == ORDINARY
 
 
 @pytest.mark.parametrize('priority', [3, 0])
 def test_the_engine_takes_the_priority_that_it_is_given(priority):
-    with Bench(factor=50.0, priority=priority) as bench:
+    with Bench(factor=5.0, priority=priority) as bench:
         bench.engine.start()
-        while bench.engine.stamp_ns() < 1e9:
-            threading.Event().wait(0.005)
-        status = bench.engine.status()
+        until(lambda: bench.engine.stamp_ns() > 1e9)
         fifo = priorities()
-    if priority and permitted():
+        status = bench.engine.status()
+    if priority and permitted() and status.pacing.slips:
+        # This machine has stood still: given up, before or after the look at the priorities.
+        assert status.scheduling == f'{ORDINARY}: the pace could not be held'
+        assert fifo in ([3], [])
+    elif priority and permitted():
         assert (status.scheduling, fifo) == ('SCHED_FIFO 3', [3])
     else:
         assert status.scheduling.startswith(ORDINARY)
@@ -103,23 +112,46 @@ def test_the_engine_takes_the_priority_that_it_is_given(priority):
 @pytest.mark.parametrize(('factor', 'expected'), [(1.0, [1, 1, 1, 1, 2]), (0.0, [])])
 def test_the_threads_of_a_paced_node(client, launch, namespace, factor, expected):
     states = client.listen(JointState, f'{namespace}/joint_states')
+    reports = client.listen(DiagnosticArray, '/diagnostics')
     process = launch(
         f'__ns:={namespace}', record=True, predict_motion=False, real_time_factor=factor
     )
     until(lambda: len(states) > 2, lambda: process.output)
-    # Executor, predictor, writer and its synchronisation, and the engine
-    assert priorities(process.pid) == (expected if permitted() else [])
+    found = priorities(process.pid)
+    seen_ns = stamp_ns(states[-1].header.stamp)
+
+    def slips():
+        """Return how often the pace was given up until after that look, in a list."""
+        return [
+            int(value.value)
+            for report in list(reports)
+            for status in report.status
+            for value in status.values
+            if status.name == f'{namespace[1:]}/sim_node: pacing'
+            and value.key.startswith('Slips')
+            and stamp_ns(report.header.stamp) > seen_ns
+        ]
+
+    # Executor, predictor, writer and its synchronisation, and the engine, unless this machine
+    # has stood still and the engine has given its own up
+    held = not until(slips)[0]
+    if not permitted():
+        expected = []
+    assert found == expected or (not held and found == expected[:-1])
     assert process.stop() == 0, process.output
 
 
-def test_who_sleeps_first_in_line_is_given_the_interpreter_soon():
+def test_who_sleeps_first_in_line_is_given_the_interpreter_soon(monkeypatch):
     before = sys.getswitchinterval()
+    slept = []
+
+    def sleep(seconds):
+        slept.append((seconds, sys.getswitchinterval()))
+
+    monkeypatch.setattr(scheduling, 'time', SimpleNamespace(sleep=sleep))
     try:
-        thread = threading.Thread(target=sleep_first_in_line, args=(1.0,))
-        thread.start()
-        until(lambda: sys.getswitchinterval() == pytest.approx(WAKING_INTERVAL_S))
-        assert thread.is_alive()
-        thread.join()
+        sleep_first_in_line(1.0)
+        assert slept == [(1.0, pytest.approx(WAKING_INTERVAL_S))]
         assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
     finally:
         sys.setswitchinterval(before)

@@ -99,8 +99,8 @@ def test_service_calls_during_shutdown(client, launch, namespace):
     assert client.call(Trigger, f'{namespace}/sim_node/reset').success
     assert client.call(SetBool, f'{namespace}/sim_node/pause').success
     for _ in range(50):
-        client.request(Trigger, f'{namespace}/sim_node/reset', Trigger.Request())
-        client.request(SetBool, f'{namespace}/sim_node/pause', SetBool.Request(data=True))
+        client.request(f'{namespace}/sim_node/reset', Trigger.Request())
+        client.request(f'{namespace}/sim_node/pause', SetBool.Request(data=True))
     assert process.stop(signal.SIGINT) == 0, process.output
     assert 'Traceback' not in process.output
 
