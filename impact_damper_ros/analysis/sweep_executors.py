@@ -21,7 +21,9 @@ __all__ = [
 T = TypeVar('T')
 #: Blocks under way for each worker, so that none waits for the next one.
 _AHEAD = 2
+#: For the scheduler, and then for one of its workers, to be there.
 _CONNECT_SECONDS = 15.0
+_WORKERS_SECONDS = 15.0
 
 
 class WorkersError(RuntimeError):
@@ -161,7 +163,7 @@ class DaskWorkers:
                 'it starts, such as tcp://10.0.0.1:8786'
             ) from error
         try:
-            self._client.wait_for_workers(1, timeout=_CONNECT_SECONDS)
+            self._client.wait_for_workers(1, timeout=_WORKERS_SECONDS)
         except TimeoutError as error:
             self._client.close()
             raise OSError(

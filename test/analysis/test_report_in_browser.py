@@ -79,7 +79,7 @@ def opened(browser, page, profile, *options):
         [browser, *FLAGS, f'--user-data-dir={profile}', *options, page.as_uri()],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -28,7 +28,7 @@ from impact_damper_ros.analysis.sweep_table import write_table
 from impact_damper_ros.commands.sweep_rig import main
 from impact_damper_ros.rig import InitialConditions, RigParameters
 
-pytest.importorskip('distributed')
+Client = pytest.importorskip('distributed').Client
 pytest.importorskip('pyarrow')
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -102,12 +102,14 @@ def cluster(tmp_path_factory):
             )
             for i in range(2)
         ]
-        deadline = time.monotonic() + 30.0
+        deadline = time.monotonic() + 100.0
         while not (found.exists() and found.read_text()):
             assert time.monotonic() < deadline, 'the scheduler did not start'
             time.sleep(0.02)
         address = json.loads(found.read_text())['address']
         assert address.startswith('tcp://127.0.0.1:')
+        with Client(address, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=100)
         yield address, workers
 
 
@@ -150,7 +152,6 @@ def test_a_killed_worker_leaves_no_trace_in_the_table(cluster, tmp_path):
         DaskWorkers(address) as workers,
         Journal(journal_path(there), PLAN.inputs()) as journal,
     ):
-        workers._client.wait_for_workers(2, timeout=30)
 
         def kill_one(_):
             """Kill one of the two as soon as the first rigs are back, with work in hand."""
@@ -176,7 +177,7 @@ def test_a_killed_worker_leaves_no_trace_in_the_table(cluster, tmp_path):
 def test_a_sweep_whose_workers_have_all_gone_says_so(cluster, tmp_path, monkeypatch):
     """The last test of the cluster, which it leaves without workers."""
     monkeypatch.setattr('impact_damper_ros.analysis.sweep_run._PATIENCE', 0.1)
-    monkeypatch.setattr('impact_damper_ros.analysis.sweep_executors._CONNECT_SECONDS', 1.0)
+    monkeypatch.setattr('impact_damper_ros.analysis.sweep_executors._WORKERS_SECONDS', 0.3)
     address, processes = cluster
     path = journal_path(tmp_path / 'there.parquet')
     with DaskWorkers(address) as workers, Journal(path, PLAN.inputs()) as journal:

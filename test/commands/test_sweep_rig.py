@@ -42,7 +42,7 @@ def started(*arguments):
 
 def wait_for_rigs(journal, count):
     """Wait until some rigs are on disk; return how many are."""
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 200.0
     while time.monotonic() < deadline:
         if journal.exists() and (lines := journal.read_bytes().count(b'\n')) > count:
             return lines - 1
@@ -57,7 +57,7 @@ def children_of(pid):
 def is_running(pid):
     try:
         return ') Z' not in Path(f'/proc/{pid}/stat').read_text()
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return False
 
 
@@ -133,7 +133,7 @@ def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
         process.kill()
         process.communicate()
     assert len(workers) >= 2
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 100.0
     while any(map(is_running, workers)):
         assert time.monotonic() < deadline, 'a worker outlives the sweep'
         time.sleep(0.01)
@@ -153,7 +153,7 @@ def test_interrupt_says_how_to_go_on(tmp_path, number, jobs):
     try:
         wait_for_rigs(tmp_path / 'cut.parquet.part', 1)
         process.send_signal(number)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=100)
     finally:
         process.kill()
     assert process.returncode == 130
