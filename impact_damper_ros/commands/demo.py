@@ -16,6 +16,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -98,12 +99,16 @@ class _Client:
         self._rclpy = rclpy
         self._node = rclpy.create_node('demo')
         self.states = self.impacts = 0
+        # Stamp of the newest joint states, s
+        self.time = 0.0
         self._node.create_subscription(JointStateMessage, 'joint_states', self._on_state, 100)
         self._node.create_subscription(JointStateMessage, 'impacts', self._on_impact, 1000)
         self._parameters = AsyncParameterClient(self._node, 'sim_node')
 
-    def _on_state(self, _message: Any) -> None:
+    def _on_state(self, message: Any) -> None:
         self.states += 1
+        stamp = message.header.stamp
+        self.time = stamp.sec + 1e-9 * stamp.nanosec
 
     def _on_impact(self, _message: Any) -> None:
         self.impacts += 1
@@ -134,13 +139,18 @@ class _Client:
         self._rclpy.try_shutdown()
 
 
+def _has_reached(node: subprocess.Popen[bytes], client: _Client, time: float) -> bool:
+    return client.time >= time or node.poll() is not None
+
+
 def _perform(node: subprocess.Popen[bytes], duration: float) -> tuple[int, int]:
     """Turn the knobs while the node runs; return the messages that arrived meanwhile."""
     client = _Client()
     try:
         if not client.until(lambda: client.states > 0 or node.poll() is not None, PATIENCE_S):
             raise RuntimeError('no joint_states arrived from the node')
-        share = duration / len(STAGES)
+        # In the time of the rig, which may lag behind the clock on a busy machine
+        share = SPEED * duration / len(STAGES)
         bar = tqdm(
             total=duration,
             bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s  {postfix}',
@@ -154,14 +164,16 @@ def _perform(node: subprocess.Popen[bytes], duration: float) -> tuple[int, int]:
                     f'  {stage.text}   (ros2 param set /sim_node '
                     f'{stage.parameter} {stage.value:g})'
                 )
-                end = time.monotonic() + share
-                while time.monotonic() < end:
-                    before = time.monotonic()
-                    client.until(lambda: node.poll() is not None, min(0.25, end - before))
+                end = client.time + share
+                while (before := client.time) < end:
+                    reached = partial(_has_reached, node, client, min(before + 0.25 * SPEED, end))
+                    client.until(reached, PATIENCE_S)
                     if node.poll() is not None:
                         raise RuntimeError(f'the node ended with exit code {node.returncode}')
+                    if client.time == before:
+                        raise RuntimeError(f'no joint_states arrived for {PATIENCE_S:g} s')
                     bar.set_postfix_str(f'{client.impacts} impacts', refresh=False)
-                    bar.update(time.monotonic() - before)
+                    bar.update((client.time - before) / SPEED)
         client.set('record', False)
         return client.states, client.impacts
     finally:
