@@ -4,8 +4,9 @@ import ast
 import inspect
 import random
 import textwrap
-from math import inf
+from math import cos, inf, pi, sin
 
+import numpy as np
 import pytest
 
 from impact_damper_ros.rig import Simulator, kernels
@@ -21,6 +22,7 @@ from impact_damper_ros.rig.contact import (
 from impact_damper_ros.rig.crossing import first_crossing, starting_side
 from impact_damper_ros.rig.flight import motion_at
 from impact_damper_ros.rig.mode import CHATTER_1, launch
+from impact_damper_ros.rig.phase import sines_and_cosines_of
 from impact_damper_ros.rig.transition import resolve
 from rig.random_rigs import random_command, random_rig
 
@@ -124,6 +126,25 @@ def test_crossings_bit_for_bit(compiled):
                 break
             found, side = found + 1, -side
     assert found > 100
+
+
+def test_sines_and_cosines_from_one_call_are_those_from_two(compiled):
+    numba = pytest.importorskip('numba')
+    along = compiled['launch'].py_func.__globals__['sines_and_cosines_of']
+    together = numba.njit(lambda phases, angles: along(phases, angles))
+    rng = np.random.default_rng(8)
+    for scale in (1e-300, 1e-9, 1.0, 1e3, 1e9, 1e300):
+        phases, angles = scale * rng.uniform(-1.0, 1.0, 200), rng.uniform(0.0, 2.0 * pi, 200)
+        expected = sines_and_cosines_of(tuple(phases), tuple(angles))
+        each = list(angles + phases)
+        assert expected == (tuple(map(sin, each)), tuple(map(cos, each)))
+        for result in (
+            together(phases, angles),
+            zip(*(together((p,), (a,)) for p, a in zip(phases, angles, strict=True)), strict=True),
+        ):
+            for numbers, as_plain in zip(result, expected, strict=True):
+                assert tuple(np.ravel(numbers)) == as_plain
+    assert sines_and_cosines_of((), ()) == together((), ()) == ((), ())
 
 
 def test_every_kernel_is_there(compiled):
