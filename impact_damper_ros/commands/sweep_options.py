@@ -44,7 +44,7 @@ force_frequencies[0].
 
 An interrupted sweep goes on when the same command is given again; nothing that was done is lost.
 A rig that cannot be simulated is a row with its reason. With gap_control in the parameters file or
-by --set, the rigs run under control, in plain Python; its parameters can be varied, too.
+by --set, the rigs run under control, which takes longer; its parameters can be varied, too.
 
 Examples:
   sweep_rig config/paper.yaml --vary gap=5:80:400 --follow both -o gap.parquet --figure gap.png

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,24 @@ from .parameters import GapControlParameters
 __all__ = ['ControlledRun']
 
 
+#: Most samples that are worked out at once.
+_MOST_AHEAD = 256
+
+
 class _AccountedRig(ControlledRig):
-    """A controlled rig that tells the time spent in each mode."""
+    """A controlled rig that tells the time spent in each mode, and samples ahead."""
 
     _simulator = AccountedSimulator
     _rig: AccountedSimulator
+
+    def _look(self) -> None:
+        """Sample, in compiled code for some samples to come."""
+        if not self._rig.knows:
+            rate = self._control.gap_control_rate
+            count = min(max(1, round(rate * math.tau / self.parameters.omega)), _MOST_AHEAD)
+            index = self._controller.sample_index
+            self._rig.sample_ahead(np.arange(index, index + count) / rate)
+        super()._look()
 
     def take_account(self) -> ModeAccount:
         """Return the account since this was last asked for, or since the start."""
@@ -32,9 +46,10 @@ class _AccountedRig(ControlledRig):
 
 class ControlledRun:
     """
-    One rig under gap control for long runs, in plain Python.
+    One rig under gap control for long runs.
 
-    The motion is that of `ControlledRig`, to the last bit.
+    The motion is that of `ControlledRig`, to the last bit. The control is plain Python; what it
+    samples is worked out in compiled code, if there is any.
 
     Parameters
     ----------

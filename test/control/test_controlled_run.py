@@ -10,7 +10,9 @@ from control.controlled_rigs import TRIAL, control, random_controlled_rig
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.rig.accounted_simulator import AccountedSimulator
 from impact_damper_ros.rig.long_run import EVENT_TYPE, LongRun, Outcome
+from impact_damper_ros.rig.loop import has_numba
 
 #: Bounces on elastic stops under gravity, ever faster.
 ENDLESS = (
@@ -54,6 +56,32 @@ def test_it_goes_the_way_of_the_controlled_rig(seed):
             changed = rig.parameters.replace(gap=rig.parameters.gap * 1.1)
             other = rig.control.replace(gap_control_smoothing=0.2)
             assert run.change(changed, other) == rig.change(changed, other)
+
+
+def test_samples_ahead_are_forgotten_when_the_rig_is_touched():
+    """Those of a rig left alone are the same bits, through impacts; then the stops move."""
+    rig = AccountedSimulator(TRIAL.replace(gap=8.0))
+    rig.advance(60.0)
+    plain = Simulator.restore(rig.snapshot())
+    instants = 60.0 + 0.1 * np.arange(1, 101)
+    rig.sample_ahead(instants)
+    events = []
+    for instant in instants[:60]:
+        events += rig.advance(instant)
+        plain.advance(instant)
+        assert rig.knows is has_numba()
+        assert rig.sample() == plain.sample()
+    assert len(events) > 2
+    for one in (rig, plain):
+        one.move_stops(6.0, -6.0)
+    for instant in instants[60:]:
+        rig.advance(instant)
+        plain.advance(instant)
+        assert not rig.knows
+        assert rig.sample() == plain.sample()
+    rig.sample_ahead(rig.time + np.array([0.0, 1.0]))
+    rig.change(TRIAL.replace(stiffness=2.0))
+    assert not rig.knows
 
 
 def test_modes_without_control_are_those_of_a_long_run():
