@@ -231,6 +231,9 @@ def _report(arguments: argparse.Namespace) -> int:
         write_text(arguments.json, text)
     if not arguments.quiet:
         print(summary_text(arguments.output, summary), file=sys.stderr)
+        missed = optimum is None and arguments.optimum != 'none' and not summary['attractors']
+        if missed and summary['failed'] < summary['rigs']:
+            print('  no optimum, since no motion repeats: give more --cycles', file=sys.stderr)
     return EXIT_ALL_FAILED if summary['failed'] == summary['rigs'] else 0
 
 

@@ -258,3 +258,10 @@ def test_without_distributed_says_what_to_install(tmp_path, capsys, monkeypatch)
     words = ('--vary', 'gap=1,2', '-o', tmp_path / 'a.parquet', '--scheduler', 'tcp://127.0.0.1:9')
     assert run(*words) == 2
     assert 'extra [dask]' in capsys.readouterr().err
+
+
+def test_no_optimum_says_why(tmp_path, capsys):
+    """Chaotic, or not settled yet."""
+    words = ('--vary', 'gap=12,12.5', '--set', 'gravity=0', '--cycles', 50, '--watch', 21)
+    assert run(*words, '--jobs', 1, '-o', tmp_path / 'a.parquet') == 0
+    assert 'no optimum, since no motion repeats: give more --cycles' in capsys.readouterr().err
