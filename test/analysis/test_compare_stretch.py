@@ -86,7 +86,8 @@ def test_golden_motions(rig, golden, ratio):
         (OFF_RESONANCE.replace(gap=18.0), 600, 1, (1, 2, 2)),
         (OFF_RESONANCE.replace(gap=8.0), 500, 1, (1, 1, 2, 2)),
         (INCLINED.replace(gap=15.0), 500, 1, (1, 1, 2)),
-        (INCLINED.replace(gap=20.0), 700, 2, (1, 2, 1, 2)),
+        # Its chaotic way there takes some hundred cycles more or less.
+        (INCLINED.replace(gap=20.0), 1200, 2, (1, 2, 1, 2)),
         (INCLINED.replace(air_force=0.01), 250, 1, (1, 2)),
         (OFF_RESONANCE.replace(restitution_1=0.0, restitution_2=0.0), 200, 1, (1, 2)),
         (
