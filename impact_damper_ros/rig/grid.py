@@ -7,7 +7,7 @@ From one node to the next X, X' and the drive go by constants, without a sine.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, prod, sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 from .response import Harmonic, driven_response, free_response
@@ -89,23 +89,18 @@ def drive_bound(
     horizon : float
         For how long, s.
     """
-    # By products throughout: the square that `pow` gives is not everywhere the nearest one, and
-    # then a rig in other units would be searched in other steps.
-    square = omega * omega
     total = 0.0
     for force, frequency in drive:
-        forced = frequency * frequency
-        push = abs(force) * prod([frequency] * order)
+        push = abs(force) * frequency**order
         if push == 0.0:
             continue
         # Response from rest, by Duhamel's integral with |impulse response| <= min(1/w, t) ...
         from_rest = push * horizon * min(1.0 / omega, horizon / 2.0)
         # ... or the steady response and the free vibration that starts it from rest.
-        apart, damped = square - forced, 2.0 * decay * frequency
-        gain = sqrt(apart * apart + damped * damped)
+        gain = sqrt((omega**2 - frequency**2) ** 2 + (2.0 * decay * frequency) ** 2)
         steady = inf
         if gain > 0.0:
-            steady = push / gain * (1.0 + sqrt(1.0 + forced / square))
+            steady = push / gain * (1.0 + sqrt(1.0 + frequency**2 / omega**2))
         total += min(from_rest, steady)
     return total
 
@@ -136,7 +131,7 @@ def make_grid(
     inverse = 1.0 / frequency
     free = free_response(decay, frequency, inverse, step)
     responses = [
-        driven_response(decay, frequency, inverse, omega * omega, circular, *harmonic, free, step)
+        driven_response(decay, frequency, inverse, omega**2, circular, *harmonic, free, step)
         for (_, circular), harmonic in zip(drive, harmonics, strict=True)
     ]
     scaled = [(force, r) for (force, _), r in zip(drive, responses, strict=True)]
