@@ -58,7 +58,7 @@ setup(
             'ros-jazzy-rmw-fastrtps-cpp>=8.4.3,<9',
         ],
         'plot': ['matplotlib>=3.6'],
-        'compiled': ['numba>=0.59'],
+        'compiled': ['llvmlite', 'numba>=0.59'],
         # What benchmarks/peers.py holds the simulator against.
         'peers': ['heyoka>=7.0', 'mujoco>=3.2', 'numba>=0.59', 'scipy>=1.10'],
         # sweep_rig: the table; and a cluster to run on

@@ -360,7 +360,6 @@ def test_runs_of_the_live_node(tmp_path):
     from std_srvs.srv import SetBool, Trigger
 
     until = rig_client.until
-    client = rig_client.RigClient()
     values = {n: list(v) if isinstance(v, tuple) else v for n, v in BENCH.as_dict().items()}
     process = rig_client.SimProcess(
         tmp_path / 'node',
@@ -370,24 +369,24 @@ def test_runs_of_the_live_node(tmp_path):
         **{n: values[n] for n in (*rig_client.LIVELY, *CHANGED)},
     )
     try:
-        states = client.listen(JointState, '/compared/joint_states')
-        until(lambda: len(states) > 4000, lambda: process.output)
-        parameters = rig_client.RigParametersClient(client, '/compared/sim_node')
-        assert parameters.set(gap=0.021) == ''
-        count = len(states)
-        until(lambda: len(states) > count + 4000)
-        service = '/compared/sim_node'
-        assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=True)).success
-        time.sleep(0.1)
-        assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=False)).success
-        assert client.call(Trigger, f'{service}/reset').success
-        # Every half second the file is brought to a state that can be salvaged.
-        count, deadline = len(states), time.monotonic() + 1.5
-        until(lambda: len(states) > count + 1000 and time.monotonic() > deadline)
-        process.kill()
+        with rig_client.RigClient() as client:
+            states = client.listen(JointState, '/compared/joint_states')
+            until(lambda: len(states) > 4000, lambda: process.output)
+            parameters = rig_client.RigParametersClient(client, '/compared/sim_node')
+            assert parameters.set(gap=0.021) == ''
+            count = len(states)
+            until(lambda: len(states) > count + 4000)
+            service = '/compared/sim_node'
+            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=True)).success
+            time.sleep(0.1)
+            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=False)).success
+            assert client.call(Trigger, f'{service}/reset').success
+            # Every half second the file is brought to a state that can be salvaged.
+            count, deadline = len(states), time.monotonic() + 1.5
+            until(lambda: len(states) > count + 1000 and time.monotonic() > deadline)
+            process.kill()
     finally:
         process.kill()
-        client.close()
     (killed,) = (tmp_path / 'node' / 'runs').iterdir()
     code, result = run(killed, tmp_path)
     assert (code, result['node']) == (3, '/compared/sim_node')

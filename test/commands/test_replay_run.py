@@ -260,32 +260,31 @@ def test_runs_of_the_live_node(tmp_path):
     from std_srvs.srv import SetBool, Trigger
 
     until = rig_client.until
-    client = rig_client.RigClient()
     process = rig_client.SimProcess(
         tmp_path / 'node', ('__ns:=/replayed',), record=True, **rig_client.LIVELY
     )
     try:
-        states = client.listen(JointState, '/replayed/joint_states')
-        until(lambda: len(states) > 100, lambda: process.output)
-        parameters = rig_client.RigParametersClient(client, '/replayed/sim_node')
-        assert parameters.set(gap=0.008, friction=0.05) == ['', '']
-        service = '/replayed/sim_node'
-        assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=True)).success
-        assert parameters.set_atomically(gap=0.006, restitution_1=0.6) == ''
-        assert parameters.set(initial_primary_position=0.004) == ''
-        time.sleep(0.2)
-        assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=False)).success
-        assert client.call(Trigger, f'{service}/reset').success
-        count = len(states)
-        until(lambda: len(states) > count + 100)
-        assert parameters.set(record=False) == ''
-        assert parameters.set(record=True) == ''
-        count = len(states)
-        until(lambda: len(states) > count + 250)
-        process.kill()
+        with rig_client.RigClient() as client:
+            states = client.listen(JointState, '/replayed/joint_states')
+            until(lambda: len(states) > 100, lambda: process.output)
+            parameters = rig_client.RigParametersClient(client, '/replayed/sim_node')
+            assert parameters.set(gap=0.008, friction=0.05) == ['', '']
+            service = '/replayed/sim_node'
+            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=True)).success
+            assert parameters.set_atomically(gap=0.006, restitution_1=0.6) == ''
+            assert parameters.set(initial_primary_position=0.004) == ''
+            time.sleep(0.2)
+            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=False)).success
+            assert client.call(Trigger, f'{service}/reset').success
+            count = len(states)
+            until(lambda: len(states) > count + 100)
+            assert parameters.set(record=False) == ''
+            assert parameters.set(record=True) == ''
+            count = len(states)
+            until(lambda: len(states) > count + 250)
+            process.kill()
     finally:
         process.kill()
-        client.close()
     whole, killed = sorted((tmp_path / 'node' / 'runs').iterdir())
     code, result = run(whole, tmp_path)
     assert code == 0, result

@@ -81,7 +81,12 @@ def test_every_import_is_declared(manifest):
     """Modules come from an exec_depend, by its rosdep key, and for pip from setup.py."""
     with_mcap = 'mcap-ros2-support'
     key_of = {'mcap': with_mcap, 'lz4': with_mcap, 'zstandard': with_mcap}
-    optional = {'distributed', 'numba', 'pyarrow'}  # rosdep knows no key for some of them
+    optional = {
+        'distributed',
+        'llvmlite',
+        'numba',
+        'pyarrow',
+    }  # rosdep knows no key for some of them
     declared = {dependency.name for dependency in manifest.exec_depends}
     setup = (ROOT / 'setup.py').read_text(encoding='utf-8')
     distribution_of = packages_distributions()
