@@ -124,7 +124,8 @@ class Stretch(NamedTuple):
             wanted &= self.events['stop'] == stop
         if wanted.all():
             return self.events
-        found: Events = self.events[wanted]
+        # A tenth of the time that an index by booleans takes with rows of this size
+        found: Events = self.events.take(np.flatnonzero(wanted))
         return found
 
 
