@@ -206,12 +206,16 @@ def draw(results: dict[str, Any], path: Path) -> None:
         for name, row in rows.items():
             wrong = row['impact_error'] == inf
             error = 1.0 if wrong else max(row['impact_error'], 1e-16)
+            # A ring, since it mostly lies on the point of a single rig
+            ensemble = CONTENDERS[name].ensemble
             axis.plot(
                 row['cycles_per_second'],
                 error,
                 'x' if wrong else 'o',
                 color=colors(list(CONTENDERS).index(name)),
-                markersize=9,
+                markersize=14 if ensemble else 8,
+                markerfacecolor='none' if ensemble else None,
+                markeredgewidth=1.8,
                 label=name + (' (x: wrong order)' if wrong else ''),
             )
         axis.set(
