@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+from itertools import groupby
+from math import isfinite
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -13,10 +16,33 @@ from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
     InitialConditions,
+    ParameterError,
     RigParameters,
 )
 
-__all__ = ['add_set_option', 'overridden', 'overridden_control']
+__all__ = ['TimedChange', 'add_set_option', 'overridden', 'overridden_control', 'timed_changes']
+
+
+class TimedChange(NamedTuple):
+    """
+    A change of parameters at an instant.
+
+    Attributes
+    ----------
+    time_ns : int
+        The instant, ns.
+    values : dict of str to value
+        The new values by name.
+    parameters : RigParameters
+        The rig from then on.
+    control : GapControlParameters
+        Its gap control from then on.
+    """
+
+    time_ns: int
+    values: dict[str, Any]
+    parameters: RigParameters
+    control: GapControlParameters
 
 
 def add_set_option(parser: argparse.ArgumentParser) -> None:
@@ -30,19 +56,21 @@ def add_set_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _values(settings: Sequence[str], names: Sequence[str]) -> dict[str, object]:
+def _values(
+    settings: Sequence[str], names: Sequence[str], option: str = '--set'
+) -> dict[str, object]:
     """Read the settings; their names must be among some."""
     changes: dict[str, object] = {}
     for setting in settings:
         name, equals, text = setting.partition('=')
         if not equals or name not in names:
             raise ValueError(
-                f'--set {setting}: give NAME=VALUE with one of the names {", ".join(names)}'
+                f'{option} {setting}: give NAME=VALUE with one of the names {", ".join(names)}'
             )
         try:
             changes[name] = yaml.safe_load(text)
         except yaml.YAMLError as error:
-            raise ValueError(f'--set {setting}: {text!r} is not a value: {error}') from error
+            raise ValueError(f'{option} {setting}: {text!r} is not a value: {error}') from error
         if isinstance(changes[name], str):
             # YAML 1.1 takes 1e-3 for a text
             with suppress(ValueError):
@@ -111,3 +139,58 @@ def overridden_control(
     own = {name: value for name, value in changes.items() if name in GAP_CONTROL_SPECS}
     others = [s for s in settings if s.partition('=')[0] not in own]
     return others, control.replace(**own)
+
+
+def timed_changes(
+    settings: Sequence[str],
+    parameters: RigParameters,
+    control: GapControlParameters,
+    duration: float,
+) -> list[TimedChange]:
+    """
+    Read ``--change`` options, in the order of their instants.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        What was given, each TIME:NAME=VALUE; those of one instant take effect together.
+    parameters, control : RigParameters, GapControlParameters
+        The rig at the start.
+    duration : float
+        Length of the run, s.
+
+    Raises
+    ------
+    ValueError
+        If an instant is not within the run, a name is unknown, a value cannot be read, or a
+        changed rig is not admissible.
+    """
+    timed = []
+    for setting in settings:
+        text, colon, change = setting.partition(':')
+        try:
+            time = float(text)
+        except ValueError:
+            time = -1.0
+        if not colon or not isfinite(time) or not 0.0 < time <= duration:
+            raise ValueError(
+                f'--change {setting}: give TIME:NAME=VALUE with a time in s, above 0 and up to the '
+                f'{duration:g} s of the run'
+            )
+        timed.append((round(time * 1e9), change))
+    changes = []
+    for time_ns, group in groupby(sorted(timed, key=lambda t: t[0]), key=lambda t: t[0]):
+        given = _values([c for _, c in group], [*PARAMETER_SPECS, *GAP_CONTROL_SPECS], '--change')
+        try:
+            parameters = parameters.replace(**_among(given, PARAMETER_SPECS))
+            control = control.replace(**_among(given, GAP_CONTROL_SPECS))
+        except ParameterError as error:
+            raise ValueError(f'--change at {time_ns / 1e9:.9g} s: {error}') from error
+        every = {**parameters.as_dict(), **control.as_dict()}
+        values = {name: every[name] for name in given}
+        changes.append(TimedChange(time_ns, values, parameters, control))
+    return changes
+
+
+def _among(values: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name in names}

@@ -8,7 +8,7 @@ import itertools
 import math
 import sys
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -20,9 +20,11 @@ from impact_damper_ros.analysis.swing import Swing
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.commands.outputs import in_words
 from impact_damper_ros.commands.overrides import (
+    TimedChange,
     add_set_option,
     overridden,
     overridden_control,
+    timed_changes,
 )
 from impact_damper_ros.control import (
     GAP_CONTROL_SPECS,
@@ -103,6 +105,14 @@ def _parser() -> argparse.ArgumentParser:
         help='rate of --states and of the joint states in --bag [200]',
     )
     add_set_option(parser)
+    parser.add_argument(
+        '--change',
+        action='append',
+        default=[],
+        metavar='TIME:NAME=VALUE',
+        help='change a parameter during the run, for example --change 20:gap=0.03; may be '
+        'repeated; changes at one time take effect together',
+    )
     parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
     return parser
 
@@ -152,12 +162,13 @@ def _instants(
     cycle: float,
     watched_from: float,
     ticks: Iterator[float],
+    changes: Iterator[float],
 ) -> Iterator[float]:
     """
     Yield the instants to advance to, in order; the motion does not depend on them.
 
     They are the sampling grid, if there is one, else one per cycle; the ticks of the recording;
-    and in the end of the run that is watched for its largest displacement as many as that takes.
+    the changes of parameters; and in the end of the run that is watched for its largest displacement as many as that takes.
     """
     grid = rate if rate is not None else 1.0 / cycle
     last = math.floor(duration * grid * (1.0 + 1e-15))
@@ -165,7 +176,7 @@ def _instants(
     close = cycle / _LOOKS_PER_CYCLE
     looks = math.floor((duration - watched_from) / close)
     watched = (watched_from + k * close for k in range(looks + 1))
-    for instant in heapq.merge(regular, watched, ticks):
+    for instant in heapq.merge(regular, watched, ticks, changes):
         if instant < duration:
             yield instant
     yield duration
@@ -237,6 +248,7 @@ def _run(
     parameters: RigParameters,
     initial: InitialConditions,
     control: GapControlParameters,
+    changes: Sequence[TimedChange],
 ) -> str:
     """Simulate, write the files, and return the summary."""
     rig = ControlledRig(parameters, initial, control=control)
@@ -269,20 +281,32 @@ def _run(
         )
         rate = arguments.rate if states is not None else None
         ticks = recording.ticks() if recording is not None else iter(())
-        instants = _instants(duration, rate, cycle, watched_from, ticks)
+        changed_at = (change.time_ns / 1e9 for change in changes)
+        instants = _instants(duration, rate, cycle, watched_from, ticks, changed_at)
+        waiting = deque(changes)
         due = 0
         for instant in itertools.chain([0.0], instants):
             before = rig.time
             events = rig.advance(instant)
             commands += sum(record.action is Action.COMMAND for record in rig.records)
+            if waiting and waiting[0].time_ns / 1e9 == instant:
+                if recording is not None:
+                    recording.happened(events)
+                change = waiting.popleft()
+                caused = rig.change(change.parameters, change.control)
+                commands += sum(record.action is Action.COMMAND for record in rig.records)
+                if recording is not None:
+                    recording.changed(change.time_ns, change.values, caused)
+                    recording.reached(instant)
+                events += caused
+            elif recording is not None:
+                recording.look(instant, events)
             for event in events:
                 counts[event.kind] += 1
                 if event.kind is EventKind.IMPACT:
                     last[event.stop] = event
                 if others is not None:
                     others.write(_event_row(event))
-            if recording is not None:
-                recording.look(instant, events)
             if impacts is not None:
                 impacts.write(impact_rows(events))
             if instant >= watched_from:
@@ -314,11 +338,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         settings, control = overridden_control(arguments.set, control)
         parameters, initial = overridden(settings, parameters, initial)
+        changes = timed_changes(arguments.change, parameters, control, arguments.duration)
     except ValueError as error:
         print(f'simulate_rig: {error}', file=sys.stderr)
         return 2
     try:
-        summary = _run(arguments, parameters, initial, control)
+        summary = _run(arguments, parameters, initial, control, changes)
     except KeyboardInterrupt:
         print('simulate_rig: interrupted; what was simulated is written', file=sys.stderr)
         return 130

@@ -100,6 +100,7 @@ class RigRecorder:
     ) -> None:
         self._rig = rig
         self._rate = rate
+        self._node = node
         self._due = 0
         self._last = math.floor(duration * rate * (1.0 + 1e-15))
         self._messages = RigMessages()
@@ -120,14 +121,14 @@ class RigRecorder:
         dump = parameter_event(
             0, node, {**parameters, 'state_rate': rate, 'record': True}, new=True
         )
-        self._snapshot('record')
+        self._snapshot('record', 0)
         self._writer.write(_EVENTS, dump, 0)
-        self._snapshot('start')
+        self._snapshot('start', 0)
         self._tick()
 
-    def _snapshot(self, reason: str) -> None:
-        content = snapshot_message(0, 0, reason, self._rig.snapshot())
-        self._writer.write(self._snapshots, content, 0)
+    def _snapshot(self, reason: str, time_ns: int) -> None:
+        content = snapshot_message(0, time_ns, reason, self._rig.snapshot())
+        self._writer.write(self._snapshots, content, time_ns)
 
     def _instant_ns(self, tick: int) -> int:
         return round(tick * 1e9 / self._rate)
@@ -161,6 +162,42 @@ class RigRecorder:
         RecordingError
             If the recording has failed.
         """
+        self.happened(events)
+        self.reached(instant)
+
+    def reached(self, instant: float) -> None:
+        """Record the joint states if a tick is due at an instant, s, at which the rig stands."""
+        if self._due <= self._last and instant == self._instant_ns(self._due) / 1e9:
+            self._tick()
+
+    def changed(self, time_ns: int, values: Mapping[str, Any], events: Iterable[Event]) -> None:
+        """
+        Record a change of parameters, after the rig was changed and before `reached`.
+
+        Parameters
+        ----------
+        time_ns : int
+            The instant, at which the rig stands.
+        values : mapping
+            The new values by name.
+        events : iterable of Event
+            What the change caused at once.
+        """
+        if self._due > self._last:
+            return
+        self._writer.write(_EVENTS, parameter_event(time_ns, self._node, values), time_ns)
+        self.happened(events)
+        self._snapshot('change', time_ns)
+
+    def happened(self, events: Iterable[Event]) -> None:
+        """
+        Record impacts, and what the gap control did, of the rig's last call.
+
+        Raises
+        ------
+        RecordingError
+            If the recording has failed.
+        """
         if self._writer.error is not None:
             raise self._writer.error
         if self._due > self._last:
@@ -174,8 +211,6 @@ class RigRecorder:
         for record in self._rig.records:
             stamp_ns = round(record.time * 1e9)
             self._writer.write(self._control, self._messages.control(stamp_ns, record), stamp_ns)
-        if instant == self._instant_ns(self._due) / 1e9:
-            self._tick()
 
     def close(self) -> None:
         """
