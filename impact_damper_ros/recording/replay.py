@@ -8,8 +8,8 @@ must come out as recorded, to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, Sample
@@ -88,6 +88,7 @@ class Replay:
         except ValueError as error:
             cause = f'its first snapshot cannot be restored: {error}'
             raise RecordingError('replay', history.reader.path, cause, _REMEDY) from error
+        self._check_stops(history.start)
         if history.start.arithmetic != ARITHMETIC:
             self.findings.remarks.append(
                 f'recorded with arithmetic {history.start.arithmetic}, this version has '
@@ -124,6 +125,21 @@ class Replay:
             else:
                 self._take_snapshot(item)
         self._finish()
+
+    def _check_stops(self, snapshot: Snapshot) -> None:
+        """Note a snapshot in which the stops that no control moves are not at the gap."""
+        control = snapshot.state['gap_control']
+        if control['parameters']['gap_control'] != 'off' or control['state']['returning']:
+            return
+        half = 0.5 * snapshot.state['parameters']['gap']
+        origin = snapshot.state['origin']
+        for name, recorded, expected in (
+            ('target_1', origin['target_1'], half),
+            ('target_2', origin['target_2'], -half),
+        ):
+            if recorded != expected and not snapshot.state['parameters']['one_sided']:
+                topic = self.history.topics.snapshot
+                self._differ(snapshot.stamp_ns, topic, f'origin.{name}', recorded, expected)
 
     # Samples and impacts
 
@@ -200,7 +216,7 @@ class Replay:
         if isinstance(rate, float) and rate > 0.0:
             self._spacing.period_ns = 1e9 / rate
         if change.dump:
-            self.replayed.take_dump(change.values)
+            self._contradict(change.stamp_ns, self.replayed.take_dump(change.values))
             return
         self._pending.append(change)
 
@@ -231,6 +247,12 @@ class Replay:
             return
         findings.snapshots += 1
         self._time_ns = snapshot.time_ns
+        start = self.history.start
+        if snapshot.arithmetic != start.arithmetic:
+            topic = self.history.topics.snapshot
+            self._differ(
+                snapshot.stamp_ns, topic, 'arithmetic', snapshot.arithmetic, start.arithmetic
+            )
         self._carry_out(self._pending, snapshot)
         if snapshot.offset_ns != findings.offset_ns or snapshot.reason == 'resume':
             findings.pauses += 1
@@ -275,11 +297,21 @@ class Replay:
         parts += ['reset'] * batch.resets
         return f'{", ".join(parts) or "a change"} at {self._time_ns * 1e-9:.9g} s'
 
+    def _contradict(self, stamp_ns: int, found: Sequence[tuple[str, Any, Any]]) -> None:
+        """Note parameter events that contradict the snapshots, in the node's own bag."""
+        # Others may lack events, or have them in another order.
+        if self.history.stamped:
+            for name, recorded, replayed in found:
+                self._differ(
+                    stamp_ns, self.history.topics.parameter_events, name, recorded, replayed
+                )
+
     def _judge(self, batch: Batch, snapshot: Snapshot, known: bool) -> None:
         topics = self.history.topics
-        if topics.parameter_events and self.history.stamped:
-            for name, value in batch.unlogged.items():
-                self._differ(snapshot.stamp_ns, topics.parameter_events, name, None, value)
+        if topics.parameter_events:
+            unlogged = [(name, None, value) for name, value in batch.unlogged.items()]
+            self._contradict(snapshot.stamp_ns, unlogged)
+        self._contradict(snapshot.stamp_ns, batch.contradicted)
         if batch.adopted and not known:
             self.findings.remark(
                 f'the initial conditions of the reset at {self._time_ns * 1e-9:.9g} s were taken '

@@ -9,6 +9,7 @@ is found by trying, and right is what leads to the recorded state, bit for bit.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -116,7 +117,10 @@ class Batch:
     agrees : bool
         Whether it leads to the state of the snapshot, if there is one.
     unlogged : dict
-        Parameters that the snapshot shows changed and no parameter event tells of.
+        Parameters that the snapshot shows changed and no parameter event names.
+    contradicted : list of (str, object, object)
+        Parameters that have another value in the snapshot than in the last parameter event that
+        names them: name, value of the event and value of the snapshot.
     adopted : bool
         Whether a reset's initial conditions had to be taken from the snapshot.
     differences : list of (str, object, object)
@@ -129,6 +133,7 @@ class Batch:
     effects: list[Effect] = field(default_factory=list)
     agrees: bool = True
     unlogged: dict[str, Any] = field(default_factory=dict)
+    contradicted: list[tuple[str, Any, Any]] = field(default_factory=list)
     adopted: bool = False
     differences: list[tuple[str, Any, Any]] = field(default_factory=list)
     used: int = 0
@@ -169,7 +174,10 @@ def initial_of(snapshot: Snapshot) -> InitialConditions:
 
     They are exact but for the last digit of what the snapshot holds as a sum or difference.
     """
-    origin = snapshot.state['origin']
+    return _initial(snapshot.state['origin'])
+
+
+def _initial(origin: Mapping[str, Any]) -> InitialConditions:
     gap_1, gap_2 = origin['clearance_1'], origin['clearance_2']
     if gap_2 is None or gap_1 <= gap_2:
         offset = origin['stop_1'] - gap_1
@@ -212,11 +220,29 @@ class ReplayedRig:
         self.initial: InitialConditions | None = None
         self.first_initial: InitialConditions | None = None
 
-    def take_dump(self, values: Mapping[str, Any]) -> None:
-        """Learn the initial conditions from a list of all parameters."""
+    def take_dump(self, values: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+        """
+        Learn the initial conditions from a list of all parameters.
+
+        Returns
+        -------
+        list of (str, object, object)
+            Where the list contradicts the rig: name, listed value and that of the rig.
+        """
+        found = _contradictions(values, _setting(self.rig).as_dict())
+        state = self.rig.snapshot()
+        if state['time'] == state['origin']['time'] == 0.0 and not state['unreported']:
+            # They are sums and differences of what the snapshot holds.
+            small = 1e-12 * self.rig.parameters.gap
+            found += [
+                (name, values[name], here)
+                for name, here in _initial(state['origin']).as_dict().items()
+                if not math.isclose(values.get(name, here), here, rel_tol=1e-12, abs_tol=small)
+            ]
         if values.keys() >= INITIAL_SPECS.keys():
             self.initial = InitialConditions(**{n: values[n] for n in INITIAL_SPECS})
             self.first_initial = self.first_initial or self.initial
+        return found
 
     def adopt(self, snapshot: Snapshot) -> None:
         """Go on from a snapshot, whatever the state was."""
@@ -256,6 +282,8 @@ class ReplayedRig:
         told = {name for change in changes for name in change.values}
         after = _setting(self.rig).as_dict()
         batch.unlogged = {n: v for n, v in after.items() if v != before[n] and n not in told}
+        stated = {name: v for change in changes[: batch.used] for name, v in change.values.items()}
+        batch.contradicted = _contradictions(stated, after)
         return batch
 
     def _disagree(self, batch: Batch, snapshot: Snapshot) -> None:
@@ -339,3 +367,14 @@ def _is_reset(snapshot: Snapshot) -> bool:
     # A reset and a resumption at the same tick are announced as the latter.
     origin = snapshot.state['origin']
     return origin['time'] == snapshot.state['time'] and not any(origin['angles'])
+
+
+def _contradictions(
+    stated: Mapping[str, Any], here: Mapping[str, Any]
+) -> list[tuple[str, Any, Any]]:
+    """Return name, stated value and value of the rig of what does not agree."""
+    return [
+        (name, value, here[name])
+        for name, value in stated.items()
+        if name in here and value != here[name]
+    ]

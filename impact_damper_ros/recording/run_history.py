@@ -82,6 +82,7 @@ class Disorder:
 
     doubled: dict[str, int] = field(default_factory=dict)
     late: dict[str, int] = field(default_factory=dict)
+    misdated: dict[str, int] = field(default_factory=dict)
     first_ns: int | None = None
 
     def note(self, counts: dict[str, int], topic: str, stamp_ns: int) -> None:
@@ -91,7 +92,7 @@ class Disorder:
             self.first_ns = stamp_ns
 
     def __bool__(self) -> bool:
-        return bool(self.doubled or self.late)
+        return bool(self.doubled or self.late or self.misdated)
 
 
 class RunHistory:
@@ -162,7 +163,8 @@ class RunHistory:
             raise RecordingError(purpose, path, cause)
         if first is not None:
             self.start = self._snapshot(first)
-            self.stamped = first.stamp_ns == self.start.stamp_ns
+            # Two witnesses, since either may be damaged
+            self.stamped = first.stamp_ns == self.start.stamp_ns or self._states_stamped()
         else:
             self._start_without_snapshot()
 
@@ -171,7 +173,11 @@ class RunHistory:
         disorder = self.disorder
         found = [
             f'messages of {topic} {text}: {count} (first at stamp {disorder.first_ns} ns)'
-            for text, counts in (('twice', disorder.doubled), ('out of order', disorder.late))
+            for text, counts in (
+                ('twice', disorder.doubled),
+                ('out of order', disorder.late),
+                ('whose own stamp is not that of the bag', disorder.misdated),
+            )
             for topic, count in counts.items()
         ]
         if self.damage is not None:
@@ -183,6 +189,14 @@ class RunHistory:
                 + (f' ({cut} bytes at its end belong to no whole message)' if cut else '')
             )
         return found
+
+    def _states_stamped(self) -> bool:
+        """Return whether the first joint state has the stamp of the bag."""
+        record = next(self.reader.records([self.topics.joint_states]), None)
+        try:
+            return record is not None and header_ns(record.content) == record.stamp_ns
+        except CdrError:
+            return False
 
     def _start_without_snapshot(self) -> None:
         record = next(self.reader.records([self.topics.joint_states]))
@@ -236,10 +250,13 @@ class RunHistory:
                         if within_ns < before[0]:
                             self.disorder.note(self.disorder.late, topic, stamp_ns)
                     last[topic] = (within_ns, content)
+                    self._check_stamp(topic, stamp_ns, within_ns)
                     now_ns = stamp_ns if stamped else within_ns
                     yield StateRecord(now_ns, content, topic)
                 elif topic == names.snapshot:
-                    yield self._snapshot(record)
+                    snapshot = self._snapshot(record)
+                    self._check_stamp(topic, stamp_ns, snapshot.stamp_ns)
+                    yield snapshot
                 elif (change := self._change(record, now_ns)) is not None:
                     yield change
         except RecordingError as error:
@@ -248,6 +265,11 @@ class RunHistory:
             assert record is not None
             cause = f'the message of {record.topic} at {record.stamp_ns} ns is damaged: {error}'
             self.damage = RecordingError('read', self.reader.path, cause)
+
+    def _check_stamp(self, topic: str, stamp_ns: int, within_ns: int) -> None:
+        """Note a message of the node's own bag whose stamps contradict each other."""
+        if self.stamped and within_ns != stamp_ns:
+            self.disorder.note(self.disorder.misdated, topic, stamp_ns)
 
     def _snapshot(self, record: Record) -> Snapshot:
         where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
@@ -290,6 +312,7 @@ class RunHistory:
         exact = record.stamp_ns == event.stamp_ns
         if not values:
             return None
+        self._check_stamp(record.topic, record.stamp_ns, event.stamp_ns)
         return Change(event.stamp_ns if exact else now_ns, values, exact, dump)
 
 

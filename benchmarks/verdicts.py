@@ -1,0 +1,422 @@
+"""
+How far the verdicts over recordings can be trusted: what is wrong passes by, what is right is not.
+
+Three tables are printed. *Altered*: a bag in which one number of one message is altered, by 1e-3
+of its size or to 1e300, is handed to `compare_run` and to `replay_run`; the exit status 0 counts as
+unnoticed. The statistics of an altered bag are consistent. *Untouched*: bags of the same kinds with
+random rigs; any other exit status than 0 counts as a false alarm. *Soaks*: long bags with random
+changes of parameters, made by ``simulate_rig --bag --change``; stretches that `compare_run` doubts
+are counted.
+
+Run by ``python benchmarks/verdicts.py``, which takes an hour on one core; with ``--places 10
+--bags 10 --stretches 300``, some minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import math
+import random
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from impact_damper_ros.commands import compare_run, replay_run, simulate_rig
+
+ROOT = Path(__file__).parents[1]
+BENCH, PAPER = (str(ROOT / 'config' / f'{name}.yaml') for name in ('bench_rig', 'paper'))
+STORE = get_typestore(Stores.ROS2_JAZZY)
+RATES = (50, 200, 1000)
+FACTORS = (1e-3, 1e300)
+EXIT_CODES = {0, 1, 2, 3}
+SEED = 11
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of run: its rig, what is set, what changes on the way, and how long it takes."""
+
+    rig: str
+    settings: tuple[str, ...]
+    changes: tuple[str, ...]
+    duration: float
+
+
+KINDS = {
+    'settled': Kind(BENCH, (), ('12:gap=0.025',), 20.0),
+    'chaotic': Kind(BENCH, ('gap=0.034',), ('9:friction=0.01',), 20.0),
+    'controlled': Kind(BENCH, ('gap_control=timed',), ('8:gap_control=amplitude',), 16.0),
+    'stepped sine': Kind(
+        BENCH,
+        ('sweep_mode=up_down', 'sweep_low=28', 'sweep_high=34', 'sweep_dwell=1.5'),
+        ('11:angle=0.05',),
+        20.0,
+    ),
+}
+
+
+def record(
+    kind: Kind, directory: Path, rate: float, settings: tuple[str, ...] = ()
+) -> Path:
+    """Record a run of a kind; return the bag."""
+    words = [kind.rig, '--duration', repr(kind.duration), '--rate', repr(rate), '--quiet']
+    for setting in (*kind.settings, *settings):
+        words += ['--set', setting]
+    for change in kind.changes:
+        words += ['--change', change]
+    status = simulate_rig.main([*words, '--bag', str(directory)])
+    if status:
+        raise RuntimeError(f'simulate_rig {" ".join(words)} ended with {status}')
+    return directory
+
+
+# Altered bags
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message of a bag, to be written again."""
+
+    schema: str
+    topic: str
+    stamp_ns: int
+    publish_ns: int
+    sequence: int
+    content: bytes
+
+
+def read(bag: Path) -> list[Message]:
+    """Return the messages of a bag by an independent reader."""
+    (file,) = bag.glob('*.mcap')
+    with file.open('rb') as stream:
+        return [
+            Message(s.name, c.topic, m.log_time, m.publish_time, m.sequence, m.data)
+            for s, c, m in make_reader(stream).iter_messages(log_time_order=False)
+        ]
+
+
+def write(bag: Path, source: Path, messages: list[Message]) -> None:
+    """Write a bag by an independent writer, with the descriptions of another one."""
+    shutil.rmtree(bag, ignore_errors=True)
+    bag.mkdir()
+    (file,) = source.glob('*.mcap')
+    shutil.copy(source / 'metadata.yaml', bag)
+    with file.open('rb') as stream, (bag / file.name).open('wb') as target:
+        reader = make_reader(stream)
+        header, summary = reader.get_header(), reader.get_summary()
+        notes = list(reader.iter_metadata())
+        writer = Writer(target, compression=CompressionType.NONE)
+        writer.start(header.profile, header.library)
+        schemas = {
+            number: writer.register_schema(s.name, s.encoding, s.data)
+            for number, s in summary.schemas.items()
+        }
+        channels = {
+            c.topic: writer.register_channel(
+                c.topic, c.message_encoding, schemas[c.schema_id], c.metadata
+            )
+            for c in summary.channels.values()
+        }
+        for m in messages:
+            writer.add_message(
+                channels[m.topic], m.stamp_ns, m.content, m.publish_ns, m.sequence
+            )
+        for note in notes:
+            writer.add_metadata(note.name, note.metadata)
+        writer.finish()
+
+
+def altered(value: Any, factor: float) -> Any:
+    """Return a number altered by a part of its size, or to a size."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        if factor > 1.0:
+            return 2**62
+        return value + (math.ceil(abs(value) * factor) or 1)
+    if factor > 1.0:
+        return math.copysign(factor, value)
+    return value * (1.0 + factor) if value else factor
+
+
+def leaves(held: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the places of all numbers in what JSON holds."""
+    if isinstance(held, dict):
+        for name, entry in held.items():
+            yield from leaves(entry, (*path, name))
+    elif isinstance(held, list):
+        for place, entry in enumerate(held):
+            yield from leaves(entry, (*path, place))
+    elif isinstance(held, bool | int | float):
+        yield path
+
+
+_ARRAYS = ('position', 'velocity', 'effort')
+
+
+def places(message: Message) -> list[tuple[Any, ...]]:
+    """Return the places of all numbers in a message."""
+    held = STORE.deserialize_cdr(message.content, message.schema)
+    kind = message.schema.rpartition('/')[2]
+    if kind == 'JointState':
+        found: list[tuple[Any, ...]] = [('stamp', 'sec'), ('stamp', 'nanosec')]
+        if held.header.frame_id in ('stop_1', 'stop_2'):
+            found.append(('frame',))
+        return found + [(a, i) for a in _ARRAYS for i in range(len(getattr(held, a)))]
+    if kind == 'String':
+        return list(leaves(json.loads(held.data)))
+    found = [('stamp', 'sec'), ('stamp', 'nanosec')]
+    for group in ('new_parameters', 'changed_parameters'):
+        for number, parameter in enumerate(getattr(held, group)):
+            value = parameter.value
+            if value.type in (1, 2, 3):
+                field = {1: 'bool_value', 2: 'integer_value', 3: 'double_value'}[value.type]
+                found.append((group, number, parameter.name, field))
+            elif value.type == 8:
+                found += [
+                    (group, number, parameter.name, i)
+                    for i in range(len(value.double_array_value))
+                ]
+    return found
+
+
+def _stamped(time: Any, field: str, factor: float) -> None:
+    value = int(getattr(time, field))
+    most = 2**31 - 1 if field == 'sec' else 10**9 - 1
+    new = most if factor > 1.0 else min(most, altered(value, factor))
+    setattr(time, field, new if new != value else value - 1)
+
+
+def alter(message: Message, place: tuple[Any, ...], factor: float) -> Message:
+    """Return a message with one number altered."""
+    held = STORE.deserialize_cdr(message.content, message.schema)
+    first = place[0]
+    if message.schema.endswith('/String'):
+        text = json.loads(held.data)
+        at = text
+        for step in place[:-1]:
+            at = at[step]
+        at[place[-1]] = altered(at[place[-1]], factor)
+        held.data = json.dumps(text)
+    elif first == 'stamp':
+        stamp = held.header.stamp if hasattr(held, 'header') else held.stamp
+        _stamped(stamp, place[1], factor)
+    elif first == 'frame':
+        held.header.frame_id = 'stop_2' if held.header.frame_id == 'stop_1' else 'stop_1'
+    elif first in _ARRAYS:
+        numbers = getattr(held, first).copy()
+        numbers[place[1]] = altered(float(numbers[place[1]]), factor)
+        setattr(held, first, numbers)
+    else:
+        value = getattr(held, first)[place[1]].value
+        if isinstance(place[3], str):
+            setattr(value, place[3], altered(getattr(value, place[3]), factor))
+        else:
+            array = value.double_array_value.copy()
+            array[place[3]] = altered(float(array[place[3]]), factor)
+            value.double_array_value = array
+    content = bytes(STORE.serialize_cdr(held, message.schema))
+    return Message(
+        message.schema, message.topic, message.stamp_ns, message.publish_ns, message.sequence,
+        content,
+    )
+
+
+def name_of(message: Message, place: tuple[Any, ...]) -> str:
+    """Return what was altered, for the list of what went unnoticed."""
+    return f'{message.topic} ' + '.'.join(str(step) for step in place)
+
+
+def status(command: Callable[[list[str]], int], bag: Path) -> int:
+    """Return the exit status of a command on a bag."""
+    with contextlib.redirect_stderr(io.StringIO()):
+        return command([str(bag), '--quiet'])
+
+
+def one_place(
+    messages: list[Message], draw: random.Random
+) -> tuple[int, tuple[Any, ...]]:
+    """Draw a topic, one of its messages, and one of its numbers."""
+    topic = draw.choice(sorted({m.topic for m in messages}))
+    index = draw.choice([i for i, m in enumerate(messages) if m.topic == topic])
+    return index, draw.choice(places(messages[index]))
+
+
+def altered_bags(name: str, rate: float, factor: float, count: int) -> tuple[Counter, list[str]]:
+    """Alter so many numbers of one run, one at a time; return what went unnoticed."""
+    draw = random.Random(f'{SEED} {name} {rate} {factor}')
+    missed: Counter[str] = Counter()
+    fields = []
+    with tempfile.TemporaryDirectory() as directory:
+        source = record(KINDS[name], Path(directory, 'run'), rate)
+        messages = read(source)
+        bag = Path(directory, 'altered')
+        write(bag, source, messages)
+        for command in (compare_run, replay_run):
+            if status(command.main, bag):
+                raise RuntimeError(f'{command.__name__} refuses the bag written again')
+        for _ in range(count):
+            index, place = one_place(messages, draw)
+            new = alter(messages[index], place, factor)
+            write(bag, source, [*messages[:index], new, *messages[index + 1 :]])
+            for command in (compare_run, replay_run):
+                if status(command.main, bag) == 0:
+                    missed[command.__name__.rpartition('.')[2]] += 1
+                    tool = command.__name__.rpartition('.')[2]
+                    fields.append(f'{tool}: {name_of(messages[index], place)}')
+    return missed, fields
+
+
+# Untouched bags
+
+
+def random_settings(kind: str, draw: random.Random) -> tuple[str, ...]:
+    """Return a rig like that of a kind."""
+    common = (
+        f'gap={draw.uniform(0.015, 0.04):.6g}',
+        f'friction={draw.choice([0.0, 0.02, 0.1]):g}',
+        f'angle={draw.choice([0.0, 0.0, draw.uniform(-0.3, 0.3)]):.6g}',
+        f'restitution_1={draw.uniform(0.3, 0.9):.6g}',
+        f'force_amplitudes=[{draw.uniform(0.5, 5.0):.6g}]',
+    )
+    if kind == 'controlled':
+        return (
+            *common,
+            f'gap_control={draw.choice(["timed", "amplitude"])}',
+            f'gap_control_stops={draw.choice(["symmetric", "independent"])}',
+            f'actuator_speed={draw.choice([0.0, 1.0, 3.0]):g}',
+            f'gap_control_noise_position={draw.choice([0.0, 1e-5]):g}',
+        )
+    if kind == 'stepped sine':
+        return (*common, f'sweep_step={draw.uniform(0.1, 1.0):.4g}')
+    return common
+
+
+def untouched_bag(number: int) -> tuple[str, int, int]:
+    """Record a random rig; return its kind and the exit status of both tools."""
+    draw = random.Random(f'{SEED} untouched {number}')
+    name = sorted(KINDS)[number % len(KINDS)]
+    with tempfile.TemporaryDirectory() as directory:
+        rate = draw.choice(RATES)
+        bag = record(KINDS[name], Path(directory, 'run'), rate, random_settings(name, draw))
+        return name, status(compare_run.main, bag), status(replay_run.main, bag)
+
+
+# Soaks
+
+
+def random_change(draw: random.Random) -> list[str]:
+    """Return what somebody at the knobs might do at one instant."""
+    return draw.choice(
+        [
+            lambda: [f'gap={draw.uniform(0.008, 0.05):.6g}'],
+            lambda: [f'gap={draw.uniform(0.008, 0.05):.6g}'],
+            lambda: [f'angle={draw.uniform(-0.5, 0.5):.6g}'],
+            lambda: [f'friction={draw.choice([0.0, 0.02, 0.2]):g}'],
+            lambda: [f'force_frequencies=[{draw.uniform(20.0, 45.0):.6g}]'],
+            lambda: [f'force_amplitudes=[{draw.uniform(0.0, 6.0):.6g}]'],
+            lambda: [f'restitution_{draw.choice([1, 2])}={draw.uniform(0.2, 0.95):.6g}'],
+            lambda: [f'stiffness={draw.uniform(1500.0, 2500.0):.6g}'],
+            lambda: [f'primary_mass={draw.uniform(1.0, 3.0):.6g}'],
+            lambda: [f'damper_mass={draw.uniform(0.05, 0.3):.6g}'],
+            lambda: [f'damping={draw.uniform(0.2, 5.0):.6g}'],
+            lambda: [f'gravity={draw.choice([0.0, 1.62, 9.81]):g}'],
+            lambda: [f'air_force={draw.choice([0.0, 0.0, 0.2]):g}'],
+            lambda: [f'one_sided={draw.choice(["true", "false", "false"])}'],
+            lambda: [f'gap_control={draw.choice(["off", "amplitude", "timed"])}'],
+            lambda: [f'gap_control={draw.choice(["off", "amplitude", "timed"])}'],
+            lambda: ['gap_control=off', f'gap={draw.uniform(0.008, 0.05):.6g}'],
+            lambda: [f'multisine_level={draw.choice([0.0, 0.0, 1.0]):g}'],
+            lambda: [f'sweep_mode={draw.choice(["off", "off", "up", "up_down"])}'],
+            lambda: [f'actuator_speed={draw.choice([0.0, 0.5, 3.0]):g}'],
+        ]
+    )()
+
+
+def soak(number: int, stretches: int) -> tuple[int, int, int, int]:
+    """Record a run with random changes; return stretches, doubted, faults, replay's status."""
+    draw = random.Random(f'{SEED} soak {number}')
+    changes, time = [], 0.0
+    for _ in range(stretches - 1):
+        time += draw.choice([0.05, 0.5, 2.0, 8.0, 16.0]) * draw.uniform(0.5, 1.5)
+        changes += [f'{time:.6f}:{change}' for change in random_change(draw)]
+    kind = Kind(BENCH, ('multisine_lines=8', 'gravity=9.81'), tuple(changes), time + 10.0)
+    with tempfile.TemporaryDirectory() as directory:
+        bag = record(kind, Path(directory, 'run'), draw.choice([50, 200]))
+        out = Path(directory, 'result.json')
+        compare_run.main([str(bag), '--quiet', '--json', str(out)])
+        result = json.loads(out.read_text())
+        found = [s['verdict'] for s in result['stretches']]
+        replayed = status(replay_run.main, bag)
+        return len(found), found.count('differs'), len(result['faults']), replayed
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
+    parser.add_argument('--places', type=int, default=200, help='alterations of each run [200]')
+    parser.add_argument('--bags', type=int, default=200, help='untouched bags [200]')
+    parser.add_argument('--stretches', type=int, default=10_000, help='of the soaks [10000]')
+    parser.add_argument('--workers', type=int, default=1)
+    options = parser.parse_args()
+    with ProcessPoolExecutor(options.workers, get_context('spawn')) as pool:
+        runs = [(name, rate, f) for name in KINDS for rate in RATES for f in FACTORS]
+        results = pool.map(altered_bags, *zip(*runs, strict=True), [options.places] * len(runs))
+        total: Counter[str] = Counter()
+        fields: Counter[str] = Counter()
+        print(f'altered: {options.places} numbers of each run, one at a time; unnoticed by')
+        print(f'{"run":<14}{"rate [Hz]":>10}{"altered":>10}{"compare_run":>13}{"replay_run":>12}')
+        for (name, rate, factor), (missed, places_missed) in zip(runs, results, strict=True):
+            how = 'by 1e-3' if factor < 1.0 else 'to 1e300'
+            total += missed
+            fields.update(places_missed)
+            print(
+                f'{name:<14}{rate:>10}{how:>10}{missed["compare_run"]:>13}'
+                f'{missed["replay_run"]:>12}',
+                flush=True,
+            )
+        count = options.places * len(runs)
+        print(
+            f'in all {count}: compare_run {total["compare_run"]}, '
+            f'replay_run {total["replay_run"]}'
+        )
+        for field, number in fields.most_common(40):
+            print(f'  {number:4} {field}')
+        alarms: Counter[str] = Counter()
+        for name, compared, replayed in pool.map(untouched_bag, range(options.bags)):
+            alarms['compare_run'] += compared != 0
+            alarms['replay_run'] += replayed != 0
+            if compared or replayed:
+                print(f'  false alarm: {name}, compare_run {compared}, replay_run {replayed}')
+        print(
+            f'untouched: {options.bags} bags; false alarms of compare_run '
+            f'{alarms["compare_run"]}, of replay_run {alarms["replay_run"]}'
+        )
+        each = min(options.stretches, 500)
+        soaks = math.ceil(options.stretches / each)
+        sums = [0, 0, 0, 0]
+        for found in pool.map(soak, range(soaks), [each] * soaks):
+            sums = [a + b for a, b in zip(sums, (*found[:3], found[3] != 0), strict=True)]
+        print(
+            f'soaks: {sums[0]} stretches in {soaks} bags; doubted {sums[1]}, faults {sums[2]}, '
+            f'not identical on replay {sums[3]}'
+        )
+    sys.stdout.flush()
+
+
+if __name__ == '__main__':
+    main()
