@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from .run_curves import StretchCurves
 from .steady_part import knots_between, measured_motion
 from .stretch_curves import impact_curve, motion_curve, predicted_curve, spectrum
 from .stretch_kind import StretchKind, carried_on, kind_of, kind_without_force_phase
-from .stretch_measures import EnergyBalance
+from .stretch_measures import EnergyBalance, Finding
 from .stretch_verdict import (
     Judgement,
     irregular_judgement,
@@ -86,12 +87,17 @@ def _at_rest(states: RecordedStates) -> bool:
 class _Comparison:
     """The comparison of one stretch, step by step."""
 
-    def __init__(self, stretch: RecordedStretch, search: FaultSearch | None) -> None:
+    def __init__(
+        self,
+        stretch: RecordedStretch,
+        search: FaultSearch | None,
+        replayed: Sequence[Finding] | None,
+    ) -> None:
         self.stretch = stretch
         self.cycle = _cycle(stretch)
         self.reason = why_no_theory(stretch)
         controlled = stretch.control.get('gap_control', 'off') != 'off'
-        self.log = log_findings(stretch, search, controlled=controlled)
+        self.log = log_findings(stretch, search, controlled=controlled, replayed=replayed)
         self.impacts = repaired_impacts(stretch, search)
         self.part: PeriodicPart | None = None
         self.orbit: PeriodicOrbit | None = None
@@ -246,7 +252,11 @@ class _Comparison:
         )
 
 
-def compare_stretch(stretch: RecordedStretch, search: FaultSearch | None) -> StretchComparison:
+def compare_stretch(
+    stretch: RecordedStretch,
+    search: FaultSearch | None,
+    replayed: Sequence[Finding] | None = None,
+) -> StretchComparison:
     """
     Measure a stretch, find out what its motion is, and hold it against theory.
 
@@ -255,6 +265,9 @@ def compare_stretch(stretch: RecordedStretch, search: FaultSearch | None) -> Str
     stretch : RecordedStretch
         The stretch.
     search : FaultSearch or None
-        What its flights told, as `StretchMeter` has it; None if the force is not known.
+        What its flights told, as `StretchMeter` has it; None if the force is not known, or the
+        log needs no check.
+    replayed : sequence of Finding, optional
+        What a bit-for-bit replay of the log found in this stretch; None if there was none.
     """
-    return _Comparison(stretch, search).run()
+    return _Comparison(stretch, search, replayed).run()

@@ -103,7 +103,11 @@ def _fault_findings(faults: Sequence[Fault]) -> Iterator[Finding]:
 
 
 def log_findings(
-    stretch: RecordedStretch, search: FaultSearch | None, *, controlled: bool
+    stretch: RecordedStretch,
+    search: FaultSearch | None,
+    *,
+    controlled: bool,
+    replayed: Sequence[Finding] | None = None,
 ) -> list[Finding]:
     """
     Return what is wrong with the log of a stretch, the earliest first.
@@ -116,7 +120,19 @@ def log_findings(
         What its flights told; None if the force is not known.
     controlled : bool
         Whether a control moves the stops.
+    replayed : sequence of Finding, optional
+        What a bit-for-bit replay found, which decides whether anything is wrong. The motion itself
+        then says what, where it can.
     """
+    if replayed is not None and not replayed:
+        return []
+    found = _motion_findings(stretch, search, controlled=controlled)
+    return sorted(found or list(replayed or ()), key=lambda finding: finding.time)
+
+
+def _motion_findings(
+    stretch: RecordedStretch, search: FaultSearch | None, *, controlled: bool
+) -> list[Finding]:
     rig = stretch.parameters
     found = list(impulse_findings(stretch.impacts))
     fit = None
@@ -138,7 +154,7 @@ def log_findings(
         found += _fault_findings(faults)
         if search.in_closed_form and search.unsound > max(_TOLD, _FEW * search.intervals):
             found.append(_disobeyed(stretch, search))
-    return sorted(found, key=lambda finding: finding.time)
+    return found
 
 
 def _disobeyed(stretch: RecordedStretch, search: FaultSearch) -> Finding:

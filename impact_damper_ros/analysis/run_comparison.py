@@ -24,6 +24,7 @@ from .stretch_measures import Decay, EnergyBalance, Finding, MeasuredMotion
 
 __all__ = [
     'Beginning',
+    'LogCheck',
     'MotionKind',
     'RunComparison',
     'StretchComparison',
@@ -148,6 +149,30 @@ class StretchComparison:
         return len(self.stops)
 
 
+@dataclass(frozen=True)
+class LogCheck:
+    """
+    How the numbers of a log were checked.
+
+    Attributes
+    ----------
+    replayed : bool
+        Whether the log was replayed from its first snapshot, and every number compared bit for
+        bit. Otherwise the motion was checked from sample to sample, to round-off.
+    text : str
+        What was checked, in words.
+    differences : int
+        Numbers and messages that differ from the replay.
+    unchecked : tuple of str
+        Topics, and what else, that was not checked.
+    """
+
+    replayed: bool
+    text: str
+    differences: int = 0
+    unchecked: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunComparison:
     """
@@ -169,6 +194,8 @@ class RunComparison:
         How many there are.
     stretches : tuple of StretchComparison
         In order.
+    log : LogCheck
+        How the numbers were checked.
     faults : tuple of str
         Why the bag could be used in part only.
     remarks : tuple of str
@@ -185,6 +212,7 @@ class RunComparison:
     samples: int
     impacts: int
     stretches: tuple[StretchComparison, ...]
+    log: LogCheck = field(default_factory=lambda: LogCheck(False, 'the log was not checked'))
     faults: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 

@@ -96,11 +96,13 @@ class StretchMeter:
         Whether the recorder may have lost messages one by one, unnoticed.
     stops_move : bool, optional
         Whether stops are on their way, moved by a control or back from there.
+    checks : bool, optional
+        Whether to check the flights against the equations of motion.
 
     Attributes
     ----------
     search : FaultSearch or None
-        What was checked, and found to be wrong.
+        What was checked, and found to be wrong; None if nothing was checked.
     last_stop : int
         Stop hit last so far.
     """
@@ -119,9 +121,10 @@ class StretchMeter:
         *,
         lossy: bool = False,
         stops_move: bool = False,
+        checks: bool = True,
     ) -> None:
         self.search = None
-        if clock is not None:
+        if clock is not None and checks:
             unfollowed = stops_move or parameters.multisine_level > 0.0
             self.search = FaultSearch(clock, in_closed_form=unfollowed)
         self._lines = len(parameters.harmonics[0])

@@ -57,6 +57,8 @@ class BagStretches:
 
     Attributes
     ----------
+    checks : bool
+        Whether the flights are checked against the equations of motion.
     progress : callable
         Called now and then with the rig time reached, s.
     history : RunHistory
@@ -93,6 +95,7 @@ class BagStretches:
         self.faults: list[str] = []
         self.states_rows = BagRows(JointStateColumns(JOINTS, (4, 4, 0)))
         self.impact_rows = BagRows(JointStateColumns(IMPACT_JOINTS, (2, 2, 2)))
+        self.checks = True
         self.progress: Callable[[float], object] = float
         self._offset_ns = self.history.start.offset_ns
         self._period = 0.0
@@ -291,6 +294,7 @@ class BagStretches:
             self._period,
             lossy=not self.history.stamped,
             stops_move=rig.stops_move,
+            checks=self.checks,
         )
 
     def _end_stretch(self, time_ns: int | None) -> Iterator[MeteredStretch]:

@@ -6,7 +6,7 @@ import argparse
 import json
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from importlib.util import find_spec
@@ -21,6 +21,7 @@ from impact_damper_ros.analysis.gap_curves import GapCurves
 from impact_damper_ros.analysis.run_comparison import RunComparison, StretchComparison
 from impact_damper_ros.commands.bag_stretches import BagStretches
 from impact_damper_ros.commands.comparison_text import comparison_text
+from impact_damper_ros.commands.log_replay import replayed_log
 from impact_damper_ros.commands.outcome import outcome
 from impact_damper_ros.commands.outputs import check_directory, check_file, write_text
 from impact_damper_ros.entry_points import run
@@ -97,15 +98,22 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
         bag = BagStretches(arguments.bag, arguments.node, rig)
         reader = bag.history.reader
         span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
-        bar = _bar(stack, 'compared', span, 's', quiet=arguments.quiet)
-        begun: list[float] = []
 
-        def progress(time: float) -> None:
-            begun.append(time) if not begun else None
-            bar.update(min(span, time - begun[0]) - bar.n)
+        def shown(what: str) -> Callable[[float], None]:
+            bar = _bar(stack, what, span, 's', quiet=arguments.quiet)
+            begun: list[float] = []
 
-        bag.progress = progress
-        for stretch, search in bag:
+            def progress(time: float) -> None:
+                begun.append(time) if not begun else None
+                bar.update(min(span, time - begun[0]) - bar.n)
+
+            return progress
+
+        log = replayed_log(arguments.bag, arguments.node, shown('replayed'))
+        # What a replay has reproduced bit for bit needs no other check.
+        bag.checks = not log.check.replayed or bool(log.differences)
+        bag.progress = shown('compared')
+        for (stretch, search), replayed in log.judged(bag):
             if stretch.clock is None:
                 stretch, search = with_fitted_clock(stretch)
                 if stretch.clock is not None:
@@ -113,7 +121,7 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
                         f'the phase of the force in stretch {stretch.number} is not in the bag; '
                         'it was found from the motion'
                     )
-            stretches.append(compare_stretch(stretch, search))
+            stretches.append(compare_stretch(stretch, search, replayed))
         if arguments.report is not None:
             stretches = _with_gap_curves(stretches)
     topics = bag.history.topics
@@ -128,7 +136,8 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
         samples=bag.samples,
         impacts=bag.impacts,
         stretches=tuple(stretches),
-        faults=tuple(bag.all_faults()),
+        log=log.check,
+        faults=tuple(dict.fromkeys([*bag.all_faults(), *log.faults])),
         remarks=(*bag.all_remarks(), *remarks),
     )
 

@@ -139,6 +139,9 @@ def comparison_text(comparison: RunComparison) -> str:
         f'{_count(comparison.samples, "sample")}, {_count(comparison.impacts, "impact")}, '
         f'{_count(len(comparison.stretches), "stretch").replace("stretchs", "stretches")}',
     ]
+    lines.append(f'checked      {comparison.log.text}')
+    if comparison.log.unchecked:
+        lines.append(f'not checked  {"; ".join(comparison.log.unchecked)}')
     lines += [f'note         {remark}' for remark in comparison.remarks]
     lines += [f'fault        {fault}' for fault in comparison.faults]
     parts = ['\n'.join(lines), *(stretch_text(stretch) for stretch in comparison.stretches)]

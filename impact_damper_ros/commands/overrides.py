@@ -174,7 +174,7 @@ def timed_changes(
             time = -1.0
         if not colon or not isfinite(time) or not 0.0 < time <= duration:
             raise ValueError(
-                f'--change {setting}: give TIME:NAME=VALUE with a time in s, above 0 and up to the '
+                f'--change {setting}: give TIME:NAME=VALUE with a time above 0 s and up to the '
                 f'{duration:g} s of the run'
             )
         timed.append((round(time * 1e9), change))

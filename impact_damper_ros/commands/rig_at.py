@@ -15,7 +15,8 @@ from impact_damper_ros.rig.snapshot import Snapshot
 
 __all__ = ['RigAt', 'changed_names', 'told_change']
 
-_NO_CONTROL = {'gap_control': 'off'}
+_OFF = 'off'
+_NO_CONTROL = {'gap_control': _OFF}
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class RigAt:
             clock = ForceClock(snapshot.parameters, time, tuple(origin.angles))
         stored = state.get('gap_control', {})
         control = _control_of(stored.get('parameters', {}))
-        moving = control != _NO_CONTROL or bool(stored.get('state', {}).get('returning'))
+        moving = _active(control) or bool(stored.get('state', {}).get('returning'))
         return cls(snapshot.parameters, clock, origin.last_stop, control, moving)
 
     def changed(self, values: Mapping[str, Any], time: float) -> RigAt:
@@ -111,10 +112,12 @@ class RigAt:
 
 
 def _control_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the gap-control parameters among some; those of none, if it is off."""
-    if values.get('gap_control', 'off') == 'off':
-        return dict(_NO_CONTROL)
-    return {name: values[name] for name in GAP_CONTROL_SPECS if name in values}
+    """Return the gap-control parameters among some; off, if there are none."""
+    return {**_NO_CONTROL, **{n: values[n] for n in GAP_CONTROL_SPECS if n in values}}
+
+
+def _active(control: Mapping[str, Any]) -> bool:
+    return bool(control['gap_control'] != _OFF)
 
 
 def _shown(value: Any) -> str:
@@ -127,8 +130,12 @@ def changed_names(one: RigAt, other: RigAt) -> set[str]:
     """Return the names of the parameters in which two rigs differ."""
     before, after = one.parameters.as_dict(), other.parameters.as_dict()
     names = {name for name in before if before[name] != after[name]}
-    controls = one.control.keys() | other.control.keys()
-    return names | {n for n in controls if one.control.get(n) != other.control.get(n)}
+    if not (_active(one.control) or _active(other.control)):
+        # What the laws are set to does not matter then.
+        return names
+    # A list of all parameters of an older version knows no control.
+    known = one.control.keys() & other.control.keys()
+    return names | {n for n in known if one.control[n] != other.control[n]}
 
 
 def told_change(values: Mapping[str, Any]) -> bool:

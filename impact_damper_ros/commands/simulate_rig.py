@@ -168,7 +168,8 @@ def _instants(
     Yield the instants to advance to, in order; the motion does not depend on them.
 
     They are the sampling grid, if there is one, else one per cycle; the ticks of the recording;
-    the changes of parameters; and in the end of the run that is watched for its largest displacement as many as that takes.
+    the changes of parameters; and in the end of the run that is watched for its largest
+    displacement as many as that takes.
     """
     grid = rate if rate is not None else 1.0 / cycle
     last = math.floor(duration * grid * (1.0 + 1e-15))

@@ -64,6 +64,9 @@ class Replay:
     ----------
     history : RunHistory
         The run.
+    adopt : bool, optional
+        Whether to go on from each snapshot that is not as replayed, so that a difference does not
+        outlast the next change.
 
     Attributes
     ----------
@@ -80,8 +83,11 @@ class Replay:
         If the first snapshot cannot be restored.
     """
 
-    def __init__(self, history: RunHistory) -> None:
+    def __init__(self, history: RunHistory, *, adopt: bool = False) -> None:
         self.history = history
+        self._adopts = adopt
+        # Whether the parameter events of this node are recorded
+        self._hears = False
         self.findings = Findings(offset_ns=history.start.offset_ns)
         try:
             self.replayed = ReplayedRig(history.start)
@@ -212,6 +218,7 @@ class Replay:
     # What was done to the rig
 
     def _take_change(self, change: Change) -> None:
+        self._hears = True
         rate = change.values.get('state_rate')
         if isinstance(rate, float) and rate > 0.0:
             self._spacing.period_ns = 1e9 / rate
@@ -308,7 +315,7 @@ class Replay:
 
     def _judge(self, batch: Batch, snapshot: Snapshot, known: bool) -> None:
         topics = self.history.topics
-        if topics.parameter_events:
+        if self._hears:
             unlogged = [(name, None, value) for name, value in batch.unlogged.items()]
             self._contradict(snapshot.stamp_ns, unlogged)
         self._contradict(snapshot.stamp_ns, batch.contradicted)
@@ -327,6 +334,10 @@ class Replay:
             return
         for name, recorded, replayed in batch.differences[:1]:
             self._differ(snapshot.stamp_ns, topics.snapshot, name, recorded, replayed)
+        if self._adopts and not batch.agrees and not batch.adopted:
+            for ledger in self._ledgers.values():
+                ledger.settle(final=True)
+            self.replayed.adopt(snapshot)
 
     def _differ(
         self, stamp_ns: int, topic: str, quantity: str, recorded: object, replayed: object

@@ -11,6 +11,8 @@ __all__ = ['Difference', 'Divergence', 'Findings', 'SampleGap', 'Verdict']
 
 #: Differences kept one by one.
 _MOST_KEPT = 20
+#: Differences kept after each change of the rig.
+_KEPT_EACH = 20
 #: Differing samples after which the difference is noted.
 _MARKS = tuple(m * 10**k for k in range(8) for m in (1, 2, 5))
 #: Differences of so many units in the last place are those of another library of mathematics.
@@ -134,6 +136,8 @@ class Findings:
         Rig times of the first and last sample, in nanoseconds.
     differences : list of Difference
         The first ones.
+    kept : list of Difference
+        The first ones after each change of the rig.
     difference_count : int
         How many there are.
     by_topic : dict of str to int
@@ -169,6 +173,7 @@ class Findings:
     start_ns: int | None = None
     end_ns: int | None = None
     differences: list[Difference] = field(default_factory=list)
+    kept: list[Difference] = field(default_factory=list)
     difference_count: int = 0
     by_topic: dict[str, int] = field(default_factory=dict)
     divergence: Divergence = field(default_factory=Divergence)
@@ -180,6 +185,8 @@ class Findings:
     faults: list[str] = field(default_factory=list)
     after: str = 'the start of the bag'
     offset_ns: int = 0
+    _kept_after: str = ''
+    _kept_count: int = 0
 
     @property
     def verdict(self) -> Verdict:
@@ -207,6 +214,11 @@ class Findings:
         self.difference_count += 1
         topic = difference.topic
         self.by_topic[topic] = self.by_topic.get(topic, 0) + 1
+        if self.after != self._kept_after:
+            self._kept_after, self._kept_count = self.after, 0
+        self._kept_count += 1
+        if self._kept_count <= _KEPT_EACH:
+            self.kept.append(difference)
         # The first of every topic is kept in any case.
         if len(self.differences) < _MOST_KEPT or self.by_topic[topic] == 1:
             self.differences.append(difference)
