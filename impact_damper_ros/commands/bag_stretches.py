@@ -274,7 +274,9 @@ class BagStretches:
             self.start_ns = int(states[0][0]) if self.start_ns is None else self.start_ns
             self.end_ns = int(states[0][-1])
             self.progress(self.end_ns / 1e9)
-        self._meter.take(_states(states), _impacts(impacts))
+        assert self._rig is not None
+        rest = self._rig.parameters.static_deflection if self.history.start.version > 1 else 0.0
+        self._meter.take(_states(states, rest), _impacts(impacts, rest))
 
     def _begun(self, first_ns: int) -> StretchMeter:
         """Begin a stretch."""
@@ -313,16 +315,20 @@ class BagStretches:
             yield MeteredStretch(meter.finish(end), meter.search)
 
 
-def _states(rows: Rows) -> RecordedStates:
+def _states(rows: Rows, rest: float) -> RecordedStates:
+    """Return joint states, given the recorded position of M in its static equilibrium, m."""
     time_ns, _, numbers = rows
     if not len(time_ns):
         return RecordedStates.none()
-    x, z, stop_1, stop_2, velocity, damper_velocity = numbers[:, :6].T
+    x, z, stop_1, stop_2 = numbers[:, :4].T - rest
+    velocity, damper_velocity = numbers[:, 4:6].T
     return RecordedStates(time_ns / 1e9, x, velocity, z, damper_velocity, stop_1, stop_2)
 
 
-def _impacts(rows: Rows) -> RecordedImpacts:
+def _impacts(rows: Rows, rest: float) -> RecordedImpacts:
+    """Return impacts; see `_states`."""
     time_ns, stop, numbers = rows
     if not len(time_ns):
         return RecordedImpacts.none()
-    return RecordedImpacts(time_ns / 1e9, stop, *numbers[:, :6].T)
+    x, z = numbers[:, :2].T - rest
+    return RecordedImpacts(time_ns / 1e9, stop, x, z, *numbers[:, 2:6].T)

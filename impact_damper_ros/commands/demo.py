@@ -27,8 +27,8 @@ from impact_damper_ros.analysis.motion import Motion, Stretch, measure
 from impact_damper_ros.analysis.motion_figure import Closeup, draw_motion
 from impact_damper_ros.commands.outputs import check_directory, in_words
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.recording import JointState, ParameterEvent, RunReader
-from impact_damper_ros.rig import load_parameters
+from impact_damper_ros.recording import JointState, ParameterEvent, RunReader, String
+from impact_damper_ros.rig import RigParameters, load_parameters
 
 __all__ = ['main']
 
@@ -191,24 +191,33 @@ def _end(node: subprocess.Popen[bytes]) -> None:
 
 
 def _read(bag: Path) -> tuple[Motion, list[float]]:
-    """Read the motion back from the bag, and the instants at which parameters changed."""
+    """
+    Read the motion back from the bag, and the instants at which parameters changed.
+
+    Positions of the motion count from the static equilibrium of each stage.
+    """
     reader = RunReader(bag)
     states: list[tuple[float, ...]] = []
     impacts: list[tuple[float, ...]] = []
     changes: list[float] = []
     start = reader.start_ns or 0
-    wanted = [reader.topic(name) for name in ('joint_states', 'impacts', 'parameter_events')]
+    topics = ('snapshot', 'joint_states', 'impacts', 'parameter_events')
+    wanted = [reader.topic(name) for name in topics]
+    rest = 0.0
     for _, stamp_ns, message in reader.messages([t for t in wanted if t in reader.topics]):
         instant = (stamp_ns - start) * 1e-9
-        if isinstance(message, ParameterEvent):
+        if isinstance(message, String):
+            rig = RigParameters(**json.loads(message.data)['state']['parameters'])
+            rest = rig.static_deflection
+        elif isinstance(message, ParameterEvent):
             names = {parameter.name for parameter in message.changed_parameters}
             if names & {stage.parameter for stage in STAGES}:
                 changes.append(instant)
         elif isinstance(message, JointState) and message.effort:
             stop = int(message.frame_id[-1])
-            impacts.append((instant, message.position[1], stop, message.effort[1]))
+            impacts.append((instant, message.position[1] - rest, stop, message.effort[1]))
         elif isinstance(message, JointState):
-            states.append((instant, *message.position))
+            states.append((instant, *(place - rest for place in message.position)))
     time_, x, z, stop_1, stop_2 = np.array(states).T
     hit, where, stops, impulse = np.array(impacts).reshape(-1, 4).T
     motion = Motion(

@@ -215,10 +215,10 @@ def _brief(response: Response) -> str:
 
 
 def _motion(trace: Trace) -> Motion:
-    samples = np.array(trace.samples).reshape(-1, 7)
+    samples = np.array(trace.samples).reshape(-1, len(Sample._fields))
     impacts = np.array(
         [(e.time, e.x + e.y, e.stop, e.impulse) for e in trace.impacts], dtype=float
     ).reshape(-1, 4)
-    time, x, _, z, _, stop_1, stop_2 = samples.T
+    time, x, _, z, _, stop_1, stop_2, *_ = samples.T
     hit, where, stop, impulse = impacts.T
     return Motion(time, x, z, stop_1, stop_2, hit, where, stop.astype(np.int64), impulse)

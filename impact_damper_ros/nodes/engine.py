@@ -14,11 +14,9 @@ an exact number of nanoseconds. All that a recording holds is written from this 
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from std_msgs.msg import String
 
@@ -34,6 +32,7 @@ from impact_damper_ros.nodes.scheduling import Scheduling, sleep_first_in_line
 from impact_damper_ros.nodes.serialisation import restamped, serialised
 from impact_damper_ros.nodes.tick_messages import Happening, TickMessages
 from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros.rig.published import snapshot_text
 
 __all__ = ['Engine']
 
@@ -350,18 +349,12 @@ class Engine:
 
     def _announce(self, reason: str) -> None:
         """Publish all that is needed to run on from here, bit for bit."""
-        snapshot: dict[str, Any] = {
-            'format': 1,
-            'stamp_offset_ns': self._stamps.offset_ns,
-            'time_ns': self._time_ns,
-            'reason': reason,
-            'state': self._simulator.snapshot(),
-        }
-        text = json.dumps(snapshot)
+        state = self._simulator.snapshot()
+        text = snapshot_text(self._stamps.offset_ns, self._time_ns, reason, state)
         self._out.emit(self._outlets.snapshot, serialised(String(data=text)), self.stamp_ns())
         if self._new_course:
             self._new_course = False
-            self._motion.trace = MotionTrace.at(self._simulator.parameters, snapshot['state'])
+            self._motion.trace = MotionTrace.at(self._simulator.parameters, state)
             self._on_course(text)
 
     def _record_event(self, event: bytes) -> None:

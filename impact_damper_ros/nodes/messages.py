@@ -29,17 +29,20 @@ from impact_damper_ros.nodes.serialisation import (
     time_from_ns,
 )
 from impact_damper_ros.rig import Event, Sample
+from impact_damper_ros.rig.published import (
+    IMPACT_JOINTS,
+    JOINTS,
+    impact_numbers,
+    state_numbers,
+)
 
 __all__ = [
-    'JOINTS',
     'ClockTemplate',
     'ControlTemplate',
     'ImpactTemplate',
     'JointStateTemplate',
     'StateTemplate',
 ]
-
-JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 
 
 class JointStateTemplate:
@@ -108,15 +111,15 @@ class JointStateTemplate:
 
 
 class StateTemplate(JointStateTemplate):
-    """Joint states of the rig: all joints, absolute positions along the axis, no frame."""
+    """Joint states of the rig, without a frame; the numbers are those of `state_numbers`."""
 
     def __init__(self) -> None:
         """Build the template."""
         super().__init__('', JOINTS, ('position', 'velocity'))
 
-    def of(self, stamp_ns: int, sample: Sample) -> bytes:
-        """Return the joint states of a sample; the stops move with the primary mass."""
-        _, x, velocity, z, damper_velocity, stop_1, stop_2 = sample
+    def of(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+        """Return the joint states of a sample, given the static deflection of the rig then, m."""
+        positions, velocities = state_numbers(sample, deflection)
         seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
         names, between, end = self._fixed
         # As `filled` does it, in one go: this is what the rig sends at every tick.
@@ -125,36 +128,23 @@ class StateTemplate(JointStateTemplate):
             seconds,
             nanoseconds,
             names,
-            *(x, z, stop_1, stop_2),
+            *positions,
             between,
-            *(velocity, damper_velocity, velocity, velocity),
+            *velocities,
             end,
         )
 
 
 class ImpactTemplate(JointStateTemplate):
-    """
-    An impact at one stop, of primary and damper.
-
-    The velocities are those after the impact. The effort of a joint is the impulse that it
-    received, signed along the axis: M (or m) times its change of velocity.
-    """
+    """An impact at one stop, of primary and damper; the numbers are those of `impact_numbers`."""
 
     def __init__(self, stop: int) -> None:
         """Build the template for stop 1 or 2."""
-        super().__init__(f'stop_{stop}', JOINTS[:2], ('position', 'velocity', 'effort'))
-        # Stop 1 is the lower one: it throws the damper back up, against the axis.
-        self._sign = 1.0 if stop == 1 else -1.0
+        super().__init__(f'stop_{stop}', IMPACT_JOINTS, ('position', 'velocity', 'effort'))
 
-    def of(self, stamp_ns: int, event: Event) -> bytes:
-        """Return the message of an impact."""
-        impulse = self._sign * event.impulse
-        return self.filled(
-            stamp_ns,
-            (event.x, event.x + event.y),
-            (event.primary_velocity_after, event.damper_velocity_after),
-            (impulse, -impulse),
-        )
+    def of(self, stamp_ns: int, event: Event, deflection: float) -> bytes:
+        """Return the message of an impact, given the static deflection of the rig then, m."""
+        return self.filled(stamp_ns, *impact_numbers(event, deflection))
 
 
 class ControlTemplate(JointStateTemplate):

@@ -113,7 +113,8 @@ class MotionAhead:
         """Take note of what the rig has gone through; return it as messages."""
         if events:
             self.trace = self.trace.after(events)
-        return self._messages.happenings(events, self._rig.records, offset_ns)
+        deflection = self._rig.parameters.static_deflection
+        return self._messages.happenings(events, self._rig.records, offset_ns, deflection)
 
     def take_states(self, time_ns: int, offset_ns: int) -> bytes:
         """Return the joint states of the tick that is due, at an instant of rig time, once."""
@@ -121,7 +122,8 @@ class MotionAhead:
 
     def states(self, time_ns: int, offset_ns: int) -> bytes:
         """Return the joint states of the tick at which the rig stands, made anew."""
-        return self._message(offset_ns + time_ns, self._rig.sample())
+        deflection = self._rig.parameters.static_deflection
+        return self._message(offset_ns + time_ns, self._rig.sample(), deflection)
 
     def stand_at(self, time_ns: int) -> None:
         """Put the rig to a tick, up to which nothing happens to it that is not known."""
@@ -137,9 +139,10 @@ class MotionAhead:
         """Make the joint states of the tick at which the rig stands, and more as far as known."""
         instants = [self._grid.instant(tick + i) for i in range(most)]
         samples = self._rig.preview([instant / 1e9 for instant in instants])
+        deflection = self._rig.parameters.static_deflection
         for instant, sample in zip(instants, samples or [self._rig.sample()], strict=False):
-            self.known.append(self._message(offset_ns + instant, sample))
+            self.known.append(self._message(offset_ns + instant, sample, deflection))
 
-    def _message(self, stamp_ns: int, sample: Sample) -> bytes:
+    def _message(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
         self.trace.sample(sample)
-        return self._messages.states(stamp_ns, sample)
+        return self._messages.states(stamp_ns, sample, deflection)

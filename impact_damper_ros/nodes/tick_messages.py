@@ -48,12 +48,16 @@ class TickMessages:
         self._impacts_at = {1: ImpactTemplate(1), 2: ImpactTemplate(2)}
         self._acts = {action: ControlTemplate(action) for action in Action}
 
-    def states(self, stamp_ns: int, sample: Sample) -> bytes:
-        """Return the joint states of a sample."""
-        return self._states.of(stamp_ns, sample)
+    def states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+        """Return the joint states of a sample, given the static deflection of the rig then, m."""
+        return self._states.of(stamp_ns, sample, deflection)
 
     def happenings(
-        self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int
+        self,
+        events: Sequence[Event],
+        records: Sequence[ControlRecord],
+        offset_ns: int,
+        deflection: float,
     ) -> list[Happening]:
         """
         Return the messages of impacts, then of what the gap control did.
@@ -64,12 +68,14 @@ class TickMessages:
             What happened.
         offset_ns : int
             Stamp of rig time 0.
+        deflection : float
+            Static deflection of the rig then, m.
         """
         out = []
         for event in events:
             if event.kind is EventKind.IMPACT:
                 stamp_ns = offset_ns + round(event.time * 1e9)
-                data = self._impacts_at[event.stop].of(stamp_ns, event)
+                data = self._impacts_at[event.stop].of(stamp_ns, event, deflection)
                 out.append(Happening(self._outlets.impacts, data, stamp_ns))
                 self.impacts += 1
         for record in records:

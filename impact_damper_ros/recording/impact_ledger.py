@@ -14,16 +14,15 @@ from itertools import islice
 from typing import NamedTuple
 
 from impact_damper_ros.control import CONTROL_JOINTS, ControlRecord
-from impact_damper_ros.rig import Event
 
 from .cdr import CdrError
 from .joint_state_bytes import JointStateBytes, header_ns
 from .replay_findings import Difference, Findings, SampleGap
+from .rig_messages import IMPACT_JOINTS
 
 __all__ = ['ControlLedger', 'ImpactLedger', 'bits']
 
 _Numbers = tuple[tuple[float, ...], ...]
-_JOINTS = ('primary', 'damper')
 #: How many impacts further on a match is looked for.
 _REACH = 16
 #: Impacts of the replay that are kept until the first recorded message comes.
@@ -35,17 +34,6 @@ _REMEMBERED_GAPS = 64
 def bits(value: float) -> bytes:
     """Return a double as it is stored, in which 0.0 and -0.0 differ."""
     return struct.pack('<d', value)
-
-
-def _impact_numbers(event: Event) -> _Numbers:
-    """Return positions, velocities and efforts as the node publishes them."""
-    # The impulse that M received: stop 1, the lower one, is hit downwards.
-    impulse = event.impulse if event.stop == 1 else -event.impulse
-    return (
-        (event.x, event.x + event.y),
-        (event.primary_velocity_after, event.damper_velocity_after),
-        (impulse, -impulse),
-    )
 
 
 class _Expected(NamedTuple):
@@ -90,7 +78,7 @@ class ImpactLedger:
     """
 
     what = 'impact'
-    joints: tuple[str, ...] = _JOINTS
+    joints: tuple[str, ...] = IMPACT_JOINTS
     efforts = 'N s'
 
     def __init__(self, topic: str, findings: Findings, *, stamped: bool) -> None:
@@ -123,9 +111,9 @@ class ImpactLedger:
         self._count_recorded()
         self._recorded.append(_Recorded(self.last_ns, content, shape))
 
-    def expect(self, stamp_ns: int, event: Event) -> None:
-        """Take an impact of the replay."""
-        self._expect(stamp_ns, event.time, f'stop_{event.stop}', _impact_numbers(event))
+    def expect(self, stamp_ns: int, time: float, stop: int, numbers: _Numbers) -> None:
+        """Take an impact of the replay, with the numbers that its message should hold."""
+        self._expect(stamp_ns, time, f'stop_{stop}', numbers)
 
     def _count_recorded(self) -> None:
         self._findings.recorded_impacts += 1

@@ -12,7 +12,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from impact_damper_ros.control import ControlRecord
-from impact_damper_ros.rig import Event, EventKind, Sample
+from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig.published import impact_numbers, state_numbers
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 from .cdr import CdrError
@@ -39,7 +40,7 @@ class Tick(NamedTuple):
     time_ns : int
         Its rig time.
     x, primary_velocity : float
-        As recorded, m and m/s.
+        X and X' as recorded, m and m/s.
     sample : Sample
         As replayed.
     events : list of Event
@@ -105,7 +106,8 @@ class Replay:
         self._pending: list[Change] = []
         self._steps: list[tuple[int, Step]] = []
         self._events: list[Event] = []
-        self._before: list[Sample] = []
+        # What a joint state of an instant may hold that changes came after, with the instant
+        self._before: list[tuple[float, tuple[tuple[float, ...], ...]]] = []
         self._left_out = 0
         topics = history.topics
         self._check = SampleCheck(topics.joint_states, self.findings)
@@ -169,22 +171,29 @@ class Replay:
                 ledger.begin(stamp_ns)
         self._excuse(self._spacing.look(time_ns, stamp_ns))
         self._advance()
-        sample = self.replayed.rig.sample()
-        if self._before and self._before[0].time != sample.time:
-            self._before = []
-        self._check.compare(stamp_ns, content, sample, self._before)
+        sample, numbers = self._sampled()
+        self._before = [before for before in self._before if before[0] == sample.time]
+        others = [before[1] for before in self._before]
+        self._check.compare(stamp_ns, content, sample.time, numbers, others)
         for ledger in self._ledgers.values():
             ledger.settle()
         events, self._events = self._events, []
         steps, self._steps = self._steps, []
-        return Tick(time_ns, positions[0], velocities[0], sample, events, steps)
+        x = sample.x + (positions[0] - numbers[0][0])
+        return Tick(time_ns, x, velocities[0], sample, events, steps)
+
+    def _sampled(self) -> tuple[Sample, tuple[tuple[float, ...], ...]]:
+        """Return the present motion, and the numbers of its joint states as published."""
+        rig, version = self.replayed.rig, self.history.start.version
+        sample = rig.sample()
+        return sample, state_numbers(sample, rig.parameters.static_deflection, version)
 
     def _advance(self) -> None:
         # Once to each instant, as the node does: a change may leave an event due at once, which
         # the rig would take at a second time.
         rig, time = self.replayed.rig, self._time_ns / 1e9
         if time > rig.time:
-            self._take_events(rig.advance(time), rig.records)
+            self._take_events(rig.advance(time), rig.records, rig.parameters)
 
     def _excuse(self, gaps: list[SampleGap]) -> None:
         for gap in gaps:
@@ -192,18 +201,25 @@ class Replay:
                 ledger.excuse(gap)
 
     def _take_events(
-        self, events: list[Event], records: list[ControlRecord], offset_ns: int | None = None
+        self,
+        events: list[Event],
+        records: list[ControlRecord],
+        parameters: RigParameters,
+        offset_ns: int | None = None,
     ) -> None:
-        """Take what happened; their stamps may have another offset than the present one."""
+        """Take what the rig did; the stamps may have another offset than the present one."""
         # A latched snapshot may be hours older than the recording.
         if self.history.stamped or self.findings.end_ns is not None:
             self._events += events
         topics = self.history.topics
         if offset_ns is None:
             offset_ns = self.findings.offset_ns
+        version = self.history.start.version
         for event in events if topics.impacts else ():
             if event.kind is EventKind.IMPACT:
-                self._ledger.expect(offset_ns + round(event.time * 1e9), event)
+                stamp_ns = offset_ns + round(event.time * 1e9)
+                numbers = impact_numbers(event, parameters.static_deflection, version)
+                self._ledger.expect(stamp_ns, event.time, event.stop, numbers)
         for record in records if topics.gap_control else ():
             self._control.expect_record(offset_ns + round(record.time * 1e9), record)
 
@@ -270,8 +286,9 @@ class Replay:
         self._advance()
         if not self.history.stamped:
             # A sample of this instant may come from before the change, or from after it.
-            now = self.replayed.rig.sample()
-            self._before = [*(s for s in self._before if s.time == now.time), now]
+            now, numbers = self._sampled()
+            before = [entry for entry in self._before if entry[0] == now.time]
+            self._before = [*before, (now.time, numbers)]
         known = self.replayed.initial is not None
         self._pending = []
         try:
@@ -289,12 +306,12 @@ class Replay:
         self._steps += [(self._time_ns, step) for step in batch.steps]
         self.findings.resets += batch.resets
         self.findings.changes += len(batch.steps) - batch.resets
-        for change, events, records in batch.effects:
+        for change, events, records, parameters in batch.effects:
             # It may have come just after a resumption, and be stamped with its new offset.
             offset_ns = None
             if change is not None and change.exact:
                 offset_ns = change.stamp_ns - self._time_ns
-            self._take_events(events, records, offset_ns)
+            self._take_events(events, records, parameters, offset_ns)
         if snapshot is not None:
             self._judge(batch, snapshot, known)
 

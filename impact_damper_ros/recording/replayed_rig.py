@@ -96,11 +96,14 @@ class Effect(NamedTuple):
         Impacts, among others.
     records : list of ControlRecord
         What the gap control did.
+    parameters : RigParameters
+        The rig after it.
     """
 
     change: Change | None
     events: list[Event]
     records: list[ControlRecord]
+    parameters: RigParameters
 
 
 @dataclass
@@ -346,7 +349,7 @@ def _setting(rig: ControlledRig) -> Setting:
 def _change(rig: ControlledRig, setting: Setting, change: Change | None, batch: Batch) -> None:
     if setting != _setting(rig):
         events = rig.change(*setting)
-        batch.effects.append(Effect(change, events, rig.records))
+        batch.effects.append(Effect(change, events, rig.records, rig.parameters))
         batch.steps.append(setting)
 
 

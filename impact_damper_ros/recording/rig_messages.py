@@ -7,20 +7,29 @@ filled in.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
 from impact_damper_ros.rig import Event, Sample
+from impact_damper_ros.rig.published import (
+    IMPACT_JOINTS,
+    JOINTS,
+    impact_numbers,
+    snapshot_text,
+    state_numbers,
+)
 
 from .cdr import CdrWriter
 from .joint_state_bytes import JointStateBytes
 
-__all__ = ['IMPACT_JOINTS', 'JOINTS', 'RigMessages', 'parameter_event', 'snapshot_message']
-
-JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
-IMPACT_JOINTS = JOINTS[:2]
+__all__ = [
+    'IMPACT_JOINTS',
+    'JOINTS',
+    'RigMessages',
+    'parameter_event',
+    'snapshot_message',
+]
 
 # Numbers of the types of a parameter (rcl_interfaces/ParameterType), without the arrays.
 _BOOL, _INTEGER, _DOUBLE, _STRING, _DOUBLE_ARRAY = 1, 2, 3, 4, 8
@@ -46,27 +55,13 @@ class RigMessages:
             action: _shape(action.name.lower(), CONTROL_JOINTS, 3, 3, 3) for action in Action
         }
 
-    def states(self, stamp_ns: int, sample: Sample) -> bytes:
-        """Return the joint states of a sample; the stops move with the primary mass."""
-        _, x, velocity, z, damper_velocity, stop_1, stop_2 = sample
-        positions = (x, z, stop_1, stop_2)
-        return self._states.filled(
-            stamp_ns, positions, (velocity, damper_velocity, velocity, velocity)
-        )
+    def states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+        """Return the joint states of a sample; see `state_numbers`."""
+        return self._states.filled(stamp_ns, *state_numbers(sample, deflection))
 
-    def impact(self, stamp_ns: int, event: Event) -> bytes:
-        """
-        Return the message of an impact, with the velocities after it.
-
-        The efforts are the impulses that M and m received: stop 1, the lower one, throws m up.
-        """
-        impulse = event.impulse if event.stop == 1 else -event.impulse
-        return self._impacts[event.stop].filled(
-            stamp_ns,
-            (event.x, event.x + event.y),
-            (event.primary_velocity_after, event.damper_velocity_after),
-            (impulse, -impulse),
-        )
+    def impact(self, stamp_ns: int, event: Event, deflection: float) -> bytes:
+        """Return the message of an impact; see `impact_numbers`."""
+        return self._impacts[event.stop].filled(stamp_ns, *impact_numbers(event, deflection))
 
     def control(self, stamp_ns: int, record: ControlRecord) -> bytes:
         """Return the message of what the gap control did."""
@@ -74,15 +69,9 @@ class RigMessages:
 
 
 def snapshot_message(offset_ns: int, time_ns: int, reason: str, state: Mapping[str, Any]) -> bytes:
-    """Return the message of a snapshot: all that is needed to run on from here, bit for bit."""
-    text = {
-        'format': 1,
-        'stamp_offset_ns': offset_ns,
-        'time_ns': time_ns,
-        'reason': reason,
-        'state': state,
-    }
-    return bytes(CdrWriter().string(json.dumps(text)).content)
+    """Return the message of a snapshot; see `snapshot_text`."""
+    text = snapshot_text(offset_ns, time_ns, reason, state)
+    return bytes(CdrWriter().string(text).content)
 
 
 def parameter_event(

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from impact_damper_ros.control import ControlRecord
-from impact_damper_ros.rig import Event, EventKind, Sample
+from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
 
 from .rig_messages import RigMessages, parameter_event, snapshot_message
 from .run_writer import RunWriter
@@ -35,6 +35,10 @@ class RunningRig(Protocol):
     @property
     def records(self) -> Sequence[ControlRecord]:
         """What the gap control did during the last call of `advance`."""
+
+    @property
+    def parameters(self) -> RigParameters:
+        """The present parameters."""
 
     def sample(self) -> Sample:
         """Return the motion at the present time."""
@@ -136,7 +140,8 @@ class RigRecorder:
     def _tick(self) -> None:
         """Record the joint states; the rig stands at the tick that is due."""
         time_ns = self._instant_ns(self._due)
-        content = self._messages.states(time_ns, self._rig.sample())
+        deflection = self._rig.parameters.static_deflection
+        content = self._messages.states(time_ns, self._rig.sample(), deflection)
         self._writer.write(self._states, content, time_ns)
         self._due += 1
         while self._writer.backlog > _BACKLOG and self._writer.error is None:
@@ -203,10 +208,11 @@ class RigRecorder:
         if self._due > self._last:
             # A bag ends with a whole tick.
             return
+        deflection = self._rig.parameters.static_deflection
         for event in events:
             if event.kind is EventKind.IMPACT:
                 stamp_ns = round(event.time * 1e9)
-                content = self._messages.impact(stamp_ns, event)
+                content = self._messages.impact(stamp_ns, event, deflection)
                 self._writer.write(self._impacts, content, stamp_ns)
         for record in self._rig.records:
             stamp_ns = round(record.time * 1e9)

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.control import GAP_CONTROL_SPECS, completed
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
+from impact_damper_ros.rig.published import FORMAT
 from impact_damper_ros.rig.snapshot import ARITHMETIC, FORMATS, upgraded
 
 from .cdr import CdrError
@@ -29,8 +30,8 @@ from .run_reader import Record, RunReader
 
 __all__ = ['Change', 'Disorder', 'Item', 'RunHistory', 'Snapshot', 'StateRecord']
 
-#: Format of the snapshots that this version reads.
-FORMAT = 1
+#: Formats of the messages that this version reads; see `rig.published.FORMAT`.
+_FORMATS = (1, FORMAT)
 #: Messages among which those of one topic may overtake another's on their way to a recorder.
 _OVERTAKING = 2000
 
@@ -62,7 +63,8 @@ class Snapshot(NamedTuple):
     """
     A snapshot of the simulator: its state, and how rig time and stamps are related.
 
-    `arithmetic` is that of the version which has recorded it, see `rig.snapshot.ARITHMETIC`.
+    `arithmetic` is that of the version which has recorded it, see `rig.snapshot.ARITHMETIC`, and
+    `version` the format of its messages, see `rig.published.FORMAT`.
     """
 
     stamp_ns: int
@@ -71,6 +73,7 @@ class Snapshot(NamedTuple):
     reason: str
     state: dict[str, Any]
     arithmetic: int = ARITHMETIC
+    version: int = FORMAT
 
 
 Item = StateRecord | Change | Snapshot
@@ -118,7 +121,7 @@ class RunHistory:
         What is read of it.
     start : Snapshot
         Where the history begins. Of a bag without a snapshot, an empty one at rig time 0, which
-        is the first stamp.
+        is the first stamp, and of the present format.
     stamped : bool
         Whether the bag is stamped with rig time, as the node itself records it.
     disorder : Disorder
@@ -281,22 +284,23 @@ class RunHistory:
         except (CdrError, ValueError, KeyError) as error:
             cause = f'{where} cannot be read: {error!r}'
             raise RecordingError(self._purpose, self.reader.path, cause) from error
-        known = [FORMAT]
-        if version == FORMAT and isinstance(held.get('state'), dict):
-            version, known = held['state'].get('format'), list(FORMATS)
-        if version not in known:
+        found, known = version, _FORMATS
+        if version in _FORMATS and isinstance(held.get('state'), dict):
+            found, known = held['state'].get('format'), FORMATS
+        if found not in known:
             formats = ' and '.join(map(str, known))
-            cause = f'{where} is of format {version!r}; this version reads format {formats}'
+            cause = f'{where} is of format {found!r}; this version reads format {formats}'
             remedy = 'use the version of impact_damper_ros that recorded the bag'
             raise RecordingError(self._purpose, self.reader.path, cause, remedy)
         try:
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
             reason, state = str(held['reason']), completed(upgraded(held['state']))
-            arithmetic = int(held['state'].get('arithmetic', 1))
+            version, arithmetic = int(held['format']), int(held['state'].get('arithmetic', 1))
         except (KeyError, TypeError, ValueError) as error:
             cause = f'{where} is not complete: {error!r}'
             raise RecordingError(self._purpose, self.reader.path, cause) from error
-        return Snapshot(offset_ns + time_ns, offset_ns, time_ns, reason, state, arithmetic)
+        stamp_ns = offset_ns + time_ns
+        return Snapshot(stamp_ns, offset_ns, time_ns, reason, state, arithmetic, version)
 
     def _change(self, record: Record, now_ns: int) -> Change | None:
         """Return what a parameter event says of the rig; None if nothing."""

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from impact_damper_ros.rig import Sample
-
 from .cdr import CdrError
 from .impact_ledger import bits
 from .joint_state_bytes import JointStateBytes, header_ns
 from .replay_findings import Difference, Findings, SampleGap
+from .rig_messages import JOINTS
 
 __all__ = ['SampleCheck', 'SampleSpacing']
 
-_JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 _QUANTITIES = (
-    *((f'position of {joint}', 'm') for joint in _JOINTS),
-    *((f'velocity of {joint}', 'm/s') for joint in _JOINTS),
+    *((f'position of {joint}', 'm') for joint in JOINTS),
+    *((f'velocity of {joint}', 'm/s') for joint in JOINTS),
 )
+_Numbers = tuple[tuple[float, ...], ...]
 #: Samples from which the period is learnt if the bag does not tell the rate.
 _LEARNT_FROM = 50
-
-
-def _numbers(sample: Sample) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return positions and velocities as the node publishes them."""
-    _, x, velocity, z, damper_velocity, stop_1, stop_2 = sample
-    return (x, z, stop_1, stop_2), (velocity, damper_velocity, velocity, velocity)
 
 
 class SampleCheck:
@@ -57,7 +50,12 @@ class SampleCheck:
         return self._shape_of(content).numbers(content)
 
     def compare(
-        self, stamp_ns: int, content: bytes, sample: Sample, before: Sequence[Sample] = ()
+        self,
+        stamp_ns: int,
+        content: bytes,
+        time: float,
+        numbers: _Numbers,
+        before: Sequence[_Numbers] = (),
     ) -> None:
         """
         Compare a recorded message with the replayed sample.
@@ -68,10 +66,12 @@ class SampleCheck:
             The stamp that it should have.
         content : bytes
             The message.
-        sample : Sample
-            What it should hold.
-        before : sequence of Sample, optional
-            What it may hold instead: the motion just before changes at the same instant.
+        time : float
+            Rig time, s.
+        numbers : tuple
+            Positions and velocities that it should hold.
+        before : sequence of tuple, optional
+            Those that it may hold instead, from just before changes at the same instant.
 
         Raises
         ------
@@ -80,31 +80,33 @@ class SampleCheck:
         """
         shape = self._shape or self._shape_of(content)
         self._findings.samples += 1
-        if shape.filled(stamp_ns, *_numbers(sample)) == content:
+        if shape.filled(stamp_ns, *numbers) == content:
             return
         shape = self._shape_of(content)
-        if any(shape.filled(stamp_ns, *_numbers(other)) == content for other in before):
+        if any(shape.filled(stamp_ns, *other) == content for other in before):
             return
-        self._note_differences(stamp_ns, content, sample)
+        self._note_differences(stamp_ns, content, time, numbers)
 
     def _shape_of(self, content: bytes) -> JointStateBytes:
         shape = self._shape
         if shape is None or not shape.fits(content):
             shape = JointStateBytes(content)
-            if shape.names != _JOINTS or shape.counts[:2] != (4, 4):
+            if shape.names != JOINTS or shape.counts[:2] != (4, 4):
                 held = ', '.join(shape.names) or 'none'
-                raise CdrError(f'its joints are {held}, not {", ".join(_JOINTS)}')
+                raise CdrError(f'its joints are {held}, not {", ".join(JOINTS)}')
             self._shape = shape
         return shape
 
-    def _note_differences(self, stamp_ns: int, content: bytes, sample: Sample) -> None:
-        findings, time = self._findings, sample.time
+    def _note_differences(
+        self, stamp_ns: int, content: bytes, time: float, numbers: _Numbers
+    ) -> None:
+        findings = self._findings
         positions, velocities, _ = self.numbers(content)
         differing: list[tuple[str, str, int | float, int | float]] = []
         if (within_ns := header_ns(content)) != stamp_ns:
             differing.append(('stamp', 'ns', within_ns, stamp_ns))
         there = (*positions, *velocities)
-        here = sum(_numbers(sample), ())
+        here = sum(numbers, ())
         values_differ = False
         for (name, unit), a, b in zip(_QUANTITIES, there, here, strict=True):
             if bits(a) != bits(b):
@@ -120,7 +122,7 @@ class SampleCheck:
         ]
         findings.differ(max(differences, key=lambda difference: difference.ulps))
         if values_differ:
-            findings.divergence.look(time, positions[0] - sample.x, positions[1] - sample.z)
+            findings.divergence.look(time, there[0] - here[0], there[1] - here[1])
 
 
 class SampleSpacing:

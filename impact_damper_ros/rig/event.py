@@ -69,7 +69,9 @@ class Sample(NamedTuple):
     """
     Motion at one instant, after any event at that instant; absolute, along the axis, SI units.
 
-    `stop_1` and `stop_2` are the positions X + Y of the stops, which ride on M.
+    `x` is X, so that all positions count from the present static equilibrium of M. `stop_1` and
+    `stop_2` are the positions X + Y of the stops, which ride on M, and their velocities are X'
+    plus what they have in M: their own one while they move, that of m while they follow it.
     """
 
     time: float
@@ -79,3 +81,5 @@ class Sample(NamedTuple):
     damper_velocity: float
     stop_1: float
     stop_2: float
+    stop_1_velocity: float
+    stop_2_velocity: float

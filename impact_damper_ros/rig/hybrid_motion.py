@@ -17,7 +17,7 @@ from .event import Event, EventKind, Sample
 from .flight import FlightEnd, end_at, motion_at
 from .frequency_step import origin_at_step, step_event
 from .mode import CHATTER_1, Machine, Mode, launch, make_machine
-from .origin import Origin, carried, offset_of, placed
+from .origin import Origin, carried, offset_of, placed, stop_rates
 from .parameters import RigParameters
 from .phase import advance_time
 from .report import impact_events, make_event, quiet, transition_events
@@ -124,13 +124,7 @@ class HybridMotion:
     @property
     def stop_velocities(self) -> tuple[float, float]:
         """Present velocities of stop 1 and stop 2 relative to M, m/s."""
-        origin, flight = self._origin, self._flight
-        velocity_1, velocity_2 = origin.stop_velocity_1, origin.stop_velocity_2
-        if not flight.joint and flight.arrival < inf:
-            # One of them follows m.
-            speed = self._here().relative_velocity
-            return (speed, velocity_2) if flight.direction < 0 else (velocity_1, speed)
-        return velocity_1, velocity_2
+        return stop_rates(self._origin, self._flight, self._here().relative_velocity)
 
     @property
     def stop_targets(self) -> tuple[float, float]:
@@ -306,6 +300,7 @@ class HybridMotion:
         place = placed(origin, flight, tau, motion.travel)
         _, _, stop_1, stop_2 = place
         speed = 0.0 if flight.joint else motion.relative_velocity
+        rate_1, rate_2 = stop_rates(origin, flight, speed)
         x, velocity = motion.x, motion.velocity
         return Sample(
             time,
@@ -315,4 +310,6 @@ class HybridMotion:
             velocity + speed,
             x + stop_1,
             x + stop_2,
+            velocity + rate_1,
+            velocity + rate_2,
         )

@@ -20,6 +20,7 @@ __all__ = [
     'offset_of',
     'on_stop',
     'placed',
+    'stop_rates',
     'stopped',
     'with_motion',
     'with_side',
@@ -129,6 +130,33 @@ def placed(
             clearance_1 -= travel
             clearance_2 += travel
     return max(0.0, clearance_1), max(0.0, clearance_2), stop_1, stop_2
+
+
+@kernel(inline=True)
+def stop_rates(origin: Origin, flight: Flight, relative_velocity: float) -> tuple[float, float]:
+    """
+    Return how fast the stops move in M during a flight.
+
+    Parameters
+    ----------
+    origin, flight : Origin, Flight
+        The flight with its origin.
+    relative_velocity : float
+        Y' at that instant, m/s.
+
+    Returns
+    -------
+    stop_rate_1, stop_rate_2 : float
+        Velocity of each stop relative to M, m/s; Y' of one that follows m.
+    """
+    stop_rate_1 = origin.stop_velocity_1
+    stop_rate_2 = origin.stop_velocity_2
+    if not flight.joint and flight.arrival < inf:
+        if flight.direction < 0:
+            stop_rate_1 = relative_velocity
+        else:
+            stop_rate_2 = relative_velocity
+    return stop_rate_1, stop_rate_2
 
 
 @kernel(inline=True)

@@ -18,7 +18,7 @@ from .event_rows import MOST_ROWS, write_transition
 from .flight import Flight, FlightEnd, Motion, motion_at, unfinished
 from .kernels import kernel
 from .mode import CHATTER_1, Machine, launch
-from .origin import Origin, offset_of, placed
+from .origin import Origin, offset_of, placed, stop_rates
 from .phase import advance_time
 from .plain_impacts import flies_plainly, plain_impacts
 from .transition import Transition, resolve
@@ -78,6 +78,9 @@ def _write_sample(
     samples[row, 4] = motion.velocity + speed
     samples[row, 5] = motion.x + stop_1
     samples[row, 6] = motion.x + stop_2
+    rate_1, rate_2 = stop_rates(origin, flight, speed)
+    samples[row, 7] = motion.velocity + rate_1
+    samples[row, 8] = motion.velocity + rate_2
 
 
 @kernel
@@ -114,7 +117,7 @@ def run_through(
         Instants at which to sample, ascending, from `time` to `end`.
     sampled : int
         How many of them are done already.
-    samples : array of float, shape (n, 7)
+    samples : array of float, shape (n, 9)
         Takes the samples, in the order of `Sample`.
     numbers, codes : array of float and of int, shape (rows, 11)
         The same memory. Takes of each event time, X, Y, velocities of M and m before and after,

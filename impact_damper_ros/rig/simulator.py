@@ -129,6 +129,8 @@ class Simulator(HybridMotion):
         own = len(before.force_phases), len(parameters.force_phases)
         lines = len(self._machine.phases) - own[0], len(machine.phases) - own[1]
         angles = kept_angles(here.angles, own, lines)
+        # An impact that the last reset began with is reported later; X counts from here then.
+        self._unreported = [event._replace(x=event.x + shift) for event in self._unreported]
         origin = changed(here, self._machine, machine, shift, angles)
         self._parameters = parameters
         self._machine = machine

@@ -301,7 +301,7 @@ def test_bad_bags(messages, tmp_path, capsys):
         writer.write('/chatter', samples.snapshot(5), 5)
     refused(tmp_path / 'foreign', 'no rig is recorded in it', '/chatter')
     other = [
-        (t, c.replace(b'"format": 1, "stamp', b'"format": 9, "stamp'), s) for t, c, s in messages
+        (t, c.replace(b'"format": 2, "stamp', b'"format": 9, "stamp'), s) for t, c, s in messages
     ]
     refused(samples.record(tmp_path / 'other', other, custom=NOTES), 'format 9', 'version')
     wrong = params_file(tmp_path / 'params.yaml', BENCH)
@@ -406,7 +406,7 @@ def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
     later = places(messages, '/snapshot')[2]
     topic, content, stamp = messages[later]
     mixed = list(messages)
-    mixed[later] = (topic, content.replace(b'"format": 1, "stamp', b'"format": 9, "stamp'), stamp)
+    mixed[later] = (topic, content.replace(b'"format": 2, "stamp', b'"format": 9, "stamp'), stamp)
     code, result = run(samples.record(tmp_path / 'bag', mixed, custom=NOTES), tmp_path)
     assert (code, verdicts(result)) == (3, ['agrees'])
     assert 'is of format 9' in result['faults'][0]

@@ -7,7 +7,7 @@ from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.control.measurement import measured, noise
 from impact_damper_ros.rig import Sample
 
-SAMPLE = Sample(2.5, 1.0, -2.0, 1.75, 0.5, 3.0, -2.0)
+SAMPLE = Sample(2.5, 1.0, -2.0, 1.75, 0.5, 3.0, -2.0, -2.0, -2.0)
 
 
 def test_without_noise_the_sample_itself():

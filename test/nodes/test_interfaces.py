@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from impact_damper_ros.rig import EventKind, Simulator
+from impact_damper_ros.rig import EventKind, RigParameters, Simulator
 from nodes.rig_client import LIVELY, SOURCE, RigParametersClient, stamp_ns, until
 
 
@@ -51,6 +51,8 @@ def test_the_node_shows_what_an_offline_simulator_computes(rig):
             rig, count, lambda s, n=name, v=value: s['state']['parameters'][n] == v
         )
         assert snapshot['reason'] == 'change'
+        # Positions count from where M is while its spring is unloaded.
+        rest = RigParameters(**snapshot['state']['parameters']).static_deflection
         start_ns = snapshot['stamp_offset_ns'] + snapshot['time_ns']
         until(
             lambda ns=start_ns: sum(stamp_ns(m.header.stamp) > ns for m in list(rig.impacts)) >= 5,
@@ -64,7 +66,8 @@ def test_the_node_shows_what_an_offline_simulator_computes(rig):
         impacts, samples = expected_from(snapshot, states)
         for message, sample in zip(states, samples, strict=True):
             assert message.name == ['primary', 'damper', 'stop_1', 'stop_2']
-            assert list(message.position) == [sample.x, sample.z, sample.stop_1, sample.stop_2]
+            places = (sample.x, sample.z, sample.stop_1, sample.stop_2)
+            assert list(message.position) == [place + rest for place in places]
             v, w = sample.primary_velocity, sample.damper_velocity
             assert list(message.velocity) == [v, w, v, v]
         last_ns = stamp_ns(states[-1].header.stamp)
@@ -82,6 +85,7 @@ def test_the_node_shows_what_an_offline_simulator_computes(rig):
                 snapshot['stamp_offset_ns'] + round(event.time * 1e9)
             )
             assert message.header.frame_id == f'stop_{event.stop}'
+            assert list(message.position) == [event.x + rest, event.x + event.y + rest]
             assert list(message.velocity) == [
                 event.primary_velocity_after,
                 event.damper_velocity_after,

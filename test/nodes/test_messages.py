@@ -40,40 +40,48 @@ def numbers(count, seed):
 def test_joint_states_read_back(stamp_ns):
     template = StateTemplate()
     for seed in range(50):
-        sample = Sample(*numbers(7, seed))
-        message = deserialize_message(template.of(stamp_ns, sample), JointState)
+        sample = Sample(*numbers(9, seed))
+        rest = numbers(1, 50 + seed)[0]
+        message = deserialize_message(template.of(stamp_ns, sample, rest), JointState)
         assert message.header.stamp == time_from_ns(stamp_ns)
         assert message.header.frame_id == ''
         assert message.name == ['primary', 'damper', 'stop_1', 'stop_2']
-        assert list(message.position) == [sample.x, sample.z, sample.stop_1, sample.stop_2]
-        v, w = sample.primary_velocity, sample.damper_velocity
-        assert list(message.velocity) == [v, w, v, v]
+        places = (sample.x, sample.z, sample.stop_1, sample.stop_2)
+        assert list(message.position) == [place + rest for place in places]
+        assert list(message.velocity) == [
+            sample.primary_velocity,
+            sample.damper_velocity,
+            sample.stop_1_velocity,
+            sample.stop_2_velocity,
+        ]
         assert list(message.effort) == []
 
 
 def test_without_ros_the_same_bytes():
     messages = RigMessages()
     for seed in range(50):
-        sample = Sample(*numbers(7, seed))
-        expected = StateTemplate().of(STAMPS[4], sample)
-        assert messages.states(STAMPS[4], sample) == expected
+        sample = Sample(*numbers(9, seed))
+        rest = numbers(1, 50 + seed)[0]
+        expected = StateTemplate().of(STAMPS[4], sample, rest)
+        assert messages.states(STAMPS[4], sample, rest) == expected
         for stop in (1, 2):
             event = Event(1.5, EventKind.IMPACT, stop, *numbers(7, 50 + seed))
-            assert messages.impact(STAMPS[5], event) == ImpactTemplate(stop).of(STAMPS[5], event)
+            expected = ImpactTemplate(stop).of(STAMPS[5], event, rest)
+            assert messages.impact(STAMPS[5], event, rest) == expected
 
 
 @pytest.mark.parametrize('stop', [1, 2])
 def test_impacts_read_back(stop):
     template = ImpactTemplate(stop)
     for seed in range(50):
-        x, y, vb, va, wb, wa, impulse = numbers(7, seed)
+        x, y, vb, va, wb, wa, impulse, rest = numbers(8, seed)
         impulse = abs(impulse)
         event = Event(1.5, EventKind.IMPACT, stop, x, y, vb, va, wb, wa, impulse)
-        message = deserialize_message(template.of(1_500_000_000, event), JointState)
+        message = deserialize_message(template.of(1_500_000_000, event, rest), JointState)
         assert message.header.stamp == time_from_ns(1_500_000_000)
         assert message.header.frame_id == f'stop_{stop}'
         assert message.name == ['primary', 'damper']
-        assert list(message.position) == [x, x + y]
+        assert list(message.position) == [x + rest, x + y + rest]
         assert list(message.velocity) == [va, wa]
         # Stop 1 pushes the damper against the axis, and the primary mass along it.
         sign = 1.0 if stop == 1 else -1.0
@@ -82,19 +90,19 @@ def test_impacts_read_back(stop):
 
 def test_bytes_depend_on_the_values_alone():
     """The middleware leaves arbitrary bytes in the padding; they would end up in the log."""
-    sample = Sample(*numbers(7, 1))
-    first = StateTemplate().of(1, sample)
-    assert {StateTemplate().of(1, sample) for _ in range(20)} == {first}
+    sample = Sample(*numbers(9, 1))
+    first = StateTemplate().of(1, sample, 0.5)
+    assert {StateTemplate().of(1, sample, 0.5) for _ in range(20)} == {first}
     template = StateTemplate()
-    template.of(2, Sample(*numbers(7, 2)))
-    assert template.of(1, sample) == first
+    template.of(2, Sample(*numbers(9, 2)), 0.5)
+    assert template.of(1, sample, 0.5) == first
 
 
 def test_a_filled_message_is_not_overwritten_by_the_next():
     template = StateTemplate()
-    first = template.of(1, Sample(*numbers(7, 1)))
+    first = template.of(1, Sample(*numbers(9, 1)), 0.5)
     copy = bytes(bytearray(first))
-    template.of(2, Sample(*numbers(7, 2)))
+    template.of(2, Sample(*numbers(9, 2)), 0.5)
     assert first == copy
 
 

@@ -68,7 +68,9 @@ def replay(bag, namespace='', cut=False):
     impacts = []
 
     def note(events):
-        impacts.extend(e for e in events if e.kind is EventKind.IMPACT)
+        # Positions count from where M is while its spring is unloaded.
+        rest = rig.parameters.static_deflection
+        impacts.extend((e, rest) for e in events if e.kind is EventKind.IMPACT)
 
     states = bag.messages(f'{namespace}/joint_states')
     for message in states:
@@ -80,15 +82,16 @@ def replay(bag, namespace='', cut=False):
             assert instant == t_ns
             values = {n: v for n, v in values.items() if n not in ('record', 'bag_directory')}
             note(rig.change(rig.parameters.replace(**values)))
-        sample = rig.sample()
-        assert list(message.position) == [sample.x, sample.z, sample.stop_1, sample.stop_2]
+        sample, rest = rig.sample(), rig.parameters.static_deflection
+        places = (sample.x, sample.z, sample.stop_1, sample.stop_2)
+        assert list(message.position) == [place + rest for place in places]
     recorded = bag.messages(f'{namespace}/impacts')
     if cut:
         last_ns = stamp_of(states[-1].header.stamp)
         recorded = [m for m in recorded if stamp_of(m.header.stamp) <= last_ns]
-    for event, message in zip(impacts, recorded, strict=True):
+    for (event, rest), message in zip(impacts, recorded, strict=True):
         assert stamp_of(message.header.stamp) == offset + round(event.time * 1e9)
-        assert list(message.position) == [event.x, event.x + event.y]
+        assert list(message.position) == [event.x + rest, event.x + event.y + rest]
     assert {stamp_of(b.header.stamp) - stamp_of(a.header.stamp) for a, b in pairwise(states)} == {
         5_000_000
     }

@@ -1,6 +1,7 @@
 """A rig recorded without ROS: the messages of the node, in its order and with its stamps."""
 
 import json
+import math
 import random
 
 from recording import samples
@@ -44,8 +45,16 @@ class RecordedRig:
     """
 
     def __init__(
-        self, parameters=LIVELY, initial=None, *, rate=200.0, offset=samples.START, control=None
+        self,
+        parameters=LIVELY,
+        initial=None,
+        *,
+        rate=200.0,
+        offset=samples.START,
+        control=None,
+        version=2,
     ):
+        self.version = version
         self.initial = initial or InitialConditions()
         self.control = control or GapControlParameters()
         self.rig = ControlledRig(parameters, self.initial, control=self.control)
@@ -84,7 +93,7 @@ class RecordedRig:
 
     def announce(self, reason):
         text = {
-            'format': 1,
+            'format': self.version,
             'stamp_offset_ns': self.offset,
             'time_ns': self.time_ns,
             'reason': reason,
@@ -92,6 +101,13 @@ class RecordedRig:
         }
         message = samples.make(samples.STRING, json.dumps(text))
         self.write('/snapshot', samples.serialise(samples.STRING, message))
+
+    @property
+    def rest(self):
+        """Where M is in its static equilibrium, as messages of this version have it."""
+        rig = self.rig.parameters
+        deflection = rig.primary_mass * rig.gravity * math.sin(rig.angle) / rig.stiffness
+        return deflection if self.version > 1 else -0.0
 
     def impacts(self, events):
         for e in events:
@@ -101,7 +117,7 @@ class RecordedRig:
                 content = samples.joint_state(
                     stamp,
                     ['primary', 'damper'],
-                    [e.x, e.x + e.y],
+                    [e.x + self.rest, e.x + e.y + self.rest],
                     [e.primary_velocity_after, e.damper_velocity_after],
                     [sign * e.impulse, -(sign * e.impulse)],
                     f'stop_{e.stop}',
@@ -119,8 +135,13 @@ class RecordedRig:
         content = samples.joint_state(
             self.offset + self.time_ns,
             ['primary', 'damper', 'stop_1', 'stop_2'],
-            [s.x, s.z, s.stop_1, s.stop_2],
-            [s.primary_velocity, s.damper_velocity, s.primary_velocity, s.primary_velocity],
+            [place + self.rest for place in (s.x, s.z, s.stop_1, s.stop_2)],
+            [
+                s.primary_velocity,
+                s.damper_velocity,
+                s.stop_1_velocity if self.version > 1 else s.primary_velocity,
+                s.stop_2_velocity if self.version > 1 else s.primary_velocity,
+            ],
         )
         self.write('/joint_states', content)
 

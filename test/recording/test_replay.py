@@ -145,7 +145,7 @@ def of_version_0_1(messages):
 
 @pytest.mark.parametrize('seed', range(4))
 def test_bags_of_version_0_1_are_replayed(tmp_path, seed):
-    rig = random_run(seed, ticks=200)
+    rig = random_run(seed, ticks=200, version=1)
     messages = of_version_0_1(rig.messages)
     assert all(b'sweep' not in content for _, content, _ in messages)
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
@@ -375,16 +375,16 @@ def test_a_bag_may_end_anywhere(tmp_path, messages, lost):
 
 def test_other_formats_are_refused(tmp_path, messages):
     topic, content, stamp = messages[0]
-    other = (topic, content.replace(b'"format": 1', b'"format": 7'), stamp)
-    with pytest.raises(RecordingError, match='is of format 7; this version reads format 1'):
+    other = (topic, content.replace(b'"format": 2', b'"format": 7', 1), stamp)
+    with pytest.raises(RecordingError, match='is of format 7; this version reads format 1 and 2'):
         replayed(samples.record(tmp_path / 'all', [other, *messages[1:]], custom=NOTES))
     place = places(messages, '/snapshot')[-1]
     topic, content, stamp = messages[place]
-    messages[place] = (topic, content.replace(b'"format": 1', b'"format": 2'), stamp)
+    messages[place] = (topic, content.replace(b'"format": 2', b'"format": 3', 1), stamp)
     findings = replayed(samples.record(tmp_path / 'later', messages, custom=NOTES))
     assert findings.verdict is Verdict.PARTIAL
     assert findings.samples == 201
-    assert 'format 2' in findings.faults[0]
+    assert 'format 3' in findings.faults[0]
 
 
 def test_a_bag_of_another_arithmetic_says_so(tmp_path, messages):

@@ -1,0 +1,100 @@
+"""
+What is published of a rig, as numbers and text: joint states, impacts and snapshots.
+
+The node, a recorder without ROS and a replay all take it from here, so that their numbers agree to
+the last bit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from .event import Event, Sample
+
+__all__ = [
+    'FORMAT',
+    'IMPACT_JOINTS',
+    'JOINTS',
+    'impact_numbers',
+    'snapshot_text',
+    'state_numbers',
+]
+
+JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
+IMPACT_JOINTS = JOINTS[:2]
+#: Format of the messages, which their snapshots name. Up to 1 all positions counted from the
+#: present static equilibrium of M, and the stops had the velocity of M.
+FORMAT = 2
+
+_Numbers = tuple[float, ...]
+
+
+def state_numbers(
+    sample: Sample, deflection: float, version: int = FORMAT
+) -> tuple[_Numbers, _Numbers]:
+    """
+    Return what is published of a sample: positions and velocities of `JOINTS`.
+
+    Parameters
+    ----------
+    sample : Sample
+        The sample.
+    deflection : float
+        Static deflection of the rig then, m. Positions count from where M is while its spring is
+        unloaded, a place that no change of the rig moves.
+    version : int, optional
+        Format of the messages.
+    """
+    _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample
+    if version == 1:
+        return (x, z, stop_1, stop_2), (velocity, damper_velocity, velocity, velocity)
+    return (
+        (x + deflection, z + deflection, stop_1 + deflection, stop_2 + deflection),
+        (velocity, damper_velocity, velocity_1, velocity_2),
+    )
+
+
+def impact_numbers(
+    event: Event, deflection: float, version: int = FORMAT
+) -> tuple[_Numbers, _Numbers, _Numbers]:
+    """
+    Return what is published of an impact: of `IMPACT_JOINTS` positions, velocities and efforts.
+
+    The velocities are those after the impact, the efforts the impulses that M and m received: stop
+    1, the lower one, throws m up. For the parameters see `state_numbers`.
+    """
+    impulse = event.impulse if event.stop == 1 else -event.impulse
+    x, z = event.x, event.x + event.y
+    if version > 1:
+        x, z = x + deflection, z + deflection
+    return (
+        (x, z),
+        (event.primary_velocity_after, event.damper_velocity_after),
+        (impulse, -impulse),
+    )
+
+
+def snapshot_text(offset_ns: int, time_ns: int, reason: str, state: Mapping[str, Any]) -> str:
+    """
+    Return the text of a snapshot: all that is needed to run on from here, bit for bit.
+
+    Parameters
+    ----------
+    offset_ns, time_ns : int
+        Stamp of rig time 0, and rig time.
+    reason : str
+        Why it is published.
+    state : mapping
+        Of the rig.
+    """
+    return json.dumps(
+        {
+            'format': FORMAT,
+            'stamp_offset_ns': offset_ns,
+            'time_ns': time_ns,
+            'reason': reason,
+            'state': state,
+        }
+    )
