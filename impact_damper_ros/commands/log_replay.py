@@ -20,8 +20,6 @@ from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 __all__ = ['LogReplay', 'replayed_log']
 
-#: Samples between two reports of the progress.
-_STRIDE = 1024
 _FROM_MOTION = 'the recorded motion was checked against the equations of motion to round-off'
 
 
@@ -118,10 +116,7 @@ def replayed_log(
         replay = Replay(RunHistory(path, node, purpose='compare'), adopt=True)
     except RecordingError as error:
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; it could not be replayed: {error}'))
-    findings = replay.findings
-    for number, tick in enumerate(replay.ticks()):
-        if number % _STRIDE == 0:
-            progress(tick.time_ns / 1e9)
+    findings = replay.run(progress)
     arithmetic = replay.history.start.arithmetic
     if arithmetic != ARITHMETIC:
         why = f'it was recorded with arithmetic {arithmetic}, this version has {ARITHMETIC}'

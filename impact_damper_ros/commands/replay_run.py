@@ -112,6 +112,10 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> Comparison | None:
                 bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]',
             )
         )
+        if not (arguments.set or arguments.states or arguments.impacts):
+            start = replay.history.start.time_ns / 1e9
+            replay.run(lambda time: bar.update(max(0.0, min(span, time - start) - bar.n)))
+            return None
         for number, tick in enumerate(replay.ticks()):
             if arguments.set:
                 if comparison is None:

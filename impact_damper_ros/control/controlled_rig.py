@@ -21,6 +21,7 @@ from impact_damper_ros.rig import (
     Sample,
     Simulator,
 )
+from impact_damper_ros.rig.snapshot import Snapshot
 
 from .controller import Controller
 from .damper import damper_of
@@ -143,16 +144,25 @@ class ControlledRig:
         """What the control did during the last call of `advance`, `change` or `reset`."""
         return self._records
 
+    @property
+    def plain(self) -> Snapshot | None:
+        """State of the rig while no control watches or moves it; None if one does."""
+        controller = self._controller
+        if self._control.active or controller.returning or controller.actuators.due is not None:
+            return None
+        return self._rig.state()
+
+    def gone_on(self, rig: Simulator) -> None:
+        """Take over where another simulator has brought the `plain` rig."""
+        self._rig, self._records = rig, []
+
     def sample(self) -> Sample:
         """Return the motion at the present time, after any event at that instant."""
         return self._rig.sample()
 
     def preview(self, times: Sequence[float]) -> list[Sample]:
         """Return the motion at later instants, as `Simulator.preview` does; none under control."""
-        controller = self._controller
-        if self._control.active or controller.returning or controller.actuators.due is not None:
-            return []
-        return self._rig.preview(times)
+        return [] if self.plain is None else self._rig.preview(times)
 
     def advance(self, time: float, most_events: float = inf) -> list[Event]:
         """

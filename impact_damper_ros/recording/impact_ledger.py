@@ -92,6 +92,16 @@ class ImpactLedger:
         self._begun = stamped
         self.last_ns = 0
 
+    @property
+    def even(self) -> bool:
+        """Whether every impact so far has its counterpart."""
+        return self._begun and not self._recorded and not self._expected
+
+    def paired(self, count: int) -> None:
+        """Take note of impacts that were paired elsewhere."""
+        self._findings.recorded_impacts += count
+        self._findings.impacts += count
+
     def take(self, content: bytes) -> None:
         """
         Take a recorded message.

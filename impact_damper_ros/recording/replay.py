@@ -8,26 +8,32 @@ must come out as recorded, to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig.loop import has_numba
 from impact_damper_ros.rig.published import impact_numbers, state_numbers
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 from .cdr import CdrError
 from .errors import RecordingError
 from .impact_ledger import ControlLedger, ImpactLedger
+from .replay_batch import BatchReplay, Recorded
 from .replay_findings import Difference, Findings, SampleGap
 from .replayed_rig import Batch, ReplayedRig, Step
-from .run_history import Change, RunHistory, Snapshot, StateRecord
+from .run_history import Change, Item, RunHistory, Snapshot, StateRecord
 from .sample_check import SampleCheck, SampleSpacing
 
 __all__ = ['Replay', 'Tick']
 
 #: A stretch without samples longer than this is taken for a wrong stamp.
 _LONGEST_GAP_NS = 6 * 3600 * 10**9
+#: Messages replayed at once, at most and at least.
+_BATCH, _LEAST_BATCH = 8192, 64
+#: Joint states for which compiled code is worth its loading.
+_COMPILED_FROM = 100_000
 _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it'
 
 
@@ -110,6 +116,10 @@ class Replay:
         self._before: list[tuple[float, tuple[tuple[float, ...], ...]]] = []
         self._left_out = 0
         topics = history.topics
+        count = history.reader.topics[topics.joint_states].message_count
+        self._batch = BatchReplay(
+            history.start.version, compiled=count >= _COMPILED_FROM and has_numba()
+        )
         self._check = SampleCheck(topics.joint_states, self.findings)
         self._spacing = SampleSpacing(self.findings)
         stamped = history.stamped
@@ -118,21 +128,101 @@ class Replay:
         self._ledgers = {topics.impacts: self._ledger, topics.gap_control: self._control}
 
     def ticks(self) -> Iterator[Tick]:
-        """Replay, sample by sample; those that cannot be read are told in the findings."""
+        """Replay, sample by sample; the findings name those that cannot be read."""
+        for item in self.history.items():
+            tick = self._take(item)
+            if tick is not None:
+                yield tick
+        self._finish()
+
+    def run(self, progress: Callable[[float], object] = float) -> Findings:
+        """
+        Replay as `ticks` does, many samples at once where nothing is done to the rig.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called now and then with the rig time reached, s.
+
+        Returns
+        -------
+        Findings
+            All that was found.
+        """
+        waiting: list[StateRecord] = []
         for item in self.history.items():
             if isinstance(item, StateRecord):
-                try:
-                    if (ledger := self._ledgers.get(item.topic)) is not None:
-                        ledger.take(item.content)
-                    elif self._reach(item.stamp_ns):
-                        yield self._look(item)
-                except CdrError as error:
-                    self._note_unreadable(item, error)
-            elif isinstance(item, Change):
-                self._take_change(item)
-            else:
-                self._take_snapshot(item)
+                waiting.append(item)
+                if len(waiting) < _BATCH:
+                    continue
+            self._take_many(waiting)
+            waiting = []
+            if not isinstance(item, StateRecord):
+                self._take(item)
+            progress(self._time_ns / 1e9)
+        self._take_many(waiting)
         self._finish()
+        return self.findings
+
+    def _take(self, item: Item) -> Tick | None:
+        if isinstance(item, StateRecord):
+            try:
+                if (ledger := self._ledgers.get(item.topic)) is not None:
+                    ledger.take(item.content)
+                elif self._reach(item.stamp_ns):
+                    return self._look(item)
+            except CdrError as error:
+                self._note_unreadable(item, error)
+        elif isinstance(item, Change):
+            self._take_change(item)
+        else:
+            self._take_snapshot(item)
+        return None
+
+    def _take_many(self, records: list[StateRecord]) -> None:
+        """Take messages of the rig, all at once if they come out bit for bit."""
+        topic, place = self.history.topics.joint_states, 0
+        # The first ones one by one: of an instant that the rig has reached, say
+        while place < len(records) and (
+            self.findings.end_ns is None
+            or self._steps
+            or not self._ledger.even
+            or records[place].stamp_ns - self.findings.offset_ns <= self._time_ns
+        ):
+            self._take(records[place])
+            place += 1
+        states = (i + 1 for i in range(place, len(records)) if records[i].topic == topic)
+        end = max(states, default=0)
+        if end - place >= _LEAST_BATCH and self._all_as_replayed(records[place:end]):
+            place = end
+        for record in records[place:]:
+            self._take(record)
+
+    def _all_as_replayed(self, records: list[StateRecord]) -> bool:
+        findings, topics = self.findings, self.history.topics
+        state = self.replayed.rig.plain
+        if state is None or self._pending:
+            return False
+        parts = {
+            name: [record for record in records if record.topic == name]
+            for name in (topics.joint_states, topics.impacts)
+        }
+        if sum(map(len, parts.values())) < len(records):
+            return False
+        states, impacts = (
+            Recorded([r.stamp_ns for r in part], [r.content for r in part])
+            for part in (parts[topics.joint_states], parts[topics.impacts])
+        )
+        offset_ns = findings.offset_ns
+        rig = self._batch.reproduces(state, offset_ns, states, impacts if topics.impacts else None)
+        times_ns = [stamp_ns - offset_ns for stamp_ns in states.stamps_ns]
+        if rig is None or not self._spacing.even(times_ns):
+            return False
+        self.replayed.rig.gone_on(rig)
+        self._time_ns, self._before = times_ns[-1], []
+        findings.samples += len(times_ns)
+        self._ledger.paired(len(impacts.contents))
+        return True
 
     def _check_stops(self, snapshot: Snapshot) -> None:
         """Note a snapshot in which the stops that no control moves are not at the gap."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 from .cdr import CdrError
 from .impact_ledger import bits
@@ -112,6 +113,10 @@ class SampleCheck:
             if bits(a) != bits(b):
                 differing.append((name, unit, a, b))
                 values_differ = True
+        if not differing and (frame := self._shape_of(content).frame_id):
+            findings.differ(
+                Difference(time, stamp_ns, self._topic, 'frame_id', '', frame, '', findings.after)
+            )
         if not differing:
             # Only what the message does not need to hold, such as efforts.
             return
@@ -144,6 +149,17 @@ class SampleSpacing:
         self.period_ns = 0.0
         self._findings = findings
         self._early: list[tuple[int, int, int]] = []
+
+    def even(self, times_ns: Sequence[int]) -> bool:
+        """Return whether samples follow the last one without a gap; take note of them then."""
+        last_ns = self._findings.end_ns
+        if last_ns is None or self._early or not self.period_ns:
+            return False
+        steps = [after - before for before, after in pairwise([last_ns, *times_ns])]
+        if max(steps) > 1.5 * self.period_ns:
+            return False
+        self._findings.end_ns = times_ns[-1]
+        return True
 
     def look(self, time_ns: int, stamp_ns: int) -> list[SampleGap]:
         """
