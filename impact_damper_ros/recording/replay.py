@@ -214,12 +214,15 @@ class Replay:
             for part in (parts[topics.joint_states], parts[topics.impacts])
         )
         offset_ns = findings.offset_ns
-        rig = self._batch.reproduces(state, offset_ns, states, impacts if topics.impacts else None)
         times_ns = [stamp_ns - offset_ns for stamp_ns in states.stamps_ns]
-        if rig is None or not self._spacing.even(times_ns):
+        if not self._spacing.even(times_ns):
+            return False
+        rig = self._batch.reproduces(state, offset_ns, states, impacts if topics.impacts else None)
+        if rig is None:
             return False
         self.replayed.rig.gone_on(rig)
-        self._time_ns, self._before = times_ns[-1], []
+        self._time_ns = findings.end_ns = times_ns[-1]
+        self._before = []
         findings.samples += len(times_ns)
         self._ledger.paired(len(impacts.contents))
         return True

@@ -151,15 +151,12 @@ class SampleSpacing:
         self._early: list[tuple[int, int, int]] = []
 
     def even(self, times_ns: Sequence[int]) -> bool:
-        """Return whether samples follow the last one without a gap; take note of them then."""
+        """Return whether samples follow the last one without a gap."""
         last_ns = self._findings.end_ns
         if last_ns is None or self._early or not self.period_ns:
             return False
         steps = [after - before for before, after in pairwise([last_ns, *times_ns])]
-        if max(steps) > 1.5 * self.period_ns:
-            return False
-        self._findings.end_ns = times_ns[-1]
-        return True
+        return 0 < min(steps) and max(steps) <= 1.5 * self.period_ns
 
     def look(self, time_ns: int, stamp_ns: int) -> list[SampleGap]:
         """

@@ -23,9 +23,11 @@ from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 
 def replayed(bag, node=None):
+    """Replay one by one, and many at once: both find the same."""
     replay = Replay(RunHistory(bag, node))
     for _ in replay.ticks():
         pass
+    assert repr(Replay(RunHistory(bag, node)).run()) == repr(replay.findings)
     return replay.findings
 
 
