@@ -72,7 +72,7 @@ def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40):
         events += rig.advance(instant)
         samples.append(rig.sample())
     clock = ForceClock(parameters, 0.0, (0.0,) * len(parameters.force_phases))
-    return RecordedStates(*np.array(samples).T), impact_rows(events), clock
+    return RecordedStates(*np.array(samples).T[:7]), impact_rows(events), clock
 
 
 def metered(states, impacts, clock, *, part=3000, **options):
