@@ -44,10 +44,11 @@ from impact_damper_ros.rig import (
     Sample,
     load_parameters,
 )
+from impact_damper_ros.rig.sweep import frequency_at
 
 __all__ = ['main', 'parameter_table']
 
-EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:])
+EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:], 'force_frequency')
 
 # The end of a run that its summary describes, and how closely it looks for the largest X.
 _WATCHED_CYCLES = 20
@@ -86,8 +87,9 @@ def _parser() -> argparse.ArgumentParser:
         '--events',
         type=Path,
         metavar='FILE',
-        help='write every event: impacts, rest, stick, release, reversals, and under gap control '
-        'what the stops do (- : stdout)',
+        help='write every event: impacts, rest, stick, release, reversals, steps of a sweep, and '
+        'under gap control what the stops do; the last column, force_frequency, is the circular '
+        'frequency of the first harmonic from then on [rad/s] (- : stdout)',
     )
     parser.add_argument(
         '--states', type=Path, metavar='FILE', help='write sampled states as CSV (- : stdout)'
@@ -171,8 +173,8 @@ def _instants(
     yield duration
 
 
-def _event_row(event: Event) -> str:
-    return row((event.kind.name.lower(), event.time, *event[2:]))
+def _event_row(event: Event, frequency: float) -> str:
+    return row((event.kind.name.lower(), event.time, *event[2:], frequency))
 
 
 def _open(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
@@ -280,7 +282,9 @@ def _run(
                 if event.kind is EventKind.IMPACT:
                     last[event.stop] = event
                 if others is not None:
-                    others.write(_event_row(event))
+                    # Each step counts as an event.
+                    frequency = frequency_at(parameters, counts[EventKind.FREQUENCY_STEP])
+                    others.write(_event_row(event, frequency))
             if recording is not None:
                 recording.look(instant, events)
             if impacts is not None:
