@@ -28,8 +28,6 @@ _STAMP_S = 0.5e-9
 _MARGIN = 4.0
 _ROUND_OFF = 1e-11
 _TIME_EPSILON = 4.5e-16
-# Of a position, and of the static deflection that is taken off it
-_PLACE_EPSILON = 4.5e-16
 
 
 @dataclass(frozen=True)
@@ -157,21 +155,18 @@ def tolerances_of(parameters: RigParameters, knots: Knots) -> Array:
     speed = float(np.abs(np.concatenate(speeds)).max(initial=0.0))
     force = sum(abs(amplitude) for amplitude in parameters.harmonics[0])
     length += force / parameters.stiffness
+    # It has been taken off the positions, to their last digit.
+    length += 1e-4 * abs(parameters.static_deflection)
     own = parameters.gravity + parameters.air_force / parameters.damper_mass
     push = force + parameters.stiffness * length + parameters.damping * speed
     acceleration = (push + parameters.damper_mass * own) / parameters.primary_mass
     stamp = 2.0 * _STAMP_S + _TIME_EPSILON * float(np.abs(knots.time).max(initial=0.0))
-    place = stamp * speed + _ROUND_OFF * length
-    rate = _ROUND_OFF * speed
-    if (rest := abs(parameters.static_deflection)) > length:
-        place += _PLACE_EPSILON * rest
-        rate += _PLACE_EPSILON * rest * parameters.omega
     return _MARGIN * np.array(
         [
-            place,
-            stamp * acceleration + rate,
-            place,
-            stamp * max(own, acceleration) + rate,
+            stamp * speed + _ROUND_OFF * length,
+            stamp * acceleration + _ROUND_OFF * speed,
+            stamp * speed + _ROUND_OFF * length,
+            stamp * max(own, acceleration) + _ROUND_OFF * speed,
         ]
     )
 

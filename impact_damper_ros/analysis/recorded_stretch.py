@@ -57,6 +57,8 @@ class RecordedStates(Rows):
         Z, m, and Z', m/s.
     stop_1, stop_2 : ndarray of shape (n,)
         Positions of the stops along the axis, m.
+    stop_1_velocity, stop_2_velocity : ndarray of shape (n,)
+        Their velocities, m/s.
     """
 
     time: Array
@@ -66,6 +68,8 @@ class RecordedStates(Rows):
     damper_velocity: Array
     stop_1: Array
     stop_2: Array
+    stop_1_velocity: Array
+    stop_2_velocity: Array
 
 
 @dataclass(frozen=True)

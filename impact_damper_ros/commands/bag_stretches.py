@@ -321,8 +321,10 @@ def _states(rows: Rows, rest: float) -> RecordedStates:
     if not len(time_ns):
         return RecordedStates.none()
     x, z, stop_1, stop_2 = numbers[:, :4].T - rest
-    velocity, damper_velocity = numbers[:, 4:6].T
-    return RecordedStates(time_ns / 1e9, x, velocity, z, damper_velocity, stop_1, stop_2)
+    velocity, damper_velocity, *stop_velocities = numbers[:, 4:8].T
+    return RecordedStates(
+        time_ns / 1e9, x, velocity, z, damper_velocity, stop_1, stop_2, *stop_velocities
+    )
 
 
 def _impacts(rows: Rows, rest: float) -> RecordedImpacts:

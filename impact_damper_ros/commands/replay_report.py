@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
 from impact_damper_ros.analysis.response import Response
 from impact_damper_ros.recording.replay_findings import Difference, Findings, Verdict
 from impact_damper_ros.recording.run_history import RunHistory
+from impact_damper_ros.recording.what_if import RecordedValues
 
 __all__ = ['as_json', 'comparison_text', 'findings_text']
+
+#: Changes of a held parameter that are listed.
+_MOST_VALUES = 20
 
 _VERDICTS = {
     Verdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',
@@ -119,7 +124,10 @@ def findings_text(findings: Findings, history: RunHistory) -> str:
 
 
 def comparison_text(
-    held: Mapping[str, tuple[Any, Any]], recorded: Response, what_if: Response, how: str
+    held: Mapping[str, tuple[RecordedValues, Any]],
+    recorded: Response,
+    what_if: Response,
+    how: str,
 ) -> str:
     """
     Return the motion with and without the held parameters, side by side.
@@ -127,13 +135,16 @@ def comparison_text(
     Parameters
     ----------
     held : mapping
-        Name of each held parameter, with its value at the start of the bag and the held one.
+        Name of each held parameter, with what it was in the recorded run and the held value.
     recorded, what_if : Response
         The runs.
     how : str
         How the what-if starts.
     """
-    parts = [f'{name} = {now!r} (recorded: {was!r})' for name, (was, now) in held.items()]
+    parts = [
+        f'{name} = {now!r} (recorded: {was.described(repr, _MOST_VALUES)})'
+        for name, (was, now) in held.items()
+    ]
     rows: list[tuple[str, float, float]] = [
         ('largest |X| [m]', recorded.largest, what_if.largest),
         ('rms X [m]', recorded.rms, what_if.rms),
@@ -141,7 +152,7 @@ def comparison_text(
         ('energy lost in impacts [J]', recorded.energy, what_if.energy),
     ]
     lines = [
-        f'what if     {", ".join(parts)}',
+        textwrap.fill(f'what if     {", ".join(parts)}', 99, subsequent_indent=' ' * 12),
         f'start       {how}',
         f'{"":<28}{"recorded":>14}{"what if":>14}{"ratio":>10}',
     ]

@@ -46,10 +46,11 @@ from impact_damper_ros.rig import (
     Sample,
     load_parameters,
 )
+from impact_damper_ros.rig.sweep import SWEEP_FIELDS, frequency_at
 
 __all__ = ['main', 'parameter_table']
 
-EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:])
+EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:], 'force_frequency')
 
 # The end of a run that its summary describes, and how closely it looks for the largest X.
 _WATCHED_CYCLES = 20
@@ -88,8 +89,9 @@ def _parser() -> argparse.ArgumentParser:
         '--events',
         type=Path,
         metavar='FILE',
-        help='write every event: impacts, rest, stick, release, reversals, and under gap control '
-        'what the stops do (- : stdout)',
+        help='write every event: impacts, rest, stick, release, reversals, steps of a sweep, and '
+        'under gap control what the stops do; the last column, force_frequency, is the circular '
+        'frequency of the first harmonic from then on [rad/s] (- : stdout)',
     )
     parser.add_argument(
         '--states', type=Path, metavar='FILE', help='write sampled states as CSV (- : stdout)'
@@ -183,8 +185,8 @@ def _instants(
     yield duration
 
 
-def _event_row(event: Event) -> str:
-    return row((event.kind.name.lower(), event.time, *event[2:]))
+def _event_row(event: Event, frequency: float) -> str:
+    return row((event.kind.name.lower(), event.time, *event[2:], frequency))
 
 
 def _open(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
@@ -286,30 +288,39 @@ def _run(
         instants = _instants(duration, rate, cycle, watched_from, ticks, changed_at)
         waiting = deque(changes)
         due = 0
-        for instant in itertools.chain([0.0], instants):
-            before = rig.time
-            events = rig.advance(instant)
+        # Of the present sweep the steps count as events.
+        steps_before = 0
+
+        def report(events: Sequence[Event]) -> None:
+            nonlocal commands
             commands += sum(record.action is Action.COMMAND for record in rig.records)
-            if waiting and waiting[0].time_ns / 1e9 == instant:
-                if recording is not None:
-                    recording.happened(events)
-                change = waiting.popleft()
-                caused = rig.change(change.parameters, change.control)
-                commands += sum(record.action is Action.COMMAND for record in rig.records)
-                if recording is not None:
-                    recording.changed(change.time_ns, change.values, caused)
-                    recording.reached(instant)
-                events += caused
-            elif recording is not None:
-                recording.look(instant, events)
             for event in events:
                 counts[event.kind] += 1
                 if event.kind is EventKind.IMPACT:
                     last[event.stop] = event
                 if others is not None:
-                    others.write(_event_row(event))
+                    step = counts[EventKind.FREQUENCY_STEP] - steps_before
+                    others.write(_event_row(event, frequency_at(rig.parameters, step)))
             if impacts is not None:
                 impacts.write(impact_rows(events))
+
+        for instant in itertools.chain([0.0], instants):
+            before = rig.time
+            events = rig.advance(instant)
+            report(events)
+            if recording is not None:
+                recording.happened(events)
+            if waiting and waiting[0].time_ns / 1e9 == instant:
+                change = waiting.popleft()
+                if any(name in change.values for name in SWEEP_FIELDS):
+                    steps_before = counts[EventKind.FREQUENCY_STEP]
+                caused = rig.change(change.parameters, change.control)
+                report(caused)
+                if recording is not None:
+                    recording.changed(change.time_ns, change.values, caused)
+                events += caused
+            if recording is not None:
+                recording.reached(instant)
             if instant >= watched_from:
                 swing.look(rig.sample(), events)
             if states is not None and instant == due / arguments.rate:

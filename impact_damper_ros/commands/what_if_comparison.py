@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from impact_damper_ros.commands.replay_report import comparison_text
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.recording.replay import Replay, Tick
 from impact_damper_ros.recording.replayed_rig import Setting, Step, setting_of
-from impact_damper_ros.recording.what_if import Ending, Trace, WhatIf
+from impact_damper_ros.recording.what_if import Ending, RecordedValues, Trace, WhatIf
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -33,6 +35,8 @@ _CLOSEUP_CYCLES = 4
 _CLOSEUP_POINTS = 2400
 _FEW_CYCLES = 60
 _MOST_STRETCHES = 2000
+#: Changes of a held parameter that the title of a picture lists.
+_MOST_IN_FIGURE = 3
 
 
 def held_values(settings: Sequence[str], logged: Setting) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -107,8 +111,8 @@ class Comparison:
         held, held_initial = held_values(settings, logged)
         initial = replay.replayed.first_initial
         self._was = {
-            **{n: values[n] for n in held},
-            **{n: getattr(initial, n) if initial else None for n in held_initial},
+            **{n: RecordedValues(values[n]) for n in held},
+            **{n: RecordedValues(getattr(initial, n, None)) for n in held_initial},
         }
         self._now = {**held, **held_initial}
         self.other = WhatIf(start, initial, held, held_initial)
@@ -122,7 +126,6 @@ class Comparison:
         self._envelopes = Envelope(total, int(stretches)), Envelope(total, int(stretches))
         self._ending = Ending(replay, self.other, _CLOSEUP_CYCLES * cycle) if drawn else None
         self._changes: list[tuple[float, str]] = []
-        self._varied: set[str] = set()
         self._last = logged
 
     def look(self, tick: Tick) -> tuple[Sample, list[Event]]:
@@ -132,6 +135,10 @@ class Comparison:
         recorded = tick.sample._replace(x=tick.x, primary_velocity=tick.primary_velocity)
         self.recorded.look(recorded, tick.events)
         self.what_if.look(sample, events)
+        for time_ns, step in tick.steps:
+            for name, value in step.as_dict().items():
+                if name in self._was:
+                    self._was[name].take(time_ns / 1e9, value)
         if self._ending is not None:
             for envelope, x in zip(self._envelopes, (tick.x, sample.x), strict=True):
                 envelope.look(tick.sample.time, x)
@@ -149,7 +156,6 @@ class Comparison:
             if value != before[name]:
                 shown = f'{value:g}' if isinstance(value, float) else str(value)
                 parts.append(f'{name} {shown}' + (' (held)' if name in self._now else ''))
-                self._varied.add(name)
         return ', '.join(parts)
 
     def text(self) -> str:
@@ -171,7 +177,12 @@ class Comparison:
             }
             for name, response in (('recorded', self.recorded), ('what_if', self.what_if))
         }
-        return {'set': self._now, 'from_initial': self.other.from_initial, **sides}
+        return {
+            'set': self._now,
+            'recorded_values': {name: was.as_json() for name, was in self._was.items()},
+            'from_initial': self.other.from_initial,
+            **sides,
+        }
 
     def draw(self, path: Path) -> None:
         """Draw both."""
@@ -179,14 +190,15 @@ class Comparison:
         traces = self._ending.traces(_CLOSEUP_POINTS)
         texts = [f'{n} = {_shown(v, n)}' for n, v in self._now.items()]
         was = [
-            f'{n} = {_shown(v, n)}' + (' at first' if n in self._varied else '')
-            for n, v in self._was.items()
-            if v is not None
+            f'{name} = {values.described(partial(_shown, name=name), _MOST_IN_FIGURE)}'
+            for name, values in self._was.items()
+            if values.value is not None
         ]
+        heads = (f'recorded: {", ".join(was)}', f'what if {", ".join(texts)}')
         sides = [
-            Side(f'{label}\n{_brief(response)}', envelope, _motion(trace))
-            for label, response, envelope, trace in zip(
-                (f'recorded: {", ".join(was)}', f'what if {", ".join(texts)}'),
+            Side(f'{textwrap.fill(head, 66)}\n{_brief(response)}', envelope, _motion(trace))
+            for head, response, envelope, trace in zip(
+                heads,
                 (self.recorded, self.what_if),
                 self._envelopes,
                 traces,

@@ -8,8 +8,9 @@ the recorded one is done to it, too; but some parameters are held at other value
 from __future__ import annotations
 
 import copy
+import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,10 @@ from .replay import Replay, Tick
 from .replayed_rig import Setting, Step, setting_of
 from .run_history import Snapshot
 
-__all__ = ['Ending', 'Trace', 'WhatIf', 'trace']
+__all__ = ['Ending', 'RecordedValues', 'Trace', 'WhatIf', 'trace']
+
+#: Values of a parameter that are kept with their times.
+_MOST_VALUES = 100
 
 
 class WhatIf:
@@ -162,6 +166,76 @@ def _from_initial(
         if held_initial:
             raise
         return None
+
+
+class RecordedValues:
+    """
+    What a parameter that is held was in the recorded run.
+
+    Parameters
+    ----------
+    value : object
+        At first; None if it is not known.
+
+    Attributes
+    ----------
+    first : list of (float, object)
+        The first values after that one, each with the rig time from which on it held, s.
+    count : int
+        How many there are after that one.
+    last_time : float
+        Rig time from which on the last one held, s.
+    range : tuple of float, or None
+        The smallest and the largest of all; None if they are no numbers.
+    """
+
+    def __init__(self, value: Any) -> None:
+        self.value = self._last = value
+        self.first: list[tuple[float, Any]] = []
+        self.count = 0
+        self.last_time = -math.inf
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        self.range = (value, value) if number else None
+
+    def take(self, time: float, value: Any) -> None:
+        """Take the value from an instant on, s; one that is no other is left out."""
+        if value == self._last:
+            return
+        self._last = value
+        self.last_time = time
+        self.count += 1
+        if self.count <= _MOST_VALUES:
+            self.first.append((time, value))
+        if self.range is not None:
+            self.range = min(self.range[0], value), max(self.range[1], value)
+
+    def described(self, shown: Callable[[Any], str], most: int) -> str:
+        """
+        Return them in words.
+
+        Parameters
+        ----------
+        shown : callable
+            Returns the text of a value.
+        most : int
+            How many are listed with their times; of the others number and range are given.
+        """
+        listed = self.first[:most]
+        parts = [shown(self.value), *(f'{shown(v)} from {t:.9g} s' for t, v in listed)]
+        if more := self.count - len(listed):
+            parts.append(f'and {more} more until {self.last_time:.9g} s')
+            if self.range is not None:
+                parts.append('all within {} to {}'.format(*map(shown, self.range)))
+        return ', '.join(parts)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return them as what JSON can hold; times in s."""
+        return {
+            'at_first': self.value,
+            'changes': [list(entry) for entry in self.first],
+            'change_count': self.count,
+            'range': self.range,
+        }
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from impact_damper_ros.commands.replay_run import main
 from impact_damper_ros.commands.simulate_rig import main as simulate_rig
 from impact_damper_ros.recording import recover_run
 from impact_damper_ros.recording.joint_state_bytes import JointStateBytes
+from impact_damper_ros.recording.what_if import RecordedValues
 from impact_damper_ros.rig import EventKind, Simulator
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -125,6 +126,36 @@ def test_what_if_is_what_simulate_rig_says(tmp_path, capsys):
     text = capsys.readouterr().out
     assert 'what if     gap = 0.006 (recorded: 0.01)' in text
     assert 'energy lost in impacts [J]' in text
+
+
+def test_what_if_lists_what_was_recorded(tmp_path, capsys):
+    """All values that the held parameter had, with their times; of very many, number and range."""
+    rig = RecordedRig().start()
+    gaps = [0.012 + 0.0001 * k for k in range(17)]
+    for gap in gaps:
+        rig.run(20, ('change', {'gap': gap}), ('change', {'friction': gap}))
+    rig.run(20, ('change', {'initial_primary_position': 0.002}), ('reset', None))
+    bag = rig.save(tmp_path / 'bag')
+    words = ('--set', 'gap=0.03', '--set', 'initial_primary_position=0.001', '--set', 'angle=0.1')
+    code, result = run(bag, tmp_path, *words, '--figure', str(tmp_path / 'figure.png'))
+    assert code == 0
+    told = ' '.join(capsys.readouterr().out.split())
+    listed = [f'{gap!r} from {0.005 + 0.1 * k:.9g} s' for k, gap in enumerate(gaps)]
+    assert f'gap = 0.03 (recorded: 0.01, {", ".join(listed)})' in told
+    assert 'initial_primary_position = 0.001 (recorded: 0.0, 0.002 from 1.705 s)' in told
+    assert 'angle = 0.1 (recorded: 0.0)' in told
+    values = result['what_if']['recorded_values']['gap']
+    assert values['changes'] == [[round(0.1 * k + 0.005, 9), gap] for k, gap in enumerate(gaps)]
+    assert (values['at_first'], values['change_count']) == (0.01, 17)
+    # The title of a picture has room for some.
+    recorded = RecordedValues(0.01)
+    for k, gap in enumerate([*gaps, 0.002]):
+        recorded.take(float(k), gap)
+        recorded.take(k + 0.5, gap)
+    assert recorded.described('{:g} m'.format, 2) == (
+        '0.01 m, 0.012 m from 0 s, 0.0121 m from 1 s, and 16 more until 17 s, '
+        'all within 0.002 m to 0.0136 m'
+    )
 
 
 def test_what_if_with_the_recorded_values_changes_nothing(bag, tmp_path):

@@ -102,6 +102,27 @@ def test_sticking_and_release_are_events(tmp_path):
     assert [row['time'] for row in rows] == pytest.approx(expected, abs=1e-12)
 
 
+def test_events_show_the_frequency(tmp_path):
+    """That of the first harmonic from the event on; of a step, the one that it leads to."""
+    events = tmp_path / 'events.csv'
+    settings = ['sweep_mode=up_down', 'sweep_low=0.9', 'sweep_high=1.0', 'sweep_step=0.04']
+    code, _ = run(
+        tmp_path, '--duration', '380', '--events', str(events),
+        settings=['gravity=0', 'sweep_dwell=60', 'gap=8', *settings],
+    )  # fmt: skip
+    assert code == 0
+    rows = [(r['kind'], float(r['time']), float(r['force_frequency'])) for r in table(events)]
+    steps = [(instant, frequency) for kind, instant, frequency in rows if kind == 'frequency_step']
+    expected = [0.94, 0.98, 1.0, 0.98, 0.94, 0.9]
+    assert steps == [(60.0 * (k + 1), pytest.approx(w)) for k, w in enumerate(expected)]
+    assert {kind for kind, *_ in rows} == {'impact', 'frequency_step'}
+    for _, instant, frequency in rows:
+        assert frequency == pytest.approx([0.9, *expected][int(instant // 60.0)])
+    # One frequency all the time
+    run(tmp_path, '--duration', '60', '--events', str(events), settings=['gravity=0'])
+    assert {row['force_frequency'] for row in table(events)} == {'1'}
+
+
 def test_seventeen_digits_round_trip(tmp_path):
     _, rows = run(tmp_path, '--duration', '200')
     exact = Simulator(RigParameters(gravity=1.0)).advance(200.0)

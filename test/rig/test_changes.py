@@ -208,6 +208,26 @@ def test_lab_position_is_continuous(change):
     assert after.z - after.x == pytest.approx(before.z - before.x, rel=8 * EPS)
 
 
+def test_lab_position_of_an_impact_that_a_reset_begins_with():
+    """It is reported after a change at the same instant, from which on X counts."""
+    rig = shaken()
+    half = 0.5 * rig.parameters.gap
+    rig.reset(
+        InitialConditions(
+            initial_primary_position=0.25,
+            initial_damper_offset=half,
+            initial_damper_velocity=1.0,
+        )
+    )
+    before = rig.parameters
+    after = before.replace(angle=-0.3, stiffness=2.5)
+    rig.change(after)
+    (event,) = (e for e in rig.advance(rig.time) if e.kind is EventKind.IMPACT)
+    place = 0.25 + before.static_deflection
+    assert event.x + after.static_deflection == pytest.approx(place, rel=8 * EPS)
+    assert event.y == half
+
+
 def acceleration(rig):
     """Return X'' by a second difference, from one side."""
     other = through_json(rig)

@@ -104,6 +104,21 @@ def test_stops_on_their_way(compiled):
     assert kinds >= set(EventKind) - {EventKind.CROSSING, EventKind.FREQUENCY_STEP}
 
 
+def test_stops_that_follow_m(compiled):
+    """Closed past m, they have its velocity on their way, and the samples show it."""
+    following = 0
+    for seed in range(60):
+        rng = random.Random(seed)
+        rig = Simulator(*random_rig(f'long {seed}', **ONE_HARMONIC, restitution_1=0.7))
+        rig.advance(rng.uniform(0.0, 3.0))
+        rig.change(rig.parameters.replace(gap=0.05 * rig.parameters.gap))
+        run = LongRun.restore(rig.snapshot(), compiled=compiled)
+        stretch = assert_same(run, rig, np.linspace(run.time, run.time + 0.2, 20))
+        for s in stretch.samples.tolist():
+            following += s[4] != s[2] and s[4] in s[7:]
+    assert following > 20
+
+
 def test_sides_of_x_are_taken_along(compiled):
     """Impacts at X = 0 leave the sign of X to be told."""
     seen = set()

@@ -174,6 +174,43 @@ class TestOneStop:
         (event,) = to(rig, side, 8.0, 0.1)
         assert (event.kind, event.time) == (ARRIVED, 9.0)
 
+    def test_samples_show_its_velocity(self, side):
+        """That of M while it stands, its own one besides while it moves, Z' while it follows m."""
+        heavy = QUIET.replace(stiffness=1.0, damping=0.0)
+        rig = Simulator(
+            heavy,
+            InitialConditions(
+                initial_primary_velocity=0.5,
+                initial_damper_offset=side * 4.0,
+                initial_damper_velocity=0.5 - side * 1.0,
+            ),
+        )
+
+        def velocities():
+            sample = rig.sample()
+            pair = sample.stop_1_velocity, sample.stop_2_velocity
+            # M does not change its velocity in this time.
+            assert sample.primary_velocity == pytest.approx(0.5, rel=1e-8)
+            return pair if side > 0 else pair[::-1]
+
+        assert velocities() == (0.5, 0.5)
+        rig.change(heavy.replace(gap=2.0))
+        assert near(rig, side) == 4.0
+        for time in (0.0, 1.0, 2.999):
+            rig.advance(time)
+            near_by, other = velocities()
+            assert near_by == rig.sample().damper_velocity
+            assert near_by == pytest.approx(0.5 - side * 1.0, rel=1e-8)
+            assert other == rig.sample().primary_velocity
+        (event,) = rig.advance(3.001)
+        assert event.kind is ARRIVED
+        assert velocities() == (rig.sample().primary_velocity,) * 2
+        to(rig, side, 6.0, 0.125)
+        rig.advance(3.5)
+        near_by, other = velocities()
+        assert near_by == rig.sample().primary_velocity + side * 0.125
+        assert other == rig.sample().primary_velocity
+
     def test_a_change_of_the_gap_ends_it(self, side):
         rig = thrown(0.0, 0.0)
         to(rig, side, 1.0, 1.0)
