@@ -60,13 +60,14 @@ def work_between(
     v_0 = begin.velocity
     b, a = cubic_rates(step, end.x - begin.x, v_0, end.velocity_before)
     force = dashpot = there_and_back = 0.0
+    # Sums and not products of vectors, whose bits depend on the number of threads
     for place, share in zip(_PLACES, _SHARES, strict=True):
         velocity = v_0 + place * (b + place * a)
         if clock is not None:
-            power = clock.force(begin.time + place * step) * velocity
-            force += share * float(power @ step)
-            there_and_back += share * float(np.abs(power) @ step)
-        dashpot += share * rig.damping * float(velocity**2 @ step)
+            work = clock.force(begin.time + place * step) * velocity * step
+            force += share * float(np.sum(work))
+            there_and_back += share * float(np.sum(np.abs(work)))
+        dashpot += share * rig.damping * float(np.sum(velocity**2 * step))
     if clock is None:
         force = there_and_back = math.nan
     return force, there_and_back, dashpot
