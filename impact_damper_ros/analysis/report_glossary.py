@@ -296,7 +296,7 @@ TERMS: tuple[Term, ...] = (
     ),
     Term(
         'x-y-z',
-        'X, Y, Z',
+        'M, m; X, Y, Z',
         'X is the displacement of the primary mass M from its static equilibrium, Z that of the '
         'loose mass m, both along the axis; Y = Z - X is where m is in the gap. A prime marks a '
         'velocity.',

@@ -242,10 +242,8 @@ def draw_gap_curve(stretch: StretchComparison) -> Picture | None:
 def _gap_caption(curve: GapCurve, factor: float, unit: str) -> str:
     stops = ', '.join(map(str, curve.stops))
     caption = f'The predicted motion (stops {stops}) followed in the gap, all else as logged; A '
-    caption += (
-        'is the amplitude without impacts. Full line: stable; dashed: unstable; dotted: not '
-    )
-    caption += 'viable.'
+    caption += 'is the amplitude without impacts. The line is full where it is stable, dashed '
+    caption += 'where it is unstable, dotted where it is not viable.'
     sound = np.flatnonzero(curve.stable & curve.viable & np.isfinite(curve.ratio))
     if len(sound):
         best = sound[np.argmin(curve.ratio[sound])]

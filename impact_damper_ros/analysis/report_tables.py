@@ -167,7 +167,7 @@ def overall_table(
     known = [(str(s.number), s.overall) for s in stretches if s.overall is not None]
     if overall is None or not known:
         return Html()
-    entries = [*known, ('whole run', overall)] if len(known) > 1 else known
+    entries = [*known, ('all', overall)] if len(known) > 1 else known
     numbers = [entry for _, entry in entries]
     length = unit_for('m', [entry.x_max for entry in numbers])
     work = [(e.force_work, e.impact_energy, e.dashpot_energy) for e in numbers]
@@ -216,7 +216,7 @@ def _pair(
     factor = 1.0 if handy is None else handy.factor
     one, other = aligned((factor * measured, factor * predicted), 7)
     far = measured - predicted if apart is None else apart
-    last = unit if handy is None else handy.name
+    last = worded(unit if handy is None else handy.name)
     return linked(name), one, other, difference(factor * far), last
 
 

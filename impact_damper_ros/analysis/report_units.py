@@ -25,11 +25,12 @@ __all__ = [
 _PREFIXES = ((1.0, ''), (1e3, 'm'), (1e6, 'µ'), (1e9, 'n'))
 _MINUS = '\N{MINUS SIGN}'
 _RAISED = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
-#: What is written otherwise in print than on a terminal: signs, powers, micro, X' for a rate.
+#: What is written otherwise in print than on a terminal: signs, powers, units, X' for a rate.
 _PLUS_MINUS = re.compile(r'(?<!\S)\+/?-(?=[\s\d.])')
 _NUMBER = re.compile(r'(?<![\w.)\]])([-+]?)(\d+(?:\.\d+)?)(e[-+]?\d+)?(?![\w])')
 _POWER = re.compile(r'(?<=[a-z])\^(-?\d+)')
 _MICRO = re.compile(r'(?<=\d )u(?=(?:s|m|N|J)\b)')
+_JOINED = re.compile(r'(?<=N) (?=s\b)')
 _RATE = re.compile(r"(?<=\b[XYZ])'(?!\w)")
 #: What stands for a number that is not there.
 NONE = '–'
@@ -106,6 +107,7 @@ def worded(text: str) -> str:
     text = _NUMBER.sub(_printed_number, text)
     text = _POWER.sub(lambda match: match[1].translate(_RAISED), text)
     text = _MICRO.sub('\N{MICRO SIGN}', text)
+    text = _JOINED.sub('\N{NO-BREAK SPACE}', text)
     return _RATE.sub('\N{PRIME}', text)
 
 
