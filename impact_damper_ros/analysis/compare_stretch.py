@@ -202,6 +202,7 @@ class _Comparison:
             measures=kind.measures,
             cycles=part.recurrence.cycles if part is not None else 0,
             settled_at=settled_at,
+            overall=stretch.overall,
             measured=measured_motion(stretch, begin, stretch.end, period, per_cycle),
             predicted=orbit,
             predicted_impulse=impulses_of(orbit) if orbit is not None else (),

@@ -17,11 +17,12 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
+from .report_glossary import glossary_html, linked
 from .report_history import draw_run
 from .report_html import Html, listed, safe
 from .report_stretch import figure_html, stretch_html
 from .report_svg import drawing_style
-from .report_tables import badge, overview_table
+from .report_tables import linked_badge, overall_table, overview_table
 from .report_units import instant
 from .run_comparison import RunComparison, StretchComparison, Verdict
 
@@ -74,19 +75,20 @@ def _summary(comparison: RunComparison) -> Html:
     counts = [
         (verdict, sum(s.verdict is verdict for s in comparison.stretches)) for verdict in Verdict
     ]
-    badges = ' '.join(badge(verdict, count) for verdict, count in counts if count)
+    badges = ' '.join(linked_badge(verdict, count) for verdict, count in counts if count)
     stretches = len(comparison.stretches)
     told = f'{_count(stretches, "stretch") if stretches == 1 else f"{stretches} stretches"} of '
     told += f'constant parameters in {instant(comparison.end - comparison.start)} s, '
     told += f'{_count(comparison.samples, "sample")} and {_count(comparison.impacts, "impact")}.'
-    text = f'<p>{safe(told)}</p>'
+    text = f'<p>{linked(told)}</p>'
     if badges:
         text += f'<p class="verdict">{badges}</p>'
     if comparison.faults:
         text += '<div class="notes"><h2>The recording can be used in part only</h2>'
-        text += f'{listed(comparison.faults)}</div>'
+        text += f'{listed(map(linked, comparison.faults))}</div>'
     if comparison.remarks:
-        text += f'<div class="notes calm"><h2>Remarks</h2>{listed(comparison.remarks)}</div>'
+        remarks = listed(map(linked, comparison.remarks))
+        text += f'<div class="notes calm"><h2>Remarks</h2>{remarks}</div>'
     return Html(text)
 
 
@@ -108,11 +110,14 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
             f'{len(stretches) - len(listed_ones)} are left out here; report.json has all of them.'
         )
     picture = draw_run(stretches)
-    drawn = '' if picture is None else figure_html(picture, 'run', 'all stretches')
+    narrow = draw_run(stretches, wide=False)
+    drawn = '' if picture is None else figure_html(picture, 'run', 'all stretches', narrow)
     numbers = {stretch.number for stretch in detailed}
+    left_out = notes[-1] if len(listed_ones) < len(stretches) else ''
     return Html(
         f'{begin}<div class="plots">{drawn}</div>'
-        f'{overview_table(listed_ones, numbers, " ".join(notes))}</section>'
+        f'{overview_table(listed_ones, numbers, " ".join(notes))}'
+        f'{overall_table(listed_ones, comparison.overall, left_out)}</section>'
     )
 
 
@@ -122,6 +127,7 @@ def _navigation(detailed: Sequence[StretchComparison]) -> Html:
         f'<li><a href="#stretch-{s.number}">{s.number}: {safe(s.verdict.value)}</a></li>'
         for s in detailed
     ]
+    links.append('<li><a href="#glossary">Glossary</a></li>')
     links.append('<li><a href="#origin">How it was obtained</a></li>')
     return Html(f'<ol>{"".join(links)}</ol>')
 
@@ -146,7 +152,7 @@ def _origin(comparison: RunComparison, command: str) -> Html:
     )
     return Html(
         '<section aria-labelledby="origin"><h2 id="origin">How it was obtained</h2>'
-        f'<p>{safe(words)}</p><dl class="facts">{rows}</dl></section>'
+        f'<p>{linked(words)}</p><dl class="facts">{rows}</dl></section>'
     )
 
 
@@ -187,6 +193,7 @@ def report_page(
         navigation=_navigation(detailed),
         overview=overview,
         stretches='\n'.join(sections),
+        glossary=glossary_html(),
         origin=_origin(comparison, command),
     )
 

@@ -19,7 +19,7 @@ from .force_clock import ForceClock
 from .run_curves import Array
 from .stretch_measures import EnergyBalance
 
-__all__ = ['energy_balance', 'stored_energy']
+__all__ = ['energy_balance', 'stored_energy', 'work_between']
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 # Positions on [0, 1] and weights that add up to 1
@@ -39,6 +39,38 @@ def stored_energy(
     primary = 0.5 * rig.primary_mass * velocity**2 + 0.5 * rig.stiffness * x**2
     energy: Array = primary + rig.damper_mass * (0.5 * damper_velocity**2 - slope * z)
     return energy
+
+
+def work_between(
+    rig: RigParameters, clock: ForceClock | None, begin: Knots, end: Knots
+) -> tuple[float, float, float]:
+    """
+    Return the work of the force on M, that there and back, and what the dashpot takes, J.
+
+    Parameters
+    ----------
+    rig : RigParameters
+        As logged.
+    clock : ForceClock or None
+        The force; its work is NaN if it is not known.
+    begin, end : Knots
+        Beginnings and ends of the intervals, none of them empty.
+    """
+    step = end.time - begin.time
+    v_0 = begin.velocity
+    b, a = cubic_rates(step, end.x - begin.x, v_0, end.velocity_before)
+    force = dashpot = there_and_back = 0.0
+    # Sums and not products of vectors, whose bits depend on the number of threads
+    for place, share in zip(_PLACES, _SHARES, strict=True):
+        velocity = v_0 + place * (b + place * a)
+        if clock is not None:
+            work = clock.force(begin.time + place * step) * velocity * step
+            force += share * float(np.sum(work))
+            there_and_back += share * float(np.sum(np.abs(work)))
+        dashpot += share * rig.damping * float(np.sum(velocity**2 * step))
+    if clock is None:
+        force = there_and_back = math.nan
+    return force, there_and_back, dashpot
 
 
 def _path_length(step: Array, rise: Array, begin: Array, end: Array) -> float:
@@ -74,15 +106,7 @@ def energy_balance(clock: ForceClock, knots: Knots, periods: int) -> EnergyBalan
     step = end.time - begin.time
     moved = step > 0.0
     begin, end, step = begin[moved], end[moved], step[moved]
-    v_0 = begin.velocity
-    b, a = cubic_rates(step, end.x - begin.x, v_0, end.velocity_before)
-    force = dashpot = there_and_back = 0.0
-    for place, share in zip(_PLACES, _SHARES, strict=True):
-        velocity = v_0 + place * (b + place * a)
-        power = clock.force(begin.time + place * step) * velocity
-        force += share * float(power @ step)
-        there_and_back += share * float(np.abs(power) @ step)
-        dashpot += share * rig.damping * float(velocity**2 @ step)
+    force, there_and_back, dashpot = work_between(rig, clock, begin, end)
     y_0, y_1 = begin.z - begin.x, end.z - end.x
     grip = rig.friction * rig.damper_mass * rig.gravity * math.cos(rig.angle)
     relative = begin.damper_velocity - begin.velocity

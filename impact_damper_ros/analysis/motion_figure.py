@@ -17,6 +17,9 @@ __all__ = ['Closeup', 'draw_motion']
 PRIMARY = '#0b3c5d'
 DAMPER = '#d1495b'
 STOP = '#8d99ae'
+#: The bands of what is shown close up; not the colour of a mass.
+CLOSE = '#e09f00'
+_FAINT = 0.45
 MILLI = 1e3
 
 
@@ -31,7 +34,7 @@ class Closeup(NamedTuple):
 def _overview(axes: Any, motion: Motion, closeups: Sequence[Closeup]) -> None:
     axes.plot(motion.time, MILLI * motion.x, color=PRIMARY, linewidth=0.5)
     for closeup in closeups:
-        axes.axvspan(closeup.start, closeup.end, color=DAMPER, alpha=0.35, linewidth=0)
+        axes.axvspan(closeup.start, closeup.end, color=CLOSE, alpha=_FAINT, linewidth=0)
     axes.set_xlim(motion.time[0], motion.time[-1])
     axes.set_xlabel('time [s]')
     axes.set_ylabel('X [mm]')
@@ -66,7 +69,7 @@ def _close(axes: Any, motion: Motion, closeup: Closeup) -> None:
     axes.set_xlim(closeup.start, closeup.end)
 
 
-def _legend(figure: Figure) -> None:
+def _legend(figure: Figure, *, closeups: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -82,7 +85,10 @@ def _legend(figure: Figure) -> None:
         Line2D([], [], marker='^', label='impact on stop 1', **mark),
         Line2D([], [], marker='v', label='impact on stop 2', **mark),
     ]
-    figure.legend(handles=handles, loc='outside lower center', ncols=5, frameon=False)
+    if closeups:
+        band = Patch(facecolor=CLOSE, alpha=_FAINT, label='close up below')
+        handles.append(band)
+    figure.legend(handles=handles, loc='outside lower center', ncols=len(handles), frameon=False)
 
 
 def draw_motion(
@@ -129,7 +135,7 @@ def draw_motion(
         if first is None:
             first = axes
             axes.set_ylabel('position along the axis [mm]')
-    _legend(figure)
+    _legend(figure, closeups=bool(closeups))
     if title:
         figure.suptitle(title, fontsize=12)
     return figure

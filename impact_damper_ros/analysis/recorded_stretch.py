@@ -14,6 +14,7 @@ from impact_damper_ros.rig import RigParameters
 from .force_clock import ForceClock
 from .run_comparison import Beginning
 from .run_curves import Array, SwingEnvelope
+from .stretch_measures import Overall
 
 __all__ = ['RecordedImpacts', 'RecordedStates', 'RecordedStretch', 'Rows']
 
@@ -144,6 +145,8 @@ class RecordedStretch:
         Beginnings and ends of the stretches without samples, s; the first ones.
     envelope : SwingEnvelope
         X over the whole stretch.
+    overall : Overall or None
+        Swing, impacts and energy over the whole stretch.
     """
 
     number: int
@@ -164,6 +167,7 @@ class RecordedStretch:
     lossy: bool = False
     gaps: tuple[tuple[float, float], ...] = ()
     envelope: SwingEnvelope
+    overall: Overall | None = None
 
     def excuses(self, time: float) -> bool:
         """Return whether the recorder may have lost an impact at an instant."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     'DASHED',
     'Picture',
+    'Points',
     'cloud',
     'draw_stop',
     'figure_of',
@@ -195,6 +196,7 @@ def rings(axes: Any, x: ArrayLike, y: ArrayLike, size: float = 10.0) -> None:
         markeredgewidth=1.3,
         markeredgecolor=COLORS['theory'],
         markerfacecolor='none',
+        clip_on=False,
         zorder=4,
     )
 
@@ -206,39 +208,58 @@ def draw_stop(axes: Any, place: ArrayLike, time: ArrayLike, depth: float) -> Non
     axes.plot(time, place, color=COLORS['stop'], linewidth=1.0)
 
 
-def cloud(
-    axes: Any, x: NDArray[np.float64], y: NDArray[np.float64], marker: str, name: str, alpha: float
-) -> None:
+class Points(NamedTuple):
     """
-    Draw points, many of them as pixels, and those that would cover one another once.
+    Points of one kind in a picture.
 
-    Parameters
+    Attributes
     ----------
-    axes : matplotlib.axes.Axes
-        The axes, their limits set.
     x, y : ndarray of shape (n,)
-        The points.
+        Where they are.
     marker : str
-        Their look, if they are few.
+        Their look, if there are few in the picture.
     name : str
         Their colour, one of `BOTH`.
     alpha : float
         How much of it they have.
     """
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    marker: str
+    name: str
+    alpha: float
+
+
+def cloud(axes: Any, kinds: Sequence[Points]) -> None:
+    """
+    Draw points, very many as the pixels of an image, and those that would cover one another once.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The axes, their limits set.
+    kinds : sequence of Points
+        All points of the picture.
+    """
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    place = np.stack([(x - left) / (right - left), (y - low) / (high - low)])
-    _, seen = np.unique(np.round(_RASTER * place), axis=1, return_index=True)
-    x, y = x[seen], y[seen]
-    dense = len(x) > _MOST_MARKS
-    axes.plot(
-        x,
-        y,
-        linestyle='none',
-        marker='o' if dense else marker,
-        markersize=1.1 if dense else 4.5,
-        markeredgewidth=0,
-        color=BOTH[name] if dense else COLORS[name],
-        alpha=max(alpha, 0.6) if dense else alpha,
-        rasterized=dense,
-        zorder=2,
-    )
+    rows = []
+    for kind in kinds:
+        place = np.stack([(kind.x - left) / (right - left), (kind.y - low) / (high - low)])
+        rows.append(np.unique(np.round(_RASTER * place), axis=1, return_index=True)[1])
+    # All kinds alike, so that none looks as if it had more points.
+    dense = sum(map(len, rows)) > _MOST_MARKS
+    for kind, seen in zip(kinds, rows, strict=True):
+        axes.plot(
+            kind.x[seen],
+            kind.y[seen],
+            linestyle='none',
+            marker='o' if dense else kind.marker,
+            markersize=1.6 if dense else 4.5,
+            markeredgewidth=0,
+            color=BOTH[kind.name] if dense else COLORS[kind.name],
+            alpha=max(kind.alpha, 0.6) if dense else kind.alpha,
+            rasterized=dense,
+            clip_on=dense,
+            zorder=2,
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 
@@ -30,6 +31,10 @@ _MOST_NUMBERS = 30
 _MOST_PIECES = 1200
 #: Cycles of the force, in all, that can be told apart in it.
 _MOST_CYCLES = 160
+#: Share of the width of that picture that a number of a stretch takes.
+_NUMBER = 0.02
+#: Share of the time history that a narrow picture of it shows.
+_LAST = 3.0 / 8.0
 
 
 def _cycles(stretch: StretchComparison) -> float:
@@ -45,7 +50,7 @@ def _thinned(envelope: SwingEnvelope, most: float) -> list[Array]:
     return [envelope.time[starts], low, np.fmax.reduceat(envelope.high, starts)]
 
 
-def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
+def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Picture | None:
     """
     Draw X over the whole run, with what theory has for its largest value in each stretch.
 
@@ -53,6 +58,8 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
     ----------
     stretches : sequence of StretchComparison
         All of them.
+    wide : bool, optional
+        Whether as wide as the page; for a phone otherwise.
 
     Returns
     -------
@@ -77,9 +84,12 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
     reach = float(np.max(joined[np.isfinite(joined)], initial=0.0))
     unit = unit_for('m', reach)
     reach = unit.factor * reach or 1.0
-    figure, axes = figure_of('rig time [s]', f'X [{unit.name}]', wide=True, height=2.8)
+    figure, axes = figure_of('rig time [s]', f'X [{unit.name}]', wide=wide, height=2.8)
     few = len(stretches) <= _MOST_NUMBERS
     crowded = sum(map(_cycles, stretches)) > _MOST_CYCLES
+    begin, end = stretches[0].start, stretches[-1].end
+    room = _NUMBER * (end - begin) * (1.0 if wide else 2.5)
+    numbered = -math.inf
     for stretch, envelope in shown:
         most = max(8.0, _MOST_PIECES / len(shown))
         if crowded:
@@ -100,7 +110,9 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
             axes.hlines([-level, level], since, stretch.end, zorder=3, **style)
         if stretch is not stretches[0]:
             axes.axvline(stretch.start, color=COLORS['quiet'], linewidth=0.7 if few else 0.3)
-        if few:
+        # A number that would cover the one before is left out.
+        if few and stretch.start - numbered >= room:
+            numbered = stretch.start
             axes.annotate(
                 str(stretch.number),
                 (stretch.start, 1.28 * reach),
@@ -110,15 +122,14 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
                 fontweight='bold',
             )
     axes.set_ylim(-1.12 * reach, 1.3 * reach)
-    begin, end = stretches[0].start, stretches[-1].end
     axes.set_xlim(begin, end if end > begin else begin + 1.0)
     legend = [('patch', 'primary', 'X as recorded')]
     if levels:
         legend.append(('dashed', 'theory', 'largest |X| of the stable motion predicted'))
-    legend_above(axes, legend)
+    legend_above(axes, legend, columns=0 if wide else 1)
     caption = 'Displacement of the primary mass over the whole run; stretches begin at the '
     caption += 'upright lines.'
-    return Picture(figure, 'The whole run', caption, wide=True)
+    return Picture(figure, 'The whole run', caption, wide=wide)
 
 
 def _occurrences(curve: PredictedCurve, phase: float, start: float, end: float) -> Array:
@@ -196,7 +207,14 @@ def _where(stretch: StretchComparison, motion: MotionCurve) -> dict[str, tuple[A
     return marks
 
 
-def draw_history(stretch: StretchComparison) -> Picture | None:
+def _end_of(motion: MotionCurve) -> MotionCurve:
+    """Return the last part of a motion, that a narrow picture has room for."""
+    start, end = motion.time[0], motion.time[-1]
+    late = motion.time >= end - _LAST * (end - start)
+    return MotionCurve(*(getattr(motion, f.name)[late] for f in fields(motion)))
+
+
+def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | None:
     """
     Draw the end of a stretch as recorded, with the predicted motion and impacts over it.
 
@@ -204,6 +222,8 @@ def draw_history(stretch: StretchComparison) -> Picture | None:
     ----------
     stretch : StretchComparison
         The stretch.
+    wide : bool, optional
+        Whether as wide as the page; the last part for a phone otherwise.
 
     Returns
     -------
@@ -213,9 +233,11 @@ def draw_history(stretch: StretchComparison) -> Picture | None:
     motion, theory = filled_motion(stretch), stretch.curves.predicted
     if motion is None:
         return None
+    if not wide:
+        motion = _end_of(motion)
     z = motion.x + motion.y
     unit = unit_for('m', motion.x, z)
-    figure, axes = figure_of('rig time [s]', f'position along the axis [{unit.name}]', wide=True)
+    figure, axes = figure_of('rig time [s]', f'position along the axis [{unit.name}]', wide=wide)
     width = motion.stop_1 - motion.stop_2
     depth = 0.1 * unit.factor * float(np.max(width[np.isfinite(width)], initial=0.0))
     for edge, side in ((motion.stop_1, 1.0), (motion.stop_2, -1.0)):
@@ -248,5 +270,5 @@ def draw_history(stretch: StretchComparison) -> Picture | None:
         legend += [('dashed', 'theory', predicted_label(stretch)), ('o', 'theory', 'its impacts')]
         caption += ' Over it the predicted motion, with its impacts as rings.'
     axes.set_xlim(start, end if end > start else start + 1e-9)
-    legend_above(axes, legend)
-    return Picture(figure, 'Time history', caption, wide=True)
+    legend_above(axes, legend, columns=0 if wide else 3)
+    return Picture(figure, 'Time history', caption, wide=wide)

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import NamedTuple
 from unicodedata import category
 
 __all__ = ['Column', 'Html', 'listed', 'safe', 'table']
+
+
+#: Columns of a table that a phone has room for.
+_NARROW_COLUMNS = 5
+_TAG = re.compile('<[^>]*>')
 
 
 class Html(str):
@@ -99,8 +105,12 @@ def table(
         if lines:
             bodies.append(f'<tbody>{"".join(lines)}</tbody>')
     small = f'<small>{safe(note)}</small>' if note else ''
+    hint, focus = '', ''
+    if len(columns) > _NARROW_COLUMNS:
+        hint = f'<p class="hint">{len(columns)} columns, scrolls sideways →</p>'
+        focus = f' tabindex="0" role="group" aria-label="{_TAG.sub("", safe(caption))}"'
     return Html(
-        f'<div class="scroll"><table><caption>{safe(caption)}{small}</caption>'
+        f'{hint}<div class="scroll"{focus}><table><caption>{safe(caption)}{small}</caption>'
         f'<thead><tr>{"".join(heads)}</tr></thead>{"".join(bodies)}</table></div>'
     )
 

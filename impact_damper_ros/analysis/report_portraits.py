@@ -10,6 +10,7 @@ import numpy as np
 from .report_axes import (
     DASHED,
     Picture,
+    Points,
     cloud,
     figure_of,
     finite_range,
@@ -57,7 +58,7 @@ def draw_primary_portrait(stretch: StretchComparison) -> Picture | None:
     if motion is None or not np.any(motion.velocity):
         return None
     predicted = None if theory is None else (theory.x, theory.velocity)
-    names, label = ('X', "X'"), predicted_label(stretch)
+    names, label = ('X', 'X′'), predicted_label(stretch)
     figure, _, _ = _portrait((motion.x, motion.velocity), predicted, 'primary', names, label)
     caption = 'Velocity of the primary mass over its displacement; each impact is a step. '
     caption += 'Between samples far apart stand cubics through positions and velocities.'
@@ -71,7 +72,7 @@ def draw_damper_portrait(stretch: StretchComparison) -> Picture | None:
         return None
     predicted = None if theory is None else (theory.y, theory.relative_velocity)
     measured = (motion.y, motion.relative_velocity)
-    names, label = ('Y = Z − X', "Y'"), predicted_label(stretch)
+    names, label = ('Y = Z − X', 'Y′'), predicted_label(stretch)
     figure, axes, factor = _portrait(measured, predicted, 'damper', names, label)
     left, right = axes.get_xlim()
     for edge, side in ((motion.stop_1, 1.0), (motion.stop_2, -1.0)):
@@ -98,7 +99,7 @@ def draw_section(stretch: StretchComparison) -> Picture | None:
         velocities.append(np.array(orbit.damper_velocity_after))
     rate = unit_for('m/s', *velocities)
     figure, axes = figure_of(
-        'phase of the force at the impact [cycles]', f"Z' just after the impact [{rate.name}]"
+        'phase of the force at the impact [cycles]', f'Z′ just after the impact [{rate.name}]'
     )
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(*(rate.factor * v for v in finite_range(*velocities, margin=0.1)))
@@ -106,14 +107,16 @@ def draw_section(stretch: StretchComparison) -> Picture | None:
     if stretch.settled_at is not None:
         settled = impacts.time >= stretch.settled_at
     legend = []
+    kinds = []
     for stop, marker, color in ((1, '^', 'damper'), (2, 'v', 'primary')):
         chosen = known & (impacts.stop == stop)
         for part, alpha in ((chosen & ~settled, 0.35), (chosen & settled, 1.0)):
             if part.any():
                 velocity = rate.factor * impacts.damper_velocity_after[part]
-                cloud(axes, impacts.phase[part] % 1.0, velocity, marker, color, alpha)
+                kinds.append(Points(impacts.phase[part] % 1.0, velocity, marker, color, alpha))
         if chosen.any():
             legend.append((marker, color, f'on stop {stop}'))
+    cloud(axes, kinds)
     caption = f'The state just after each of the {known.sum()} latest impacts'
     caption += ', faint before the motion is steady.' if not settled.all() else '.'
     caption += ' A periodic motion is as many points as it has impacts, a quasi-periodic one lies '

@@ -33,10 +33,13 @@ _DEPTH = 1e-6
 _SEEN = 1e-5
 #: Periods of the convergence that are drawn after it has reached its floor, at least.
 _TAIL = 20
+#: How much higher than all else the part of a gap curve may be that is not viable.
+_TALLEST = 2.5
 
 
 def _slopes(axes: Any, curve: Convergence) -> list[tuple[str, str, str]]:
-    """Draw the decay as measured and as predicted; return the entries of the legend."""
+    """Draw the decay as measured and as predicted, within the axes; return the legend."""
+    low, high = axes.get_ylim()
     part = slice(curve.fitted_from, curve.fitted_to)
     time, distance = curve.time[part], curve.distance[part]
     count = np.arange(len(time))
@@ -50,9 +53,10 @@ def _slopes(axes: Any, curve: Convergence) -> list[tuple[str, str, str]]:
             if math.isfinite(factor) and factor > 0.0:
                 # Through the middle of the points: the slope is what is to be seen.
                 begin = np.mean(np.log(distance[used]) - count[used] * math.log(factor))
+                slope = np.exp(begin + count * math.log(factor))
                 axes.plot(
                     time,
-                    np.exp(begin + count * math.log(factor)),
+                    np.where((slope >= low) & (slope <= high), slope, np.nan),
                     color=COLORS[name],
                     linewidth=1.8,
                     linestyle='-' if look == 'line' else DASHED,
@@ -139,7 +143,11 @@ def draw_spectrum(stretch: StretchComparison) -> Picture | None:
         return None
     unit, rate = unit_for('m', largest), unit_for('Hz', highest)
     figure, axes = figure_of(f'frequency [{rate.name}]', f'amplitude of X [{unit.name}]')
-    log_axis(axes, _DEPTH * unit.factor * largest, 5.0 * unit.factor * largest)
+    at, lines = np.empty(0), np.empty(0)
+    if stretch.curves.predicted is not None:
+        at, lines = predicted_lines(stretch.curves.predicted, highest)
+    top = max(largest, float(np.nanmax(lines, initial=0.0)))
+    log_axis(axes, _DEPTH * unit.factor * largest, 5.0 * unit.factor * top)
     inside = finite & (curve.frequency <= highest) & (curve.amplitude > 0.0)
     x, y = rate.factor * curve.frequency[inside], unit.factor * curve.amplitude[inside]
     axes.plot(x, y, color=COLORS['primary'], linewidth=1.1)
@@ -152,9 +160,8 @@ def draw_spectrum(stretch: StretchComparison) -> Picture | None:
             axes.axvline(line, color=COLORS['quiet'], linewidth=0.7, linestyle=(0, (1, 1.8)))
         legend.append(('dotted', 'quiet', 'multiples of the force'))
     if stretch.curves.predicted is not None:
-        at, amplitude = predicted_lines(stretch.curves.predicted, highest)
-        seen = amplitude > _SEEN * largest
-        rings(axes, rate.factor * at[seen], unit.factor * amplitude[seen], 8.0)
+        seen = lines > _SEEN * largest
+        rings(axes, rate.factor * at[seen], unit.factor * lines[seen], 8.0)
         legend.append(('o', 'theory', predicted_label(stretch)))
         caption += ' Rings: the Fourier coefficients of the predicted motion.'
     axes.set_xlim(0.0, rate.factor * highest)
@@ -162,8 +169,22 @@ def draw_spectrum(stretch: StretchComparison) -> Picture | None:
     return Picture(figure, 'Spectrum', caption)
 
 
-def _branch(axes: Any, curve: GapCurve, factor: float) -> list[tuple[str, str, str]]:
-    """Draw the branch by pieces of one kind; return the entries of the legend."""
+def _top(curve: GapCurve) -> float:
+    """Return where the axis of Xmax/A ends, above all of the curve if that can be."""
+    special = curve.special_ratio[np.isfinite(curve.special_ratio)]
+    wanted = finite_range(
+        curve.ratio[curve.viable], special, [curve.measured_ratio, 0.0], margin=0.08
+    )[1]
+    everything = finite_range(curve.ratio, special, [curve.measured_ratio, 0.0], margin=0.08)[1]
+    # Motions that the rig cannot make must not press the others down.
+    return everything if everything <= _TALLEST * wanted else wanted
+
+
+def _branch(
+    axes: Any, curve: GapCurve, factor: float, top: float
+) -> tuple[list[tuple[str, str, str]], bool]:
+    """Draw the branch by pieces of one kind; return the legend, and whether some is left out."""
+    inside = curve.ratio <= top
     kinds = np.where(curve.viable, np.where(curve.stable, 0, 1), 2)
     edges = [0, *(np.flatnonzero(np.diff(kinds)) + 1), len(kinds)]
     looks: list[tuple[str, str, str, Any, float]] = [
@@ -175,9 +196,10 @@ def _branch(axes: Any, curve: GapCurve, factor: float) -> list[tuple[str, str, s
         _, color, _, style, width = looks[kinds[begin]]
         # Each piece reaches to the first point of the next.
         piece = slice(begin, end + 1)
-        x, y = factor * curve.gap[piece], curve.ratio[piece]
+        x, y = factor * curve.gap[piece], np.where(inside, curve.ratio, np.nan)[piece]
         axes.plot(x, y, color=COLORS[color], linestyle=style, linewidth=width)
-    return [looks[kind][:3] for kind in sorted(set(kinds.tolist()))]
+    left_out = bool((np.isfinite(curve.ratio) & ~inside).any())
+    return [looks[kind][:3] for kind in sorted(set(kinds.tolist()))], left_out
 
 
 def draw_gap_curve(stretch: StretchComparison) -> Picture | None:
@@ -187,7 +209,8 @@ def draw_gap_curve(stretch: StretchComparison) -> Picture | None:
         return None
     unit = unit_for('m', curve.measured_gap)
     figure, axes = figure_of(f'gap d [{unit.name}]', 'Xmax / A')
-    legend = _branch(axes, curve, unit.factor)
+    top = _top(curve)
+    legend, left_out = _branch(axes, curve, unit.factor, top)
     special = np.isfinite(curve.special_ratio)
     if special.any():
         axes.plot(
@@ -208,16 +231,19 @@ def draw_gap_curve(stretch: StretchComparison) -> Picture | None:
         style = {'linestyle': 'none', 'marker': '*', 'markersize': 14, 'markeredgewidth': 0}
         axes.plot([at], [curve.measured_ratio], color=COLORS['damper'], zorder=4, **style)
         legend.append(('*', 'damper', 'this run'))
-    top = finite_range(curve.ratio[curve.viable], [curve.measured_ratio, 0.0], margin=0.08)[1]
     axes.set_ylim(0.0, top)
     legend_above(axes, legend, columns=3)
-    return Picture(figure, 'Largest |X| over the gap', _gap_caption(curve, unit.factor, unit.name))
+    caption = _gap_caption(curve, unit.factor, unit.name)
+    if left_out:
+        caption += f' What is not viable is left out above {number(top, 2)}.'
+    return Picture(figure, 'Largest |X| over the gap', caption)
 
 
 def _gap_caption(curve: GapCurve, factor: float, unit: str) -> str:
     stops = ', '.join(map(str, curve.stops))
     caption = f'The predicted motion (stops {stops}) followed in the gap, all else as logged; A '
-    caption += 'is the amplitude without impacts.'
+    caption += 'is the amplitude without impacts. The line is full where it is stable, dashed '
+    caption += 'where it is unstable, dotted where it is not viable.'
     sound = np.flatnonzero(curve.stable & curve.viable & np.isfinite(curve.ratio))
     if len(sound):
         best = sound[np.argmin(curve.ratio[sound])]

@@ -6,15 +6,17 @@ import math
 from collections.abc import Callable
 
 from .report_axes import Picture
+from .report_glossary import linked
 from .report_history import draw_history
 from .report_html import Html, listed, safe
 from .report_portraits import draw_damper_portrait, draw_primary_portrait, draw_section
 from .report_response import draw_convergence, draw_gap_curve, draw_spectrum
 from .report_svg import inline_svg
 from .report_tables import (
-    badge,
+    cause_of,
     comparison_table,
     energy_table,
+    linked_badge,
     motion_of,
     multiplier_table,
     parameter_table,
@@ -43,7 +45,7 @@ _NEEDED = {
 _MOST_FINDINGS = 20
 
 
-def figure_html(picture: Picture, key: str, where: str) -> Html:
+def figure_html(picture: Picture, key: str, where: str, narrow: Picture | None = None) -> Html:
     """
     Return a picture with its caption.
 
@@ -55,14 +57,17 @@ def figure_html(picture: Picture, key: str, where: str) -> Html:
         Begins the ids of its parts.
     where : str
         What it is of, for those who have it read out.
+    narrow : Picture, optional
+        The same for a phone, if the picture is too wide for one.
     """
-    svg = inline_svg(picture.figure, key, f'{picture.title}, {where}')
-    if picture.wide:
-        name = f'{safe(picture.title)}, {safe(where)}: scrolls sideways'
-        svg = f'<div class="scroll" tabindex="0" role="group" aria-label="{name}">{svg}</div>'
-    caption = f'<strong>{safe(picture.title)}.</strong> {safe(picture.caption)}'
+    label = f'{picture.title}, {where}'
+    drawn = inline_svg(picture.figure, key, label)
+    if narrow is not None:
+        small = inline_svg(narrow.figure, f'{key}-narrow', label)
+        drawn = f'<div class="broad">{drawn}</div><div class="slim">{small}</div>'
+    caption = f'<strong>{linked(picture.title)}.</strong> {linked(picture.caption)}'
     kind = 'wide' if picture.wide else 'narrow'
-    return Html(f'<figure class="{kind}">{svg}<figcaption>{caption}</figcaption></figure>')
+    return Html(f'<figure class="{kind}">{drawn}<figcaption>{caption}</figcaption></figure>')
 
 
 def _tiles(stretch: StretchComparison) -> Html:
@@ -103,7 +108,8 @@ def _tiles(stretch: StretchComparison) -> Html:
     return Html(
         '<dl class="tiles">'
         + ''.join(
-            f'<div><dt>{safe(name)}</dt><dd>{safe(value)}<small>{safe(small)}</small></dd></div>'
+            f'<div><dt>{linked(name)}</dt>'
+            f'<dd>{linked(value)}<small>{linked(small)}</small></dd></div>'
             for name, value, small in tiles
         )
         + '</dl>'
@@ -120,6 +126,7 @@ def _findings(stretch: StretchComparison) -> Html:
         texts.append(f'{stretch.missing_samples} samples are missing in the log')
     if not texts:
         return Html()
+    texts = [linked(text) for text in texts]
     return Html(f'<div class="notes"><h3>Findings</h3>{listed(texts)}</div>')
 
 
@@ -131,12 +138,13 @@ def _pictures(stretch: StretchComparison) -> Html:
         picture = draw(stretch)
         if picture is not None:
             key, where = f's{stretch.number}-{name}', f'stretch {stretch.number}'
-            shown.append(figure_html(picture, key, where))
+            narrow = draw_history(stretch, wide=False) if name == 'history' else None
+            shown.append(figure_html(picture, key, where, narrow))
         elif name in _NEEDED:
             missing.append(_NEEDED[name])
     if not shown:
         return Html('<p>Of this stretch too little was recorded to draw anything.</p>')
-    why = f'<p class="judged">Not drawn: {safe("; ".join(missing))}.</p>' if missing else ''
+    why = f'<p class="judged">Not drawn: {linked("; ".join(missing))}.</p>' if missing else ''
     return Html(f'<div class="plots">{"".join(shown)}</div>{why}')
 
 
@@ -163,16 +171,18 @@ def stretch_html(stretch: StretchComparison, before: StretchComparison | None) -
     columns = ''.join(f'<div>{part}</div>' for part in tables if part)
     evidence = '' if stretch.evidence in stretch.sentence else stretch.evidence
     told = (('Kind of motion', evidence), ('Prediction', stretch.solver))
-    judged = ''.join(f'<p class="judged">{name}: {safe(text)}</p>' for name, text in told if text)
+    judged = ''.join(
+        f'<p class="judged">{name}: {linked(text)}</p>' for name, text in told if text
+    )
     time = f'{instant(stretch.start)} s to {instant(stretch.end)} s of rig time, '
     time += f'{stretch.samples} samples, {stretch.impacts} impacts'
     return Html(
         f'<section class="stretch" id="stretch-{stretch.number}" '
         f'aria-labelledby="stretch-{stretch.number}-title">'
         f'<h2 id="stretch-{stretch.number}-title">Stretch {stretch.number}: '
-        f'{safe(stretch.cause or stretch.begins.value)}</h2>'
-        f'<p class="verdict">{badge(stretch.verdict)}{safe(stretch.sentence)}</p>'
-        f'<p class="judged">{safe(time)}</p>'
+        f'{safe(cause_of(stretch))}</h2>'
+        f'<p class="verdict">{linked_badge(stretch.verdict)}{linked(stretch.sentence)}</p>'
+        f'<p class="judged">{linked(time)}</p>'
         f'{_findings(stretch)}{_tiles(stretch)}{_pictures(stretch)}'
         f'<div class="tables">{columns}</div>'
         f'{judged}'

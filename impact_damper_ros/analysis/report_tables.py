@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import cmath
 import math
+import re
 from collections.abc import Collection, Sequence
 from typing import Any
 
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 
+from .report_glossary import linked
 from .report_html import Column, Html, safe, table
-from .report_units import NONE, Unit, aligned, difference, instant, number, unit_for
+from .report_units import NONE, Unit, aligned, difference, instant, number, unit_for, worded
 from .run_comparison import StretchComparison, Verdict
+from .stretch_measures import Overall
 
 __all__ = [
     'badge',
+    'cause_of',
     'comparison_table',
     'energy_table',
+    'linked_badge',
+    'motion_of',
     'multiplier_table',
+    'overall_table',
     'overview_table',
     'parameter_table',
 ]
@@ -32,16 +39,21 @@ _BADGES = {
     Verdict.NO_PREDICTION: ('none', '–'),
     Verdict.TOO_SHORT: ('none', '–'),
 }
+#: Changes that are named where a stretch begins, and what stands between two of them.
+_MOST_CHANGES = 4
+_CHANGES = re.compile(r', (?=[a-z_0-9]+ = )')
 #: Impacts of a period that are listed; chatter has many.
 _MOST_IMPACTS = 8
+#: Share of a run that samples cover if none is missing.
+_COVERED = 0.99
 
 _QUANTITIES: tuple[tuple[str, str, str], ...] = (
     ('phases', 'phase', 'cycles'),
     ('x', 'X', 'm'),
-    ('primary_velocity_before', "X' before", 'm/s'),
-    ('primary_velocity_after', "X' after", 'm/s'),
-    ('damper_velocity_before', "Z' before", 'm/s'),
-    ('damper_velocity_after', "Z' after", 'm/s'),
+    ('primary_velocity_before', 'X′ before', 'm/s'),
+    ('primary_velocity_after', 'X′ after', 'm/s'),
+    ('damper_velocity_before', 'Z′ before', 'm/s'),
+    ('damper_velocity_after', 'Z′ after', 'm/s'),
     ('impulse', 'impulse', 'N s'),
 )
 
@@ -51,6 +63,25 @@ def badge(verdict: Verdict, count: int | None = None) -> Html:
     kind, sign = _BADGES[verdict]
     times = '' if count is None else f': {count}'
     return Html(f'<span class="badge {kind}">{sign} {safe(verdict.value)}{times}</span>')
+
+
+def linked_badge(verdict: Verdict, count: int | None = None) -> Html:
+    """Return a verdict as a label that leads to its explanation."""
+    label = badge(verdict, count)
+    word = safe(verdict.value)
+    return Html(label.replace(word, linked(verdict.value), 1))
+
+
+def cause_of(stretch: StretchComparison) -> str:
+    """Return what a stretch begins with, the changes that say most, if there are very many."""
+    cause = worded(stretch.cause) or stretch.begins.value
+    changes = _CHANGES.split(cause)
+    if len(changes) <= _MOST_CHANGES:
+        return cause
+    # What comes or goes along with another change says the least.
+    changes.sort(key=lambda change: 'none' in change)
+    left = len(changes) - _MOST_CHANGES
+    return f'{", ".join(changes[:_MOST_CHANGES])} and {left} more changes'
 
 
 def motion_of(stretch: StretchComparison) -> str:
@@ -96,7 +127,7 @@ def overview_table(
                 name,
                 badge(stretch.verdict),
                 f'{instant(stretch.start)} to {instant(stretch.end)}',
-                stretch.cause,
+                cause_of(stretch),
                 motion_of(stretch),
                 NONE if measured is None else number(measured.impacts_per_cycle, 4),
                 NONE if measured is None else number(unit.factor * measured.x_max, 5),
@@ -104,16 +135,77 @@ def overview_table(
             )
         )
     columns = (
-        Column('stretch', 'text'),
+        Column(linked('stretch'), 'text'),
         Column('verdict', 'text'),
-        Column('rig time [s]', 'span'),
+        Column(linked('rig time [s]'), 'span'),
         Column('begins with', 'text'),
         Column('motion', 'text'),
-        Column('impacts per cycle'),
+        Column(linked('impacts per cycle')),
         Column(f'largest |X| [{unit.name}]'),
-        Column(f'predicted [{unit.name}]'),
+        Column(linked(f'predicted [{unit.name}]')),
     )
-    return table('All stretches', columns, [('', rows)], note=note)
+    told = 'Impacts per cycle and largest |X| are those of the steady part, or of the second half '
+    told += f'of what has none. {note}'
+    return table('All stretches', columns, [('', rows)], note=linked(told))
+
+
+def overall_table(
+    stretches: Sequence[StretchComparison], overall: Overall | None, note: str
+) -> Html:
+    """
+    Return swing, impacts and energy of whole stretches and of the run; empty if not known.
+
+    Parameters
+    ----------
+    stretches : sequence of StretchComparison
+        Those to list.
+    overall : Overall or None
+        The run.
+    note : str
+        What to say of those left out.
+    """
+    known = [(str(s.number), s.overall) for s in stretches if s.overall is not None]
+    if overall is None or not known:
+        return Html()
+    entries = [*known, ('all', overall)] if len(known) > 1 else known
+    numbers = [entry for _, entry in entries]
+    length = unit_for('m', [entry.x_max for entry in numbers])
+    work = [(e.force_work, e.impact_energy, e.dashpot_energy) for e in numbers]
+    energy = unit_for('J', work)
+    rows = []
+    for name, entry in entries:
+        values = (entry.force_work, entry.impact_energy, entry.dashpot_energy)
+        rows.append(
+            (
+                name,
+                instant(entry.duration),
+                number(length.factor * entry.x_max, 5),
+                number(length.factor * entry.x_rms, 5),
+                str(entry.impacts),
+                str(entry.impacts_on_stop_1),
+                str(entry.impacts_on_stop_2),
+                *(number(energy.factor * value, 5) for value in values),
+            )
+        )
+    columns = (
+        Column(linked('stretch'), 'text'),
+        Column('length [s]'),
+        Column(f'largest |X| [{length.name}]'),
+        Column(linked(f'rms of X [{length.name}]')),
+        Column('impacts'),
+        Column(linked('on stop 1')),
+        Column('on stop 2'),
+        Column(f'work of the force [{energy.name}]'),
+        Column(f'taken from M by impacts [{energy.name}]'),
+        Column(f'by the dashpot [{energy.name}]'),
+    )
+    told = 'Over whole stretches, transients included; between the samples, X follows cubics '
+    told += f'through positions and velocities, right to about {number(overall.accuracy, 1)}. '
+    if overall.covered < _COVERED * overall.duration:
+        told += f'Samples are missing: rms and work go over {instant(overall.covered)} s of '
+        told += f'{instant(overall.duration)} s. '
+    groups = [('', rows[: len(known)]), ('', rows[len(known) :])]
+    return table('Swing, impacts and energy', columns, groups, note=linked(told + note))
 
 
 def _pair(
@@ -124,7 +216,8 @@ def _pair(
     factor = 1.0 if handy is None else handy.factor
     one, other = aligned((factor * measured, factor * predicted), 7)
     far = measured - predicted if apart is None else apart
-    return name, one, other, difference(factor * far), unit if handy is None else handy.name
+    last = worded(unit if handy is None else handy.name)
+    return linked(name), one, other, difference(factor * far), last
 
 
 def comparison_table(stretch: StretchComparison) -> Html:
@@ -173,14 +266,14 @@ def comparison_table(stretch: StretchComparison) -> Html:
                 apart = math.remainder(one - other, orbit.cycles)
             rows.append(_pair(name, unit, one, other, apart))
         assert last is not None
-        groups.append((f'Impact {i + 1}, on stop {last.stops[i]}', rows))
+        groups.append((linked(f'Impact {i + 1}, on stop {last.stops[i]}'), rows))
     note = ''
     if count > _MOST_IMPACTS:
         note = f'The first {_MOST_IMPACTS} of {count} impacts of the period.'
     columns = (
         Column('quantity', 'text'),
         Column('measured'),
-        Column('predicted'),
+        Column(linked('predicted')),
         Column('difference'),
         Column('unit', 'text'),
     )
@@ -227,12 +320,12 @@ def energy_table(stretch: StretchComparison) -> Html:
             length = 100.0 * abs(value / periods) / most if most > 0.0 else 0.0
             style = f'width:{length:.1f}%' if math.isfinite(length) else 'width:0'
             bar = Html(f'<span class="bar {kind}" style="{style}"></span>')
-            lines.append((name, amounts[value], shares[value], bar))
+            lines.append((linked(name), amounts[value], shares[value], bar))
         return lines
 
     columns = (
         Column('', 'text'),
-        Column(f'{unit.name} per {span}'),
+        Column(linked(f'{unit.name} per {span}')),
         Column('% of input'),
         Column('', 'bars'),
     )
@@ -241,7 +334,7 @@ def energy_table(stretch: StretchComparison) -> Html:
     note += f'{instant(energy.end)} s, from the log alone; between the samples the balance is '
     note += f'known to {tolerance} {unit.name}.'
     groups = [('Put in', rows(given, '')), ('Taken out', rows(taken, 'taken'))]
-    return table('Energy balance', columns, groups, note=note)
+    return table('Energy balance', columns, groups, note=linked(note))
 
 
 def multiplier_table(stretch: StretchComparison) -> Html:
@@ -256,7 +349,8 @@ def multiplier_table(stretch: StretchComparison) -> Html:
     columns = (Column('', 'text'), Column('modulus'), Column('angle [°]'))
     stable = 'all within the unit circle' if orbit.stable else 'not all within the unit circle'
     note = f'Deviations are multiplied so in each period: {stable}.'
-    return table('Multipliers of the predicted motion', columns, [('', rows)], note=note)
+    caption = linked('Multipliers of the predicted motion')
+    return table(caption, columns, [('', rows)], note=linked(note))
 
 
 def _value(value: Any) -> str:
@@ -286,7 +380,7 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     specs = {**PARAMETER_SPECS, **INITIAL_SPECS}
     rows = []
     for name, value in values.items():
-        cells = [name, _value(value), specs[name].unit if name in specs else '']
+        cells = [name, _value(value), worded(specs[name].unit) if name in specs else '']
         if changed:
             cells.append(_value(earlier[name]) if name in changed else '')
         rows.append(tuple(cells))

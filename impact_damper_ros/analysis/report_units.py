@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -18,11 +19,19 @@ __all__ = [
     'number',
     'power_of_ten',
     'unit_for',
+    'worded',
 ]
 
 _PREFIXES = ((1.0, ''), (1e3, 'm'), (1e6, 'µ'), (1e9, 'n'))
 _MINUS = '\N{MINUS SIGN}'
 _RAISED = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
+#: What is written otherwise in print than on a terminal: signs, powers, units, X' for a rate.
+_PLUS_MINUS = re.compile(r'(?<!\S)\+/?-(?=[\s\d.])')
+_NUMBER = re.compile(r'(?<![\w.)\]])([-+]?)(\d+(?:\.\d+)?)(e[-+]?\d+)?(?![\w])')
+_POWER = re.compile(r'(?<=[a-z])\^(-?\d+)')
+_MICRO = re.compile(r'(?<=\d )u(?=(?:s|m|N|J)\b)')
+_JOINED = re.compile(r'(?<=N) (?=s\b)')
+_RATE = re.compile(r"(?<=\b[XYZ])'(?!\w)")
 #: What stands for a number that is not there.
 NONE = '–'
 
@@ -70,11 +79,36 @@ def unit_for(name: str, *values: ArrayLike) -> Unit:
 def _plain(text: str) -> str:
     """Return a number as it is printed: with a true minus, powers of ten raised."""
     mantissa, _, exponent = text.partition('e')
+    if not mantissa.strip('-0.'):
+        # What is zero as printed has no sign.
+        mantissa = mantissa.replace('-', '')
     mantissa = mantissa.replace('-', _MINUS)
     if not exponent:
         return mantissa
     power = str(int(exponent)).translate(_RAISED)
     return f'{mantissa}\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10{power}'
+
+
+def _printed_number(match: re.Match[str]) -> str:
+    sign, size, exponent = match[1], match[2], match[3] or ''
+    return ('+' if sign == '+' else '') + _plain(sign.replace('+', '') + size + exponent)
+
+
+def worded(text: str) -> str:
+    """
+    Return a sentence of the analysis with its numbers, units and signs as they are printed.
+
+    Parameters
+    ----------
+    text : str
+        As for a terminal: ``-1.5e-07 m/s^2 +- 0.1``.
+    """
+    text = _PLUS_MINUS.sub('\N{PLUS-MINUS SIGN}', text)
+    text = _NUMBER.sub(_printed_number, text)
+    text = _POWER.sub(lambda match: match[1].translate(_RAISED), text)
+    text = _MICRO.sub('\N{MICRO SIGN}', text)
+    text = _JOINED.sub('\N{NO-BREAK SPACE}', text)
+    return _RATE.sub('\N{PRIME}', text)
 
 
 def number(value: float | None, digits: int = 6) -> str:

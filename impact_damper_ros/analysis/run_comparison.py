@@ -20,7 +20,7 @@ from impact_damper_ros.rig import RigParameters
 
 from .motion_kind import MotionKind
 from .run_curves import StretchCurves
-from .stretch_measures import Decay, EnergyBalance, Finding, MeasuredMotion
+from .stretch_measures import Decay, EnergyBalance, Finding, MeasuredMotion, Overall
 
 __all__ = [
     'Beginning',
@@ -87,6 +87,8 @@ class StretchComparison:
         Period k in cycles of the force; 0 if the motion is not periodic.
     settled_at : float or None
         Rig time from which the motion is steady, s; None if it does not become so.
+    overall : Overall or None
+        Swing, impacts and energy over the whole stretch.
     measured : MeasuredMotion or None
         The steady part.
     predicted : PeriodicOrbit or None
@@ -125,6 +127,7 @@ class StretchComparison:
     measures: Mapping[str, float] = field(default_factory=dict)
     cycles: int = 0
     settled_at: float | None = None
+    overall: Overall | None = None
     measured: MeasuredMotion | None = None
     predicted: PeriodicOrbit | None = None
     predicted_impulse: tuple[float, ...] = ()
@@ -223,6 +226,12 @@ class RunComparison:
             return 1
         return 3 if self.faults else 0
 
+    @property
+    def overall(self) -> Overall | None:
+        """Swing, impacts and energy over all stretches; None if they are known of none."""
+        parts = [s.overall for s in self.stretches if s.overall is not None]
+        return Overall.joined(parts) if parts else None
+
     def as_dict(self, *, curves: bool = False) -> dict[str, Any]:
         """
         Return all as what JSON can hold; what is not a finite number becomes None.
@@ -234,7 +243,8 @@ class RunComparison:
         """
         plain = _plain(self, curves=curves)
         assert isinstance(plain, dict)
-        return {**plain, 'exit_code': self.exit_code}
+        overall = _plain(self.overall, curves=curves)
+        return {**plain, 'overall': overall, 'exit_code': self.exit_code}
 
 
 def _plain(value: Any, *, curves: bool) -> Any:

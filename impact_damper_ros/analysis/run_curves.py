@@ -109,7 +109,9 @@ class ImpactCurve:
 @dataclass(frozen=True)
 class PredictedCurve:
     """
-    One period of the predicted motion, from its first impact to the same one period later.
+    One period of the predicted motion, as a closed curve.
+
+    It goes from just after the first impact to just after the same impact one period later.
 
     Attributes
     ----------

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .cubic import turning_points
+from .cubic import cubic_swing
 from .flight_check import Knots, knots_of
 from .force_clock import ForceClock
 from .recorded_stretch import RecordedImpacts, RecordedStretch
@@ -27,15 +27,22 @@ def knots_between(stretch: RecordedStretch, start: float, end: float) -> Knots:
     return knots_of(stretch.parameters, states, impacts, stretch.stop_before(start))
 
 
-def _largest_swing(knots: Knots) -> float:
-    """Return the largest |X| at the knots and where X turns between two, m."""
+def _swing(stretch: RecordedStretch, knots: Knots) -> tuple[float, float]:
+    """Return the largest |X|, also between the knots, and the rms of X where none is missing."""
     largest = float(np.abs(knots.x).max(initial=0.0))
     begin, end = knots[:-1], knots[1:]
+    starts, ends = np.array(stretch.gaps).reshape(-1, 2).T
+    # None before the first gap: the place -1 is of an end before all times.
+    last = np.searchsorted(starts, begin.time, side='right') - 1
+    missing = end.time <= np.append(ends, -math.inf)[last]
+    used = (end.time > begin.time) & ~missing
+    begin, end = begin[used], end[used]
     step = end.time - begin.time
-    moved = step > 0.0
-    begin, end, step = begin[moved], end[moved], step[moved]
-    turns, out = turning_points(step, end.x - begin.x, begin.velocity, end.velocity_before)
-    return max(largest, float(np.abs(begin.x[turns] + out).max(initial=0.0)))
+    swing = cubic_swing(step, begin.x, end.x, begin.velocity * step, end.velocity_before * step)
+    covered = float(step.sum())
+    known = len(stretch.states) > 0 and covered > 0.0
+    rms = math.sqrt(swing.squares / covered) if known else math.nan
+    return max(largest, swing.largest), rms
 
 
 def measured_motion(
@@ -64,8 +71,7 @@ def measured_motion(
         start, end = float(knots.time[0]), float(knots.time[-1])
     hits = knots[knots.stop > 0.0]
     impulse = stretch.parameters.primary_mass * np.abs(hits.velocity - hits.velocity_before)
-    x = knots.x[knots.stop == 0.0]
-    largest = _largest_swing(knots)
+    largest, rms = _swing(stretch, knots)
     amplitude = stretch.parameters.response_amplitude
     steady = stretch.parameters.sweep_mode == 'off'
     known = steady and 0.0 < amplitude < math.inf
@@ -76,7 +82,7 @@ def measured_motion(
         start=start,
         end=end,
         x_max=largest,
-        x_rms=float(np.sqrt(np.mean(x**2))) if len(x) else math.nan,
+        x_rms=rms,
         amplitude_ratio=largest / amplitude if known else math.nan,
         impacts=len(hits),
         impacts_per_cycle=per_cycle,

@@ -139,6 +139,8 @@ def predicted_curve(
             travel = motion.travel if moves else 0.0
             relative = motion.relative_velocity if moves else 0.0
             rows.append((phase, motion.x, motion.velocity, y + travel, relative))
+    # After the impact that ends the period all is as after the one that began it.
+    rows.append((max(rows[-1][0], orbit.phases[0] + orbit.cycles), *rows[0][1:]))
     phase, x, velocity, place, relative_velocity = np.array(rows).T
     return PredictedCurve(
         phase=phase,

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
-__all__ = ['Decay', 'EnergyBalance', 'Finding', 'ImpactStates', 'MeasuredMotion']
+__all__ = ['Decay', 'EnergyBalance', 'Finding', 'ImpactStates', 'MeasuredMotion', 'Overall']
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,76 @@ class MeasuredMotion:
     mean_impulse: float
     largest_impulse: float
     last_period: ImpactStates | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overall:
+    """
+    Numbers over a whole stretch or run, whatever the motion, from the log alone.
+
+    Between two joint states in a row, and the impacts between them, X is the cubic through the
+    recorded positions and velocities. Integrals leave out where samples are missing, and what is
+    before the first and after the last joint state of a stretch.
+
+    Attributes
+    ----------
+    duration : float
+        Length, s.
+    covered : float
+        How much of it the integrals (`x_rms`, `dashpot_energy`, `force_work`) go over, s.
+    x_max : float
+        Largest |X|, also between the samples, m; X from the static equilibrium of M.
+    x_rms : float
+        Root mean square of X over the time covered, m; the mean of X is not taken off.
+    impacts, impacts_on_stop_1, impacts_on_stop_2 : int
+        Number of recorded impacts.
+    impact_energy : float
+        Kinetic energy that M lost in all recorded impacts, J: by velocities and impulses, exact.
+        The loose mass got a part of it; the rest became heat. Where m rests on a stop, it takes
+        energy from M, or gives some back, without an impact.
+    dashpot_energy : float
+        Energy that the dashpot took from M, J.
+    force_work : float
+        Work of the force on M, J; NaN where its phase is not known, or its frequency is swept.
+    accuracy : float
+        Estimate of the largest relative error of `x_max`, `x_rms` and `dashpot_energy` (and of
+        `force_work`, as a share of the work there and back) by the cubics:
+        (W h)^4/200 + mu (W h)^3/50, with the longest interval h, the highest circular frequency
+        W of natural vibration and force, and the mass ratio mu, whose term stands only with
+        friction.
+    """
+
+    duration: float
+    covered: float
+    x_max: float
+    x_rms: float
+    impacts: int
+    impacts_on_stop_1: int
+    impacts_on_stop_2: int
+    impact_energy: float
+    dashpot_energy: float
+    force_work: float
+    accuracy: float
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Return the same over several stretches: sums, the largest |X|, the common rms."""
+        covered = sum(part.covered for part in parts)
+        squares = sum(part.x_rms**2 * part.covered for part in parts if part.covered > 0.0)
+        largest = [part.x_max for part in parts if not math.isnan(part.x_max)]
+        return cls(
+            duration=sum(part.duration for part in parts),
+            covered=covered,
+            x_max=max(largest, default=math.nan),
+            x_rms=math.sqrt(squares / covered) if covered > 0.0 else math.nan,
+            impacts=sum(part.impacts for part in parts),
+            impacts_on_stop_1=sum(part.impacts_on_stop_1 for part in parts),
+            impacts_on_stop_2=sum(part.impacts_on_stop_2 for part in parts),
+            impact_energy=math.fsum(part.impact_energy for part in parts),
+            dashpot_energy=math.fsum(part.dashpot_energy for part in parts),
+            force_work=math.fsum(part.force_work for part in parts),
+            accuracy=max((part.accuracy for part in parts), default=0.0),
+        )
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,13 @@
 A stretch of a run as it is read, part by part: checked at once, and kept as far as it is needed.
 
 Memory stays bounded: of the joint states the last ones are kept, of very many impacts the first
-and the last ones; the check of the flights and the envelope of X have seen all of them.
+and the last ones; the check of the flights, the envelope of X and the numbers over the whole
+stretch have seen all of them.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,6 +22,7 @@ from .force_clock import ForceClock
 from .recorded_stretch import RecordedImpacts, RecordedStates, RecordedStretch
 from .run_comparison import Beginning
 from .run_curves import Array, SwingEnvelope
+from .stretch_totals import StretchTotals
 
 __all__ = ['StretchMeter']
 
@@ -142,6 +145,7 @@ class StretchMeter:
         self._last_state: float | None = None
         self._gaps: list[tuple[float, float]] = []
         self._envelope = _Envelope()
+        self._totals = StretchTotals(parameters, clock)
 
     @property
     def empty(self) -> bool:
@@ -161,14 +165,15 @@ class StretchMeter:
         final : bool, optional
             Whether it is the last part.
         """
+        knots = knots_of(self.parameters, states, impacts, self.last_stop)
         if self.search is not None and self.search.intervals * self._lines <= _MOST_LINES:
-            knots = knots_of(self.parameters, states, impacts, self.last_stop)
             self.search.look(knots, final=final)
         if len(impacts):
             self.last_stop = int(impacts.stop[-1])
         self._state_count += len(states)
         self._impact_count += len(impacts)
         self._look_for_gaps(states.time)
+        self._totals.take(knots, impacts, _WIDE * self._state_period or math.inf)
         self._envelope.take(states.time, states.x)
         ends = [float(part.time[-1]) for part in (states, impacts) if len(part)]
         self._end = max([self._end, *ends])
@@ -214,10 +219,11 @@ class StretchMeter:
         number, begins, cause, start, control = self._head
         impacts = RecordedImpacts.joined([*self._first_impacts, *self._impacts])
         left_out = self._impact_count - len(impacts)
+        end = self._end if end is None else end
         return RecordedStretch(
             number=number,
             start=start,
-            end=self._end if end is None else end,
+            end=end,
             begins=begins,
             cause=cause,
             parameters=self.parameters,
@@ -233,4 +239,5 @@ class StretchMeter:
             lossy=self._lossy,
             gaps=tuple(self._gaps),
             envelope=self._envelope.finish(),
+            overall=self._totals.finish(end - start),
         )

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.rig.long_run import Stretch
 
+from .cubic import cubic_swing
+
 __all__ = ['StretchSwing', 'stretch_swing']
 
 Array = NDArray[np.float64]
-
-# Four points of Gauss integrate the square of a cubic exactly
-_GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
 class StretchSwing(NamedTuple):
@@ -57,28 +56,13 @@ def stretch_swing(stretch: Stretch) -> StretchSwing:
     span = np.diff(time)
     kept = span > 0.0
     span = span[kept]
-    start, end = x[:-1][kept], x[1:][kept]
-    rise, v_0, v_1 = end - start, leaving[:-1][kept] * span, arriving[1:][kept] * span
-    square, cube = 3.0 * rise - 2.0 * v_0 - v_1, v_0 + v_1 - 2.0 * rise
-
-    def at(s: Array) -> Array:
-        value: Array = start + s * (v_0 + s * (square + s * cube))
-        return value
-
-    largest = float(np.abs(x).max())
-    # X' = v_0 + 2 square s + 3 cube s^2, its two roots in the form that does not cancel
-    root = np.sqrt(np.maximum(square * square - 3.0 * cube * v_0, 0.0))
-    half = -(square + np.copysign(root, square))
-    with np.errstate(divide='ignore', invalid='ignore'):
-        for s in (half / (3.0 * cube), v_0 / half):
-            inside = (s > 0.0) & (s < 1.0)
-            if inside.any():
-                largest = max(largest, float(np.abs(at(np.where(inside, s, 0.0))).max()))
-    total = squares = 0.0
-    # Sums and not products of vectors, whose bits depend on the number of threads
-    for place, weight in zip(0.5 * (1.0 + _GAUSS), 0.5 * _WEIGHTS, strict=True):
-        value = at(np.full_like(start, place))
-        total += weight * float(np.sum(value * span))
-        squares += weight * float(np.sum(value * value * span))
+    swing = cubic_swing(
+        span,
+        x[:-1][kept],
+        x[1:][kept],
+        leaving[:-1][kept] * span,
+        arriving[1:][kept] * span,
+    )
+    largest = max(float(np.abs(x).max()), swing.largest)
     whole = float(time[-1] - time[0])
-    return StretchSwing(largest, total / whole, math.sqrt(squares / whole))
+    return StretchSwing(largest, swing.total / whole, math.sqrt(swing.squares / whole))

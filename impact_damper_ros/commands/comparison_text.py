@@ -10,7 +10,7 @@ from impact_damper_ros.analysis.run_comparison import (
     StretchComparison,
     Verdict,
 )
-from impact_damper_ros.analysis.stretch_measures import EnergyBalance, ImpactStates
+from impact_damper_ros.analysis.stretch_measures import EnergyBalance, ImpactStates, Overall
 from impact_damper_ros.orbits import PeriodicOrbit
 
 __all__ = ['comparison_text', 'stretch_text']
@@ -86,6 +86,22 @@ def _motion_lines(stretch: StretchComparison) -> Iterator[str]:
     yield f'  impacts    {rhythm}'
 
 
+def _overall_lines(overall: Overall) -> Iterator[str]:
+    stops = f'{overall.impacts_on_stop_1} on stop 1, {overall.impacts_on_stop_2} on stop 2'
+    span = f'{overall.duration:.9g} s'
+    if overall.covered < 0.999 * overall.duration:
+        span += f' (samples cover {overall.covered:.6g} s)'
+    yield (
+        f'  overall    largest |X| {overall.x_max:.7g} m, rms X {overall.x_rms:.6g} m in {span}; '
+        f'{_count(overall.impacts, "impact")} ({stops})'
+    )
+    work = '' if math.isnan(overall.force_work) else f'force {overall.force_work:.6g} J into M; '
+    yield (
+        f'             {work}taken from M by impacts {overall.impact_energy:.6g} J, '
+        f'by the dashpot {overall.dashpot_energy:.6g} J'
+    )
+
+
 def stretch_text(stretch: StretchComparison) -> str:
     """Return what was found of a stretch."""
     lines = [
@@ -106,6 +122,8 @@ def stretch_text(stretch: StretchComparison) -> str:
     lines += [f'  motion     {kind}', f'             {stretch.evidence}']
     if stretch.missing_samples:
         lines.append(f'  missing    {_count(stretch.missing_samples, "sample")}')
+    if stretch.overall is not None:
+        lines += _overall_lines(stretch.overall)
     lines += _motion_lines(stretch)
     decay = stretch.decay
     if decay is not None:
@@ -150,4 +168,8 @@ def comparison_text(comparison: RunComparison) -> str:
         counts[stretch.verdict.value] = counts.get(stretch.verdict.value, 0) + 1
     summary = ', '.join(f'{number} {word}' for word, number in counts.items()) or 'nothing'
     part = '' if not comparison.faults else '; the bag is not whole'
-    return '\n\n'.join([*parts, f'in all       {summary}{part}'])
+    last = [f'in all       {summary}{part}']
+    overall = comparison.overall
+    if overall is not None and len(comparison.stretches) > 1:
+        last += _overall_lines(overall)
+    return '\n\n'.join([*parts, '\n'.join(last)])
