@@ -145,10 +145,30 @@ class FaultSearch:
                     end = first
                     break
                 self._look_into(knots, first, last, wrong, found)
+        else:
+            self._single_out(knots, found)
         self.intervals += end
         self.plain += int(found.plain[:end].sum())
         self.unsound += int(unsound[:end].sum())
         self._held = knots[end:]
+
+    def _single_out(self, knots: Knots, found: Intervals) -> None:
+        """Look for joint states that do not fit, where those around them fit together."""
+        doubtful = ~found.sound
+        unsound = found.plain & doubtful
+        between = (doubtful[:-1] & doubtful[1:]) & (unsound[:-1] | unsound[1:])
+        places = np.flatnonzero(between & (knots.stop[1:-1] == 0.0)) + 1
+        if not len(places) or len(places) > _MOST_FOLLOWED:
+            return
+        around = np.column_stack([places - 1, places + 1]).ravel()
+        fits = check_intervals(self._clock, knots[around]).sound[::2]
+        for place in places[fits]:
+            if self.unexplained < _MOST_UNEXPLAINED:
+                self.unexplained += 1
+                first = int(place) - 1
+                self.faults.append(
+                    _unexplained(knots, first if found.plain[first] else first + 1, found)
+                )
 
     def _wrong_intervals(self, knots: Knots, found: Intervals) -> NDArray[np.bool_]:
         """Return which intervals do not lead to their next knot, not even event by event."""

@@ -22,12 +22,14 @@ from .free_motion import Flights, FreeMotion
 from .recorded_stretch import RecordedImpacts, RecordedStates, Rows
 from .run_curves import Array
 
-__all__ = ['Intervals', 'Knots', 'check_intervals', 'knots_of']
+__all__ = ['Intervals', 'Knots', 'check_intervals', 'knots_of', 'largest_size']
 
 _STAMP_S = 0.5e-9
 _MARGIN = 4.0
 _ROUND_OFF = 1e-11
 _TIME_EPSILON = 4.5e-16
+_AT_STOP = 1e-9
+_BEYOND = 1e3
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,8 @@ class Knots(Rows):
         X' just before and just after, m/s; the same for joint states.
     damper_velocity_before, damper_velocity : ndarray of shape (n,)
         Z' just before and just after, m/s.
+    touched : ndarray of shape (n,)
+        1 where a stop is at m, as far as is recorded; 0 elsewhere.
     """
 
     time: Array
@@ -60,6 +64,7 @@ class Knots(Rows):
     velocity: Array
     damper_velocity_before: Array
     damper_velocity: Array
+    touched: Array
 
 
 @dataclass(frozen=True)
@@ -110,6 +115,7 @@ def knots_of(
         (states.velocity, impacts.velocity_after),
         (states.damper_velocity, impacts.damper_velocity_before(parameters)),
         (states.damper_velocity, impacts.damper_velocity_after),
+        (_touched(states), np.ones(len(impacts))),
     ]
     time, stop, *others = (np.concatenate(pair) for pair in columns)
     # A joint state shows the motion after an impact at the same instant.
@@ -118,6 +124,14 @@ def knots_of(
     latest = np.maximum.accumulate(np.where(stop > 0.0, np.arange(len(stop)), -1))
     last = np.where(latest >= 0, stop[latest], float(last_stop))
     return Knots(time[order], stop, last, *(column[order] for column in others))
+
+
+def _touched(states: RecordedStates) -> Array:
+    """Return 1 for each joint state in which a stop is where m is, else 0."""
+    with np.errstate(over='ignore'):
+        off = np.minimum(np.abs(states.stop_1 - states.z), np.abs(states.stop_2 - states.z))
+        near = off <= _AT_STOP * (np.abs(states.z - states.x) + np.abs(states.x))
+    return near.astype(float)
 
 
 def _flights(parameters: RigParameters, knots: Knots) -> tuple[Flights, NDArray[np.bool_]]:
@@ -148,11 +162,25 @@ def _flights(parameters: RigParameters, knots: Knots) -> tuple[Flights, NDArray[
     return flights, plain
 
 
+def largest_size(*columns: Array) -> float:
+    """
+    Return the largest modulus in some columns, 0 of none.
+
+    A number a thousand times beyond nine tenths of the others is taken for a wrong one, which must
+    not decide how well the others are known.
+    """
+    sizes = np.abs(np.concatenate(columns))
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    if not len(sizes):
+        return 0.0
+    most = float(np.quantile(sizes, 0.9, method='lower'))
+    return float(sizes[sizes <= _BEYOND * most].max())
+
+
 def tolerances_of(parameters: RigParameters, knots: Knots) -> Array:
     """Return what the rounding of stamps, and of numbers, makes of X, X', Z and Z'."""
-    length = float(np.abs(np.concatenate([knots.x, knots.z])).max(initial=0.0))
-    speeds = [knots.velocity, knots.damper_velocity]
-    speed = float(np.abs(np.concatenate(speeds)).max(initial=0.0))
+    length = largest_size(knots.x, knots.z)
+    speed = largest_size(knots.velocity, knots.damper_velocity)
     force = sum(abs(amplitude) for amplitude in parameters.harmonics[0])
     length += force / parameters.stiffness
     # It has been taken off the positions, to their last digit.
@@ -182,11 +210,13 @@ def check_intervals(clock: ForceClock, knots: Knots) -> Intervals:
     knots : Knots
         At least two.
     """
-    flights, plain = _flights(clock.parameters, knots)
-    ends = FreeMotion(clock).ends(flights)
-    later = knots[1:]
-    recorded = (later.x, later.velocity_before, later.z, later.damper_velocity_before)
-    residuals = np.column_stack([a - b for a, b in zip(recorded, ends, strict=True)])
+    # Wrong numbers may be as large as numbers are.
+    with np.errstate(over='ignore', invalid='ignore'):
+        flights, plain = _flights(clock.parameters, knots)
+        ends = FreeMotion(clock).ends(flights)
+        later = knots[1:]
+        recorded = (later.x, later.velocity_before, later.z, later.damper_velocity_before)
+        residuals = np.column_stack([a - b for a, b in zip(recorded, ends, strict=True)])
     tolerances = tolerances_of(clock.parameters, knots)
     # NaN is not sound.
     within = (np.abs(residuals) <= tolerances).all(axis=1)

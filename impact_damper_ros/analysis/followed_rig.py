@@ -80,7 +80,8 @@ class FollowedRig:
     def out_of_reach(self, knots: Knots, first: int, last: int) -> bool:
         """Return whether a stop that follows m has still to come to its place."""
         y = np.abs(knots.z[[first, last]] - knots.x[[first, last]])
-        return not self.rig.one_sided and bool(y.max() > self._machine.stop * (1.0 + 1e-9))
+        beyond = y > self._machine.stop * (1.0 + 1e-9)
+        return not self.rig.one_sided and bool((beyond & (knots.touched[[first, last]] > 0)).any())
 
     def next_knot(self, knots: Knots, first: int) -> Array | None:
         """

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from .fault_search import Fault, FaultSearch
-from .impact_check import gap_findings, impulse_findings, restitution_findings
+from .impact_check import gap_findings, impulse_findings, restitution_findings, stop_findings
 from .parameter_fit import ParameterFit, fit_one_parameter
 from .recorded_stretch import RecordedImpacts, RecordedStretch
 from .stretch_measures import Finding
@@ -154,6 +154,9 @@ def _motion_findings(
         found += _fault_findings(faults)
         if search.in_closed_form and search.unsound > max(_TOLD, _FEW * search.intervals):
             found.append(_disobeyed(stretch, search))
+    if not found:
+        found += restitution_findings(rig, stretch.impacts, single=True)
+        found += stop_findings(rig, stretch.control, stretch.states)
     return found
 
 

@@ -312,7 +312,10 @@ def _run(
                 recording.happened(events)
             if waiting and waiting[0].time_ns / 1e9 == instant:
                 change = waiting.popleft()
-                if any(name in change.values for name in SWEEP_FIELDS):
+                if any(
+                    getattr(change.parameters, name) != getattr(rig.parameters, name)
+                    for name in SWEEP_FIELDS
+                ):
                     steps_before = counts[EventKind.FREQUENCY_STEP]
                 caused = rig.change(change.parameters, change.control)
                 report(caused)

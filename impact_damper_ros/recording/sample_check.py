@@ -156,7 +156,7 @@ class SampleSpacing:
         if last_ns is None or self._early or not self.period_ns:
             return False
         steps = [after - before for before, after in pairwise([last_ns, *times_ns])]
-        return 0 < min(steps) and max(steps) <= 1.5 * self.period_ns
+        return min(steps) > 0 and max(steps) <= 1.5 * self.period_ns
 
     def look(self, time_ns: int, stamp_ns: int) -> list[SampleGap]:
         """
