@@ -365,8 +365,9 @@ def _updated(
 
 def _is_reset(snapshot: Snapshot) -> bool:
     """Return whether the snapshot may be that of a reset: motion and force have just begun."""
-    if snapshot.reason == 'reset':
-        return True
+    if snapshot.reason in ('reset', 'start', 'record'):
+        # The last two announce a rig to which nothing was done.
+        return snapshot.reason == 'reset'
     # A reset and a resumption at the same tick are announced as the latter.
     origin = snapshot.state['origin']
     return origin['time'] == snapshot.state['time'] and not any(origin['angles'])
