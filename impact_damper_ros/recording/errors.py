@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
-__all__ = ['RecordingError']
+__all__ = ['RecordingError', 'printable', 'shown']
 
 _SPACE = 'free some space there, or record to another file system (parameter bag_directory)'
 _RIGHTS = 'give yourself write permission there, or choose another directory'
@@ -30,6 +30,30 @@ _KNOWN: dict[int, tuple[str, str]] = {
     errno.EMFILE: ('too many files are open', 'close some, or raise the limit (ulimit -n)'),
     errno.EIO: ('the device reports an input/output error', 'check the disk and its cable'),
 }
+
+
+#: Characters of a value from a file that are shown in a message.
+_MOST_SHOWN = 200
+
+
+def printable(text: str) -> str:
+    """
+    Return one line of text in which control characters are written as escapes.
+
+    What stands in a file must not steer the terminal: no escape sequences, no line breaks, no
+    characters that turn the direction of writing.
+    """
+    if text.isprintable():
+        return text
+    return ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def shown(value: object) -> str:
+    """Return a value from a file as a short, printable text."""
+    if isinstance(value, int) and abs(value) >= 10**40:
+        return f'a whole number of {value.bit_length()} bits'
+    text = printable(repr(value))
+    return text if len(text) <= _MOST_SHOWN else f'{text[:_MOST_SHOWN]}... ({len(text)} characters)'
 
 
 class RecordingError(Exception):
@@ -57,10 +81,10 @@ class RecordingError(Exception):
 
     def __init__(self, attempt: str, path: Path | str, cause: str, remedy: str = '') -> None:
         self.path = Path(path)
-        self.cause = cause
+        self.cause = printable(cause)
         self.remedy = remedy
         text = f"cannot {attempt} '{path}': {cause}"
-        super().__init__(f'{text}; {remedy}' if remedy else text)
+        super().__init__(printable(f'{text}; {remedy}' if remedy else text))
 
     @classmethod
     def from_os_error(cls, attempt: str, path: Path | str, error: OSError) -> RecordingError:

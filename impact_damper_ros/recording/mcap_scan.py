@@ -8,8 +8,11 @@ read. The format: https://mcap.dev/spec
 
 from __future__ import annotations
 
+import os
+import stat
 import struct
 import zlib
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -19,11 +22,20 @@ import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Schema
+from mcap.records import Channel, ChunkIndex, Footer, Header, Metadata, Schema, Statistics
 
-from .errors import RecordingError
+from .errors import RecordingError, shown
 
-__all__ = ['Block', 'RawMessage', 'Scan', 'read_block', 'scan_file']
+__all__ = [
+    'LARGEST_CHUNK',
+    'Block',
+    'RawMessage',
+    'Scan',
+    'open_file',
+    'plain_content',
+    'read_block',
+    'scan_file',
+]
 
 MAGIC = b'\x89MCAP0\r\n'
 
@@ -32,9 +44,20 @@ _MESSAGE = struct.Struct('<HIQQ')
 _CHUNK = struct.Struct('<QQQII')
 _LENGTH = struct.Struct('<Q')
 _INDEX = struct.Struct('<HI')
+_DATA_END = struct.Struct('<I')
 
 #: A longer record is taken for damage (a run's largest are chunks of less than 1 MiB).
 _LONGEST_RECORD = 2**31
+#: Bytes of a chunk, as it stands in the file and expanded, or of a message, that are read.
+LARGEST_CHUNK = 128 * 1024 * 1024
+#: Messages of a chunk: in a full one they have 128 bytes each.
+_MOST_MESSAGES = LARGEST_CHUNK // 128
+#: Bytes of all schemas, channels and metadata together.
+_LONGEST_DESCRIPTIONS = 64 * 1024 * 1024
+#: Bytes that are expanded at once.
+_PIECE = 1024 * 1024
+#: How a message begins that rosbag2 has compressed by itself. No encapsulation of CDR does.
+_ZSTD = b'\x28\xb5\x2f\xfd'
 
 
 class RawMessage(NamedTuple):
@@ -44,6 +67,27 @@ class RawMessage(NamedTuple):
     sequence: int
     stamp_ns: int
     content: bytes
+
+
+class IndexPart(NamedTuple):
+    """A message index record: its channel, and where it and its entries are in the file."""
+
+    channel: int
+    position: int
+    start: int
+    length: int
+
+
+class ChunkHead(NamedTuple):
+    """What stands at the head of a chunk, and where its record is in the file."""
+
+    position: int
+    length: int
+    start_ns: int
+    end_ns: int
+    compression: str
+    compressed_size: int
+    size: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +124,12 @@ class Scan:
     ----------
     path : Path
         The file.
+    source : Path
+        The file as the user knows it, where `path` is an expanded copy of it.
     size : int
         Its length in bytes.
-    profile : str
-        ``'ros2'``, if written by ROS 2.
+    profile, library : str
+        ``'ros2'``, if written by ROS 2, and what wrote it.
     blocks : list of Block
         Where the messages are, in file order.
     schemas, channels : dict
@@ -96,11 +142,31 @@ class Scan:
         Whether the file has its footer and the magic at its end.
     unusable : int
         Bytes at the end that belong to no whole record.
+    indexes : dict of int to list of IndexPart
+        The message index records by the block that they follow.
+    heads : list of ChunkHead
+        The whole chunks.
+    statistics : Statistics or None
+        How much the summary says there is.
+    chunk_indexes : list of ChunkIndex
+        Where the summary says that the chunks are.
+    footer : Footer or None
+        Where the summary is.
+    data_end : (int, int) or None
+        Where the data ends, and its checksum, 0 for none.
+    attachments : int
+        Number of attachments.
+    faults : dict of str to list
+        What was found wrong so far: the first case of each kind in words, and how many there are.
+    numbers : dict of int to dict
+        First and last sequence number by channel of the blocks that were read whole.
     """
 
     path: Path
+    source: Path
     size: int
     profile: str = ''
+    library: str = ''
     blocks: list[Block] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -108,14 +174,61 @@ class Scan:
     metadata: list[Metadata] = field(default_factory=list)
     finished: bool = False
     unusable: int = 0
+    indexes: dict[int, list[IndexPart]] = field(default_factory=dict)
+    heads: list[ChunkHead] = field(default_factory=list)
+    statistics: Statistics | None = None
+    chunk_indexes: list[ChunkIndex] = field(default_factory=list)
+    footer: Footer | None = None
+    data_end: tuple[int, int] | None = None
+    attachments: int = 0
+    faults: dict[str, tuple[str, int]] = field(default_factory=dict)
+    numbers: dict[int, dict[int, tuple[int, int]]] = field(default_factory=dict)
+    description_size: int = 0
+
+    @property
+    def own(self) -> bool:
+        """Whether this package has written the file."""
+        return self.library.startswith('impact_damper_ros/')
+
+    def fault(self, kind: str, text: str) -> None:
+        """Note what is wrong; of one kind, the first case is kept and the others are counted."""
+        first, count = self.faults.get(kind, (text, 0))
+        self.faults[kind] = first, count + 1
 
 
-def scan_file(path: Path) -> Scan:
+def open_file(path: Path) -> BinaryIO:
+    """
+    Open a file for reading; a pipe or device is not waited for.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, or is no regular file.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | getattr(os, 'O_CLOEXEC', 0))
+    except OSError as error:
+        raise RecordingError.from_os_error('read', path, error) from error
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        cause = 'it is a directory, a pipe or a device, not a regular file'
+        raise RecordingError('read', path, cause, 'name a bag directory or a .mcap file')
+    return os.fdopen(descriptor, 'rb')
+
+
+def scan_file(path: Path, source: Path | None = None) -> Scan:
     """
     Walk through the records of a file and note where its messages are.
 
     The chunks of a finished file are skipped: its index tells what they hold. Those of any other
     are read through, one at a time.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    source : Path, optional
+        The file to be named in messages, if `path` is an expanded copy of it.
 
     Raises
     ------
@@ -123,8 +236,8 @@ def scan_file(path: Path) -> Scan:
         If the file is empty, cannot be read or is not an MCAP file.
     """
     try:
-        with path.open('rb') as stream:
-            scan = Scan(path, stream.seek(0, 2))
+        with open_file(path) as stream:
+            scan = Scan(path, source or path, stream.seek(0, 2))
             stream.seek(0)
             _check_magic(scan, stream.read(len(MAGIC)))
             end = _walk(scan, stream)
@@ -136,17 +249,17 @@ def scan_file(path: Path) -> Scan:
             scan.unusable = scan.size - end
             _learn_topics(scan, stream)
     except OSError as error:
-        raise RecordingError.from_os_error('read', path, error) from error
+        raise RecordingError.from_os_error('read', source or path, error) from error
     return scan
 
 
 def _check_magic(scan: Scan, magic: bytes) -> None:
     if not magic:
         cause = 'the file is empty (0 bytes): the recording ended before anything was written'
-        raise RecordingError('read', scan.path, cause)
+        raise RecordingError('read', scan.source, cause)
     if magic != MAGIC and not MAGIC.startswith(magic):
         cause = 'it is not an MCAP file (it does not start with the MCAP magic bytes)'
-        raise RecordingError('read', scan.path, cause, 'name a bag directory or a .mcap file')
+        raise RecordingError('read', scan.source, cause, 'name a bag directory or a .mcap file')
 
 
 def _walk(scan: Scan, stream: BinaryIO) -> int:
@@ -183,16 +296,41 @@ def _note(scan: Scan, opcode: int, stream: BinaryIO, start: int, length: int) ->
         channel, _, stamp, _ = _MESSAGE.unpack(stream.read(_MESSAGE.size))
         scan.blocks.append(Block(start, length, stamp, stamp, chunk=False))
         scan.counts[channel] = scan.counts.get(channel, 0) + 1
-    elif opcode == Opcode.FOOTER:
-        scan.finished = True
     elif opcode == Opcode.MESSAGE_INDEX:
         if length < _INDEX.size:
             return False
         channel, content = _INDEX.unpack(stream.read(_INDEX.size))
+        if content % 16 or content > length - _INDEX.size:
+            return False
         scan.counts[channel] = scan.counts.get(channel, 0) + content // 16
-    elif opcode in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
+        if scan.blocks:
+            parts = scan.indexes.setdefault(scan.blocks[-1].offset, [])
+            position = start - _HEAD.size
+            parts.append(IndexPart(channel, position, start + _INDEX.size, content))
+    elif opcode == Opcode.DATA_END:
+        if length < _DATA_END.size:
+            return False
+        scan.data_end = start - _HEAD.size, *_DATA_END.unpack(stream.read(_DATA_END.size))
+    elif opcode == Opcode.ATTACHMENT:
+        scan.attachments += 1
+    elif opcode in _DESCRIPTIONS:
+        scan.finished = opcode == Opcode.FOOTER
+        scan.description_size += length
+        if scan.description_size > _LONGEST_DESCRIPTIONS:
+            return False
         return _note_description(scan, opcode, stream.read(length))
     return True
+
+
+_DESCRIPTIONS = (
+    Opcode.HEADER,
+    Opcode.SCHEMA,
+    Opcode.CHANNEL,
+    Opcode.METADATA,
+    Opcode.STATISTICS,
+    Opcode.CHUNK_INDEX,
+    Opcode.FOOTER,
+)
 
 
 def _note_description(scan: Scan, opcode: int, content: bytes) -> bool:
@@ -205,26 +343,46 @@ def _note_description(scan: Scan, opcode: int, content: bytes) -> bool:
             channel = Channel.read(stream)
             scan.channels[channel.id] = channel
         elif opcode == Opcode.HEADER:
-            scan.profile = Header.read(stream).profile
+            header = Header.read(stream)
+            scan.profile, scan.library = header.profile, header.library
         elif opcode == Opcode.METADATA:
             scan.metadata.append(Metadata.read(stream))
+        elif opcode == Opcode.STATISTICS:
+            scan.statistics = Statistics.read(stream)
+        elif opcode == Opcode.CHUNK_INDEX:
+            scan.chunk_indexes.append(ChunkIndex.read(stream))
+        elif opcode == Opcode.FOOTER:
+            scan.footer = Footer.read(stream)
     except Exception:  # whatever damage makes the library raise
         return False
     return True
 
 
 def _note_chunk(scan: Scan, stream: BinaryIO, start: int, length: int, *, whole: bool) -> None:
-    head = stream.read(_CHUNK.size)
-    if len(head) == _CHUNK.size and length >= _CHUNK.size:
-        start_ns, end_ns, *_ = _CHUNK.unpack(head)
-        scan.blocks.append(Block(start, length, start_ns, end_ns, whole=whole))
+    head = stream.read(min(length, _CHUNK.size + 64))
+    if len(head) < _CHUNK.size:
+        return
+    start_ns, end_ns, size, _, name_length = _CHUNK.unpack_from(head)
+    scan.blocks.append(Block(start, length, start_ns, end_ns, whole=whole))
+    name_end = _CHUNK.size + name_length
+    if whole and name_end + _LENGTH.size <= len(head):
+        compression = head[_CHUNK.size : name_end].decode(errors='replace')
+        (compressed,) = _LENGTH.unpack_from(head, name_end)
+        position = start - _HEAD.size
+        scan.heads.append(
+            ChunkHead(
+                position, length + _HEAD.size, start_ns, end_ns, compression, compressed, size
+            )
+        )
 
 
 def _learn_topics(scan: Scan, stream: BinaryIO) -> None:
     """Read the chunks through, where the index does not tell every channel and count."""
     counted = bool(scan.counts) or not scan.blocks
     if scan.finished and counted and scan.channels.keys() >= scan.counts.keys():
-        return
+        expected = scan.statistics
+        if expected is None or expected.message_count == sum(scan.counts.values()):
+            return
     scan.counts.clear()
     usable = []
     for block in scan.blocks:
@@ -241,29 +399,51 @@ def _learn_topics(scan: Scan, stream: BinaryIO) -> None:
     scan.blocks = usable
 
 
-def read_block(scan: Scan, stream: BinaryIO, block: Block) -> list[RawMessage]:
+def read_block(
+    scan: Scan, stream: BinaryIO, block: Block, channels: Collection[int] | None = None
+) -> list[RawMessage]:
     """
     Return the messages of a block in file order; schemas and channels go into `scan`.
 
     Of a block that is not whole, the messages that are.
 
+    Parameters
+    ----------
+    scan : Scan
+        The file; takes note of what is wrong with a block when it is read for the first time.
+    stream : file
+        The same, opened.
+    block : Block
+        One of its blocks.
+    channels : collection of int, optional
+        Those whose messages are wanted; all if not given.
+
     Raises
     ------
     RecordingError
-        If the block is damaged.
+        If the block is damaged, or larger than any that is read.
     """
-    stream.seek(block.offset)
-    content = stream.read(block.length)
-    if not block.chunk:
-        channel, sequence, stamp_ns, _ = _MESSAGE.unpack_from(content)
-        return [RawMessage(channel, sequence, stamp_ns, content[_MESSAGE.size :])]
     try:
+        if block.length > LARGEST_CHUNK:
+            raise ValueError(f'it is {block.length} bytes long; {_LIMIT}')
+        stream.seek(block.offset)
+        content = stream.read(block.length)
+        if not block.chunk:
+            channel, sequence, stamp_ns, publish_ns = _MESSAGE.unpack_from(content)
+            if block.offset not in scan.numbers:
+                scan.numbers[block.offset] = {channel: (sequence, sequence)}
+                _check_publish_time(scan, channel, stamp_ns, publish_ns)
+            return [RawMessage(channel, sequence, stamp_ns, content[_MESSAGE.size :])]
         records = _decompress(content, whole=block.whole)
-        return list(_messages(scan, records, whole=block.whole))
+        return _messages(scan, stream, block, records, channels)
     except (ValueError, struct.error, RuntimeError, zstandard.ZstdError) as error:
-        cause = f'the chunk at byte {block.offset - _HEAD.size} is damaged ({error})'
+        what = 'chunk' if block.chunk else 'message'
+        cause = f'the {what} at byte {block.offset - _HEAD.size} is damaged ({error})'
         remedy = 'recover_run saves the rest of the bag'
-        raise RecordingError('read', scan.path, cause, remedy) from error
+        raise RecordingError('read', scan.source, cause, remedy) from error
+
+
+_LIMIT = f'at most {LARGEST_CHUNK} bytes are read'
 
 
 def _decompress(content: bytes, *, whole: bool) -> bytes:
@@ -271,15 +451,19 @@ def _decompress(content: bytes, *, whole: bool) -> bytes:
     name_end = _CHUNK.size + name_length
     compression = content[_CHUNK.size : name_end]
     (length,) = _LENGTH.unpack_from(content, name_end)
+    if size > LARGEST_CHUNK:
+        raise ValueError(f'{size} bytes are declared; {_LIMIT}')
     packed = content[name_end + _LENGTH.size :][:length]
     if compression == b'':
         records = packed
     elif compression == b'zstd':
-        records = zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+        records = _expanded(packed, size)
     elif compression == b'lz4':
-        records = bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed))
+        records = bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, size + 1))
     else:
-        raise ValueError(f'unknown compression {compression!r}')
+        raise ValueError(f'unknown compression {shown(compression)}')
+    if len(records) > size:
+        raise ValueError(f'more than the {size} bytes declared')
     if whole and len(records) != size:
         raise ValueError(f'{len(records)} bytes instead of {size}')
     if whole and checksum and zlib.crc32(records) != checksum:
@@ -287,21 +471,159 @@ def _decompress(content: bytes, *, whole: bool) -> bytes:
     return records
 
 
-def _messages(scan: Scan, records: bytes, *, whole: bool) -> list[RawMessage]:
+def _expanded(packed: bytes, size: int) -> bytes:
+    """Expand a zstd frame as far as it goes, to little more than `size` bytes."""
+    reader = zstandard.ZstdDecompressor().stream_reader(packed)
+    pieces, length = [], 0
+    while length <= size and (piece := reader.read(min(_PIECE, size + 1 - length))):
+        pieces.append(piece)
+        length += len(piece)
+    return b''.join(pieces)
+
+
+def plain_content(content: bytes) -> bytes:
+    """
+    Return a message as it was sent: rosbag2 may compress each one by itself.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, or larger than any that is read.
+    """
+    if content[:4] != _ZSTD:
+        return content
+    try:
+        size = zstandard.get_frame_parameters(content).content_size
+        if size == zstandard.CONTENTSIZE_UNKNOWN:
+            size = LARGEST_CHUNK
+        if size > LARGEST_CHUNK:
+            raise ValueError(f'{size} bytes are declared; {_LIMIT}')
+        plain = _expanded(content, size)
+    except zstandard.ZstdError as error:
+        raise ValueError(f'it is compressed and damaged: {error}') from error
+    if len(plain) > size:
+        raise ValueError(f'it expands to more than {size} bytes')
+    return plain
+
+
+def _messages(
+    scan: Scan,
+    stream: BinaryIO,
+    block: Block,
+    records: bytes,
+    channels: Collection[int] | None,
+) -> list[RawMessage]:
     messages = []
-    position = 0
+    # Stamp, place in the chunk and sequence number of each message in turn, by channel
+    entries: dict[int, list[int]] = {}
+    new = block.offset not in scan.numbers
+    position = count = 0
     while position + _HEAD.size <= len(records):
         opcode, length = _HEAD.unpack_from(records, position)
-        start = position + _HEAD.size
+        begin, start = position, position + _HEAD.size
         position = start + length
         if position > len(records):
             break
         if opcode == Opcode.MESSAGE:
-            channel, sequence, stamp_ns, _ = _MESSAGE.unpack_from(records, start)
-            content = records[start + _MESSAGE.size : position]
-            messages.append(RawMessage(channel, sequence, stamp_ns, content))
-        elif not _note_description(scan, opcode, records[start:position]):
-            raise ValueError('a schema or channel cannot be read')
-    if whole and position != len(records):
+            channel, sequence, stamp_ns, publish_ns = _MESSAGE.unpack_from(records, start)
+            if length < _MESSAGE.size:
+                raise ValueError('a message is shorter than its head')
+            count += 1
+            if count > _MOST_MESSAGES:
+                raise ValueError(f'it holds more than {_MOST_MESSAGES} messages')
+            if new:
+                entries.setdefault(channel, []).extend((stamp_ns, begin, sequence))
+                if publish_ns != stamp_ns:
+                    _check_publish_time(scan, channel, stamp_ns, publish_ns)
+            if channels is None or channel in channels:
+                content = records[start + _MESSAGE.size : position]
+                messages.append(RawMessage(channel, sequence, stamp_ns, content))
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            if new:
+                scan.description_size += length
+            if scan.description_size > _LONGEST_DESCRIPTIONS:
+                raise ValueError(f'more than {_LONGEST_DESCRIPTIONS} bytes of schemas')
+            if not _note_description(scan, opcode, records[start:position]):
+                raise ValueError('a schema or channel cannot be read')
+    if block.whole and position != len(records):
         raise ValueError('the last record is cut')
+    if new and block.whole:
+        scan.numbers[block.offset] = {
+            channel: (held[2], held[-1]) for channel, held in entries.items()
+        }
+        _check_index(scan, stream, block, entries)
+        _check_numbers(scan, entries)
     return messages
+
+
+# What a block holds against what the file says of it
+
+
+def _topic(scan: Scan, channel: int) -> str:
+    known = scan.channels.get(channel)
+    return known.topic if known is not None else f'channel {channel}'
+
+
+def _check_publish_time(scan: Scan, channel: int, stamp_ns: int, publish_ns: int) -> None:
+    if publish_ns != stamp_ns and scan.own:
+        scan.fault(
+            'publish time',
+            f'a message of {_topic(scan, channel)} is logged at {stamp_ns} ns and published at '
+            f'{publish_ns} ns, which are the same in a bag of this package',
+        )
+
+
+def _check_numbers(scan: Scan, entries: dict[int, list[int]]) -> None:
+    """Check that the messages of this package's own bags are counted without a gap."""
+    if not scan.own:
+        return
+    for channel, held in entries.items():
+        numbers = held[2::3]
+        if numbers[-1] - numbers[0] != len(numbers) - 1 or sorted(numbers) != numbers:
+            for before, after in zip(numbers, numbers[1:], strict=False):
+                if after != before + 1:
+                    note_jump(scan, channel, before, after)
+
+
+def note_jump(scan: Scan, channel: int, before: int, after: int) -> None:
+    """Note that a message of one number is followed by one of another, which is not the next."""
+    topic = _topic(scan, channel)
+    if after > before:
+        text = f'{after - before - 1} messages are missing'
+    else:
+        text = 'messages are there twice, or not in their order'
+    scan.fault(f'number {channel}', f'message {before} of {topic} is followed by {after}: {text}')
+
+
+def _check_index(
+    scan: Scan, stream: BinaryIO, block: Block, entries: dict[int, list[int]]
+) -> None:
+    """Hold the index of a chunk against what is in it."""
+    where = f'the chunk at byte {block.offset - _HEAD.size}'
+    stamps = [stamp for held in entries.values() for stamp in held[::3]]
+    if stamps and (min(stamps), max(stamps)) != (block.start_ns, block.end_ns):
+        scan.fault(
+            'chunk times',
+            f'{where} says that its stamps are {block.start_ns} to {block.end_ns} ns, and has '
+            f'{min(stamps)} to {max(stamps)} ns',
+        )
+    parts = scan.indexes.get(block.offset)
+    if parts is None:
+        return
+    listed: dict[int, list[tuple[int, int]]] = {}
+    for channel, _, start, length in parts:
+        stream.seek(start)
+        numbers = struct.unpack(f'<{length // 8}Q', stream.read(length))
+        pairs = zip(numbers[::2], numbers[1::2], strict=True)
+        listed.setdefault(channel, []).extend(pairs)
+    for channel in sorted({*listed, *entries}):
+        held = entries.get(channel, [])
+        there = sorted(zip(held[::3], held[1::3], strict=True))
+        if sorted(listed.get(channel, [])) != there:
+            text = f'its index lists {len(listed.get(channel, []))} of them'
+            if len(listed.get(channel, [])) == len(there):
+                text = 'its index lists others'
+            scan.fault(
+                'chunk index',
+                f'{where} holds {len(there)} messages of {_topic(scan, channel)}, and {text}',
+            )
