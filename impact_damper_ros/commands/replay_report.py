@@ -73,7 +73,7 @@ def _divergence_lines(findings: Findings) -> list[str]:
 def findings_text(findings: Findings, history: RunHistory) -> str:
     """Return what was compared, what was found, and the verdict."""
     start, end = (findings.start_ns or 0) / 1e9, (findings.end_ns or 0) / 1e9
-    node = history.topics.node or history.topics.namespace
+    node = history.topics.name
     impacts = _count(findings.impacts, 'impact')
     if not history.topics.impacts:
         impacts = 'no impacts (their topic was not recorded)'
@@ -176,7 +176,7 @@ def as_json(findings: Findings, history: RunHistory) -> dict[str, Any]:
     divergence, first = findings.divergence, findings.first
     return {
         'bag': str(history.reader.path),
-        'node': history.topics.node or history.topics.namespace,
+        'node': history.topics.name,
         'complete': history.reader.complete,
         'verdict': findings.verdict.name.lower(),
         'compared': {

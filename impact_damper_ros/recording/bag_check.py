@@ -254,9 +254,7 @@ def listing_faults(
     yield from _time_faults(listing, scans, own=own)
 
 
-def _time_faults(
-    listing: Mapping[str, Any], scans: Sequence[Scan], *, own: bool
-) -> Iterator[str]:
+def _time_faults(listing: Mapping[str, Any], scans: Sequence[Scan], *, own: bool) -> Iterator[str]:
     blocks = [block for scan in scans for block in scan.blocks if block.start_ns <= block.end_ns]
     start = _nanoseconds(listing, 'starting_time', 'nanoseconds_since_epoch')
     duration = _nanoseconds(listing, 'duration', 'nanoseconds')

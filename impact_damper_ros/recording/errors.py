@@ -53,7 +53,9 @@ def shown(value: object) -> str:
     if isinstance(value, int) and abs(value) >= 10**40:
         return f'a whole number of {value.bit_length()} bits'
     text = printable(repr(value))
-    return text if len(text) <= _MOST_SHOWN else f'{text[:_MOST_SHOWN]}... ({len(text)} characters)'
+    return (
+        text if len(text) <= _MOST_SHOWN else f'{text[:_MOST_SHOWN]}... ({len(text)} characters)'
+    )
 
 
 class RecordingError(Exception):

@@ -190,6 +190,11 @@ class Scan:
         """Whether this package has written the file."""
         return self.library.startswith('impact_damper_ros/')
 
+    def may_hold(self, block: Block, channels: Collection[int]) -> bool:
+        """Return whether a block may hold messages of channels, by its index if it has one."""
+        parts = self.indexes.get(block.offset) if self.finished else None
+        return parts is None or any(part.channel in channels for part in parts)
+
     def fault(self, kind: str, text: str) -> None:
         """Note what is wrong; of one kind, the first case is kept and the others are counted."""
         first, count = self.faults.get(kind, (text, 0))

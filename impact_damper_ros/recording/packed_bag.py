@@ -140,7 +140,9 @@ class Unpacked:
         return copy
 
 
-def _database_channels(connection: sqlite3.Connection, writer: Writer) -> Iterator[tuple[Any, int]]:
+def _database_channels(
+    connection: sqlite3.Connection, writer: Writer
+) -> Iterator[tuple[Any, int]]:
     """Register the topics; yield the number of each in the database and in the MCAP file."""
     master = "SELECT name, sql FROM sqlite_master WHERE type = 'table'"
     tables = {name: str(sql) for name, sql in connection.execute(master)}

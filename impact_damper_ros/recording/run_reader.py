@@ -184,7 +184,10 @@ class RunReader:
         found = []
         for scan in self.scans:
             what = 'the bag' if len(self.scans) == 1 else scan.source.name
-            for text, count in scan.faults.values():
+            for kind, (text, count) in scan.faults.items():
+                if kind.startswith('number') and not self.own:
+                    # Of another recorder's messages, as recover_run has kept them
+                    continue
                 others = f' (the first of {count})' if count > 1 else ''
                 found.append(f'{what} is not whole: {text}{others}')
         if self._listing_error:
@@ -240,6 +243,8 @@ class RunReader:
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         end_ns: int | None = None,
+        *,
+        by_index: bool = False,
     ) -> Iterator[Record]:
         """
         Yield the messages in the order of their stamps, and as written where these are equal.
@@ -252,6 +257,8 @@ class RunReader:
             Full names of those wanted; all if not given.
         start_ns, end_ns : int, optional
             Earliest stamp wanted, and latest (inclusive).
+        by_index : bool, optional
+            Whether chunks are left out that have none of the topics, by their index.
 
         Raises
         ------
@@ -273,6 +280,7 @@ class RunReader:
             (block.start_ns, place, index, block)
             for place, (index, block) in enumerate(pairs)
             if block.end_ns >= first and block.start_ns <= last
+            if not by_index or self.scans[index].may_hold(block, names[index])
         )
         # Sorted by stamp and place in the bag; holds what later blocks may still precede.
         pending: list[tuple[int, int, int, Record]] = []
