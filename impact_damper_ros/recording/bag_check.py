@@ -228,7 +228,7 @@ def listing_faults(
         Whether the bag is the node's own; other recorders lose messages that they have counted,
         and their times are not exact.
     """
-    topics = {}
+    topics: dict[str, int] = {}
     for item in _items(listing, 'topics_with_message_count'):
         about = item.get('topic_metadata')
         name = about.get('name') if isinstance(about, dict) else None

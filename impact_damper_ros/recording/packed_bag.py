@@ -132,7 +132,7 @@ class Unpacked:
                     writer.add_message(channels[topic], stamp, content, stamp)
                     if output.tell() > limit:
                         raise _too_large(path, f'its messages are more than {limit} bytes', limit)
-                writer.finish()
+                writer.finish()  # type: ignore[no-untyped-call]
                 self._left -= output.tell()
         except (sqlite3.Error, ValueError, OverflowError) as error:
             cause = f'it is stored in SQLite, and cannot be read: {error}'

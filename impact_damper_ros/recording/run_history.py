@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -176,13 +177,13 @@ class RunHistory:
         A recorder that runs by the rig's clock logs them at its ticks.
         """
         for topic in {self.topics.joint_states, self.topics.impacts} - {''}:
-            same: list[bool] = []
-            try:
-                for record in islice(self.reader.records([topic], by_index=True), _LOOKED_AT):
-                    same.append(record.stamp_ns == header_ns(record.content))
-            except (RecordingError, CdrError):  # met again by whoever reads on
-                pass
-            if 2 * sum(same) < len(same):
+            records = self.reader.records([topic], by_index=True)
+            different = 0
+            # What cannot be read is met again by whoever reads on.
+            with suppress(RecordingError, CdrError):
+                for record in islice(records, _LOOKED_AT):
+                    different += 1 if record.stamp_ns != header_ns(record.content) else -1
+            if different > 0:
                 return False
         return True
 
