@@ -16,9 +16,9 @@ from typing import Any
 from mcap.opcode import Opcode
 
 from .errors import shown
-from .mcap_scan import Scan, note_jump, open_file
+from .mcap_scan import Scan, jump_text, open_file
 
-__all__ = ['check_numbers', 'check_summary', 'listing_faults', 'listing_remarks']
+__all__ = ['check_summary', 'listing_faults', 'listing_remarks', 'number_faults']
 
 _PIECE = 1024 * 1024
 _MAGIC_LENGTH = 8
@@ -166,14 +166,15 @@ def _crc(scan: Scan, begin: int, end: int) -> int:
     return crc
 
 
-def check_numbers(scans: Sequence[Scan]) -> None:
+def number_faults(scans: Sequence[Scan]) -> Iterator[str]:
     """
-    Check that the messages of the node's own bag are counted on from chunk to chunk.
+    Yield where the messages of the node's own bag are not counted on from chunk to chunk.
 
     A file may begin to count anew, or go on from the one before. Where a chunk could not be read,
-    nothing is known.
+    nothing is known. Of each topic, the first place is given.
     """
     last: dict[str, int] = {}
+    wrong: set[str] = set()
     for scan in scans:
         here: dict[str, int] = {}
         for block in scan.blocks:
@@ -182,11 +183,12 @@ def check_numbers(scans: Sequence[Scan]) -> None:
                 return
             for channel, (begin, end) in held.items():
                 known = scan.channels.get(channel)
-                topic = known.topic if known is not None else str(channel)
+                topic = known.topic if known is not None else f'channel {channel}'
                 before = here.get(topic, -1)
-                anew = topic not in here and begin == last.get(topic, -1) + 1
-                if begin != before + 1 and not anew:
-                    note_jump(scan, channel, before, begin)
+                on = topic not in here and begin == last.get(topic, -1) + 1
+                if begin != before + 1 and not on and topic not in wrong:
+                    wrong.add(topic)
+                    yield jump_text(topic, before, begin)
                 here[topic] = end
         last |= here
 

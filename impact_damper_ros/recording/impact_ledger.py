@@ -196,10 +196,10 @@ class ImpactLedger:
 
     def _settle_unequal(self) -> None:
         recorded, expected = self._recorded, self._expected
-        # What a recorder did not get may be many in a row.
-        reach = _REACH if self._stamped else len(expected)
-        for ahead, candidate in enumerate(islice(expected, 1, reach), 1):
-            if recorded[0].equals(candidate):
+        # What is not in the bag may be many in a row.
+        stamp_ns = recorded[0].stamp_ns
+        for ahead, candidate in enumerate(islice(expected, 1, None), 1):
+            if candidate.stamp_ns == stamp_ns and recorded[0].equals(candidate):
                 for _ in range(ahead):
                     self._missing(expected.popleft())
                 return

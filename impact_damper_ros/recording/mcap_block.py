@@ -29,7 +29,7 @@ from .mcap_records import (
     note_description,
 )
 
-__all__ = ['LARGEST_CHUNK', 'note_jump', 'plain_content', 'read_block']
+__all__ = ['LARGEST_CHUNK', 'jump_text', 'plain_content', 'read_block']
 
 #: Bytes of a chunk, as it stands in the file and expanded, or of a message, that are read.
 LARGEST_CHUNK = 128 * 1024 * 1024
@@ -222,17 +222,18 @@ def _check_numbers(scan: Scan, entries: dict[int, list[int]]) -> None:
         if numbers[-1] - numbers[0] != len(numbers) - 1 or sorted(numbers) != numbers:
             for before, after in pairwise(numbers):
                 if after != before + 1:
-                    note_jump(scan, channel, before, after)
+                    text = jump_text(_topic(scan, channel), before, after)
+                    scan.fault(f'number {channel}', text)
 
 
-def note_jump(scan: Scan, channel: int, before: int, after: int) -> None:
-    """Note that a message of one number is followed by one of another, which is not the next."""
-    topic = _topic(scan, channel)
+def jump_text(topic: str, before: int, after: int) -> str:
+    """Say that a message of one number is followed by one of another, which is not the next."""
     if after > before:
-        text = f'{after - before - 1} messages are missing'
+        missing = after - before - 1
+        text = f'{missing} message{" is" if missing == 1 else "s are"} missing'
     else:
         text = 'messages are there twice, or not in their order'
-    scan.fault(f'number {channel}', f'message {before} of {topic} is followed by {after}: {text}')
+    return f'message {before} of {topic} is followed by {after}: {text}'
 
 
 def _check_index(

@@ -16,7 +16,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 
 from .errors import RecordingError
-from .mcap_block import LARGEST_CHUNK, note_jump, plain_content, read_block
+from .mcap_block import LARGEST_CHUNK, jump_text, plain_content, read_block
 from .mcap_records import (
     CHUNK,
     HEAD,
@@ -39,7 +39,7 @@ __all__ = [
     'Block',
     'RawMessage',
     'Scan',
-    'note_jump',
+    'jump_text',
     'open_file',
     'plain_content',
     'read_block',

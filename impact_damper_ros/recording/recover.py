@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from .bag_file import BagFile
 from .errors import RecordingError
-from .mcap_scan import Scan, read_block
+from .mcap_scan import Scan, open_file, plain_content, read_block
 from .run_reader import RecordedTopic, RunReader
 from .topic import Channel, load_yaml
 
@@ -105,9 +107,11 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
     custom = reader.custom if reader.complete else {**reader.custom, 'recovered_from': source.name}
     bag = BagFile(draft, channels, custom, name=output.name)
     unusable = reader.unusable
+    numbers: dict[int, int] = {}
     try:
         for scan in reader.scans:
-            with scan.path.open('rb') as stream:
+            bases: dict[int, int] = {}
+            with open_file(scan.path) as stream:
                 for block in scan.blocks:
                     try:
                         messages = read_block(scan, stream, block)
@@ -116,10 +120,17 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
                         continue
                     for message in messages:
                         place = places.get((scan.path, message.channel))
-                        if place is None or message.stamp_ns >= 2**63:
+                        content = _plain(message.content)
+                        if place is None or content is None or message.stamp_ns >= 2**63:
                             unusable += len(message.content)
                             continue
-                        bag.add(place, message.content, message.stamp_ns, message.sequence)
+                        number = message.sequence
+                        if scan.own:
+                            # Each file may count anew; the bag counts through.
+                            anew = number == 0 and place in numbers
+                            number += bases.setdefault(place, numbers[place] + 1 if anew else 0)
+                            numbers[place] = number
+                        bag.add(place, content, message.stamp_ns, number & 0xFFFFFFFF)
         bag.finish()
     finally:
         bag.abandon()
@@ -135,6 +146,14 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
         unusable=unusable,
         was_complete=reader.complete,
     )
+
+
+def _plain(content: bytes) -> bytes | None:
+    """Return a message as it was sent; None if it cannot be expanded."""
+    try:
+        return plain_content(content)
+    except ValueError:
+        return None
 
 
 def _channels(reader: RunReader) -> tuple[list[Channel], dict[tuple[Path, int], int]]:
@@ -166,5 +185,11 @@ def _channel(scan: Scan, number: int) -> Channel:
 
 
 def _qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
-    profiles = load_yaml(text) if text else None
-    return tuple(profiles) if isinstance(profiles, list) else ()
+    """Return the profiles that are such, of a text that may be any."""
+    try:
+        profiles = load_yaml(text) if text else None
+    except yaml.YAMLError:
+        return ()
+    if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
+        return ()
+    return tuple(profiles)

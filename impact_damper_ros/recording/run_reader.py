@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from .bag_check import check_numbers, check_summary, listing_faults, listing_remarks
+from .bag_check import check_summary, listing_faults, listing_remarks, number_faults
 from .bag_metadata import listed_files, notes_of, read_listing
 from .cdr import CdrError
 from .errors import RecordingError
@@ -179,8 +179,6 @@ class RunReader:
 
     def faults(self) -> list[str]:
         """Return in what the bag is not what it says of itself; all of it once it was read."""
-        if self.own:
-            check_numbers(self.scans)
         found = []
         for scan in self.scans:
             what = 'the bag' if len(self.scans) == 1 else scan.source.name
@@ -190,6 +188,8 @@ class RunReader:
                     continue
                 others = f' (the first of {count})' if count > 1 else ''
                 found.append(f'{what} is not whole: {text}{others}')
+        if self.own:
+            found += [f'the bag is not whole: {text}' for text in number_faults(self.scans)]
         if self._listing_error:
             found.append(self._listing_error)
         if self._listing is not None and self.complete:
