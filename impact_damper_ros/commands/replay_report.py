@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from impact_damper_ros.analysis.response import Response
+from impact_damper_ros.recording.errors import as_line
 from impact_damper_ros.recording.replay_findings import Difference, Findings, Verdict
 from impact_damper_ros.recording.run_history import RunHistory
 
@@ -115,7 +116,8 @@ def findings_text(findings: Findings, history: RunHistory) -> str:
         lines.append('verdict     nothing could be compared')
     else:
         lines.append(f'verdict     {_VERDICTS[findings.verdict]}')
-    return '\n'.join(lines)
+    # Names of topics and texts of faults come out of the bag.
+    return '\n'.join(map(as_line, lines))
 
 
 def comparison_text(

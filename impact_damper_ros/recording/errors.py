@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
-__all__ = ['RecordingError', 'printable', 'shown']
+__all__ = ['RecordingError', 'as_line', 'printable', 'shown']
 
 _SPACE = 'free some space there, or record to another file system (parameter bag_directory)'
 _RIGHTS = 'give yourself write permission there, or choose another directory'
@@ -34,6 +34,8 @@ _KNOWN: dict[int, tuple[str, str]] = {
 
 #: Characters of a value from a file that are shown in a message.
 _MOST_SHOWN = 200
+#: Characters of a line.
+_LONGEST_LINE = 2000
 
 
 def printable(text: str) -> str:
@@ -46,6 +48,11 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def as_line(text: str) -> str:
+    """Return a text that may hold anything from a file as one printable line of bounded length."""
+    return printable(text if len(text) <= _LONGEST_LINE else f'{text[:_LONGEST_LINE]}...')
 
 
 def shown(value: object) -> str:
@@ -86,7 +93,7 @@ class RecordingError(Exception):
         self.cause = printable(cause)
         self.remedy = remedy
         text = f"cannot {attempt} '{path}': {cause}"
-        super().__init__(printable(f'{text}; {remedy}' if remedy else text))
+        super().__init__(as_line(text) + (f'; {printable(remedy)}' if remedy else ''))
 
     @classmethod
     def from_os_error(cls, attempt: str, path: Path | str, error: OSError) -> RecordingError:

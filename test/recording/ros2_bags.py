@@ -87,7 +87,7 @@ def write_file(path, messages, topics, compression=CompressionType.NONE):
             channels[topic] = writer.register_channel(topic, 'cdr', schemas[kind], notes)
         for topic, content, stamp in messages:
             # Received a little later than it was sent
-            writer.add_message(channels[topic], stamp, content, stamp - 100_000, 0)
+            writer.add_message(channels[topic], stamp, content, max(0, stamp - 100_000), 0)
         writer.finish()
 
 
