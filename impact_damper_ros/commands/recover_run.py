@@ -10,7 +10,7 @@ from pathlib import Path
 
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording import RecordingError, Recovery, recover_run
-from impact_damper_ros.recording.errors import printable
+from impact_damper_ros.recording.errors import as_line, printable
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -55,6 +55,7 @@ def report(recovery: Recovery) -> str:
     ]
     if not recovery.was_complete:
         lines.append(f'bytes not usable: {recovery.unusable}')
+    lines += [f'fault: {as_line(fault)}' for fault in recovery.faults]
     return '\n'.join(lines)
 
 

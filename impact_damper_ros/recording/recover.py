@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from .bag_file import BagFile
-from .errors import RecordingError
+from .errors import RecordingError, printable
 from .mcap_scan import Scan, open_file, plain_content, read_block
 from .run_reader import RecordedTopic, RunReader
 from .topic import Channel, load_yaml
@@ -37,6 +37,8 @@ class Recovery:
         Bytes of the source that could not be used.
     was_complete : bool
         Whether the source was complete already; the new bag is then a plain copy.
+    faults : tuple of str
+        In what the source is not what it says of itself.
     """
 
     source: Path
@@ -46,6 +48,7 @@ class Recovery:
     end_ns: int
     unusable: int
     was_complete: bool
+    faults: tuple[str, ...] = ()
 
     @property
     def message_count(self) -> int:
@@ -104,8 +107,7 @@ def recover_run(source: Path | str, output: Path | str | None = None) -> Recover
 
 def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recovery:
     channels, places = _channels(reader)
-    custom = reader.custom if reader.complete else {**reader.custom, 'recovered_from': source.name}
-    bag = BagFile(draft, channels, custom, name=output.name)
+    bag = BagFile(draft, channels, reader.custom, name=output.name)
     unusable = reader.unusable
     numbers: dict[int, int] = {}
     try:
@@ -131,6 +133,10 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
                             number += bases.setdefault(place, numbers[place] + 1 if anew else 0)
                             numbers[place] = number
                         bag.add(place, content, message.stamp_ns, number & 0xFFFFFFFF)
+        faults = tuple(reader.faults())
+        whole = reader.complete and not faults and not unusable
+        if not whole:
+            bag.custom['recovered_from'] = printable(source.name)
         bag.finish()
     finally:
         bag.abandon()
@@ -144,7 +150,8 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
         start_ns=bag.start_ns or 0,
         end_ns=bag.end_ns or 0,
         unusable=unusable,
-        was_complete=reader.complete,
+        was_complete=whole,
+        faults=faults,
     )
 
 

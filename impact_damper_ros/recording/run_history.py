@@ -305,7 +305,8 @@ class RunHistory:
                 raise ValueError(f'arithmetic is {shown(arithmetic)}: a whole number is allowed')
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             said = str(error) if isinstance(error, ValueError) else repr(error)
-            cause = f'{where} is not complete: {said}'
+            what = 'cannot be used' if isinstance(error, ValueError) else 'is not complete'
+            cause = f'{where} {what}: {said}'
             raise RecordingError(self._purpose, self.reader.path, cause) from error
         return Snapshot(offset_ns + time_ns, offset_ns, time_ns, reason, state, arithmetic)
 

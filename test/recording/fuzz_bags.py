@@ -142,7 +142,9 @@ def yaml_text(text: str, rng: random.Random) -> str:
 def message(topic: str, content: bytes, rng: random.Random) -> bytes:
     """Mutate a message."""
     if topic.endswith('snapshot') and rng.random() < 0.8:
-        text = json_text(content[8:-1].decode(errors='replace'), rng).encode('utf-8', 'surrogatepass')
+        text = json_text(content[8:-1].decode(errors='replace'), rng).encode(
+            'utf-8', 'surrogatepass'
+        )
         return b'\0\1\0\0' + struct.pack('<I', len(text) + 1) + text + b'\0'
     held = bytearray(content)
     if rng.random() < 0.5 and len(held) > 12:
@@ -228,9 +230,9 @@ class Fuzz:
 
     def __init__(self, directory: Path, seed: int) -> None:
         self.directory, self.seed = directory, seed
-        rig = RecordedRig(rate=50.0).start().run(60).run(60, ('change', {'gap': 0.007}))
-        self.messages = rig.run(60, ('reset', None)).messages
-        self.own = write(directory / 'own', self.messages, every=200)
+        rig = RecordedRig(rate=50.0).start().run(20).run(20, ('change', {'gap': 0.007}))
+        self.messages = rig.run(20, ('reset', None)).messages
+        self.own = write(directory / 'own', self.messages, every=80)
 
     def case(self, number: int) -> tuple[Path, str]:
         """Write the bag of a number; return it, and what kind it is."""
@@ -260,7 +262,7 @@ class Fuzz:
                     stamp = rng.choice(NUMBERS[:9])
                 changed[at] = topic, message(topic, content, rng), stamp
             if rng.random() < 0.5:
-                write(bag, changed, every=200)
+                write(bag, changed, every=80)
             else:
                 form = rng.choice(({}, {'files': 2}, {'file_zstd': True}, {'message_zstd': True}))
                 arrived = sorted(changed, key=lambda held: held[2])
@@ -295,12 +297,12 @@ class Fuzz:
 # The commands
 
 
-def _limited(command: str, bag: Path, output: Path) -> None:
+def _limited(command: str, bag: Path, output: Path, memory: int) -> None:
     """Run a command in this process, with its output in a file."""
     os.setsid()
     with Path('/proc/self/statm').open() as stream:
         used = int(stream.read().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
+    resource.setrlimit(resource.RLIMIT_AS, (used + memory, used + memory))
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     descriptor = os.open(output, os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
@@ -315,11 +317,16 @@ def _limited(command: str, bag: Path, output: Path) -> None:
     sys.exit(code)
 
 
-def run(command: str, bag: Path) -> str:
+def output_of(command: str, bag: Path) -> Path:
+    """Return the file that gets what a command has to say of a bag."""
+    return bag.with_name(f'{bag.name}_{command}.txt')
+
+
+def run(command: str, bag: Path, memory: int = MEMORY) -> str:
     """Run a command on a bag; return what is wrong, or an empty text."""
-    output = bag.with_suffix('.txt')
+    output = output_of(command, bag)
     process = multiprocessing.get_context('fork').Process(
-        target=_limited, args=(command, bag, output)
+        target=_limited, args=(command, bag, output, memory)
     )
     process.start()
     process.join(2 * SECONDS)
