@@ -272,7 +272,7 @@ def test_the_fuzz_finds_what_is_wrong(tmp_path, monkeypatch):
         (talking, "'\\x1b' reached the terminal"),
         (growing, 'a traceback: MemoryError'),
         (lambda _: 7, 'exit code 7'),
-        (lambda _: os.kill(os.getpid(), 11), 'it was ended by SIGSEGV'),
+        (lambda _: os.kill(os.getpid(), 9), 'it was ended by SIGKILL'),
     ):
         monkeypatch.setitem(fuzz_bags.COMMANDS, 'replay_run', (main, {0}))
         assert fuzz_bags.run('replay_run', tmp_path / 'x', MEMORY) == words
