@@ -165,7 +165,7 @@ class BagStretches:
 
     def all_remarks(self) -> list[str]:
         """Return what else is to be known."""
-        found = []
+        found = self.history.remarks()
         if not self.history.topics.impacts:
             found.append('the topic of the impacts was not recorded: there are only samples')
         if self.pauses:

@@ -127,7 +127,7 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
     topics = bag.history.topics
     return RunComparison(
         bag=str(arguments.bag),
-        node=topics.node or topics.namespace,
+        node=topics.name,
         version=__version__,
         complete=reader.complete,
         stamps='rig time' if bag.history.stamped else 'times of arrival',

@@ -12,6 +12,7 @@ from impact_damper_ros.analysis.run_comparison import (
 )
 from impact_damper_ros.analysis.stretch_measures import EnergyBalance, ImpactStates, Overall
 from impact_damper_ros.orbits import PeriodicOrbit
+from impact_damper_ros.recording.errors import as_line
 
 __all__ = ['comparison_text', 'stretch_text']
 
@@ -146,7 +147,7 @@ def stretch_text(stretch: StretchComparison) -> str:
     word = stretch.verdict.value
     shown = word.upper() if stretch.verdict is Verdict.DIFFERS else word
     lines.append(f'  verdict    {shown}: {stretch.sentence}')
-    return '\n'.join(lines)
+    return '\n'.join(map(as_line, lines))
 
 
 def comparison_text(comparison: RunComparison) -> str:
@@ -162,7 +163,10 @@ def comparison_text(comparison: RunComparison) -> str:
         lines.append(f'not checked  {"; ".join(comparison.log.unchecked)}')
     lines += [f'note         {remark}' for remark in comparison.remarks]
     lines += [f'fault        {fault}' for fault in comparison.faults]
-    parts = ['\n'.join(lines), *(stretch_text(stretch) for stretch in comparison.stretches)]
+    parts = [
+        '\n'.join(map(as_line, lines)),
+        *(stretch_text(stretch) for stretch in comparison.stretches),
+    ]
     counts: dict[str, int] = {}
     for stretch in comparison.stretches:
         counts[stretch.verdict.value] = counts.get(stretch.verdict.value, 0) + 1

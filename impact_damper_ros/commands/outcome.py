@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from impact_damper_ros.commands.outputs import in_words
 from impact_damper_ros.recording import RecordingError
+from impact_damper_ros.recording.errors import as_line
 
 __all__ = ['outcome']
 
@@ -32,7 +33,8 @@ def outcome(command: str, work: Callable[[], int]) -> int:
     try:
         return work()
     except (RecordingError, ValueError) as error:
-        print(f'{command}: {error}', file=sys.stderr)
+        text = '\n'.join(map(as_line, str(error).split('\n')))
+        print(f'{command}: {text}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f'{command}: interrupted', file=sys.stderr)

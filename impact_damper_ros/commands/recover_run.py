@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording import RecordingError, Recovery, recover_run
+from impact_damper_ros.recording.errors import as_line, printable
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -28,22 +30,32 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+#: Characters of a name from a file that are shown.
+_MOST_SHOWN = 100
+
+
+def _short(name: str) -> str:
+    return printable(name if len(name) <= _MOST_SHOWN else f'{name[:_MOST_SHOWN]}...')
+
+
 def report(recovery: Recovery) -> str:
     """Say what was saved, topic by topic."""
     seconds = (recovery.end_ns - recovery.start_ns) / 1e9
     count = f'{recovery.message_count} message{"s" if recovery.message_count != 1 else ""}'
     lines = []
     if recovery.was_complete:
-        lines.append(f'{recovery.source.name} is complete: nothing was lost; this is a copy of it')
-    lines.append(f'saved {count} over {seconds:.3f} s to {recovery.output}')
+        name = printable(recovery.source.name)
+        lines.append(f'{name} is complete: nothing was lost; this is a copy of it')
+    lines.append(f'saved {count} over {seconds:.3f} s to {printable(str(recovery.output))}')
     lines.append(f'  stamps {recovery.start_ns} to {recovery.end_ns} ns')
-    width = max(len(topic.name) for topic in recovery.topics)
+    topics = [replace(t, name=_short(t.name), type=_short(t.type)) for t in recovery.topics]
+    width = max(len(topic.name) for topic in topics)
     lines += [
-        f'  {topic.name:<{width}}  {topic.message_count:>8}  {topic.type}'
-        for topic in recovery.topics
+        f'  {topic.name:<{width}}  {topic.message_count:>8}  {topic.type}' for topic in topics
     ]
     if not recovery.was_complete:
         lines.append(f'bytes not usable: {recovery.unusable}')
+    lines += [f'fault: {as_line(fault)}' for fault in recovery.faults]
     return '\n'.join(lines)
 
 

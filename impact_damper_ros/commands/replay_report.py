@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from impact_damper_ros.analysis.response import Response
+from impact_damper_ros.recording.errors import as_line
 from impact_damper_ros.recording.replay_findings import Difference, Findings, Verdict
 from impact_damper_ros.recording.run_history import RunHistory
 from impact_damper_ros.recording.what_if import RecordedValues
@@ -78,7 +79,7 @@ def _divergence_lines(findings: Findings) -> list[str]:
 def findings_text(findings: Findings, history: RunHistory) -> str:
     """Return what was compared, what was found, and the verdict."""
     start, end = (findings.start_ns or 0) / 1e9, (findings.end_ns or 0) / 1e9
-    node = history.topics.node or history.topics.namespace
+    node = history.topics.name
     impacts = _count(findings.impacts, 'impact')
     if not history.topics.impacts:
         impacts = 'no impacts (their topic was not recorded)'
@@ -120,7 +121,8 @@ def findings_text(findings: Findings, history: RunHistory) -> str:
         lines.append('verdict     nothing could be compared')
     else:
         lines.append(f'verdict     {_VERDICTS[findings.verdict]}')
-    return '\n'.join(lines)
+    # Names of topics and texts of faults come out of the bag.
+    return '\n'.join(map(as_line, lines))
 
 
 def comparison_text(
@@ -187,7 +189,7 @@ def as_json(findings: Findings, history: RunHistory) -> dict[str, Any]:
     divergence, first = findings.divergence, findings.first
     return {
         'bag': str(history.reader.path),
-        'node': history.topics.node or history.topics.namespace,
+        'node': history.topics.name,
         'complete': history.reader.complete,
         'verdict': findings.verdict.name.lower(),
         'compared': {

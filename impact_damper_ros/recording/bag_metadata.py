@@ -11,9 +11,18 @@ from typing import Any
 
 import yaml
 
-from .topic import Channel, dump_yaml, load_yaml
+from .errors import RecordingError
+from .mcap_scan import open_file
+from .topic import LONGEST_YAML, Channel, dump_yaml, load_yaml
 
-__all__ = ['FILE_NAME', 'BagMetadata', 'listed_files', 'sync_directory']
+__all__ = [
+    'FILE_NAME',
+    'BagMetadata',
+    'listed_files',
+    'notes_of',
+    'read_listing',
+    'sync_directory',
+]
 
 FILE_NAME = 'metadata.yaml'
 VERSION = 9
@@ -125,11 +134,43 @@ def sync_directory(directory: Path) -> None:
             os.close(descriptor)
 
 
-def listed_files(directory: Path) -> set[str] | None:
-    """Return the names of the files that ``metadata.yaml`` lists; None if it is missing or bad."""
-    try:
-        content = load_yaml((directory / FILE_NAME).read_text(encoding='utf-8'))
-        paths = content['rosbag2_bagfile_information']['relative_file_paths']
-        return {Path(path).name for path in paths}
-    except (OSError, yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError):
+def read_listing(directory: Path) -> dict[str, Any] | None:
+    """
+    Return what ``metadata.yaml`` says of a bag; None if there is none.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, or is no list of the files of a bag.
+    """
+    path = directory / FILE_NAME
+    if not path.exists():
         return None
+    with open_file(path) as stream:
+        content = stream.read(LONGEST_YAML + 1)
+    try:
+        listing = load_yaml(content.decode())['rosbag2_bagfile_information']
+        if not all(isinstance(file, str) for file in listing['relative_file_paths']):
+            raise TypeError('relative_file_paths are not all texts')
+    except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError) as error:
+        cause = f'it is not the metadata of a bag: {" ".join(str(error).split())}'
+        remedy = 'recover_run makes a new one; so does: ros2 bag reindex'
+        raise RecordingError('use', path, cause, remedy) from error
+    return dict(listing)
+
+
+def listed_files(listing: Mapping[str, Any]) -> set[str]:
+    """Return the names of the files that ``metadata.yaml`` lists."""
+    return {Path(path).name for path in listing['relative_file_paths']}
+
+
+def notes_of(content: object) -> dict[str, str]:
+    """Return the notes of the recorder that metadata hold: those that are texts and numbers."""
+    custom = content.get('custom_data') if isinstance(content, dict) else None
+    if not isinstance(custom, dict):
+        return {}
+    return {
+        str(key): str(value)
+        for key, value in custom.items()
+        if isinstance(key, str | int | float) and isinstance(value, str | int | float)
+    }

@@ -75,6 +75,13 @@ class ImpactLedger:
     stamped : bool
         Whether the bag holds every message of the node from its start on. Otherwise an impact
         that is missing may be one that the recorder did not get.
+
+    Attributes
+    ----------
+    last_ns : int
+        Stamp of the last recorded message.
+    unheard : int
+        Impacts of the replay from before the first recorded one, at which a recorder has joined.
     """
 
     what = 'impact'
@@ -90,7 +97,9 @@ class ImpactLedger:
         self._shapes: list[JointStateBytes] = []
         self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
         self._begun = stamped
+        self._heard = stamped
         self.last_ns = 0
+        self.unheard = 0
 
     @property
     def even(self) -> bool:
@@ -140,13 +149,14 @@ class ImpactLedger:
         if not self._begun and len(self._expected) > _KEPT_BEFORE:
             self._expected.popleft()
 
-    def begin(self, stamp_ns: int) -> None:
-        """Forget the impacts from before the first recorded message; `stamp_ns` is its stamp."""
+    def begin(self, stamp_ns: int) -> int:
+        """Forget the impacts from before the first sample or message; return its stamp."""
+        first_ns = min([stamp_ns, *(r.stamp_ns for r in self._recorded)])
         if not self._begun:
             self._begun = True
-            first_ns = min([stamp_ns, *(r.stamp_ns for r in self._recorded)])
             while self._expected and self._expected[0].stamp_ns < first_ns:
                 self._expected.popleft()
+        return first_ns
 
     def excuse(self, gap: SampleGap) -> None:
         """Take note of a stretch in which messages are missing."""
@@ -164,6 +174,7 @@ class ImpactLedger:
         recorded, expected = self._recorded, self._expected
         while recorded and expected:
             if recorded[0].equals(expected[0]):
+                self._heard = True
                 self._count_paired()
                 recorded.popleft()
                 expected.popleft()
@@ -183,8 +194,10 @@ class ImpactLedger:
 
     def _settle_unequal(self) -> None:
         recorded, expected = self._recorded, self._expected
-        for ahead, candidate in enumerate(islice(expected, 1, _REACH), 1):
-            if recorded[0].equals(candidate):
+        # What is not in the bag may be many in a row.
+        stamp_ns = recorded[0].stamp_ns
+        for ahead, candidate in enumerate(islice(expected, 1, None), 1):
+            if candidate.stamp_ns == stamp_ns and recorded[0].equals(candidate):
                 for _ in range(ahead):
                     self._missing(expected.popleft())
                 return
@@ -193,6 +206,7 @@ class ImpactLedger:
                 for _ in range(ahead):
                     self._surplus(recorded.popleft())
                 return
+        self._heard = True
         self._count_paired()
         self._altered(recorded.popleft(), expected.popleft())
 
@@ -203,7 +217,9 @@ class ImpactLedger:
 
     def _missing(self, expected: _Expected) -> None:
         excused = any(g.from_ns <= expected.stamp_ns <= g.to_ns for g in self._gaps)
-        if excused or not self._stamped:
+        if not self._heard:
+            self.unheard += 1
+        elif excused or not self._stamped:
             self._count_missing()
         else:
             self._differ(expected, self.what, '', None, expected.frame_id)

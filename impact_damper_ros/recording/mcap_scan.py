@@ -9,113 +9,63 @@ read. The format: https://mcap.dev/spec
 from __future__ import annotations
 
 import struct
-import zlib
-from dataclasses import dataclass, field, replace
-from io import BytesIO
+from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Schema
 
 from .errors import RecordingError
+from .mcap_block import LARGEST_CHUNK, jump_text, plain_content, read_block
+from .mcap_records import (
+    CHUNK,
+    HEAD,
+    LENGTH,
+    LONGEST_DESCRIPTIONS,
+    MAGIC,
+    MESSAGE,
+    Block,
+    ChunkHead,
+    IndexPart,
+    RawMessage,
+    Scan,
+    note_description,
+    open_file,
+)
 
-__all__ = ['Block', 'RawMessage', 'Scan', 'read_block', 'scan_file']
+__all__ = [
+    'LARGEST_CHUNK',
+    'MAGIC',
+    'Block',
+    'RawMessage',
+    'Scan',
+    'jump_text',
+    'open_file',
+    'plain_content',
+    'read_block',
+    'scan_file',
+]
 
-MAGIC = b'\x89MCAP0\r\n'
-
-_HEAD = struct.Struct('<BQ')
-_MESSAGE = struct.Struct('<HIQQ')
-_CHUNK = struct.Struct('<QQQII')
-_LENGTH = struct.Struct('<Q')
 _INDEX = struct.Struct('<HI')
+_DATA_END = struct.Struct('<I')
 
 #: A longer record is taken for damage (a run's largest are chunks of less than 1 MiB).
 _LONGEST_RECORD = 2**31
 
 
-class RawMessage(NamedTuple):
-    """A message as it stands in the file."""
-
-    channel: int
-    sequence: int
-    stamp_ns: int
-    content: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """
-    A stretch of the file that holds messages: a chunk, or one message outside of any.
-
-    Attributes
-    ----------
-    offset, length : int
-        Of the record's content in the file, as far as it is there.
-    start_ns, end_ns : int
-        Earliest and latest stamp.
-    whole : bool
-        False for the last chunk of a file that was cut in the middle of it.
-    chunk : bool
-        False for a message on its own (rosbag2's ``fastwrite``).
-    """
-
-    offset: int
-    length: int
-    start_ns: int
-    end_ns: int
-    whole: bool = True
-    chunk: bool = True
-
-
-@dataclass
-class Scan:
-    """
-    What an MCAP file holds, as far as it can be used.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    size : int
-        Its length in bytes.
-    profile : str
-        ``'ros2'``, if written by ROS 2.
-    blocks : list of Block
-        Where the messages are, in file order.
-    schemas, channels : dict
-        By id.
-    counts : dict of int to int
-        Messages per channel id, without those of damaged blocks.
-    metadata : list of Metadata
-        The metadata records.
-    finished : bool
-        Whether the file has its footer and the magic at its end.
-    unusable : int
-        Bytes at the end that belong to no whole record.
-    """
-
-    path: Path
-    size: int
-    profile: str = ''
-    blocks: list[Block] = field(default_factory=list)
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    counts: dict[int, int] = field(default_factory=dict)
-    metadata: list[Metadata] = field(default_factory=list)
-    finished: bool = False
-    unusable: int = 0
-
-
-def scan_file(path: Path) -> Scan:
+def scan_file(path: Path, source: Path | None = None) -> Scan:
     """
     Walk through the records of a file and note where its messages are.
 
     The chunks of a finished file are skipped: its index tells what they hold. Those of any other
     are read through, one at a time.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    source : Path, optional
+        The file to be named in messages, if `path` is an expanded copy of it.
 
     Raises
     ------
@@ -123,8 +73,8 @@ def scan_file(path: Path) -> Scan:
         If the file is empty, cannot be read or is not an MCAP file.
     """
     try:
-        with path.open('rb') as stream:
-            scan = Scan(path, stream.seek(0, 2))
+        with open_file(path) as stream:
+            scan = Scan(path, source or path, stream.seek(0, 2))
             stream.seek(0)
             _check_magic(scan, stream.read(len(MAGIC)))
             end = _walk(scan, stream)
@@ -136,17 +86,17 @@ def scan_file(path: Path) -> Scan:
             scan.unusable = scan.size - end
             _learn_topics(scan, stream)
     except OSError as error:
-        raise RecordingError.from_os_error('read', path, error) from error
+        raise RecordingError.from_os_error('read', source or path, error) from error
     return scan
 
 
 def _check_magic(scan: Scan, magic: bytes) -> None:
     if not magic:
         cause = 'the file is empty (0 bytes): the recording ended before anything was written'
-        raise RecordingError('read', scan.path, cause)
+        raise RecordingError('read', scan.source, cause)
     if magic != MAGIC and not MAGIC.startswith(magic):
         cause = 'it is not an MCAP file (it does not start with the MCAP magic bytes)'
-        raise RecordingError('read', scan.path, cause, 'name a bag directory or a .mcap file')
+        raise RecordingError('read', scan.source, cause, 'name a bag directory or a .mcap file')
 
 
 def _walk(scan: Scan, stream: BinaryIO) -> int:
@@ -154,11 +104,11 @@ def _walk(scan: Scan, stream: BinaryIO) -> int:
     position = min(len(MAGIC), scan.size)
     while not scan.finished:
         stream.seek(position)
-        head = stream.read(_HEAD.size)
-        if len(head) < _HEAD.size:
+        head = stream.read(HEAD.size)
+        if len(head) < HEAD.size:
             return position
-        opcode, length = _HEAD.unpack(head)
-        start = position + _HEAD.size
+        opcode, length = HEAD.unpack(head)
+        start = position + HEAD.size
         end = start + length
         # Opcodes from 0x80 are private to some application, and skipped.
         if opcode == 0 or Opcode.DATA_END < opcode < 0x80 or length > _LONGEST_RECORD:
@@ -178,53 +128,73 @@ def _walk(scan: Scan, stream: BinaryIO) -> int:
 def _note(scan: Scan, opcode: int, stream: BinaryIO, start: int, length: int) -> bool:
     """Take in a record other than a chunk; return whether it is sound."""
     if opcode == Opcode.MESSAGE:
-        if length < _MESSAGE.size:
+        if length < MESSAGE.size:
             return False
-        channel, _, stamp, _ = _MESSAGE.unpack(stream.read(_MESSAGE.size))
+        channel, _, stamp, _ = MESSAGE.unpack(stream.read(MESSAGE.size))
         scan.blocks.append(Block(start, length, stamp, stamp, chunk=False))
         scan.counts[channel] = scan.counts.get(channel, 0) + 1
-    elif opcode == Opcode.FOOTER:
-        scan.finished = True
     elif opcode == Opcode.MESSAGE_INDEX:
         if length < _INDEX.size:
             return False
         channel, content = _INDEX.unpack(stream.read(_INDEX.size))
+        if content % 16 or content > length - _INDEX.size:
+            return False
         scan.counts[channel] = scan.counts.get(channel, 0) + content // 16
-    elif opcode in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
-        return _note_description(scan, opcode, stream.read(length))
+        if scan.blocks:
+            parts = scan.indexes.setdefault(scan.blocks[-1].offset, [])
+            position = start - HEAD.size
+            parts.append(IndexPart(channel, position, start + _INDEX.size, content))
+    elif opcode == Opcode.DATA_END:
+        if length < _DATA_END.size:
+            return False
+        scan.data_end = start - HEAD.size, *_DATA_END.unpack(stream.read(_DATA_END.size))
+    elif opcode == Opcode.ATTACHMENT:
+        scan.attachments += 1
+    elif opcode in _DESCRIPTIONS:
+        scan.finished = opcode == Opcode.FOOTER
+        scan.description_size += length
+        if scan.description_size > LONGEST_DESCRIPTIONS:
+            return False
+        return note_description(scan, opcode, stream.read(length))
     return True
 
 
-def _note_description(scan: Scan, opcode: int, content: bytes) -> bool:
-    stream = ReadDataStream(BytesIO(content))
-    try:
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            scan.schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            scan.channels[channel.id] = channel
-        elif opcode == Opcode.HEADER:
-            scan.profile = Header.read(stream).profile
-        elif opcode == Opcode.METADATA:
-            scan.metadata.append(Metadata.read(stream))
-    except Exception:  # whatever damage makes the library raise
-        return False
-    return True
+_DESCRIPTIONS = (
+    Opcode.HEADER,
+    Opcode.SCHEMA,
+    Opcode.CHANNEL,
+    Opcode.METADATA,
+    Opcode.STATISTICS,
+    Opcode.CHUNK_INDEX,
+    Opcode.FOOTER,
+)
 
 
 def _note_chunk(scan: Scan, stream: BinaryIO, start: int, length: int, *, whole: bool) -> None:
-    head = stream.read(_CHUNK.size)
-    if len(head) == _CHUNK.size and length >= _CHUNK.size:
-        start_ns, end_ns, *_ = _CHUNK.unpack(head)
-        scan.blocks.append(Block(start, length, start_ns, end_ns, whole=whole))
+    head = stream.read(min(length, CHUNK.size + 64))
+    if len(head) < CHUNK.size:
+        return
+    start_ns, end_ns, size, _, name_length = CHUNK.unpack_from(head)
+    scan.blocks.append(Block(start, length, start_ns, end_ns, whole=whole))
+    name_end = CHUNK.size + name_length
+    if whole and name_end + LENGTH.size <= len(head):
+        compression = head[CHUNK.size : name_end].decode(errors='replace')
+        (compressed,) = LENGTH.unpack_from(head, name_end)
+        position = start - HEAD.size
+        scan.heads.append(
+            ChunkHead(
+                position, length + HEAD.size, start_ns, end_ns, compression, compressed, size
+            )
+        )
 
 
 def _learn_topics(scan: Scan, stream: BinaryIO) -> None:
     """Read the chunks through, where the index does not tell every channel and count."""
     counted = bool(scan.counts) or not scan.blocks
     if scan.finished and counted and scan.channels.keys() >= scan.counts.keys():
-        return
+        expected = scan.statistics
+        if expected is None or expected.message_count == sum(scan.counts.values()):
+            return
     scan.counts.clear()
     usable = []
     for block in scan.blocks:
@@ -239,69 +209,3 @@ def _learn_topics(scan: Scan, stream: BinaryIO) -> None:
             stamps = [message.stamp_ns for message in messages]
             usable.append(replace(block, start_ns=min(stamps), end_ns=max(stamps)))
     scan.blocks = usable
-
-
-def read_block(scan: Scan, stream: BinaryIO, block: Block) -> list[RawMessage]:
-    """
-    Return the messages of a block in file order; schemas and channels go into `scan`.
-
-    Of a block that is not whole, the messages that are.
-
-    Raises
-    ------
-    RecordingError
-        If the block is damaged.
-    """
-    stream.seek(block.offset)
-    content = stream.read(block.length)
-    if not block.chunk:
-        channel, sequence, stamp_ns, _ = _MESSAGE.unpack_from(content)
-        return [RawMessage(channel, sequence, stamp_ns, content[_MESSAGE.size :])]
-    try:
-        records = _decompress(content, whole=block.whole)
-        return list(_messages(scan, records, whole=block.whole))
-    except (ValueError, struct.error, RuntimeError, zstandard.ZstdError) as error:
-        cause = f'the chunk at byte {block.offset - _HEAD.size} is damaged ({error})'
-        remedy = 'recover_run saves the rest of the bag'
-        raise RecordingError('read', scan.path, cause, remedy) from error
-
-
-def _decompress(content: bytes, *, whole: bool) -> bytes:
-    _, _, size, checksum, name_length = _CHUNK.unpack_from(content)
-    name_end = _CHUNK.size + name_length
-    compression = content[_CHUNK.size : name_end]
-    (length,) = _LENGTH.unpack_from(content, name_end)
-    packed = content[name_end + _LENGTH.size :][:length]
-    if compression == b'':
-        records = packed
-    elif compression == b'zstd':
-        records = zstandard.ZstdDecompressor().decompressobj().decompress(packed)
-    elif compression == b'lz4':
-        records = bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed))
-    else:
-        raise ValueError(f'unknown compression {compression!r}')
-    if whole and len(records) != size:
-        raise ValueError(f'{len(records)} bytes instead of {size}')
-    if whole and checksum and zlib.crc32(records) != checksum:
-        raise ValueError('the checksum does not match')
-    return records
-
-
-def _messages(scan: Scan, records: bytes, *, whole: bool) -> list[RawMessage]:
-    messages = []
-    position = 0
-    while position + _HEAD.size <= len(records):
-        opcode, length = _HEAD.unpack_from(records, position)
-        start = position + _HEAD.size
-        position = start + length
-        if position > len(records):
-            break
-        if opcode == Opcode.MESSAGE:
-            channel, sequence, stamp_ns, _ = _MESSAGE.unpack_from(records, start)
-            content = records[start + _MESSAGE.size : position]
-            messages.append(RawMessage(channel, sequence, stamp_ns, content))
-        elif not _note_description(scan, opcode, records[start:position]):
-            raise ValueError('a schema or channel cannot be read')
-    if whole and position != len(records):
-        raise ValueError('the last record is cut')
-    return messages

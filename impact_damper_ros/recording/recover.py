@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from .bag_file import BagFile
-from .errors import RecordingError
-from .mcap_scan import Scan, read_block
+from .errors import RecordingError, printable
+from .mcap_scan import Scan, open_file, plain_content, read_block
 from .run_reader import RecordedTopic, RunReader
 from .topic import Channel, load_yaml
 
@@ -35,6 +37,8 @@ class Recovery:
         Bytes of the source that could not be used.
     was_complete : bool
         Whether the source was complete already; the new bag is then a plain copy.
+    faults : tuple of str
+        In what the source is not what it says of itself.
     """
 
     source: Path
@@ -44,6 +48,7 @@ class Recovery:
     end_ns: int
     unusable: int
     was_complete: bool
+    faults: tuple[str, ...] = ()
 
     @property
     def message_count(self) -> int:
@@ -102,12 +107,13 @@ def recover_run(source: Path | str, output: Path | str | None = None) -> Recover
 
 def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recovery:
     channels, places = _channels(reader)
-    custom = reader.custom if reader.complete else {**reader.custom, 'recovered_from': source.name}
-    bag = BagFile(draft, channels, custom, name=output.name)
+    bag = BagFile(draft, channels, reader.custom, name=output.name)
     unusable = reader.unusable
+    numbers: dict[int, int] = {}
     try:
         for scan in reader.scans:
-            with scan.path.open('rb') as stream:
+            bases: dict[int, int] = {}
+            with open_file(scan.path) as stream:
                 for block in scan.blocks:
                     try:
                         messages = read_block(scan, stream, block)
@@ -116,10 +122,21 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
                         continue
                     for message in messages:
                         place = places.get((scan.path, message.channel))
-                        if place is None or message.stamp_ns >= 2**63:
+                        content = _plain(message.content)
+                        if place is None or content is None or message.stamp_ns >= 2**63:
                             unusable += len(message.content)
                             continue
-                        bag.add(place, message.content, message.stamp_ns, message.sequence)
+                        number = message.sequence
+                        if scan.own:
+                            # Each file may count anew; the bag counts through.
+                            anew = number == 0 and place in numbers
+                            number += bases.setdefault(place, numbers[place] + 1 if anew else 0)
+                            numbers[place] = number
+                        bag.add(place, content, message.stamp_ns, number & 0xFFFFFFFF)
+        faults = tuple(reader.faults())
+        whole = reader.complete and not faults and not unusable
+        if not whole:
+            bag.custom['recovered_from'] = printable(source.name)
         bag.finish()
     finally:
         bag.abandon()
@@ -133,8 +150,17 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
         start_ns=bag.start_ns or 0,
         end_ns=bag.end_ns or 0,
         unusable=unusable,
-        was_complete=reader.complete,
+        was_complete=whole,
+        faults=faults,
     )
+
+
+def _plain(content: bytes) -> bytes | None:
+    """Return a message as it was sent; None if it cannot be expanded."""
+    try:
+        return plain_content(content)
+    except ValueError:
+        return None
 
 
 def _channels(reader: RunReader) -> tuple[list[Channel], dict[tuple[Path, int], int]]:
@@ -166,5 +192,11 @@ def _channel(scan: Scan, number: int) -> Channel:
 
 
 def _qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
-    profiles = load_yaml(text) if text else None
-    return tuple(profiles) if isinstance(profiles, list) else ()
+    """Return the profiles that are such, of a text that may be any."""
+    try:
+        profiles = load_yaml(text) if text else None
+    except yaml.YAMLError:
+        return ()
+    if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
+        return ()
+    return tuple(profiles)

@@ -9,10 +9,12 @@ must come out as recorded, to the last bit.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from math import inf
 from typing import Any, NamedTuple
 
 from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.loop import has_numba
 from impact_damper_ros.rig.published import impact_numbers, state_numbers
 from impact_damper_ros.rig.snapshot import ARITHMETIC
@@ -30,6 +32,8 @@ __all__ = ['Replay', 'Tick']
 
 #: A stretch without samples longer than this is taken for a wrong stamp.
 _LONGEST_GAP_NS = 6 * 3600 * 10**9
+#: The same from the snapshot that a recorder gets when it joins.
+_LONGEST_WAIT_NS = 10 * 86_400 * 10**9
 #: Messages replayed at once, at most and at least.
 _BATCH, _LEAST_BATCH = 8192, 64
 #: Joint states for which compiled code is worth its loading.
@@ -53,6 +57,9 @@ class Tick(NamedTuple):
         Of the replay, since the sample before.
     steps : list of (int, Step)
         What was done to the rig since the last sample, with its rig time.
+    begun : float
+        Rig time, s, from which on things were recorded. What is before has only led there from
+        the snapshot that a recorder gets when it joins.
     """
 
     time_ns: int
@@ -61,6 +68,7 @@ class Tick(NamedTuple):
     sample: Sample
     events: list[Event]
     steps: list[tuple[int, Step]]
+    begun: float = -inf
 
 
 class Replay:
@@ -115,6 +123,7 @@ class Replay:
         # What a joint state of an instant may hold that changes came after, with the instant
         self._before: list[tuple[float, tuple[tuple[float, ...], ...]]] = []
         self._left_out = 0
+        self._begun = -inf
         topics = history.topics
         count = history.reader.topics[topics.joint_states].message_count
         self._batch = BatchReplay(
@@ -249,7 +258,8 @@ class Replay:
         time_ns = stamp_ns - self.findings.offset_ns
         self._flush(time_ns)
         ahead_ns = time_ns - self._time_ns
-        if ahead_ns < 0 or (ahead_ns > _LONGEST_GAP_NS and self.findings.end_ns is not None):
+        first = self.findings.end_ns is None and not self.history.stamped
+        if not 0 <= ahead_ns <= (_LONGEST_WAIT_NS if first else _LONGEST_GAP_NS):
             self._left_out += 1
             return False
         self._time_ns = time_ns
@@ -259,11 +269,15 @@ class Replay:
         """Compare a sample."""
         stamp_ns, content, time_ns = record.stamp_ns, record.content, self._time_ns
         positions, velocities, *_ = self._check.numbers(content)
-        if self.findings.end_ns is None:
-            for ledger in self._ledgers.values():
-                ledger.begin(stamp_ns)
-        self._excuse(self._spacing.look(time_ns, stamp_ns))
         self._advance()
+        if self.findings.end_ns is None:
+            # A recorder that joins late gets the latched snapshot, and nothing of what happened
+            # between it and the first sample.
+            first_ns = min(ledger.begin(stamp_ns) for ledger in self._ledgers.values())
+            if not self.history.stamped:
+                self._begun = (first_ns - self.findings.offset_ns) / 1e9
+                self._events = [e for e in self._events if e.time >= self._begun]
+        self._excuse(self._spacing.look(time_ns, stamp_ns))
         sample, numbers = self._sampled()
         self._before = [before for before in self._before if before[0] == sample.time]
         others = [before[1] for before in self._before]
@@ -273,7 +287,7 @@ class Replay:
         events, self._events = self._events, []
         steps, self._steps = self._steps, []
         x = sample.x + (positions[0] - numbers[0][0])
-        return Tick(time_ns, x, velocities[0], sample, events, steps)
+        return Tick(time_ns, x, velocities[0], sample, events, steps, self._begun)
 
     def _sampled(self) -> tuple[Sample, tuple[tuple[float, ...], ...]]:
         """Return the present motion, and the numbers of its joint states as published."""
@@ -286,7 +300,13 @@ class Replay:
         # the rig would take at a second time.
         rig, time = self.replayed.rig, self._time_ns / 1e9
         if time > rig.time:
-            self._take_events(rig.advance(time), rig.records, rig.parameters)
+            try:
+                events = rig.advance(time)
+            except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
+                cause = f'the rig cannot be run on to rig time {time:.9g} s: {error}'
+                path = self.history.reader.path
+                raise RecordingError('replay', path, cause, _REMEDY) from error
+            self._take_events(events, rig.records, rig.parameters)
 
     def _excuse(self, gaps: list[SampleGap]) -> None:
         for gap in gaps:
@@ -301,9 +321,7 @@ class Replay:
         offset_ns: int | None = None,
     ) -> None:
         """Take what the rig did; the stamps may have another offset than the present one."""
-        # A latched snapshot may be hours older than the recording.
-        if self.history.stamped or self.findings.end_ns is not None:
-            self._events += events
+        self._events += events
         topics = self.history.topics
         if offset_ns is None:
             offset_ns = self.findings.offset_ns
@@ -473,9 +491,42 @@ class Replay:
             # Of a tick that is cut off, each topic may have come to another end.
             ledger.drop_after(max(ledger.last_ns, end_ns))
             ledger.settle(final=True)
+        self._judge_losses(end_ns)
         if self._left_out:
             findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')
         for fault in history.faults():
             findings.fault(fault)
+        for remark in history.remarks():
+            findings.remark(remark)
         if history.early:
             findings.remark(f'messages from before the first snapshot, left out: {history.early}')
+
+    def _judge_losses(self, end_ns: int) -> None:
+        """Say what is missing: the node records all that it does not note as dropped."""
+        findings, history = self.findings, self.history
+        for topic, ledger in self._ledgers.items():
+            if ledger.unheard:
+                findings.remark(
+                    f'{ledger.unheard} messages of {topic} are from before the first one that '
+                    'the recorder got'
+                )
+        period_ns = self._spacing.period_ns
+        if not history.stamped or not period_ns or findings.start_ns is None:
+            return
+        # Before the first sample, and after the last one while impacts go on
+        head_ns = findings.start_ns - history.start.time_ns
+        tail_ns = max(ledger.last_ns for ledger in self._ledgers.values()) - end_ns
+        lost = findings.missing_samples + int(max(0, tail_ns) // period_ns)
+        lost += round(head_ns / period_ns) - 1 if head_ns > 1.5 * period_ns else 0
+        if not lost:
+            return
+        noted = history.reader.dropped
+        text = f'{lost:,} joint states are missing'
+        if findings.gaps:
+            text += f', the first after {findings.gaps[0].time:.9g} s'
+        if lost <= noted:
+            findings.remark(f'{text}; the recorder notes {noted:,} dropped messages')
+        else:
+            findings.fault(
+                f'the bag is not whole: {text}, of which the recorder notes {noted:,} as dropped'
+            )

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from impact_damper_ros.control import CONTROL_JOINTS
+from impact_damper_ros.rig import PARAMETER_SPECS
 
 from .cdr import CdrError
 from .errors import RecordingError
-from .messages import JointState, Message, String, decode
+from .messages import JointState, Message, ParameterEvent, String, decode
 from .rig_messages import IMPACT_JOINTS, JOINTS
 from .run_reader import RunReader
+from .snapshot_check import parsed
 
 __all__ = ['JOINT_STATE', 'PARAMETER_EVENT', 'STRING', 'RigTopics', 'find_topics']
 
@@ -35,6 +36,11 @@ class RigTopics:
     def namespace(self) -> str:
         """Of the node, with a slash at its end."""
         return (self.snapshot or self.joint_states).rpartition('/')[0] + '/'
+
+    @property
+    def name(self) -> str:
+        """The node in words, for messages."""
+        return self.node or f'of unknown name in the namespace {self.namespace}'
 
 
 def _noted(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[RigTopics]:
@@ -78,21 +84,23 @@ def _role(message: Message) -> str:
             return 'gap_control'
     elif isinstance(message, String):
         try:
-            held = json.loads(message.data)
+            held = parsed(message.data)
         except ValueError:
             return ''
-        if isinstance(held, dict) and 'stamp_offset_ns' in held:
+        if 'stamp_offset_ns' in held:
             return 'snapshot'
     return ''
 
 
-def _by_content(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[RigTopics]:
-    """Return the rig whose topics were remapped, by the first message of each."""
+def _roles(reader: RunReader, topics: list[str]) -> dict[str, list[str]]:
+    """Return the topics that may be of a rig by their role, by the first message of each."""
     found: dict[str, list[str]] = {}
-    for name, topic in reader.topics.items():
-        if topic.type not in (JOINT_STATE, STRING):
+    for name in topics:
+        if reader.topics[name].type not in (JOINT_STATE, STRING):
             continue
-        record = next(reader.records([name]), None)
+        if not reader.topics[name].message_count:
+            continue
+        record = next(reader.records([name], by_index=True), None)
         if record is None:
             continue
         try:
@@ -100,12 +108,61 @@ def _by_content(reader: RunReader, events: str, *, snapshot_needed: bool) -> lis
         except CdrError:
             continue
         found.setdefault(role, []).append(name)
+    return found
+
+
+def _by_content(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[RigTopics]:
+    """Return the rig whose topics were remapped, by what is in them."""
+    found = _roles(reader, list(reader.topics))
     wanted = ('snapshot', 'joint_states', 'impacts', 'gap_control')
     names = {role: found[role][0] for role in wanted if len(found.get(role, ())) == 1}
     if 'joint_states' not in names or (snapshot_needed and 'snapshot' not in names):
         return []
     names.setdefault('snapshot', '')
     return [RigTopics('', **names, parameter_events=events)]
+
+
+def _completed(reader: RunReader, rigs: list[RigTopics]) -> list[RigTopics]:
+    """Find topics of the rigs that were remapped while others have their usual names."""
+    taken = {name for rig in rigs for name in (rig.snapshot, rig.joint_states)}
+    taken |= {name for rig in rigs for name in (rig.impacts, rig.gap_control)}
+    if all(rig.snapshot and rig.impacts and rig.gap_control for rig in rigs):
+        return rigs
+    roles = _roles(reader, [name for name in reader.topics if name not in taken])
+    for role in ('snapshot', 'impacts', 'gap_control'):
+        left = roles.get(role, [])
+        lacking = [rig for rig in rigs if not getattr(rig, role)]
+        for rig in lacking:
+            near = [name for name in left if name.rpartition('/')[0] + '/' == rig.namespace]
+            # Of several rigs, each has its own in its own namespace.
+            near = near or (left if len(lacking) == 1 else [])
+            if len(near) == 1:
+                rigs = [replace(r, **{role: near[0]}) if r == rig else r for r in rigs]
+    return rigs
+
+
+def _named_node(reader: RunReader, rig: RigTopics) -> RigTopics:
+    """Find the name of a rig's node: the one in its namespace with parameters of a rig."""
+    if rig.node or not rig.parameter_events:
+        return rig
+    nodes: set[str] = set()
+    try:
+        for record in reader.records([rig.parameter_events], by_index=True):
+            try:
+                event = decode(PARAMETER_EVENT, record.content)
+            except CdrError:
+                continue
+            assert isinstance(event, ParameterEvent)
+            named = {p.name for p in (*event.new_parameters, *event.changed_parameters)}
+            if event.node.rpartition('/')[0] + '/' == rig.namespace and named & _RIG_PARAMETERS:
+                nodes.add(event.node)
+    except RecordingError:  # met again by whoever reads on
+        pass
+    return replace(rig, node=nodes.pop()) if len(nodes) == 1 else rig
+
+
+#: Parameters that nodes of other packages hardly have.
+_RIG_PARAMETERS = frozenset(PARAMETER_SPECS) | {'gap_control'}
 
 
 def _chosen(found: list[RigTopics], node: str) -> list[RigTopics]:
@@ -151,6 +208,7 @@ def find_topics(
     found: list[RigTopics] = []
     for search in (_noted, _named, _by_content):
         found = found or search(reader, events, snapshot_needed=snapshot_needed)
+    found = [_named_node(reader, rig) for rig in _completed(reader, found)]
     chosen = found if node is None else _chosen(found, node)
     if len(chosen) == 1:
         return chosen[0]

@@ -10,9 +10,10 @@ and the parameter events (of rclpy, with their own stamps) only tell what was ch
 from __future__ import annotations
 
 import heapq
-import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,11 +23,12 @@ from impact_damper_ros.rig.published import FORMAT
 from impact_damper_ros.rig.snapshot import ARITHMETIC, FORMATS, upgraded
 
 from .cdr import CdrError
-from .errors import RecordingError
+from .errors import RecordingError, printable, shown
 from .joint_state_bytes import header_ns
 from .messages import Parameter, ParameterEvent, String, decode
 from .rig_topics import PARAMETER_EVENT, STRING, find_topics
 from .run_reader import Record, RunReader
+from .snapshot_check import checked_state, parsed
 
 __all__ = ['Change', 'Disorder', 'Item', 'RunHistory', 'Snapshot', 'StateRecord']
 
@@ -34,6 +36,8 @@ __all__ = ['Change', 'Disorder', 'Item', 'RunHistory', 'Snapshot', 'StateRecord'
 _FORMATS = (1, FORMAT)
 #: Messages among which those of one topic may overtake another's on their way to a recorder.
 _OVERTAKING = 2000
+#: Messages of a topic by which it is found out how a bag is stamped.
+_LOOKED_AT = 20
 
 
 class StateRecord(NamedTuple):
@@ -156,7 +160,7 @@ class RunHistory:
         self.disorder = Disorder()
         self.early = 0
         self.damage: RecordingError | None = None
-        first = next(self.reader.records([self.topics.snapshot]), None)
+        first = next(self.reader.records([self.topics.snapshot], by_index=True), None)
         if first is None and snapshot_needed:
             cause = f'there is no message on {self.topics.snapshot}: the start is not known'
             remedy = 'sim_node records one first; with ros2 bag record, record this topic too'
@@ -166,10 +170,34 @@ class RunHistory:
             raise RecordingError(purpose, path, cause)
         if first is not None:
             self.start = self._snapshot(first)
-            # Two witnesses, since either may be damaged
-            self.stamped = first.stamp_ns == self.start.stamp_ns or self._states_stamped()
+            # The node's own recorder leaves notes; its first snapshot may be damaged.
+            noted = self.reader.custom.get('joint_states') == self.topics.joint_states
+            self.stamped = self._has_rig_stamps() and (
+                noted or first.stamp_ns == self.start.stamp_ns
+            )
         else:
             self._start_without_snapshot()
+
+    def _has_rig_stamps(self) -> bool:
+        """
+        Return whether most of the first samples and impacts are logged at their own stamps.
+
+        A recorder that runs by the rig's clock logs them at its ticks.
+        """
+        for topic in {self.topics.joint_states, self.topics.impacts} - {''}:
+            records = self.reader.records([topic], by_index=True)
+            different = 0
+            # What cannot be read is met again by whoever reads on.
+            with suppress(RecordingError, CdrError):
+                for record in islice(records, _LOOKED_AT):
+                    different += 1 if record.stamp_ns != header_ns(record.content) else -1
+            if different > 0:
+                return False
+        return True
+
+    def remarks(self) -> list[str]:
+        """Return what else is to be known of the recording."""
+        return self.reader.remarks()
 
     def faults(self) -> list[str]:
         """Return why the bag could be used in part only, after its items were read."""
@@ -185,6 +213,7 @@ class RunHistory:
         ]
         if self.damage is not None:
             found.append(f'{self.damage}; what follows was not compared')
+        found += self.reader.faults()
         if not self.reader.complete:
             cut = self.reader.unusable
             found.append(
@@ -192,14 +221,6 @@ class RunHistory:
                 + (f' ({cut} bytes at its end belong to no whole message)' if cut else '')
             )
         return found
-
-    def _states_stamped(self) -> bool:
-        """Return whether the first joint state has the stamp of the bag."""
-        record = next(self.reader.records([self.topics.joint_states]), None)
-        try:
-            return record is not None and header_ns(record.content) == record.stamp_ns
-        except CdrError:
-            return False
 
     def _start_without_snapshot(self) -> None:
         record = next(self.reader.records([self.topics.joint_states]))
@@ -279,28 +300,38 @@ class RunHistory:
         try:
             message = decode(STRING, record.content)
             assert isinstance(message, String)
-            held = json.loads(message.data)
-            version = held['format'] if isinstance(held, dict) else None
-        except (CdrError, ValueError, KeyError) as error:
-            cause = f'{where} cannot be read: {error!r}'
+            held = parsed(message.data)
+            version = held.get('format')
+        except ValueError as error:
+            cause = f'{where} cannot be read: {error}'
             raise RecordingError(self._purpose, self.reader.path, cause) from error
         found, known = version, _FORMATS
         if version in _FORMATS and isinstance(held.get('state'), dict):
             found, known = held['state'].get('format'), FORMATS
         if found not in known:
             formats = ' and '.join(map(str, known))
-            cause = f'{where} is of format {found!r}; this version reads format {formats}'
+            cause = f'{where} is of format {shown(found)}; this version reads format {formats}'
             remedy = 'use the version of impact_damper_ros that recorded the bag'
             raise RecordingError(self._purpose, self.reader.path, cause, remedy)
         try:
-            offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
-            reason, state = str(held['reason']), completed(upgraded(held['state']))
-            version, arithmetic = int(held['format']), int(held['state'].get('arithmetic', 1))
-        except (KeyError, TypeError, ValueError) as error:
-            cause = f'{where} is not complete: {error!r}'
+            offset_ns, time_ns = held['stamp_offset_ns'], held['time_ns']
+            if type(offset_ns) is not int or type(time_ns) is not int or time_ns < 0:
+                text = f'stamp_offset_ns is {shown(offset_ns)} and time_ns {shown(time_ns)}'
+                raise ValueError(f'{text}: whole numbers of nanoseconds are allowed')
+            reason, state = printable(str(held['reason'])), completed(upgraded(held['state']))
+            checked_state(state, time_ns / 1e9)
+            arithmetic = held['state'].get('arithmetic', 1)
+            if type(arithmetic) is not int:
+                raise ValueError(f'arithmetic is {shown(arithmetic)}: a whole number is allowed')
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            said = str(error) if isinstance(error, ValueError) else repr(error)
+            what = 'cannot be used' if isinstance(error, ValueError) else 'is not complete'
+            cause = f'{where} {what}: {said}'
             raise RecordingError(self._purpose, self.reader.path, cause) from error
         stamp_ns = offset_ns + time_ns
-        return Snapshot(stamp_ns, offset_ns, time_ns, reason, state, arithmetic, version)
+        return Snapshot(
+            stamp_ns, offset_ns, time_ns, reason, state, arithmetic, int(held['format'])
+        )
 
     def _change(self, record: Record, now_ns: int) -> Change | None:
         """Return what a parameter event says of the rig; None if nothing."""

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import yaml
 
-from .bag_metadata import listed_files
+from .bag_check import check_summary, listing_faults, listing_remarks, number_faults
+from .bag_metadata import listed_files, notes_of, read_listing
 from .cdr import CdrError
 from .errors import RecordingError
-from .mcap_scan import read_block, scan_file
+from .mcap_scan import Scan, open_file, plain_content, read_block, scan_file
 from .messages import DECODABLE, JointStateDecoder, Message, decode
+from .packed_bag import Unpacked
 from .topic import load_yaml
 
 __all__ = ['Decoded', 'Record', 'RecordedTopic', 'RunReader', 'bag_files']
@@ -50,34 +52,41 @@ class RecordedTopic:
     message_count: int
 
 
+#: Bytes of messages, with what each takes in memory, that overlap in time and are held together.
+_MOST_HELD = 512 * 1024 * 1024
+_HELD_EACH = 250
+
+
 def bag_files(path: Path | str) -> list[Path]:
     """
-    Return the MCAP files of a bag, in order: its own path, or those in the directory.
+    Return the files of a bag, in order: its own path, or those in the directory.
 
     Raises
     ------
     RecordingError
-        If there are none, or the bag is of another storage format.
+        If there are none.
     """
     path = Path(path)
-    if path.is_file():
-        return [path]
     if not path.is_dir():
-        cause = 'there is no such file or directory'
-        raise RecordingError('read', path, cause, 'name a bag directory or a .mcap file')
-    if found := sorted(path.glob('*.mcap'), key=_file_number):
-        return found
-    if any(path.glob('*.db3')):
-        remedy = 'convert it with: ros2 bag convert'
-        raise RecordingError('read', path, 'the bag is stored in SQLite, not MCAP', remedy)
+        if not path.exists():
+            cause = 'there is no such file or directory'
+            raise RecordingError('read', path, cause, 'name a bag directory or a .mcap file')
+        return [path]
+    for kind in ('*.mcap', '*.mcap.zstd', '*.db3', '*.db3.zstd'):
+        if found := sorted(path.glob(kind), key=_file_number):
+            packed = path.glob('*.mcap.zstd') if kind == '*.mcap' else ()
+            # Of a recording that was cut short, the last file has not been compressed.
+            found += [file for file in packed if file.with_suffix('') not in found]
+            return sorted(found, key=_file_number)
     cause = 'there is no .mcap file in this directory'
     raise RecordingError('read', path, cause, 'name a bag directory or a .mcap file')
 
 
 def _file_number(path: Path) -> tuple[int, str]:
     """Order ``run_10.mcap`` after ``run_9.mcap``."""
-    number = path.stem.rpartition('_')[2]
-    return (int(number) if number.isdecimal() else -1, path.name)
+    number = path.name.partition('.')[0].rpartition('_')[2]
+    # Of digits that no file has, the value is not asked for.
+    return (int(number) if number.isdecimal() and len(number) < 20 else -1, path.name)
 
 
 class RunReader:
@@ -113,16 +122,27 @@ class RunReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        self.scans = [scan_file(file) for file in bag_files(self.path)]
-        for scan in self.scans:
+        self._unpacked = Unpacked()
+        self.scans: list[Scan] = []
+        for file in bag_files(self.path):
+            scan = scan_file(self._unpacked.file(file), file)
             if scan.profile not in ('ros2', '') or (scan.finished and not scan.profile):
                 cause = f'its MCAP profile is {scan.profile!r}, not ros2: ROS 2 did not write it'
-                raise RecordingError('read', scan.path, cause)
+                raise RecordingError('read', scan.source, cause)
+            check_summary(scan)
+            self.scans.append(scan)
         self.unusable = sum(scan.unusable for scan in self.scans)
         self.complete = all(scan.finished for scan in self.scans)
+        self._listing: Mapping[str, Any] | None = None
+        self._listing_error = ''
         if self.path.is_dir():
-            found = {scan.path.name for scan in self.scans}
-            self.complete = self.complete and listed_files(self.path) == found
+            found = {scan.source.name for scan in self.scans}
+            try:
+                self._listing = read_listing(self.path)
+            except RecordingError as error:
+                self._listing_error = str(error)
+            whole = self._listing is not None and listed_files(self._listing) == found
+            self.complete = self.complete and whole
         blocks = [block for scan in self.scans for block in scan.blocks]
         self.start_ns: int | None = min((block.start_ns for block in blocks), default=None)
         self.end_ns: int | None = max((block.end_ns for block in blocks), default=None)
@@ -137,14 +157,56 @@ class RunReader:
         self.custom = self._custom()
 
     def _custom(self) -> dict[str, str]:
-        notes: dict[str, str] = {}
+        notes = notes_of(self._listing)
         for scan in self.scans:
-            for record in scan.metadata:
-                if record.name == 'rosbag2':
-                    with suppress(yaml.YAMLError, AttributeError, KeyError, TypeError):
-                        content = load_yaml(record.metadata['serialized_metadata'])
-                        notes |= content.get('custom_data') or {}
+            held = [record.metadata for record in scan.metadata if record.name == 'rosbag2']
+            # The first one is there even in a recording that was cut short.
+            for metadata in (held[:1] + held[-1:])[-2:]:
+                with suppress(yaml.YAMLError, KeyError):
+                    notes |= notes_of(load_yaml(metadata['serialized_metadata']))
         return notes
+
+    @property
+    def own(self) -> bool:
+        """Whether it is the node's own recording, as it was written or recovered."""
+        return 'node' in self.custom and all(scan.own for scan in self.scans)
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages that the node notes it has dropped, or 0."""
+        number = self.custom.get('dropped', '')
+        return int(number) if number.isdecimal() and len(number) < 20 else 0
+
+    def faults(self) -> list[str]:
+        """Return in what the bag is not what it says of itself; all of it once it was read."""
+        found = []
+        for scan in self.scans:
+            what = 'the bag' if len(self.scans) == 1 else scan.source.name
+            for kind, (text, count) in scan.faults.items():
+                if kind.startswith('number') and not self.own:
+                    # Of another recorder's messages, as recover_run has kept them
+                    continue
+                others = f' (the first of {count})' if count > 1 else ''
+                found.append(f'{what} is not whole: {text}{others}')
+        if self.own:
+            found += [f'the bag is not whole: {text}' for text in number_faults(self.scans)]
+        if self._listing_error:
+            found.append(self._listing_error)
+        if self._listing is not None and self.complete:
+            counts = {topic.name: topic.message_count for topic in self.topics.values()}
+            texts = listing_faults(self._listing, self.scans, counts, own=self.own)
+            found += [f'the bag is not whole: {text}' for text in texts]
+        return found
+
+    def remarks(self) -> list[str]:
+        """Return what else is to be known of the recording."""
+        found = []
+        if self.dropped:
+            found.append(f'the recorder notes that it has dropped {self.dropped:,} messages')
+        if self._listing is not None and self.complete and not self.own:
+            counts = {topic.name: topic.message_count for topic in self.topics.values()}
+            found += listing_remarks(self._listing, counts)
+        return found
 
     @property
     def message_count(self) -> int:
@@ -181,6 +243,8 @@ class RunReader:
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         end_ns: int | None = None,
+        *,
+        by_index: bool = False,
     ) -> Iterator[Record]:
         """
         Yield the messages in the order of their stamps, and as written where these are equal.
@@ -193,11 +257,13 @@ class RunReader:
             Full names of those wanted; all if not given.
         start_ns, end_ns : int, optional
             Earliest stamp wanted, and latest (inclusive).
+        by_index : bool, optional
+            Whether chunks are left out that have none of the topics, by their index.
 
         Raises
         ------
         RecordingError
-            If a part of the bag is damaged.
+            If a part of the bag is damaged, or too much of it overlaps in time.
         """
         first = -1 if start_ns is None else start_ns
         last = 2**64 if end_ns is None else end_ns
@@ -214,24 +280,46 @@ class RunReader:
             (block.start_ns, place, index, block)
             for place, (index, block) in enumerate(pairs)
             if block.end_ns >= first and block.start_ns <= last
+            if not by_index or self.scans[index].may_hold(block, names[index])
         )
         # Sorted by stamp and place in the bag; holds what later blocks may still precede.
         pending: list[tuple[int, int, int, Record]] = []
+        held = 0
         with ExitStack() as stack:
-            streams = [stack.enter_context(_open(scan.path)) for scan in self.scans]
+            streams = [stack.enter_context(open_file(scan.path)) for scan in self.scans]
             for start, place, index, block in queue:
                 ready = bisect_left(pending, start, key=itemgetter(0))
                 yield from (entry[3] for entry in pending[:ready])
+                held -= sum(len(entry[3].content) + _HELD_EACH for entry in pending[:ready])
                 del pending[:ready]
+                scan, channels = self.scans[index], names[index]
                 for number, message in enumerate(
-                    read_block(self.scans[index], streams[index], block)
+                    read_block(scan, streams[index], block, channels)
                 ):
-                    named = names[index].get(message.channel)
-                    if named and first <= message.stamp_ns <= last:
-                        record = Record(*named, message.stamp_ns, message.content)
+                    if first <= message.stamp_ns <= last:
+                        named = channels[message.channel]
+                        content = self._plain(named[0], message.stamp_ns, message.content)
+                        record = Record(*named, message.stamp_ns, content)
                         pending.append((message.stamp_ns, place, number, record))
+                        held += len(content) + _HELD_EACH
+                        if held > _MOST_HELD:
+                            self._refuse_overlap()
                 pending.sort()
             yield from (entry[3] for entry in pending)
+
+    def _plain(self, topic: str, stamp_ns: int, content: bytes) -> bytes:
+        try:
+            return plain_content(content)
+        except ValueError as error:
+            cause = f'the message of {topic} at {stamp_ns} ns cannot be expanded: {error}'
+            raise RecordingError('read', self.path, cause) from error
+
+    def _refuse_overlap(self) -> None:
+        cause = (
+            f'its chunks overlap so much in time that more than {_MOST_HELD // 2**20} MiB would '
+            'be needed to put their messages in order'
+        )
+        raise RecordingError('read', self.path, cause, 'write it anew with: ros2 bag convert')
 
     def messages(
         self,
@@ -264,10 +352,3 @@ class RunReader:
                 cause = f'the message of {topic} at {stamp_ns} ns cannot be decoded: {error}'
                 raise RecordingError('read', self.path, cause) from error
             yield Decoded(topic, stamp_ns, message)
-
-
-def _open(path: Path) -> BinaryIO:
-    try:
-        return path.open('rb')
-    except OSError as error:
-        raise RecordingError.from_os_error('read', path, error) from error

@@ -253,6 +253,9 @@ class RunWriter:
     def _finish(self) -> None:
         try:
             if self._error is None:
+                if self._dropped:
+                    # Whoever reads the bag can account for what is missing.
+                    self._file.custom['dropped'] = str(self._dropped)
                 self._file.finish()
         except Exception as error:
             self._fail(error)

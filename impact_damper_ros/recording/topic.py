@@ -10,10 +10,15 @@ import yaml
 
 from . import interface
 
-__all__ = ['LATCHED', 'Channel', 'QosProfile', 'Topic', 'dump_yaml', 'load_yaml']
+__all__ = ['LATCHED', 'LONGEST_YAML', 'Channel', 'QosProfile', 'Topic', 'dump_yaml', 'load_yaml']
 
 #: How rosbag2 writes an unlimited duration.
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+#: Limits to the YAML of a bag. A bag of 500 topics and 5,000 files has some 2 MB of it.
+LONGEST_YAML = 8 * 1024 * 1024
+_MOST_YAML_EVENTS = 300_000
+_DEEPEST_YAML = 20
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
@@ -139,8 +144,37 @@ class Channel:
 
 
 def load_yaml(text: str) -> Any:
-    """Return what a YAML text says, read by libyaml if PyYAML has it (ten times faster)."""
-    return yaml.load(text, Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
+    """
+    Return what a YAML text of a bag says, read by libyaml if PyYAML has it (ten times faster).
+
+    The text is looked through before anything is built of it: libyaml goes as deep into the stack
+    as the text is nested, and an alias may stand for any amount of text.
+
+    Raises
+    ------
+    yaml.YAMLError
+        If it is no YAML, or longer, deeper or of more parts than any bag's metadata.
+    """
+    if len(text) > LONGEST_YAML:
+        raise yaml.YAMLError(f'it is {len(text)} characters long; at most {LONGEST_YAML} are read')
+    depth = 0
+    for number, event in enumerate(yaml.parse(text, Loader=_LOADER), 1):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        elif isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError('it has an alias (*name), which no bag has')
+        if depth > _DEEPEST_YAML:
+            raise yaml.YAMLError(f'it is nested more than {_DEEPEST_YAML} deep')
+        if number > _MOST_YAML_EVENTS:
+            raise yaml.YAMLError(f'it has more than {_MOST_YAML_EVENTS} parts')
+    try:
+        return yaml.load(text, Loader=_LOADER)
+    except yaml.YAMLError:
+        raise
+    except Exception as error:  # whatever a tag such as !!timestamp makes the constructor raise
+        raise yaml.YAMLError(f'{type(error).__name__}: {error}') from error
 
 
 def dump_yaml(value: object) -> str:

@@ -115,7 +115,7 @@ class WhatIf:
             events += self.advance(time_ns)
             events += self.carry_out(step)
         events += self.advance(tick.time_ns)
-        return self.rig.sample(), events
+        return self.rig.sample(), [event for event in events if event.time >= tick.begun]
 
     def advance(self, time_ns: int) -> list[Event]:
         """Go on to an instant; once only, as the node does."""

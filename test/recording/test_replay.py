@@ -371,10 +371,17 @@ def test_a_falsified_snapshot_is_found(tmp_path, messages):
     assert (found.topic, found.quantity) == ('/snapshot', 'origin.last_stop')
 
 
-def test_missing_samples_are_told_and_no_error(tmp_path, messages):
+def test_missing_samples_are_a_fault_unless_the_recorder_dropped_them(tmp_path, messages):
     kept = [m for m in messages if not 600_000_000 < m[2] - samples.START < 700_000_000]
     findings = replayed(samples.record(tmp_path / 'bag', kept, custom=NOTES))
+    assert findings.verdict is Verdict.PARTIAL
+    text = 'the bag is not whole: 19 joint states are missing, the first after 0.6 s, of which'
+    assert findings.faults == [f'{text} the recorder notes 0 as dropped']
+    notes = {**NOTES, 'dropped': '19'}
+    findings = replayed(samples.record(tmp_path / 'dropped', kept, custom=notes))
     assert findings.verdict is Verdict.IDENTICAL
+    assert '19 joint states are missing' in findings.remarks[0]
+    assert 'it has dropped 19 messages' in findings.remarks[1]
     assert (findings.missing_samples, findings.gap_count) == (19, 1)
     assert findings.gaps[0].time == 0.6
     assert findings.missing_impacts > 0

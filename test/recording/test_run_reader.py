@@ -188,7 +188,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
     ('content', 'words'),
     [
         (b'', 'the file is empty'),
-        (b'SQLite format 3\0' + bytes(100), 'it is not an MCAP file'),
+        (b'SQLite format 3\0' + bytes(100), 'stored in SQLite, and cannot be read'),
         (b'\x89PNG\r\n\x1a\n', 'it is not an MCAP file'),
     ],
 )
@@ -215,9 +215,10 @@ def test_paths_that_hold_no_bag(tmp_path: Path) -> None:
         RunReader(tmp_path / 'missing')
     with pytest.raises(RecordingError, match=r'there is no \.mcap file'):
         RunReader(tmp_path)
-    (tmp_path / 'old_0.db3').touch()
-    with pytest.raises(RecordingError, match='SQLite'):
+    (tmp_path / 'old_0.db3').write_bytes(b'SQLite format 3\0' + bytes(1000))
+    with pytest.raises(RecordingError, match='ros2 bag convert -i ') as caught:
         RunReader(tmp_path)
+    assert '"storage_id": "mcap", "all_topics": true' in str(caught.value)
 
 
 def test_a_damaged_chunk_is_named(bag: Path, tmp_path: Path) -> None:

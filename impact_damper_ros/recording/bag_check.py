@@ -1,0 +1,287 @@
+"""
+Whether a bag is whole: what its files and its ``metadata.yaml`` say against what is there.
+
+A part that was lost with its bytes leaves traces: an MCAP file counts its messages and chunks and
+names their places in its summary, and the bag as a whole is counted once more in
+``metadata.yaml``. What a writer left out (no summary, no checksums) is not missed.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from mcap.opcode import Opcode
+
+from .errors import shown
+from .mcap_scan import Scan, jump_text, open_file
+
+__all__ = ['check_summary', 'listing_faults', 'listing_remarks', 'number_faults']
+
+_PIECE = 1024 * 1024
+_MAGIC_LENGTH = 8
+_FOOTER_LENGTH = 9 + 8 + 8 + 4
+#: Times in the metadata of other recorders are right to about this, ns: theirs is the first
+#: message to arrive, not the earliest.
+_ABOUT_NS = 10**9
+_NEVER_NS = 2**63 - 1
+
+
+def counted(number: int, noun: str = 'message') -> str:
+    """Return a number of things in words."""
+    return f'{number:,} {noun}{"" if number == 1 else "s"}'
+
+
+def check_summary(scan: Scan) -> None:
+    """
+    Hold the summary of a finished file against what was found in it.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read.
+    """
+    if not scan.finished:
+        return
+    for kind, text in (*_count_faults(scan), *_chunk_faults(scan), *_checksum_faults(scan)):
+        scan.fault(kind, text)
+
+
+def _count_faults(scan: Scan) -> Iterator[tuple[str, str]]:
+    said = scan.statistics
+    if said is None:
+        return
+    wrong = False
+    for channel in sorted({*said.channel_message_counts, *scan.counts}):
+        listed = said.channel_message_counts.get(channel, 0)
+        there = scan.counts.get(channel, 0)
+        if listed != there:
+            wrong = True
+            known = scan.channels.get(channel)
+            topic = known.topic if known is not None else f'channel {channel}'
+            yield (
+                f'statistics {channel}',
+                f'its statistics count {counted(listed)} on {topic}, {there:,} are there',
+            )
+    total = sum(scan.counts.values())
+    if said.message_count != total and not wrong:
+        text = f'its statistics count {counted(said.message_count)} in all, {total:,} are there'
+        yield 'statistics', text
+    chunks = len(scan.heads)
+    if said.chunk_count != chunks:
+        text = f'its statistics count {counted(said.chunk_count, "chunk")}, {chunks:,} are there'
+        yield 'chunk count', text
+    for what, listed, there in (
+        ('metadata record', said.metadata_count, len(scan.metadata)),
+        ('attachment', said.attachment_count, scan.attachments),
+    ):
+        if listed != there:
+            text = f'its statistics count {counted(listed, what)}, {there:,} are there'
+            yield what, text
+    if total and scan.blocks:
+        span = min(b.start_ns for b in scan.blocks), max(b.end_ns for b in scan.blocks)
+        if (said.message_start_time, said.message_end_time) != span:
+            yield (
+                'statistics times',
+                f'its statistics give stamps from {said.message_start_time} to '
+                f'{said.message_end_time} ns, they go from {span[0]} to {span[1]} ns',
+            )
+
+
+def _chunk_faults(scan: Scan) -> Iterator[tuple[str, str]]:
+    heads = {head.position: head for head in scan.heads}
+    offsets = {
+        position: {part.channel: part.position for part in scan.indexes.get(position + 9, ())}
+        for position in heads
+    }
+    listed: set[int] = set()
+    for index in scan.chunk_indexes:
+        where = index.chunk_start_offset
+        head = heads.get(where)
+        if head is None:
+            yield 'chunk place', f'its summary names a chunk at byte {where}, where none is'
+            continue
+        if where in listed:
+            yield 'chunk twice', f'its summary names the chunk at byte {where} twice'
+        listed.add(where)
+        said = (
+            index.chunk_length,
+            index.message_start_time,
+            index.message_end_time,
+            index.compression,
+            index.compressed_size,
+            index.uncompressed_size,
+        )
+        if said != head[1:]:
+            yield (
+                'chunk head',
+                'its summary says of the chunk at byte '
+                f'{where} (length, stamps, compression, sizes): {shown(said)}; the chunk says '
+                f'{shown(tuple(head[1:]))}',
+            )
+        if index.message_index_offsets and index.message_index_offsets != offsets[where]:
+            text = f'the message indexes of the chunk at byte {where} are not where it names them'
+            yield 'index place', f'its summary is wrong: {text}'
+    if scan.chunk_indexes:
+        for where in heads.keys() - listed:
+            yield 'chunk unlisted', f'its summary does not name the chunk at byte {where}'
+
+
+def _checksum_faults(scan: Scan) -> Iterator[tuple[str, str]]:
+    footer, end = scan.footer, scan.data_end
+    if footer is None or end is None:
+        yield 'data end', 'it has no mark where its data ends'
+        return
+    position, checksum = end
+    # Opcode, length and checksum
+    begin = position + 9 + 4
+    if footer.summary_start not in (0, begin):
+        yield (
+            'summary place',
+            f'its summary should begin at byte {footer.summary_start}, and begins at byte {begin}',
+        )
+    elif footer.summary_start and footer.summary_crc:
+        with open_file(scan.path) as stream:
+            stream.seek(begin)
+            summary = stream.read(scan.size - begin - _MAGIC_LENGTH - _FOOTER_LENGTH)
+        head = struct.pack(
+            '<BQQQ', Opcode.FOOTER, 20, footer.summary_start, footer.summary_offset_start
+        )
+        if zlib.crc32(head, zlib.crc32(summary)) != footer.summary_crc:
+            yield 'summary checksum', 'the checksum of its summary does not match'
+    # Writers differ in whether the magic bytes at the beginning count.
+    if checksum and checksum not in (_crc(scan, 0, position), _crc(scan, _MAGIC_LENGTH, position)):
+        yield 'data checksum', 'the checksum of its data does not match'
+
+
+def _crc(scan: Scan, begin: int, end: int) -> int:
+    crc = 0
+    with open_file(scan.path) as stream:
+        stream.seek(begin)
+        while begin < end and (piece := stream.read(min(_PIECE, end - begin))):
+            crc = zlib.crc32(piece, crc)
+            begin += len(piece)
+    return crc
+
+
+def number_faults(scans: Sequence[Scan]) -> Iterator[str]:
+    """
+    Yield where the messages of the node's own bag are not counted on from chunk to chunk.
+
+    A file may begin to count anew, or go on from the one before. Where a chunk could not be read,
+    nothing is known. Of each topic, the first place is given.
+    """
+    last: dict[str, int] = {}
+    wrong: set[str] = set()
+    for scan in scans:
+        here: dict[str, int] = {}
+        for block in scan.blocks:
+            held = scan.numbers.get(block.offset)
+            if held is None:
+                return
+            for channel, (begin, end) in held.items():
+                known = scan.channels.get(channel)
+                topic = known.topic if known is not None else f'channel {channel}'
+                before = here.get(topic, -1)
+                on = topic not in here and begin == last.get(topic, -1) + 1
+                if begin != before + 1 and not on and topic not in wrong:
+                    wrong.add(topic)
+                    yield jump_text(topic, before, begin)
+                here[topic] = end
+        last |= here
+
+
+# metadata.yaml
+
+
+def _nanoseconds(content: Mapping[str, Any], name: str, unit: str) -> int | None:
+    held = content.get(name)
+    number = held.get(unit) if isinstance(held, dict) else None
+    return number if isinstance(number, int) and not isinstance(number, bool) else None
+
+
+def _count(content: Mapping[str, Any], name: str = 'message_count') -> int | None:
+    number = content.get(name)
+    return number if isinstance(number, int) and not isinstance(number, bool) else None
+
+
+def _items(content: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
+    held = content.get(name)
+    return [item for item in held if isinstance(item, dict)] if isinstance(held, list) else []
+
+
+def listing_faults(
+    listing: Mapping[str, Any], scans: Sequence[Scan], counts: Mapping[str, int], *, own: bool
+) -> Iterator[str]:
+    """
+    Yield what ``metadata.yaml`` says otherwise than it is.
+
+    Parameters
+    ----------
+    listing : mapping
+        What ``metadata.yaml`` holds.
+    scans : sequence of Scan
+        The files of the bag, all of them finished.
+    counts : mapping of str to int
+        Messages by topic.
+    own : bool
+        Whether the bag is the node's own; other recorders lose messages that they have counted,
+        and their times are not exact.
+    """
+    topics: dict[str, int] = {}
+    for item in _items(listing, 'topics_with_message_count'):
+        about = item.get('topic_metadata')
+        name = about.get('name') if isinstance(about, dict) else None
+        number = _count(item)
+        if isinstance(name, str) and number is not None:
+            topics[name] = topics.get(name, 0) + number
+    wrong = False
+    for name in sorted({*topics, *counts}):
+        listed, there = topics.get(name, 0), counts.get(name, 0)
+        if topics and listed != there:
+            wrong = True
+            yield f'metadata.yaml counts {counted(listed)} on {name}, {there:,} are there'
+    total, there = _count(listing), sum(counts.values())
+    if total is not None and total != there and not wrong:
+        yield f'metadata.yaml counts {counted(total)} in all, {there:,} are there'
+    if own:
+        by_name = {scan.source.name: sum(scan.counts.values()) for scan in scans}
+        for item in _items(listing, 'files'):
+            number, name = _count(item), str(item.get('path')).rpartition('/')[2]
+            if number is not None and name in by_name and number != by_name[name]:
+                there = by_name[name]
+                yield f'metadata.yaml counts {counted(number)} in {name}, {there:,} are there'
+    yield from _time_faults(listing, scans, own=own)
+
+
+def _time_faults(listing: Mapping[str, Any], scans: Sequence[Scan], *, own: bool) -> Iterator[str]:
+    blocks = [block for scan in scans for block in scan.blocks if block.start_ns <= block.end_ns]
+    start = _nanoseconds(listing, 'starting_time', 'nanoseconds_since_epoch')
+    duration = _nanoseconds(listing, 'duration', 'nanoseconds')
+    if start is None or duration is None or not blocks:
+        return
+    first, last = min(block.start_ns for block in blocks), max(block.end_ns for block in blocks)
+    if own:
+        wrong = (start, duration) != (first, last - first)
+    else:
+        # It may have counted messages from before and after, which it has lost.
+        wrong = start > first + _ABOUT_NS or start + duration < last - _ABOUT_NS
+    if wrong:
+        yield (
+            f'metadata.yaml says that it begins at {start} ns and lasts {duration} ns; it begins '
+            f'at {first} ns and lasts {last - first} ns'
+        )
+
+
+def listing_remarks(listing: Mapping[str, Any], counts: Mapping[str, int]) -> Iterator[str]:
+    """Yield what else ``metadata.yaml`` tells: what a recorder has received and not written."""
+    received = [_count(item) for item in _items(listing, 'files')]
+    there = sum(counts.values())
+    total = sum(number for number in received if number is not None)
+    if received and None not in received and total > there:
+        yield (
+            f'the recorder received {counted(total)} and wrote {there:,}: it lost '
+            f'{total - there:,} of them'
+        )
