@@ -673,6 +673,22 @@ def test_numbers_over_the_whole_run(runs, pages):
     assert 'Swing, impacts and energy' not in text_of(parsed(report_page(alone(runs[0], 3))))
 
 
+def test_the_axis_of_points_at_one_place(run):
+    """The numbers at the axis have no more digits than there is room for."""
+    stretch = run.stretches[2]
+    impacts = stretch.curves.impacts
+    arrays = {f.name: getattr(impacts, f.name)[:1] for f in dataclasses.fields(impacts)}
+    arrays['damper_velocity_after'] = np.array([-0.187654321])
+    curves = dataclasses.replace(stretch.curves, impacts=type(impacts)(**arrays))
+    with drawing_style():
+        picture = PICTURES['section'](dataclasses.replace(stretch, curves=curves))
+        picture.figure.draw_without_rendering()
+    labels = [label.get_text() for label in picture.figure.axes[0].get_yticklabels()]
+    assert len(labels) > 2
+    assert max(map(len, labels)) <= 6
+    assert len(set(labels)) == len(labels)
+
+
 def test_pictures_for_a_phone(run):
     stretch = run.stretches[0]
     with drawing_style():
