@@ -243,7 +243,7 @@ TERMS: tuple[Term, ...] = (
         'stored',
         'stored energy',
         'Kinetic energy of both masses, and potential energy of spring and weight.',
-        'what is stored',
+        'what is stored|stored energy',
     ),
     Term(
         'stretch',
