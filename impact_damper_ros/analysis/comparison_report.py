@@ -22,7 +22,7 @@ from .report_history import draw_run
 from .report_html import Html, listed, safe
 from .report_stretch import figure_html, stretch_html
 from .report_svg import drawing_style
-from .report_tables import linked_badge, overall_table, overview_table
+from .report_tables import linked_badge, overall_table, overview_table, sign_of
 from .report_units import instant
 from .run_comparison import RunComparison, StretchComparison, Verdict
 
@@ -124,7 +124,8 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
 def _navigation(detailed: Sequence[StretchComparison]) -> Html:
     links = ['<li><a href="#overview">Overview</a></li>']
     links += [
-        f'<li><a href="#stretch-{s.number}">{s.number}: {safe(s.verdict.value)}</a></li>'
+        f'<li><a href="#stretch-{s.number}" title="Stretch {s.number}: {safe(s.verdict.value)}">'
+        f'{sign_of(s.verdict)} {s.number}</a></li>'
         for s in detailed
     ]
     links.append('<li><a href="#glossary">Glossary</a></li>')
@@ -144,7 +145,7 @@ def _origin(comparison: RunComparison, command: str) -> Html:
     ]
     if command:
         facts.append(('Command', Html(f'<code>{safe(command)}</code>')))
-    rows = ''.join(f'<dt>{safe(name)}</dt><dd>{safe(value)}</dd>' for name, value in facts)
+    rows = ''.join(f'<dt>{linked(name)}</dt><dd>{safe(value)}</dd>' for name, value in facts)
     words = (
         'What is measured is taken from the recording alone: samples, impacts and parameters as '
         'logged. What is predicted is the exact periodic motion for these parameters. All numbers,'

@@ -33,7 +33,7 @@ class Term(NamedTuple):
     words: str = ''
 
 
-#: In the order of the alphabet. Where several begin at the same place the longest words count.
+#: Where the words of several begin at the same place, the longest pattern comes first.
 TERMS: tuple[Term, ...] = (
     Term(
         'agrees',
@@ -236,14 +236,14 @@ TERMS: tuple[Term, ...] = (
         'stop',
         'stop 1, stop 2',
         'The ends of the gap in which m moves: stop 1 is the lower one, at Y = d/2, stop 2 the '
-        'upper one, at Y = -d/2.',
+        'upper one, at Y = −d/2.',
         'stops?',
     ),
     Term(
         'stored',
-        'what is stored',
+        'stored energy',
         'Kinetic energy of both masses, and potential energy of spring and weight.',
-        'what is stored',
+        'what is stored|stored energy',
     ),
     Term(
         'stretch',
@@ -298,7 +298,7 @@ TERMS: tuple[Term, ...] = (
         'x-y-z',
         'M, m; X, Y, Z',
         'X is the displacement of the primary mass M from its static equilibrium, Z that of the '
-        'loose mass m, both along the axis; Y = Z - X is where m is in the gap. A prime marks a '
+        'loose mass m, both along the axis; Y = Z − X is where m is in the gap. A prime marks a '
         'velocity.',
         'y = z (?:−|-) x',
     ),
@@ -356,7 +356,7 @@ def glossary_html() -> Html:
     """Return the glossary, folded; a link to a term unfolds it."""
     rows = ''.join(
         f'<dt id="term-{term.key}">{safe(term.name)}</dt><dd>{safe(worded(term.sentence))}</dd>'
-        for term in TERMS
+        for term in sorted(TERMS, key=lambda term: term.name.lower())
     )
     return Html(
         '<section aria-labelledby="glossary"><h2 id="glossary">Glossary</h2>'

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +28,9 @@ __all__ = ['draw_history', 'draw_run', 'predicted_impacts', 'predicted_motion']
 
 #: Stretches that are numbered in the picture of the whole run; more would run into each other.
 _MOST_NUMBERS = 30
-#: Pieces of the picture of the whole run, all stretches together.
-_MOST_PIECES = 1200
+#: Pieces of a narrow picture of the whole run, all stretches together; a wide one has four times
+#: as many.
+_MOST_PIECES = 300
 #: Cycles of the force, in all, that can be told apart in it.
 _MOST_CYCLES = 160
 #: Share of the width of that picture that a number of a stretch takes.
@@ -48,6 +50,37 @@ def _thinned(envelope: SwingEnvelope, most: float) -> list[Array]:
     starts = np.arange(0, len(envelope.time), size)
     low = np.fmin.reduceat(envelope.low, starts)
     return [envelope.time[starts], low, np.fmax.reduceat(envelope.high, starts)]
+
+
+def _fill(axes: Any, outlines: Sequence[Array]) -> None:
+    """Fill several areas as one path, which takes less room than many."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    outlines = [outline[np.isfinite(outline).all(axis=1)] for outline in outlines]
+    paths = [Path(np.vstack([o, o[:1]]), closed=True) for o in outlines if len(o)]
+    if paths:
+        joined = Path.make_compound_path(*paths)
+        style = {'color': COLORS['primary'], 'alpha': 0.6, 'linewidth': 0.6, 'zorder': 2}
+        axes.add_patch(PathPatch(joined, **style))
+
+
+def _level_lines(
+    axes: Any,
+    stretches: Sequence[StretchComparison],
+    levels: Mapping[int, float],
+    factor: float,
+    style: Mapping[str, Any],
+) -> None:
+    """Draw the predicted largest |X| on both sides, from where a stretch is steady."""
+    rows = []
+    for stretch in stretches:
+        level = factor * levels[stretch.number]
+        since = stretch.start if stretch.settled_at is None else stretch.settled_at
+        for side in (-level, level):
+            rows += [(since, side), (stretch.end, side), (math.nan, math.nan)]
+    if rows:
+        axes.plot(*np.array(rows).T, zorder=3, **style)
 
 
 def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Picture | None:
@@ -89,27 +122,29 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
     crowded = sum(map(_cycles, stretches)) > _MOST_CYCLES
     begin, end = stretches[0].start, stretches[-1].end
     room = _NUMBER * (end - begin) * (1.0 if wide else 2.5)
+    least = 8.0 if wide else 2.0
     numbered = -math.inf
+    axes.set_ylim(-1.12 * reach, 1.3 * reach)
+    bands: list[Array] = []
     for stretch, envelope in shown:
-        most = max(8.0, _MOST_PIECES / len(shown))
+        most = max(least, (4.0 if wide else 1.0) * _MOST_PIECES / len(shown))
         if crowded:
             # Cycles drawn one by one would only make a pattern of their own.
-            most = min(most, max(8.0, _cycles(stretch)))
+            most = min(most, max(least, _cycles(stretch)))
         time, low, high = _thinned(envelope, most)
         # The last piece reaches to the end of the stretch.
         time = np.append(time, stretch.end)
         low, high = (unit.factor * np.append(edge, edge[-1]) for edge in (low, high))
-        axes.fill_between(
-            time, low, high, color=COLORS['primary'], alpha=0.6, linewidth=0.6, zorder=2
-        )
+        around = [np.concatenate([time, time[::-1]]), np.concatenate([low, high[::-1]])]
+        bands.append(np.column_stack(around))
+    _fill(axes, bands)
+    dashed = {'color': COLORS['theory'], 'linewidth': 1.5, 'linestyle': DASHED}
+    _level_lines(axes, [s for s in stretches if s.number in levels], levels, unit.factor, dashed)
+    starts = np.array([stretch.start for stretch in stretches[1:]])
+    edges = np.tile([*axes.get_ylim(), math.nan], len(starts))
+    width = 0.7 if few else 0.3
+    axes.plot(np.repeat(starts, 3), edges, color=COLORS['quiet'], linewidth=width)
     for stretch in stretches:
-        if stretch.number in levels:
-            level = unit.factor * levels[stretch.number]
-            since = stretch.start if stretch.settled_at is None else stretch.settled_at
-            style = {'color': COLORS['theory'], 'linewidth': 1.5, 'linestyle': DASHED}
-            axes.hlines([-level, level], since, stretch.end, zorder=3, **style)
-        if stretch is not stretches[0]:
-            axes.axvline(stretch.start, color=COLORS['quiet'], linewidth=0.7 if few else 0.3)
         # A number that would cover the one before is left out.
         if few and stretch.start - numbered >= room:
             numbered = stretch.start
@@ -121,7 +156,6 @@ def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Pi
                 va='top',
                 fontweight='bold',
             )
-    axes.set_ylim(-1.12 * reach, 1.3 * reach)
     axes.set_xlim(begin, end if end > begin else begin + 1.0)
     legend = [('patch', 'primary', 'X as recorded')]
     if levels:

@@ -26,6 +26,9 @@ from .run_curves import Array
 
 __all__ = ['draw_damper_portrait', 'draw_primary_portrait', 'draw_section']
 
+#: Least height of the Poincaré section, as a share of the largest velocity in it.
+_LEAST = 0.05
+
 
 def _portrait(
     measured: tuple[Array, Array],
@@ -102,7 +105,11 @@ def draw_section(stretch: StretchComparison) -> Picture | None:
         'phase of the force at the impact [cycles]', f'Z′ just after the impact [{rate.name}]'
     )
     axes.set_xlim(0.0, 1.0)
-    axes.set_ylim(*(rate.factor * v for v in finite_range(*velocities, margin=0.1)))
+    # Points at one place, a settled motion on one stop, need no axis of seven digits.
+    sizes = np.abs(np.concatenate(velocities))
+    least = _LEAST * float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
+    limits = finite_range(*velocities, margin=0.1, least=least)
+    axes.set_ylim(*(rate.factor * edge for edge in limits))
     settled = np.full(len(known), True)
     if stretch.settled_at is not None:
         settled = impacts.time >= stretch.settled_at

@@ -28,6 +28,7 @@ __all__ = [
     'overall_table',
     'overview_table',
     'parameter_table',
+    'sign_of',
 ]
 
 #: Class of a verdict in the page's style, and a sign that needs no colour.
@@ -56,6 +57,11 @@ _QUANTITIES: tuple[tuple[str, str, str], ...] = (
     ('damper_velocity_after', 'Z′ after', 'm/s'),
     ('impulse', 'impulse', 'N s'),
 )
+
+
+def sign_of(verdict: Verdict) -> str:
+    """Return the sign that stands for a verdict."""
+    return _BADGES[verdict][1]
 
 
 def badge(verdict: Verdict, count: int | None = None) -> Html:

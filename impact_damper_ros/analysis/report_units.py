@@ -104,9 +104,9 @@ def worded(text: str) -> str:
         As for a terminal: ``-1.5e-07 m/s^2 +- 0.1``.
     """
     text = _PLUS_MINUS.sub('\N{PLUS-MINUS SIGN}', text)
+    text = _MICRO.sub('\N{MICRO SIGN}', text)
     text = _NUMBER.sub(_printed_number, text)
     text = _POWER.sub(lambda match: match[1].translate(_RAISED), text)
-    text = _MICRO.sub('\N{MICRO SIGN}', text)
     text = _JOINED.sub('\N{NO-BREAK SPACE}', text)
     return _RATE.sub('\N{PRIME}', text)
 

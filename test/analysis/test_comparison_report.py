@@ -12,9 +12,20 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from analysis.example_comparison import example
+from analysis.recorded import BENCH, VERTICAL, compared
 
-from impact_damper_ros.analysis.report_units import difference, instant, number, unit_for
-from impact_damper_ros.analysis.run_comparison import Verdict
+from impact_damper_ros.analysis.report_glossary import TERMS, linked
+from impact_damper_ros.analysis.report_units import (
+    aligned,
+    difference,
+    instant,
+    number,
+    unit_for,
+    worded,
+)
+from impact_damper_ros.analysis.run_comparison import Beginning, MotionKind, Verdict
+from impact_damper_ros.orbits.special_points import SpecialKind
+from impact_damper_ros.rig import InitialConditions
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 
@@ -25,7 +36,12 @@ from impact_damper_ros.analysis.comparison_report import (
     told_stretches,
     write_report,
 )
-from impact_damper_ros.analysis.report_history import draw_run, predicted_impacts, predicted_motion
+from impact_damper_ros.analysis.report_history import (
+    draw_history,
+    draw_run,
+    predicted_impacts,
+    predicted_motion,
+)
 from impact_damper_ros.analysis.report_motion import filled_motion
 from impact_damper_ros.analysis.report_response import predicted_lines
 from impact_damper_ros.analysis.report_stretch import PICTURES
@@ -100,7 +116,10 @@ def test_all_plots_are_there(page):
     root = parsed(page)
     for n, missing in ((1, set()), (2, set()), (3, {'convergence', 'spectrum', 'gap'})):
         part = section(root, n)
-        shown = [svg.get('aria-label') for svg in part.iter('svg')]
+        small = {svg for div in part.iter('div') if div.get('class') == 'slim' for svg in div}
+        shown = [svg.get('aria-label') for svg in part.iter('svg') if svg not in small]
+        # For a phone there is another picture of what is as wide as the page.
+        assert [svg.get('aria-label') for svg in small] == [f'Time history, stretch {n}']
         assert len(shown) == len(PICTURES) - len(missing)
         assert all(f'stretch {n}' in label for label in shown)
         captions = [text_of(caption) for caption in part.iter('figcaption')]
@@ -368,8 +387,7 @@ def test_points_and_periods_that_show_nothing_more(run):
         approach = PICTURES['convergence'](long)
     svg = ElementTree.fromstring(inline_svg(section.figure, 'k', 'section'))
     assert not list(svg.iter('image'))
-    marks = [g for g in svg.iter('g') if any('primary' in e.get('style', '') for e in g.iter())]
-    assert marks
+    assert [use for use in svg.iter('use') if 'fill:var(--primary)' in use.get('style', '')]
     assert '20000 latest impacts' in section.caption
     # The approach takes 90 periods; the rest lies on the floor.
     assert 500.0 < approach.figure.axes[0].get_xlim()[1] < 1000.0
@@ -409,6 +427,305 @@ def test_predicted_lines_are_the_fourier_coefficients(run):
     frequency, amplitude = predicted_lines(known, 5.0)
     assert frequency == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0])
     assert amplitude == pytest.approx([3.0, 0.0, 0.0, 0.5, 0.0], abs=1e-5)
+
+
+#: As a terminal has it, and as no page has it.
+UNPRINTED = {
+    'negative zero': re.compile(r'[-−]0(\.0*)?(?![\d.])(?! ?×)'),
+    'ASCII minus': re.compile(r'(?<![\w)\]-])-\d'),
+    'power': re.compile(r'\^'),
+    'plus or minus': re.compile(r'\+/?-'),
+    'exponent': re.compile(r'\d[eE][-+]?\d'),
+    'micro': re.compile(r'\d us\b'),
+    'prime': re.compile(r"\b[XYZ]'"),
+    'no number': re.compile(r'\b(nan|inf|None)\b'),
+}
+
+
+@pytest.fixture(scope='module')
+def runs(run):
+    """Return runs of all kinds: settled, chaotic, without impacts, one-sided, empty."""
+    cases = [
+        (BENCH, 130),
+        (BENCH.replace(angle=0.2), 150),
+        (BENCH.replace(gap=0.3), 60),
+        (VERTICAL, 40),
+    ]
+    stretches = []
+    for rig, cycles in cases:
+        stretch = compared(rig, cycles, InitialConditions())
+        stretches.append(dataclasses.replace(stretch, number=len(stretches) + 1))
+    gravity = 'gravity = 8 m/s^2 (was -9.81 m/s^2)'
+    stretches[1] = dataclasses.replace(stretches[1], begins=Beginning.CHANGE, cause=gravity)
+    found = dataclasses.replace(run.stretches[1].findings[0], text="X' is off by -1e-07 m/s")
+    wrong = {'findings': (found,), 'verdict': Verdict.DIFFERS, 'sentence': 'off by +-2.5e+03 us'}
+    stretches[2] = dataclasses.replace(stretches[2], **wrong)
+    measured = dataclasses.replace(stretches[0].measured, x_rms=-0.0)
+    energy = dataclasses.replace(stretches[0].energy, residual=-1e-12)
+    stretches[0] = dataclasses.replace(stretches[0], measured=measured, energy=energy)
+    several = dataclasses.replace(run, stretches=tuple(stretches), faults=('-0.000 m/s^2',))
+    return [run, several, dataclasses.replace(run, stretches=())]
+
+
+@pytest.fixture(scope='module')
+def pages(runs):
+    return [parsed(report_page(each)) for each in runs]
+
+
+def test_signs_and_units_are_printed_ones(pages):
+    for root in pages:
+        command = {e for dl in root.iter('dl') if dl.get('class') == 'facts' for e in dl.iter()}
+        text = ' '.join(
+            part
+            for element in root.iter()
+            if element not in command and element.tag != 'style'
+            for part in (element.text, element.tail, element.get('title'), element.get('alt'))
+            if part
+        )
+        for name, pattern in UNPRINTED.items():
+            found = pattern.search(text)
+            assert found is None, (name, text[max(found.start() - 40, 0) : found.end() + 20])
+    several = text_of(pages[1])
+    assert 'gravity = 8 m/s² (was −9.81 m/s²)' in several
+    assert '±' in several
+    assert 'X′ is off by −1 × 10⁻⁷ m/s' in several
+    assert 'off by ±2.5 × 10³ µs' in several
+    assert '0.000 m/s²' in several
+
+
+def test_words_as_printed():
+    for plain, printed in (
+        ('a = -0.000 m/s^2', 'a = 0.000 m/s²'),
+        ('1.9e-09 of it', '1.9\xa0×\xa010⁻⁹ of it'),
+        ('[-0.5, 1e+20, -0]', '[−0.5, 1\xa0×\xa010²⁰, 0]'),
+        ('+0.371 +- 0.084 per cycle', '+0.371 ± 0.084 per cycle'),
+        ("X' before, 20 us late", 'X′ before, 20 µs late'),
+        ('runs/run_2026-01-05_1e5-2, 0.1.0', 'runs/run_2026-01-05_1e5-2, 0.1.0'),
+        ('the 0-1 test, stops 1,2', 'the 0-1 test, stops 1,2'),
+    ):
+        assert worded(plain) == printed
+    assert number(-0.0) == instant(-1e-5) == '0'
+    assert aligned([1.0, -1e-9], 4) == ['1.000', '0.000']
+    assert number(-1e-9, 2) == '−1\xa0×\xa010⁻⁹'
+
+
+def lines_of(picture):
+    """Yield points of the lines of a picture that are drawn in the units of its axes."""
+    (axes,) = picture.figure.axes
+    for line in axes.lines:
+        x, y = np.array(line.get_data(), dtype=float)
+        if line.get_transform() == axes.transData and len(x) > 2 and np.isfinite(y).any():
+            yield axes, line, (x, y)
+
+
+def test_the_predicted_orbit_closes(runs):
+    """Also where it was cut open, at its first impact; on the page too."""
+    shown = [s for s in runs[1].stretches if s.curves.predicted is not None]
+    assert len(shown) == 3
+    for stretch in shown:
+        curve, orbit = stretch.curves.predicted, stretch.predicted
+        columns = (curve.x, curve.velocity, curve.y, curve.relative_velocity)
+        for column in columns:
+            assert column[-1] == column[0]
+        assert curve.phase[-1] - curve.phase[0] == pytest.approx(orbit.cycles)
+        # Each impact is a step of the velocity at one X.
+        steps = np.abs(np.diff(curve.velocity)) > 0.02 * np.ptp(curve.velocity)
+        steps &= np.abs(np.diff(curve.x)) < 1e-9 * np.ptp(curve.x)
+        impulses = np.abs(stretch.predicted_impulse) / stretch.parameters.primary_mass
+        assert steps.sum() == (impulses > 0.02 * np.ptp(curve.velocity)).sum() > 0
+        for name in ('portrait', 'relative'):
+            with drawing_style():
+                picture = PICTURES[name](stretch)
+                svg = ElementTree.fromstring(inline_svg(picture.figure, 'k', name))
+            dashed = [
+                path.get('d')
+                for path in svg.iter('path')
+                if 'stroke-dasharray' in path.get('style', '') and path.get('clip-path')
+            ]
+            assert len(dashed) == 1
+            start, steps = re.fullmatch('M(.*?)l(.*)', dashed[0]).groups()
+            assert len(start.split()) == 2
+            numbers = re.findall(r'-?(?:\d+\.?\d*|\.\d+)', steps)
+            moved = np.array(numbers, dtype=float).reshape(-1, 2).sum(axis=0)
+            assert np.abs(moved).max() < 0.05
+
+
+def test_no_curve_is_cut(runs):
+    seen = 0
+    pictures = []
+    with drawing_style():
+        pictures += [draw_run(runs[0].stretches, wide=wide) for wide in (True, False)]
+        for each in runs:
+            for stretch in each.stretches:
+                pictures += [draw(stretch) for draw in PICTURES.values()]
+                pictures.append(draw_history(stretch, wide=False))
+    for picture in filter(None, pictures):
+        for axes, _, (x, y) in lines_of(picture):
+            (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+            slack = 1e-9 * (right - left)
+            assert np.nanmin(x) >= left - slack, picture.title
+            assert np.nanmax(x) <= right + slack, picture.title
+            assert np.nanmax(y) <= high * (1.0 + 1e-9), picture.title
+            # What is below the floor of the spectrum is no curve to be seen.
+            assert np.nanmin(y) >= low - 1e-9 * abs(low) or picture.title == 'Spectrum'
+            seen += 1
+    assert seen > 50
+
+
+def gap_curve(run, factor):
+    """Draw the curve over the gap with its part that is not viable made taller."""
+    stretch = run.stretches[0]
+    curve = stretch.curves.gap_curve
+    viable = np.arange(len(curve.gap)) < len(curve.gap) // 2
+    ratio = np.where(viable, 0.2, 0.2 * factor)
+    # A bend up to there, and back
+    tall = dataclasses.replace(
+        curve, ratio=ratio, viable=viable, special_ratio=curve.special_ratio[:0] + 0.2
+    )
+    with drawing_style():
+        return PICTURES['gap'](
+            dataclasses.replace(
+                stretch, curves=dataclasses.replace(stretch.curves, gap_curve=tall)
+            )
+        )
+
+
+def test_what_is_not_viable_is_shown_or_said_to_be_left_out(run):
+    whole, cut = gap_curve(run, 2.0), gap_curve(run, 40.0)
+    assert whole.figure.axes[0].get_ylim()[1] > 0.4
+    assert 'left out' not in whole.caption
+    assert max(np.nanmax(y) for _, _, (_, y) in lines_of(whole)) == pytest.approx(0.4)
+    top = cut.figure.axes[0].get_ylim()[1]
+    assert top < 0.3
+    assert f'What is not viable is left out above {number(top, 2)}.' in cut.caption
+    assert max(np.nanmax(y) for _, _, (_, y) in lines_of(cut)) <= top
+
+
+#: Words of the field that a reader need not know.
+JARGON = (
+    'viable|multiplier|unit circle|Neimark-Sacker|special point|Lyapunov exponent|0-1 test|fold|'
+    'grazing|period doubling|branch point|quasi-periodic|chaotic|transient|undecided|stretch|'
+    'Poincaré section|phase portrait|rms|rig time|impulse|decay|unexplained|steady|stable|Xmax / A'
+)
+
+
+def test_every_term_has_an_entry(pages):
+    keys = [term.key for term in TERMS]
+    assert len(set(keys)) == len(keys)
+    names = {term.name for term in TERMS}
+    assert {kind.value for kind in SpecialKind} <= names
+    assert {verdict.value for verdict in Verdict} <= names
+    assert {kind.value for kind in MotionKind} - {'without impacts'} <= names
+    for term in TERMS:
+        assert re.fullmatch(r'[A-Z].*[^.]\.( [A-Z].*\.)?', term.sentence), term.name
+    for root in pages:
+        (glossary,) = (e for e in root.iter('details') if e.get('class') == 'glossary')
+        assert glossary.get('open') is None
+        entries = {e.get('id') for e in glossary.iter('dt')}
+        assert entries == {f'term-{key}' for key in keys}
+        links = [e for e in root.iter('a') if e.get('class') == 'term']
+        assert {link.get('href')[1:] for link in links} <= entries
+        known = {text_of(link).lower() for link in links}
+        inside = set(glossary.iter())
+        parts = []
+        for element in root.iter():
+            if element not in inside and element.tag not in ('style', 'text', 'title'):
+                parts += [element.text or '', element.tail or '']
+        # Each of these words that stands on the page is linked somewhere on it.
+        for word in {w.lower() for w in re.findall(JARGON, ' '.join(parts), re.IGNORECASE)}:
+            assert any(word in link for link in known), word
+    # Each entry is what a link from its own name leads to.
+    for term in TERMS:
+        assert f'"#term-{term.key}"' in linked(term.name) or term.key == 'x-y-z'
+
+
+def test_links_to_terms():
+    assert linked('a quasi-periodic one') == (f'a {linked("quasi-periodic")} one')
+    html = linked('not viable, viable; period <doubling>; largest multiplier -1 & more stops')
+    assert re.findall('#term-([a-z-]+)"', html) == ['viable', 'period', 'multiplier', 'stop']
+    assert '&lt;doubling&gt;' in html
+    assert '−1 &amp; more' in html
+    assert linked(linked('stable')) == linked('stable')
+    for text in ('unstop', 'stretchable', 'branching', 'nonperiodic'):
+        assert linked(text) == text
+
+
+def test_numbers_over_the_whole_run(runs, pages):
+    rows = rows_of(pages[1], 'Swing, impacts and energy')
+    assert [row[0] for row in rows[1:]] == ['1', '2', '3', '4', 'all']
+    overall, units = runs[1].overall, rows[0]
+    unit = unit_for('m', overall.x_max)
+    assert units[2:4] == [f'largest |X| [{unit.name}]', f'rms of X [{unit.name}]']
+    assert units[7] == 'work of the force [J]'
+    last = rows[-1]
+    assert last[1] == instant(overall.duration)
+    assert last[2:4] == [number(unit.factor * x, 5) for x in (overall.x_max, overall.x_rms)]
+    counts = [overall.impacts, overall.impacts_on_stop_1, overall.impacts_on_stop_2]
+    assert last[4:7] == [str(count) for count in counts]
+    energies = [overall.force_work, overall.impact_energy, overall.dashpot_energy]
+    assert last[7:] == [number(energy, 5).replace('\xa0', ' ') for energy in energies]
+    # Of one stretch there is no sum; where samples are missing, that is said.
+    part = runs[1].stretches[0]
+    gone = dataclasses.replace(part.overall, covered=0.5 * part.overall.duration)
+    one = parsed(report_page(alone(runs[1], 1, overall=gone)))
+    assert [row[0] for row in rows_of(one, 'Swing, impacts and energy')[1:]] == ['1']
+    assert 'Samples are missing: rms and work go over' in text_of(one)
+    assert 'Swing, impacts and energy' not in text_of(parsed(report_page(alone(runs[0], 3))))
+
+
+def test_the_axis_of_points_at_one_place(run):
+    """The numbers at the axis have no more digits than there is room for."""
+    stretch = run.stretches[2]
+    impacts = stretch.curves.impacts
+    arrays = {f.name: getattr(impacts, f.name)[:1] for f in dataclasses.fields(impacts)}
+    arrays['damper_velocity_after'] = np.array([-0.187654321])
+    curves = dataclasses.replace(stretch.curves, impacts=type(impacts)(**arrays))
+    with drawing_style():
+        picture = PICTURES['section'](dataclasses.replace(stretch, curves=curves))
+        picture.figure.draw_without_rendering()
+    labels = [label.get_text() for label in picture.figure.axes[0].get_yticklabels()]
+    assert len(labels) > 2
+    assert max(map(len, labels)) <= 6
+    assert len(set(labels)) == len(labels)
+
+
+def test_pictures_for_a_phone(run):
+    stretch = run.stretches[0]
+    with drawing_style():
+        wide, slim = draw_history(stretch), draw_history(stretch, wide=False)
+    assert slim.figure.get_size_inches()[0] < 0.5 * wide.figure.get_size_inches()[0]
+    (start, end), (late, last) = (p.figure.axes[0].get_xlim() for p in (wide, slim))
+    assert last == end
+    assert late - start == pytest.approx(5.0 / 8.0 * (end - start), rel=0.02)
+
+
+def test_a_very_long_cause_is_shortened(run):
+    names = [f'gap_control_{name}' for name in ('gain', 'lead', 'park', 'rate', 'seed')]
+    changes = [f'{name} = 0.5 (was none)' for name in names]
+    changes += ['gap_control = timed (was off)', 'force_amplitudes = [1, 2] N (was [1.2] N)']
+    root = parsed(report_page(alone(run, 1, cause=', '.join(changes))))
+    title = text_of(section(root, 1).find('h2'))
+    assert title.startswith(
+        'Stretch 1: gap_control = timed (was off), force_amplitudes = [1, 2] N (was [1.2] N), '
+    )
+    assert title.endswith(' and 3 more changes')
+    # A few changes are all named, in their order.
+    root = parsed(report_page(alone(run, 1, cause=', '.join(changes[4:]))))
+    assert ', '.join(changes[4:]) in text_of(section(root, 1).find('h2'))
+
+
+def test_numbers_of_stretches_do_not_cover_each_other(run):
+    """Three stretches of 10 s, 0.1 s and 10 s."""
+    envelope = run.stretches[0].curves.envelope
+    stretches = []
+    for number_, (start, end) in enumerate(((0.0, 10.0), (10.0, 10.1), (10.1, 20.0)), 1):
+        part = type(envelope)(np.array([start]), np.array([-1.0]), np.array([1.0]))
+        curves = dataclasses.replace(run.stretches[0].curves, envelope=part)
+        values = {'number': number_, 'start': start, 'end': end, 'curves': curves}
+        stretches.append(dataclasses.replace(run.stretches[0], **values))
+    with drawing_style():
+        picture = draw_run(stretches)
+    assert [text.get_text() for text in picture.figure.axes[0].texts] == ['1', '2']
 
 
 def test_numbers_for_readers():

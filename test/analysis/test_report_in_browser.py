@@ -14,6 +14,7 @@ from analysis.example_comparison import example
 pytest.importorskip('matplotlib', reason='the report has plots')
 
 from impact_damper_ros.analysis.comparison_report import write_report
+from impact_damper_ros.analysis.stretch_measures import Overall
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 FLAGS = (
@@ -37,8 +38,10 @@ src="{page}"></iframe><script>onmessage = event => {{ document.body.textContent 
 </script></body></html>"""
 PROBE = """
 <script>
+addEventListener('load', () => setTimeout(() => {
 const wide = document.documentElement.scrollWidth;
-const plots = [...document.querySelectorAll('figure svg')].map(svg => {
+const shown = e => e.getClientRects().length > 0;
+const plots = [...document.querySelectorAll('figure svg')].filter(shown).map(svg => {
   const box = svg.getBoundingClientRect();
   const drawn = [...svg.querySelectorAll('path, use, image')].filter(part => {
     const place = part.getBoundingClientRect();
@@ -50,9 +53,26 @@ const plots = [...document.querySelectorAll('figure svg')].map(svg => {
 });
 const clipped = [...document.querySelectorAll('p, dd, dt, h1, h2, figcaption')].filter(
   e => e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline').length;
+// What goes on beyond an edge says so above it.
+const boxes = [...document.querySelectorAll('*')].filter(e => shown(e) && !e.closest('svg'))
+  .filter(e => e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 0)
+  .filter(e => !['visible', 'hidden'].includes(getComputedStyle(e).overflowX));
+const unsaid = boxes.filter(e => !(e.previousElementSibling || {matches: () => false})
+  .matches('.hint') || !shown(e.previousElementSibling))
+  .map(e => `${e.textContent.slice(0, 24)}: ${e.scrollWidth} of ${e.clientWidth}`);
+const hints = [...document.querySelectorAll('.hint')].filter(shown).length;
+const cut = [...document.querySelectorAll('figure svg, nav a')].filter(shown).filter(e => {
+  const box = e.getBoundingClientRect();
+  return box.left < -1 || box.right > innerWidth + 1;
+}).length;
+const entry = document.querySelector('details dd');
+const target = document.querySelector(':target');
+const told = [entry && entry.checkVisibility({contentVisibilityAuto: true}),
+  target && target.textContent, document.querySelector('details').open];
 const requests = performance.getEntriesByType('resource').map(entry => entry.name);
 parent.postMessage('PROBE' + JSON.stringify(
-  {wide, inner: innerWidth, plots, clipped, requests}) + 'END', '*');
+  {wide, inner: innerWidth, plots, clipped, requests, unsaid, hints, cut, told}) + 'END', '*');
+}, 200));
 </script>
 """
 
@@ -70,7 +90,23 @@ def browser():
 
 @pytest.fixture(scope='module')
 def report(tmp_path_factory):
-    return write_report(example(), tmp_path_factory.mktemp('report'))
+    run = example()
+    overall = Overall(
+        duration=600.0,
+        covered=600.0,
+        x_max=5.1,
+        x_rms=3.2,
+        impacts=191,
+        impacts_on_stop_1=96,
+        impacts_on_stop_2=95,
+        impact_energy=812.5,
+        dashpot_energy=310.25,
+        force_work=1130.5,
+        accuracy=2e-6,
+    )
+    stretches = tuple(dataclasses.replace(s, overall=overall) for s in run.stretches)
+    run = dataclasses.replace(run, stretches=stretches)
+    return write_report(run, tmp_path_factory.mktemp('report'))
 
 
 def opened(browser, page, profile, *options):
@@ -86,27 +122,30 @@ def opened(browser, page, profile, *options):
     return done
 
 
-def probed(browser, page, directory, width):
-    """Return what a browser shows of a page in so many pixels of width."""
+def probed(browser, page, directory, width, place=''):
+    """Return what a browser shows of a page, or a place of it, in so many pixels of width."""
     text = page.read_text(encoding='utf-8')
     assert POLICY in text
     text = text.replace(POLICY, f"{POLICY} script-src 'unsafe-inline';")
     copy = directory / 'probe.html'
     copy.write_text(text.replace('</body>', f'{PROBE}</body>'), encoding='utf-8')
     frame = directory / 'frame.html'
-    frame.write_text(FRAME.format(width=width, page=copy.name), encoding='utf-8')
+    frame.write_text(FRAME.format(width=width, page=copy.name + place), encoding='utf-8')
     options = ('--window-size=1400,1000', '--virtual-time-budget=5000', '--dump-dom')
     done = opened(browser, frame, directory / 'profile', *options)
     return json.loads(re.search('PROBE(.*)END', done.stdout)[1])
 
 
-@pytest.mark.parametrize('width', [1280, 390])
+@pytest.mark.parametrize('width', [1280, 420, 360])
 def test_every_plot_is_seen(browser, report, tmp_path, width):
     seen = probed(browser, report, tmp_path, width)
     assert seen['requests'] == []
     assert seen['inner'] == width
     assert seen['wide'] <= width
-    assert seen['clipped'] == 0
+    assert seen['clipped'] == seen['cut'] == 0
+    # No part of the page is beyond an edge without a word.
+    assert seen['unsaid'] == []
+    assert seen['hints'] == (2 if width < 700 else 0)
     names = [plot[0] for plot in seen['plots']]
     assert len(names) == 1 + 7 + 7 + 4
     assert 'Poincaré section, stretch 1' in names
@@ -116,6 +155,12 @@ def test_every_plot_is_seen(browser, report, tmp_path, width):
         assert drawn > 20, name
         assert texts > 8, name
         assert outside == 0, name
+
+
+def test_a_link_unfolds_the_glossary(browser, report, tmp_path):
+    assert probed(browser, report, tmp_path, 420)['told'] == [False, None, False]
+    seen = probed(browser, report, tmp_path, 420, '#term-viable')
+    assert seen['told'] == [True, 'viable', True]
 
 
 def test_the_page_itself(browser, report, tmp_path):
