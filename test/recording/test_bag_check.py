@@ -191,6 +191,15 @@ def test_samples_taken_out_with_consistent_statistics(messages, tmp_path):
         assert abs(lost - int(fault.split()[5].replace(',', ''))) <= 20, fault
 
 
+def test_a_topic_taken_out_with_consistent_statistics(messages, tmp_path):
+    topics = [topic for topic in samples.CONTROLLED if topic.name != '/impacts']
+    kept = [m for m in messages if m[0] != '/impacts']
+    findings = replayed(samples.record(tmp_path / 'bag', kept, topics, custom=NOTES))
+    assert findings.verdict is Verdict.PARTIAL
+    (fault,) = findings.faults
+    assert fault.endswith('its notes name the topic /impacts, which is not in it')
+
+
 @pytest.mark.parametrize('numbers', ['gap', 'twice', 'disorder', 'between chunks'])
 def test_messages_of_the_node_are_counted_on(messages, tmp_path, numbers):
     counts, numbered = {}, []
