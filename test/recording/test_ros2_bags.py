@@ -8,8 +8,6 @@ from recording import ros2_bags, samples
 from recording.recorded_rig import LIVELY, RecordedRig
 from recording.test_replay import places, replayed
 from recording.test_replay_gap_control import CONTROL
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as PeerWriter
 
 from impact_damper_ros.commands.compare_run import main as compare_run
 from impact_damper_ros.commands.recover_run import main as recover_run
@@ -181,13 +179,7 @@ def test_a_recorder_killed_at_the_beginning_of_a_file(tmp_path, messages, capsys
 
 def test_sqlite(tmp_path, messages):
     arrived = ros2_bags.joined(messages, samples.START + 10**9)
-    with PeerWriter(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connections = {
-            topic: writer.add_connection(topic, ros2_bags.kind_of(topic), typestore=samples.STORE)
-            for topic in sorted({topic for topic, *_ in arrived})
-        }
-        for topic, content, stamp in arrived:
-            writer.write(connections[topic], stamp, content)
+    ros2_bags.write_database(tmp_path / 'bag', arrived)
     assert list((tmp_path / 'bag').glob('*.db3'))
     findings = replayed(tmp_path / 'bag')
     assert findings.verdict is Verdict.IDENTICAL
