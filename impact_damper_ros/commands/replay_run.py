@@ -36,7 +36,7 @@ compared. Works without ROS, on a bag directory or a single .mcap file, also a r
 _EPILOG = """\
 Exit status: 0 if all is reproduced bit for bit; 1 if something differs (or a file cannot be
 written); 2 if the bag or an argument cannot be used; 3 if all that can be compared is reproduced,
-but the bag is cut, damaged, or holds messages twice or out of order; 130 on Ctrl-C.
+but the bag is cut, damaged, lacks messages, or holds some twice or out of order; 130 on Ctrl-C.
 Example: replay_run runs/run_20250131_120000 --set gap=0.03 --figure what_if.png
 """
 

@@ -134,7 +134,7 @@ class Unpacked:
                         raise _too_large(path, f'its messages are more than {limit} bytes', limit)
                 writer.finish()  # type: ignore[no-untyped-call]
                 self._left -= output.tell()
-        except (sqlite3.Error, ValueError, OverflowError) as error:
+        except (sqlite3.Error, LookupError, OverflowError, ValueError) as error:
             cause = f'it is stored in SQLite, and cannot be read: {error}'
             raise RecordingError('read', path, cause, _conversion(path)) from error
         return copy

@@ -55,6 +55,8 @@ class RecordedTopic:
 #: Bytes of messages, with what each takes in memory, that overlap in time and are held together.
 _MOST_HELD = 512 * 1024 * 1024
 _HELD_EACH = 250
+#: Topics that the node has recorded from its first version on.
+_NOTED = ('joint_states', 'impacts', 'snapshot')
 
 
 def bag_files(path: Path | str) -> list[Path]:
@@ -87,6 +89,10 @@ def _file_number(path: Path) -> tuple[int, str]:
     number = path.name.partition('.')[0].rpartition('_')[2]
     # Of digits that no file has, the value is not asked for.
     return (int(number) if number.isdecimal() and len(number) < 20 else -1, path.name)
+
+
+def _is_empty(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size == 0
 
 
 class RunReader:
@@ -124,7 +130,13 @@ class RunReader:
         self.path = Path(path)
         self._unpacked = Unpacked()
         self.scans: list[Scan] = []
-        for file in bag_files(self.path):
+        self._empty: list[str] = []
+        files = bag_files(self.path)
+        for file in files:
+            if len(self._empty) < len(files) - 1 and _is_empty(file):
+                # A recorder of several files was killed before it wrote to its last one.
+                self._empty.append(file.name)
+                continue
             scan = scan_file(self._unpacked.file(file), file)
             if scan.profile not in ('ros2', '') or (scan.finished and not scan.profile):
                 cause = f'its MCAP profile is {scan.profile!r}, not ros2: ROS 2 did not write it'
@@ -132,7 +144,7 @@ class RunReader:
             check_summary(scan)
             self.scans.append(scan)
         self.unusable = sum(scan.unusable for scan in self.scans)
-        self.complete = all(scan.finished for scan in self.scans)
+        self.complete = all(scan.finished for scan in self.scans) and not self._empty
         self._listing: Mapping[str, Any] | None = None
         self._listing_error = ''
         if self.path.is_dir():
@@ -179,7 +191,7 @@ class RunReader:
 
     def faults(self) -> list[str]:
         """Return in what the bag is not what it says of itself; all of it once it was read."""
-        found = []
+        found = [f'{name} is empty: the recording was cut short there' for name in self._empty]
         for scan in self.scans:
             what = 'the bag' if len(self.scans) == 1 else scan.source.name
             for kind, (text, count) in scan.faults.items():
@@ -190,6 +202,11 @@ class RunReader:
                 found.append(f'{what} is not whole: {text}{others}')
         if self.own:
             found += [f'the bag is not whole: {text}' for text in number_faults(self.scans)]
+            found += [
+                f'the bag is not whole: its notes name the topic {topic}, which is not in it'
+                for topic in (self.custom.get(name, '') for name in _NOTED)
+                if topic and topic not in self.topics and self.complete
+            ]
         if self._listing_error:
             found.append(self._listing_error)
         if self._listing is not None and self.complete:

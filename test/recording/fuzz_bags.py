@@ -233,14 +233,14 @@ class Fuzz:
         rig = RecordedRig(rate=50.0).start().run(20).run(20, ('change', {'gap': 0.007}))
         self.messages = rig.run(20, ('reset', None)).messages
         self.own = write(directory / 'own', self.messages, every=80)
+        self.database = directory / 'database'
+        ros2_bags.write_database(self.database, ros2_bags.joined(self.messages, 0))
 
     def case(self, number: int) -> tuple[Path, str]:
         """Write the bag of a number; return it, and what kind it is."""
         rng = random.Random(f'{self.seed} {number}')
         bag = self.directory / f'case_{number}'
-        kind = rng.choice(
-            ('file', 'file', 'message', 'message', 'message', 'listing', 'qos', 'names')
-        )
+        kind = rng.choice((*('file',) * 3, *('message',) * 4, 'listing', 'qos', 'names', 'sqlite'))
         if kind == 'file':
             shutil.copytree(self.own, bag)
             (path,) = bag.glob('*.mcap')
@@ -270,6 +270,10 @@ class Fuzz:
                 if form and rng.random() < 0.5:
                     path = rng.choice(sorted(bag.glob('*.mcap*')))
                     path.write_bytes(flip(path.read_bytes(), rng))
+        elif kind == 'sqlite':
+            shutil.copytree(self.database, bag)
+            (path,) = bag.glob('*.db3')
+            path.write_bytes(flip(path.read_bytes(), rng))
         elif kind == 'qos':
             profile, ros2_bags.QOS = ros2_bags.QOS, rng.choice(TEXTS).replace('{', '{{')
             try:

@@ -8,6 +8,8 @@ import yaml
 import zstandard
 from mcap.writer import CompressionType, Writer
 from recording import samples
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as PeerWriter
 
 from impact_damper_ros.recording import interface
 
@@ -143,4 +145,16 @@ def write_bag(
     }
     text = yaml.safe_dump({'rosbag2_bagfile_information': content}, sort_keys=False)
     (directory / 'metadata.yaml').write_text(text)
+    return directory
+
+
+def write_database(directory, messages):
+    """Write a bag in SQLite."""
+    with PeerWriter(directory, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connections = {
+            topic: writer.add_connection(topic, kind_of(topic), typestore=samples.STORE)
+            for topic in sorted({topic for topic, *_ in messages})
+        }
+        for topic, content, stamp in messages:
+            writer.write(connections[topic], stamp, content)
     return directory

@@ -26,11 +26,11 @@ CHANNELS = {topic.name: index for index, topic in enumerate(samples.CONTROLLED)}
 
 @pytest.fixture(scope='module')
 def messages():
-    """Return a run of 20 s."""
-    return RecordedRig(rate=200.0).start().run(4000).messages
+    """Return a run of 5 s."""
+    return RecordedRig(rate=200.0).start().run(1000).messages
 
 
-def write(directory, messages, *, every=1000, **options):
+def write(directory, messages, *, every=250, **options):
     """Write the node's own bag, with a chunk of so many messages each."""
     bag = BagFile(directory, [topic.channel() for topic in samples.CONTROLLED], NOTES, **options)
     for number, (topic, content, stamp, *rest) in enumerate(messages):
@@ -102,14 +102,14 @@ def test_a_chunk_removed(bag, tmp_path, number, listing, capsys):
     cut = altered(bag, tmp_path / 'bag', without_chunk(number), listing=listing)
     assert replay_run([str(cut)]) == 3
     text = capsys.readouterr().out
-    assert 'the bag is not whole: its statistics count 4,001 messages on /joint_states' in text
+    assert 'the bag is not whole: its statistics count 1,001 messages on /joint_states' in text
     # Of one that is missing in the midst, the motion after it may not follow from that before.
     assert compare_run([str(cut)]) in (1, 3)
     text = capsys.readouterr().out
-    assert 'the bag is not whole: its statistics count 4,001 messages on /joint_states' in text
+    assert 'the bag is not whole: its statistics count 1,001 messages on /joint_states' in text
     assert 'its summary names a chunk at byte' in text
     if listing:
-        assert 'metadata.yaml counts 4,001 messages on /joint_states' in text
+        assert 'metadata.yaml counts 1,001 messages on /joint_states' in text
 
 
 @pytest.mark.parametrize(
@@ -177,8 +177,8 @@ def test_what_metadata_yaml_says_is_checked(bag, tmp_path, field, value, words):
 
 
 def test_samples_taken_out_with_consistent_statistics(messages, tmp_path):
-    """9 s of 20 in the middle, at the beginning, at the end: whatever is counted agrees."""
-    for name, begin, end in (('middle', 5, 14), ('head', -1, 9), ('tail', 11, 21)):
+    """In the middle, at the beginning, at the end: whatever is counted agrees."""
+    for name, begin, end in (('middle', 1.25, 3.5), ('head', -1, 2.25), ('tail', 2.75, 6)):
         kept = [
             m
             for m in messages
@@ -191,10 +191,19 @@ def test_samples_taken_out_with_consistent_statistics(messages, tmp_path):
         assert abs(lost - int(fault.split()[5].replace(',', ''))) <= 20, fault
 
 
+def test_a_topic_taken_out_with_consistent_statistics(messages, tmp_path):
+    topics = [topic for topic in samples.CONTROLLED if topic.name != '/impacts']
+    kept = [m for m in messages if m[0] != '/impacts']
+    findings = replayed(samples.record(tmp_path / 'bag', kept, topics, custom=NOTES))
+    assert findings.verdict is Verdict.PARTIAL
+    (fault,) = findings.faults
+    assert fault.endswith('its notes name the topic /impacts, which is not in it')
+
+
 @pytest.mark.parametrize('numbers', ['gap', 'twice', 'disorder', 'between chunks'])
 def test_messages_of_the_node_are_counted_on(messages, tmp_path, numbers):
     counts, numbered = {}, []
-    for topic, content, stamp in messages[:3000]:
+    for topic, content, stamp in messages[:2000]:
         counts[topic] = counts.get(topic, -1) + 1
         numbered.append((topic, content, stamp, counts[topic]))
     which = places(numbered, '/joint_states')[300:]
@@ -278,7 +287,7 @@ def test_a_whole_bag_has_no_faults(bag, tmp_path):
     assert faults_of(tmp_path / 'copy') == []
 
 
-@pytest.mark.parametrize('share', [0.1, 0.37, 0.5, 0.77, 0.9, 0.995])
+@pytest.mark.parametrize('share', [0.37, 0.5, 0.77, 0.9, 0.995])
 def test_a_cut_bag_has_no_fault_but_that(bag, tmp_path, share):
     content = next(bag.glob('*.mcap')).read_bytes()
     path = tmp_path / 'cut.mcap'

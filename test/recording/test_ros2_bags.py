@@ -8,8 +8,6 @@ from recording import ros2_bags, samples
 from recording.recorded_rig import LIVELY, RecordedRig
 from recording.test_replay import places, replayed
 from recording.test_replay_gap_control import CONTROL
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as PeerWriter
 
 from impact_damper_ros.commands.compare_run import main as compare_run
 from impact_damper_ros.commands.recover_run import main as recover_run
@@ -167,15 +165,21 @@ def test_a_compressed_file_by_itself(tmp_path, messages):
     assert [(r.topic, r.content, r.stamp_ns) for r in RunReader(file)] == arrived
 
 
+def test_a_recorder_killed_at_the_beginning_of_a_file(tmp_path, messages, capsys):
+    arrived = ros2_bags.joined(messages[:1500], samples.START)
+    bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, files=3)
+    (bag / 'bag_3.mcap').touch()
+    (bag / 'metadata.yaml').unlink()
+    assert replay_run([str(bag)]) == 3
+    assert 'bag_3.mcap is empty: the recording was cut short there' in capsys.readouterr().out
+    assert recover_run([str(bag)]) == 0
+    assert RunReader(tmp_path / 'bag_recovered').message_count == len(arrived)
+    assert replay_run([str(tmp_path / 'bag_recovered'), '--quiet']) == 0
+
+
 def test_sqlite(tmp_path, messages):
     arrived = ros2_bags.joined(messages, samples.START + 10**9)
-    with PeerWriter(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connections = {
-            topic: writer.add_connection(topic, ros2_bags.kind_of(topic), typestore=samples.STORE)
-            for topic in sorted({topic for topic, *_ in arrived})
-        }
-        for topic, content, stamp in arrived:
-            writer.write(connections[topic], stamp, content)
+    ros2_bags.write_database(tmp_path / 'bag', arrived)
     assert list((tmp_path / 'bag').glob('*.db3'))
     findings = replayed(tmp_path / 'bag')
     assert findings.verdict is Verdict.IDENTICAL
