@@ -16,6 +16,7 @@ from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    ParameterError,
     ParameterSpec,
     RigParameters,
 )
@@ -182,6 +183,10 @@ def _axis(names: Sequence[str], values: Sequence[float], rig: RigParameters, whe
                 raise AxisError(f'{where}: {target} takes {wanted}, not {value!r}')
             if target.spec.kind == 'integer' and value != round(value):
                 raise AxisError(f'{where}: {target} takes whole numbers, not {value!r}')
+            try:
+                target.spec.checked(value)
+            except ParameterError as error:
+                raise AxisError(f'{where}: {error}') from None
     ordered = tuple(sorted(values))
     twice = next((a for a, b in pairwise(ordered) if a == b), None)
     if twice is not None:

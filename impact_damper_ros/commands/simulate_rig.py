@@ -17,6 +17,7 @@ from typing import IO
 from tqdm import tqdm
 
 from impact_damper_ros.analysis.swing import Swing
+from impact_damper_ros.commands.command_line import add_version_option, announce, say
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.commands.outputs import in_words
 from impact_damper_ros.commands.overrides import (
@@ -104,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_set_option(parser)
     parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
+    add_version_option(parser)
     return parser
 
 
@@ -315,8 +317,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         settings, control = overridden_control(arguments.set, control)
         parameters, initial = overridden(settings, parameters, initial)
     except ValueError as error:
-        print(f'simulate_rig: {error}', file=sys.stderr)
+        say('simulate_rig', error)
         return 2
+    if not arguments.quiet:
+        announce('simulate_rig', parameters, control)
     try:
         summary = _run(arguments, parameters, initial, control)
     except KeyboardInterrupt:
@@ -326,10 +330,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 1
     except RecordingError as error:
-        print(f'simulate_rig: {error}', file=sys.stderr)
+        say('simulate_rig', error)
         return 1
     except OSError as error:
-        print(f'simulate_rig: {in_words(error)}', file=sys.stderr)
+        say('simulate_rig', in_words(error))
         return 1
     if not arguments.quiet:
         print(summary, file=sys.stderr)

@@ -19,6 +19,7 @@ from impact_damper_ros.analysis.sweep_axes import (
 )
 from impact_damper_ros.analysis.sweep_columns import MEASURES
 from impact_damper_ros.analysis.sweep_plan import Follow, SweepPlan
+from impact_damper_ros.commands.command_line import add_version_option
 from impact_damper_ros.commands.overrides import (
     add_set_option,
     overridden,
@@ -33,9 +34,9 @@ _DEFAULT = Settling()
 
 _DESCRIPTION = """\
 Run an impact damper for many values of any of its parameters and initial conditions, each until
-its motion has settled, and write what it settles into as a table (Parquet): largest and rms X,
-impacts per cycle, period and stops, Lyapunov exponent, shares of time in chatter, sticking and
-at rest, and the section of the motion. All quantities are in SI units.
+its motion has settled, and write what it settles into as a table (Parquet or CSV): largest and
+rms X, impacts per cycle, period and stops, Lyapunov exponent, shares of time in chatter, sticking
+and at rest, and the section of the motion. All quantities are in SI units.
 """
 _EPILOG = """\
 RANGE is LOW:HIGH:COUNT, LOW:HIGH:COUNT:log, or a list such as 10,20,40. Several names before it
@@ -81,8 +82,9 @@ def parser() -> argparse.ArgumentParser:
         *('-o', '--output'),
         type=Path,
         required=True,
-        metavar='FILE.parquet',
-        help='the table; while the sweep runs, what is done is in FILE.parquet.part',
+        metavar='FILE',
+        help='the table: a name that ends in .parquet or .csv; while the sweep runs, what is done '
+        'is in FILE.part',
     )
     add('--overwrite', action='store_true', help='replace the table of another sweep')
     add(
@@ -155,6 +157,7 @@ def parser() -> argparse.ArgumentParser:
         help='run on the workers of this Dask scheduler, such as tcp://10.0.0.1:8786',
     )
     add('--quiet', action='store_true', help='no progress bar and no summary')
+    add_version_option(options)
     return options
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from impact_damper_ros import __version__
+
 __all__ = ['answer_foreign', 'in_words', 'refuse']
 
-USAGE = """usage: sim_node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
+USAGE = """usage: sim_node [-h] [--version]
+                [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
 
 The digital rig of an impact damper as a ROS 2 node. For instance:
   sim_node --ros-args -p gap:=30 -p record:=true -r __ns:=/rig1
@@ -26,6 +29,9 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
         return None
     if arguments[0] in ('-h', '--help'):
         print(USAGE)
+        return 0
+    if arguments[0] == '--version':
+        print(f'sim_node (impact_damper_ros) {__version__}')
         return 0
     return refuse(
         f'unknown argument {arguments[0]!r}; parameters and remappings follow --ros-args, as in: '

@@ -1,5 +1,7 @@
 """What is found in a sweep: attractors and their basins, the optimum, and the figures of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,14 +24,12 @@ RIG = RigParameters(gravity=0.0, force_frequencies=1.02)
 START = InitialConditions(initial_primary_position=1.0)
 
 
-def swept(tmp_path, *ranges, rig=RIG, start=START, follow=Follow.NONE, **settling):
-    plan = SweepPlan(
-        rig,
-        start,
-        tuple(axis_from_text(text, rig) for text in ranges),
-        follow,
-        Settling(**settling),
-    )
+def swept(tmp_path, *ranges, rig=RIG, start=START, follow=Follow.NONE, failing=None, **settling):
+    """Sweep; `failing` is a value more on the first axis, which the command would refuse."""
+    first, *others = (axis_from_text(text, rig) for text in ranges)
+    if failing is not None:
+        first = replace(first, values=(failing, *first.values))
+    plan = SweepPlan(rig, start, (first, *others), follow, Settling(**settling))
     path = tmp_path / 'sweep.parquet'
     with Journal(journal_path(path), plan.inputs()) as journal:
         run_sweep(plan, journal, Here(), at_once=1)
@@ -138,9 +138,9 @@ def test_optimum_of_a_surface(tmp_path):
 
 
 def test_no_optimum_without_a_motion_that_repeats(tmp_path):
-    table = swept(tmp_path, 'gap=-2,-1')
+    table = swept(tmp_path, 'damping=2,3')
     assert find_optimum(table, 'x_max') is None
-    assert 'gap is -2.0 m' in summary_text(tmp_path, summary_of(table, None))
+    assert 'damping is 2.0 N s/m' in summary_text(tmp_path, summary_of(table, None))
 
 
 def panels(figure):
@@ -151,7 +151,7 @@ def test_bifurcation_diagram_has_units_and_every_impact(tmp_path):
     pytest.importorskip('matplotlib')
     from impact_damper_ros.analysis.bifurcation_figure import bifurcation_figure
 
-    table = swept(tmp_path, 'gap=-1,16,30', follow=Follow.BOTH, cycles=800)
+    table = swept(tmp_path, 'gap=16,30', failing=-1.0, follow=Follow.BOTH, cycles=800)
     figure = bifurcation_figure(table, 'x_max', find_optimum(table, 'x_max', refine=False))
     upper, middle, lower = panels(figure)
     assert upper.get_ylabel() == 'Phase of the impacts [cycles]'
@@ -170,7 +170,8 @@ def test_maps_are_written_the_same_each_time(tmp_path, suffix):
     from impact_damper_ros.analysis.surface_figure import surface_figure
     from impact_damper_ros.analysis.sweep_figure import draw_sweep
 
-    table = swept(tmp_path, 'gap=-1,12,30,200', 'damping=0.01:0.02:3', cycles=100, watch=21)
+    ranges = ('gap=12,30,200', 'damping=0.01:0.02:3')
+    table = swept(tmp_path, *ranges, failing=-1.0, cycles=100, watch=21)
     figure = surface_figure(table, 'x_max_ratio', None)
     (panel,) = panels(figure)
     assert panel.get_xlabel() == 'Gap d [m]'
