@@ -1,5 +1,6 @@
 """What is found in a sweep: attractors and their basins, the optimum, and the figures of them."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -135,6 +136,73 @@ def test_optimum_of_a_surface(tmp_path):
     summary = summary_of(table, least)
     assert summary['optimum']['names'] == ['gap', 'force_frequencies']
     assert summary['rigs'] == 15
+
+
+@pytest.fixture(scope='module')
+def hysteresis(tmp_path_factory):
+    """Two impacts per cycle up to a gap of 57 m; from 48 m on M can also swing without any."""
+    place = tmp_path_factory.mktemp('both')
+    return swept(place, 'gap=40:80:21', start=InitialConditions(), follow=Follow.BOTH, cycles=1000)
+
+
+def test_optimum_at_a_cliff_names_edge_and_coexisting_motion(hysteresis, tmp_path):
+    found = find_optimum(hysteresis, 'x_max')
+    assert found.values[0] == pytest.approx(54.96, abs=0.02)
+    (edge,) = found.edges
+    # The two impacts are lost at 57 m, as continuation in the gap finds
+    assert edge.values[0] == pytest.approx(57.1, abs=0.2)
+    assert edge.axis == 0
+    assert edge.ratio > 5.0
+    assert edge.motion == 'chaotic'
+    swings = {other.start: other for other in found.coexisting}
+    without = swings['followed downwards']
+    assert without.motion == 'without impacts'
+    assert without.measure == pytest.approx(RIG.response_amplitude, rel=1e-6)
+    assert without.ratio == pytest.approx(9.22, abs=0.01)
+    assert without.values == found.values
+    summary = summary_of(hysteresis, found)
+    said = summary_text(tmp_path / 'sweep.parquet', summary)
+    assert f'edge: at gap = {edge.values[0]:.6g}' in said
+    assert '9.22 times as much (without impacts, 1 cycle)' in said
+    stored = json.loads(json.dumps(summary))['optimum']
+    assert stored['edges'][0]['ratio'] == edge.ratio
+    assert stored['coexisting'][-1]['motion'] == found.coexisting[-1].motion
+    assert len(stored['cautions']) == 1 + len(found.coexisting)
+
+
+def test_optimum_on_the_grid_names_what_the_table_shows(hysteresis):
+    found = find_optimum(hysteresis, 'x_max', refine=False)
+    assert found.trials == 0
+    assert found.grid_values == (54.0,)
+    (other,) = found.coexisting
+    assert (other.start, other.motion) == ('followed downwards', 'without impacts')
+    assert other.measure == pytest.approx(RIG.response_amplitude, rel=1e-6)
+    assert found.edges == ()
+    # At 56 m the next value is beyond the edge: of the greatest rms no other is better
+    narrow = find_optimum(hysteresis, 'x_max', Best.GREATEST, refine=False)
+    assert all(edge.ratio < 0.5 for edge in narrow.edges)
+
+
+def test_a_smooth_optimum_has_no_cautions(tmp_path):
+    """At resonance, followed, the least motion is 2 m from the end of its branch."""
+    rig = RigParameters(gravity=0.0, damping=0.1)
+    table = swept(tmp_path, 'gap=4:8:9', rig=rig, follow=Follow.UP, cycles=1000)
+    found = find_optimum(table, 'x_max')
+    summary = summary_of(table, found)
+    assert (found.edges, found.coexisting) == ((), ())
+    assert summary['optimum']['cautions'] == []
+
+
+def test_edges_are_in_the_figures(hysteresis):
+    pytest.importorskip('matplotlib')
+    from impact_damper_ros.analysis.bifurcation_figure import bifurcation_figure
+
+    found = find_optimum(hysteresis, 'x_max')
+    figure = bifurcation_figure(hysteresis, 'x_max', found)
+    labels = [text.get_text() for text in figure.legends[0].texts]
+    (edge,) = found.edges
+    assert f'edge at {edge.values[0]:.5g} (× {edge.ratio:.3g}, chaotic)' in labels
+    assert 'followed downwards (× 9.22, without impacts)' in labels
 
 
 def test_no_optimum_without_a_motion_that_repeats(tmp_path):
