@@ -4,20 +4,39 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from impact_damper_ros import __version__
 from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.description import described, frequency_hint
+from impact_damper_ros.rig.presets import presets
 from impact_damper_ros.rig.shown import printable
 
-__all__ = ['add_version_option', 'announce', 'hint', 'rig_line', 'say']
+__all__ = [
+    'add_params_argument',
+    'add_version_option',
+    'announce',
+    'hint',
+    'rig_line',
+    'say',
+]
 
 
 def add_version_option(parser: argparse.ArgumentParser) -> None:
     """Let a command take ``--version``."""
     parser.add_argument(
         '--version', action='version', version=f'{parser.prog} (impact_damper_ros) {__version__}'
+    )
+
+
+def add_params_argument(parser: argparse.ArgumentParser) -> None:
+    """Let a command take the parameters file of a rig."""
+    parser.add_argument(
+        'params',
+        type=Path,
+        metavar='PARAMS',
+        help=f'ROS 2 parameters file of the rig, or a preset: {", ".join(presets())}',
     )
 
 

@@ -6,8 +6,6 @@ import argparse
 from collections.abc import Sequence
 from contextlib import suppress
 
-import yaml
-
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
@@ -15,6 +13,8 @@ from impact_damper_ros.rig import (
     InitialConditions,
     RigParameters,
 )
+from impact_damper_ros.rig.guarded_yaml import YamlError, guarded_yaml_text
+from impact_damper_ros.rig.shown import named, shown
 
 __all__ = ['add_set_option', 'overridden', 'overridden_control']
 
@@ -37,12 +37,16 @@ def _values(settings: Sequence[str], names: Sequence[str]) -> dict[str, object]:
         name, equals, text = setting.partition('=')
         if not equals or name not in names:
             raise ValueError(
-                f'--set {setting}: give NAME=VALUE with one of the names {", ".join(names)}'
+                f'--set {named(setting)}: give NAME=VALUE with one of the names {", ".join(names)}'
             )
         try:
-            changes[name] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ValueError(f'--set {setting}: {text!r} is not a value: {error}') from error
+            changes[name] = guarded_yaml_text(text)
+        except YamlError as error:
+            # The place would be that in a file
+            reason = str(error).removeprefix('line 1: ')
+            raise ValueError(
+                f'--set {named(setting)}: {shown(text)} is not a value: {reason}'
+            ) from error
         if isinstance(changes[name], str):
             # YAML 1.1 takes 1e-3 for a text
             with suppress(ValueError):

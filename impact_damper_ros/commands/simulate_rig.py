@@ -17,7 +17,12 @@ from typing import IO
 from tqdm import tqdm
 
 from impact_damper_ros.analysis.swing import Swing
-from impact_damper_ros.commands.command_line import add_version_option, announce, say
+from impact_damper_ros.commands.command_line import (
+    add_params_argument,
+    add_version_option,
+    announce,
+    say,
+)
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.commands.outputs import in_words
 from impact_damper_ros.commands.overrides import (
@@ -73,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('params', type=Path, metavar='PARAMS.yaml', help='ROS 2 parameters file')
+    add_params_argument(parser)
     parser.add_argument(
         '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
     )

@@ -12,7 +12,13 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from impact_damper_ros.commands.command_line import add_version_option, hint, rig_line, say
+from impact_damper_ros.commands.command_line import (
+    add_params_argument,
+    add_version_option,
+    hint,
+    rig_line,
+    say,
+)
 from impact_damper_ros.commands.outputs import check_file, in_words, write_text
 from impact_damper_ros.commands.overrides import add_set_option, overridden
 from impact_damper_ros.commands.whole_number import up_to
@@ -62,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('params', type=Path, metavar='PARAMS.yaml', help='ROS 2 parameters file')
+    add_params_argument(parser)
     parser.add_argument(
         '--impacts', type=up_to(64), required=True, metavar='N', help='impacts in one period'
     )

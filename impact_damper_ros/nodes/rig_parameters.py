@@ -25,6 +25,7 @@ from impact_damper_ros.rig import (
     ParameterSpec,
     RigParameters,
 )
+from impact_damper_ros.rig.shown import named
 
 __all__ = [
     'ALL_SPECS',
@@ -41,6 +42,10 @@ __all__ = [
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
 READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_priority')
 SLOWEST_FACTOR = 1e-3
+#: No name as long as this is a slip of the pen.
+_LONGEST_NAME = 80
+#: Most warnings of one kind.
+_MOST_WARNINGS = 8
 # A name this similar to a known one is a slip of the pen, not meant for another node.
 SLIP_OF_THE_PEN = 0.75
 
@@ -308,6 +313,8 @@ def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, li
 
 def nearest_name(name: str, cutoff: float = 0.5) -> str:
     """Return the known parameter that is written most like this one, or an empty text."""
+    if len(name) > _LONGEST_NAME:
+        return ''
     return ''.join(difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=cutoff))
 
 
@@ -333,12 +340,16 @@ def parameters_from_overrides(
         If a value is bad, or a name misspelt.
     """
     strange = [n for n in overrides if n not in ALL_SPECS and n not in set(declared)]
-    for name in strange:
-        if name.startswith('qos_overrides.'):
-            continue
+    foreign = [name for name in strange if not name.startswith('qos_overrides.')]
+    for name in foreign:
         if near := nearest_name(name, SLIP_OF_THE_PEN):
-            raise ParameterError(name, f'{name} is not a parameter of this node: write {near}')
-        warn(f'parameter {name} is not one of this node; it is ignored')
+            raise ParameterError(
+                name, f'{named(name)} is not a parameter of this node: write {near}'
+            )
+    for name in foreign[:_MOST_WARNINGS]:
+        warn(f'parameter {named(name)} is not one of this node; it is ignored')
+    if len(foreign) > _MOST_WARNINGS:
+        warn(f'{len(foreign) - _MOST_WARNINGS} parameters more are ignored as well')
     values = {
         name: _as_meant(spec, overrides[name])
         for name, spec in ALL_SPECS.items()

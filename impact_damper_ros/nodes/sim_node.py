@@ -30,7 +30,12 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.nodes.command_line import answer_foreign, in_words, refuse
+from impact_damper_ros.nodes.command_line import (
+    answer_foreign,
+    check_params_files,
+    in_words,
+    refuse,
+)
 from impact_damper_ros.nodes.diagnostics import Diagnostics
 from impact_damper_ros.nodes.end_request import EndRequest
 from impact_damper_ros.nodes.engine import Engine
@@ -333,6 +338,7 @@ def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> in
 def _serve(arguments: Sequence[str], end: EndRequest) -> int:
     """Run the node on ROS, and leave it; return the exit code."""
     try:
+        check_params_files(arguments)
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         return refuse(in_words(error))

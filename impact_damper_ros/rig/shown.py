@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-__all__ = ['printable', 'shown']
+__all__ = ['named', 'printable', 'shown']
 
 _LONGEST = 80
 # Control characters but newline and tab; those that turn the direction of writing; halves of pairs
@@ -52,3 +52,15 @@ def shown(value: object, longest: int = _LONGEST) -> str:
     if count <= longest:
         return text
     return f'{text[: longest // 2]} ... ({count} characters) ... {text[-(longest // 4) :]}'
+
+
+def named(name: object, longest: int = _LONGEST) -> str:
+    r"""
+    Return a name or another text as `shown`, without quotes.
+
+    Examples
+    --------
+    >>> named('gap'), named('two\nlines')
+    ('gap', 'two\\nlines')
+    """
+    return shown(str(name), longest)[1:-1]
