@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -25,7 +26,7 @@ from impact_damper_ros.rig import (
     ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.shown import named
+from impact_damper_ros.rig.shown import named, printable, shown
 
 __all__ = [
     'ALL_SPECS',
@@ -44,6 +45,8 @@ READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_prior
 SLOWEST_FACTOR = 1e-3
 #: No name as long as this is a slip of the pen.
 _LONGEST_NAME = 80
+#: Of `bag_directory`; a recording adds to it, and the system has 4096.
+_LONGEST_PATH = 1000
 #: Most warnings of one kind.
 _MOST_WARNINGS = 8
 # A name this similar to a known one is a slip of the pen, not meant for another node.
@@ -102,7 +105,7 @@ SETTING_SPECS: dict[str, ParameterSpec] = {
         ParameterSpec('record', 'Record the run to MCAP.', '', None, None, 'bool', False),
         ParameterSpec(
             'bag_directory',
-            'Directory in which every recording makes its own.',
+            'Directory in which every recording makes its own; ~ is the home directory.',
             '',
             None,
             None,
@@ -178,6 +181,8 @@ class NodeParameters:
             for name, v in values.items()
             if name in SETTING_SPECS
         }
+        if 'bag_directory' in settings:
+            settings['bag_directory'] = _directory(settings['bag_directory'])
         factor = settings.get('real_time_factor', 1.0)
         if isinstance(factor, float) and 0.0 < factor < SLOWEST_FACTOR:
             raise ParameterError(
@@ -199,6 +204,33 @@ class NodeParameters:
         settings = {name: getattr(self, name) for name in SETTING_SPECS}
         parts = (self.rig, self.initial, self.control)
         return {name: v for part in parts for name, v in part.as_dict().items()} | settings
+
+
+def _directory(text: str) -> str:
+    """
+    Return where recordings go, with the home directory in place of ~.
+
+    Raises
+    ------
+    ParameterError
+        If the text is no path that anybody would mean.
+    """
+    if len(text) > _LONGEST_PATH or printable(text) != text or {'\n', '\t'} & set(text):
+        raise ParameterError(
+            'bag_directory',
+            f'bag_directory is {shown(text)}: give a path of at most {_LONGEST_PATH} characters, '
+            'without newlines and other control characters',
+        )
+    if not text.startswith('~'):
+        return text
+    try:
+        return str(Path(text).expanduser())
+    except RuntimeError:
+        raise ParameterError(
+            'bag_directory',
+            f'bag_directory is {shown(text)}: there is no such home directory, write it out (or '
+            './~ for a directory of that name)',
+        ) from None
 
 
 def descriptor(spec: ParameterSpec) -> Any:

@@ -28,7 +28,10 @@ COMMANDS = [name for name in entry_points.__all__ if not name.startswith(('begin
 #: The recording that the pages speak of.
 BAG = 'runs/run_20261120_221707'
 #: Of other packages: only what is said of this one in them is looked at.
-FOREIGN = ('colcon', 'dask', 'git', 'mkdir', 'pip', 'python3', 'rosdep', 'source', 'sudo', 'touch')
+FOREIGN = (
+    *('cd', 'colcon', 'dask', 'docker', 'export', 'git', 'mkdir', 'pip', 'python3', 'rosdep'),
+    *('source', 'sudo', 'touch'),
+)
 #: Less of the same, so that it does not take minutes: what is replaced, by what.
 LESS = (
     ('--duration 42000', '--duration 420'),
