@@ -47,7 +47,7 @@ setup(
         'mcap>=1.5',
         'numpy>=1.24',
         'PyYAML>=6.0',
-        'tqdm>=4.60',
+        'tqdm>=4.66.3',
         'zstandard>=0.20',
     ],
     extras_require={
@@ -60,9 +60,9 @@ setup(
         'plot': ['matplotlib>=3.6'],
         'compiled': ['llvmlite', 'numba>=0.59'],
         # What benchmarks/peers.py holds the simulator against.
-        'peers': ['heyoka>=7.0', 'mujoco>=3.2', 'numba>=0.59', 'scipy>=1.10'],
+        'peers': ['heyoka>=7.0', 'mpmath>=1.3', 'mujoco>=3.2', 'numba>=0.59', 'scipy>=1.10'],
         # sweep_rig: the table; and a cluster to run on
-        'sweep': ['pyarrow>=14'],
+        'sweep': ['pyarrow>=14.0.1'],
         'dask': ['distributed>=2024.1'],
         'test': [
             'colcon-common-extensions>=0.3',
@@ -71,7 +71,7 @@ setup(
             'mpmath>=1.3',
             'numba>=0.59',
             'pandas>=2.1',
-            'pyarrow>=14',
+            'pyarrow>=14.0.1',
             'pytest>=7.4',
             'rosbags>=0.10.11',
             'scipy>=1.10',

@@ -1,6 +1,7 @@
 """What every test runs under: its own ROS domain, on this machine alone."""
 
 import os
+import signal
 import socket
 import sys
 import tempfile
@@ -61,6 +62,17 @@ def _isolate_ros() -> None:
         os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
 
 
+def _take_interruptions() -> None:
+    """
+    Let the processes that tests start be interrupted, also where this one ignores Ctrl-C.
+
+    A background job of a script inherits that SIGINT is ignored, and so would its children; of a
+    handler they inherit nothing.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def _check_wheels() -> None:
     """
     Refuse to start where the ROS 2 wheels would look for another venv's libraries.
@@ -80,6 +92,7 @@ def _check_wheels() -> None:
 
 
 _check_wheels()
+_take_interruptions()
 _isolate_ros()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .paper_drawing import BLUE, ORANGE, blank_figure, finish_panel
-from .sweep_drawing import axis_label, fixed_text, grid_of, measure_label
+from .sweep_drawing import axis_label, fixed_text, grid_of, measure_label, times
 from .sweep_optimum import Optimum
 from .sweep_table import SweepTable
 
@@ -47,6 +47,29 @@ def _draw_phases(axes: Any, table: SweepTable, values: NDArray[np.float64]) -> N
                 color=_LOOKS[direction]['color'],
                 zorder=3 if repeats else 2,
             )
+
+
+def _draw_surroundings(axes: Any, optimum: Optimum) -> None:
+    """Draw the edges around the optimum, and what else the best rig can do."""
+    for edge in optimum.edges:
+        axes.axvline(
+            edge.values[0],
+            color='0.3',
+            linewidth=0.8,
+            linestyle='--',
+            label=f'edge at {edge.values[0]:.5g}{times(edge)}',
+        )
+    for other in optimum.coexisting:
+        axes.plot(
+            *(optimum.values[0], other.measure),
+            marker='*',
+            markersize=5.5,
+            markerfacecolor='none',
+            markeredgecolor='black',
+            linestyle='none',
+            label=f'{other.start}{times(other)}',
+            zorder=4,
+        )
 
 
 def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
@@ -104,6 +127,7 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
             label=f'{optimum.best.value}: {optimum.value:.4g} at {optimum.values[0]:.5g}',
             zorder=4,
         )
+        _draw_surroundings(middle, optimum)
     failed = ~table.flags('ok').reshape(-1, len(values)).any(axis=0)
     for axes in panels:
         for value in values[failed]:
@@ -117,7 +141,11 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
         finish_panel(panels[2], 'c', axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
     handles, labels = middle.get_legend_handles_labels()
     figure.legend(
-        *(handles, labels), loc='outside lower center', ncols=3, frameon=False, markerscale=2.0
+        *(handles, labels),
+        loc='outside lower center',
+        ncols=2 if optimum is not None else 3,
+        frameon=False,
+        markerscale=2.0,
     )
     figure.suptitle(fixed_text(table), fontsize=7.5, color='0.3')
     return figure

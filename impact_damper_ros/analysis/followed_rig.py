@@ -6,6 +6,7 @@ import numpy as np
 
 from impact_damper_ros.orbits.event_map import Course, origin_at, run_course
 from impact_damper_ros.rig import EventKind
+from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, make_machine
 from impact_damper_ros.rig.origin import offset_of
 
@@ -75,7 +76,11 @@ class FollowedRig:
             resting,
             int(knots.last_stop[first]),
         )
-        return run_course(self._machine, origin, duration, differentiate=differentiate)
+        try:
+            return run_course(self._machine, origin, duration, differentiate=differentiate)
+        except (ArithmeticError, RunawayError):
+            # A wrong number may be one with which no rig can move.
+            return None
 
     def out_of_reach(self, knots: Knots, first: int, last: int) -> bool:
         """Return whether a stop that follows m has still to come to its place."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .motion_kind import MotionKind
 from .paper_drawing import ORANGE, blank_figure
 from .sweep_axes import Axis
-from .sweep_drawing import axis_label, edges, fixed_text, grid_of, measure_label
+from .sweep_drawing import axis_label, edges, fixed_text, grid_of, measure_label, times
 from .sweep_optimum import Optimum
 from .sweep_table import SweepTable
 
@@ -106,6 +106,21 @@ def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
         among = 'all' if table.plan.control.active else 'those that repeat'
         label = f'{optimum.best.value} of {among}: {optimum.value:.4g} at ({at})'
         handles.append(Line2D([], [], label=label, **{**_STAR, 'markersize': 10}))
+        symbols = [axis_label(axis).split(' [')[0].rsplit(' ', 1)[-1] for axis in table.plan.axes]
+        blank: dict[str, Any] = {'linestyle': 'none'}
+        handles += [
+            Line2D(
+                *([], []),
+                label=f'edge at {symbols[i]} = {edge.values[i]:.5g}{times(edge)}',
+                **blank,
+            )
+            for edge in optimum.edges
+            if (i := edge.axis) is not None
+        ]
+        handles += [
+            Line2D([], [], label=f'the same rig {other.start}{times(other)}', **blank)
+            for other in optimum.coexisting
+        ]
     dot: dict[str, Any] = {'marker': 'o', 'linestyle': 'none', 'markersize': 3.0}
     handles += [
         Line2D([], [], color=_DOTS[name], label=name, **dot)

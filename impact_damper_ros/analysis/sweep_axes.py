@@ -16,9 +16,11 @@ from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    ParameterError,
     ParameterSpec,
     RigParameters,
 )
+from impact_damper_ros.rig.shown import shown
 
 __all__ = ['Axis', 'AxisError', 'Target', 'axis_from_mapping', 'axis_from_text']
 
@@ -64,7 +66,7 @@ class Target:
         """
         match = _TARGET.fullmatch(text.strip())
         if match is None:
-            raise AxisError(f'{text!r} is not the name of a parameter')
+            raise AxisError(f'{shown(text)} is not the name of a parameter')
         return cls(match['name'], None if match['index'] is None else int(match['index']))
 
     @property
@@ -129,7 +131,7 @@ def _target(text: str, rig: RigParameters) -> Target:
     if name not in _SPECS:
         close = difflib.get_close_matches(name, _SPECS, 1)
         hint = f'did you mean {close[0]}?' if close else f'give one of {", ".join(_SPECS)}'
-        raise AxisError(f'{text.strip()!r} is not a parameter of the rig: {hint}')
+        raise AxisError(f'{shown(text.strip())} is not a parameter of the rig: {hint}')
     spec = _SPECS[name]
     if spec.kind == 'double_array':
         count = len(getattr(rig, name))
@@ -159,9 +161,9 @@ def _number(text: Any, where: str) -> float:
     try:
         value = float(text)
     except (TypeError, ValueError):
-        raise AxisError(f'{where}: {text!r} is not a number') from None
+        raise AxisError(f'{where}: {shown(text)} is not a number') from None
     if not math.isfinite(value):
-        raise AxisError(f'{where}: {text!r} is not a finite number')
+        raise AxisError(f'{where}: {shown(text)} is not a finite number')
     return value
 
 
@@ -179,9 +181,13 @@ def _axis(names: Sequence[str], values: Sequence[float], rig: RigParameters, whe
         for value in values:
             if isinstance(value, bool) is not boolean:
                 wanted = 'true and false' if boolean else 'numbers'
-                raise AxisError(f'{where}: {target} takes {wanted}, not {value!r}')
+                raise AxisError(f'{where}: {target} takes {wanted}, not {shown(value)}')
             if target.spec.kind == 'integer' and value != round(value):
-                raise AxisError(f'{where}: {target} takes whole numbers, not {value!r}')
+                raise AxisError(f'{where}: {target} takes whole numbers, not {shown(value)}')
+            try:
+                target.spec.checked(value)
+            except ParameterError as error:
+                raise AxisError(f'{where}: {error}') from None
     ordered = tuple(sorted(values))
     twice = next((a for a, b in pairwise(ordered) if a == b), None)
     if twice is not None:
@@ -245,7 +251,7 @@ def axis_from_text(text: str, rig: RigParameters) -> Axis:
     """
     *names, values = text.split('=')
     if not names:
-        raise AxisError(f'{text!r}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
+        raise AxisError(f'{shown(text)}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
     for name in names:
         _target(name, rig)
     numbers, logarithmic = _values(values, text)

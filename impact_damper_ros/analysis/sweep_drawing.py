@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,18 @@ from numpy.typing import NDArray
 
 from .sweep_axes import Axis
 from .sweep_columns import MEASURES
+from .sweep_optimum import Nearby
 from .sweep_table import SweepTable
 
-__all__ = ['axis_label', 'edges', 'fixed_text', 'grid_of', 'measure_label', 'set_axis']
+__all__ = [
+    'axis_label',
+    'edges',
+    'fixed_text',
+    'grid_of',
+    'measure_label',
+    'set_axis',
+    'times',
+]
 
 Array = NDArray[np.float64]
 
@@ -65,6 +75,12 @@ def axis_label(axis: Axis) -> str:
 def measure_label(name: str) -> str:
     """Return what stands at a measure, with its unit."""
     return _MEASURES.get(name, MEASURES[name].label)
+
+
+def times(nearby: Nearby) -> str:
+    """Return how much more or less a motion next to the optimum is, for a legend."""
+    ratio = f'× {nearby.ratio:.3g}, ' if 0.0 < nearby.ratio < math.inf else ''
+    return f' ({ratio}{nearby.motion})'
 
 
 def set_axis(axes: Any, side: str, axis: Axis) -> None:

@@ -1,11 +1,17 @@
-"""The best rig of a sweep: on its grid, and then between the values of the grid."""
+"""
+The best rig of a sweep: on its grid, and then between the values of the grid.
+
+The best rig is often the last one before a motion ends, and the motion that it has need not be the
+only one. So what lies around it is found too: edges beyond which the measure is far worse, and
+other motions of the same rig.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import Enum
 from itertools import pairwise
 from typing import Any
@@ -15,12 +21,13 @@ import numpy as np
 from impact_damper_ros.rig import InitialConditions
 
 from .sweep_axes import Axis, Target
+from .sweep_columns import Row
 from .sweep_plan import SweepPlan
 from .sweep_settings import varied
 from .sweep_table import SweepTable
 from .sweep_work import Snapshot, rig_row
 
-__all__ = ['Best', 'Optimum', 'find_optimum']
+__all__ = ['Best', 'Nearby', 'Optimum', 'find_optimum']
 
 #: Steps at the end of the search, relative to those of the grid, of motions that repeat and of
 #: those that do not, whose measures scatter.
@@ -30,6 +37,14 @@ _MOST_TRIALS = 400
 _AGAIN = 4
 #: How exact, relatively, the measures of a motion that repeats are.
 _EXACT = 1e-9
+#: What is worse by more than this part of the measure is beyond an edge.
+_CLIFF = 0.5
+#: Measures that differ by more than this, relatively, are of other motions.
+_OTHER = 0.05
+#: Where edges are looked for, in steps of the grid and as a part of the value, and how often what
+#: lies between is halved.
+_PROBES, _FAR = (1e-3, 0.1, 1.0), 0.05
+_HALVINGS = 6
 #: Kinds of parameters that can have any value in their range.
 _REAL = ('double', 'double_array')
 
@@ -39,6 +54,41 @@ class Best(Enum):
 
     LEAST = 'least'
     GREATEST = 'greatest'
+
+
+@dataclass(frozen=True)
+class Nearby:
+    """
+    Another motion, of the best rig or of one next to it.
+
+    Attributes
+    ----------
+    values : tuple of float
+        Value of the rig on each axis.
+    axis : int or None
+        The axis along which it differs from the best rig; None if it is the best rig.
+    start : str
+        What the motion was reached from, in words.
+    measure : float
+        The measure of the motion.
+    ratio : float
+        The same over that of the best rig; not finite if that is 0.
+    motion : str
+        What kind of motion it is.
+    period : int or None
+        Its period in cycles of the force, if it repeats.
+    stops : str or None
+        Stops that it hits in a period.
+    """
+
+    values: tuple[float, ...]
+    axis: int | None
+    start: str
+    measure: float
+    ratio: float
+    motion: str
+    period: int | None
+    stops: str | None
 
 
 @dataclass(frozen=True)
@@ -71,6 +121,15 @@ class Optimum:
         Whether it lies at the end of a range, so that a wider one may hold a better rig.
     trials : int
         Rigs run by the search.
+    edges : tuple of Nearby
+        Rigs next to it, the nearest on each side along each axis, with another motion whose
+        measure is worse by half of it or more, if it goes on from the motion of the best rig or
+        starts anew. With a search they are looked for up to the distance of the next value of the
+        grid, or 5 % of the value (under gap control, which takes long, only there); else they are
+        the next values of the grid.
+    coexisting : tuple of Nearby
+        Motions of the best rig with another measure, reached from its initial conditions, from
+        the other direction, or back from beyond an edge.
     """
 
     measure: str
@@ -83,10 +142,12 @@ class Optimum:
     scatter: float
     at_edge: bool
     trials: int
+    edges: tuple[Nearby, ...] = ()
+    coexisting: tuple[Nearby, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as numbers and texts."""
-        return {**self.__dict__, 'best': self.best.value}
+        return {**asdict(self), 'best': self.best.value}
 
 
 def _step(axis: Axis, value: float) -> float:
@@ -146,13 +207,86 @@ def find_optimum(
     if refine and any(search.steps) and search.begin(table, row):
         search.look_again(at, value)
         found, reached = search.refined(at, value)
+        edges, coexisting = search.surroundings(table, row, found, reached)
+    else:
+        edges, coexisting = _on_grid(table, row, measure, sign)
     edge = any(
         len(axis) > 1 and place in (axis.values[0], axis.values[-1])
         for axis, place in zip(plan.axes, found, strict=True)
     )
     return Optimum(
-        *(measure, best, row, at, value, found, reached, search.scatter, edge, search.trials)
+        *(measure, best, row, at, value, found, reached, search.scatter, edge, search.trials),
+        edges=edges,
+        coexisting=coexisting,
     )
+
+
+def _is_worse(measure: float, value: float, sign: float) -> bool:
+    return sign * (measure - value) > _CLIFF * abs(value)
+
+
+def _kind(nearby: Nearby) -> tuple[str, int | None, str | None]:
+    return nearby.motion, nearby.period, nearby.stops
+
+
+def _is_same(one: Nearby, other: Nearby) -> bool:
+    """Return whether two motions of a rig are one; those that do not repeat scatter."""
+    if _kind(one) != _kind(other):
+        return False
+    return one.period is None or abs(one.measure - other.measure) <= _OTHER * abs(other.measure)
+
+
+def _ratio(measure: float, value: float) -> float:
+    return measure / value if value else math.inf
+
+
+def _other_directions(plan: SweepPlan, row: int) -> list[tuple[str, int]]:
+    """Return the same rig in the other directions that were followed, with its row."""
+    grid = plan.size // len(plan.follow.passes)
+    own = plan.point(row).direction
+    return [
+        (f'followed {direction}wards', turn * grid + row % grid)
+        for turn, direction in enumerate(plan.follow.passes)
+        if direction != own
+    ]
+
+
+def _on_grid(
+    table: SweepTable, row: int, measure: str, sign: float
+) -> tuple[tuple[Nearby, ...], tuple[Nearby, ...]]:
+    """Return edges and other motions that the table itself shows."""
+    plan = table.plan
+    measures, motions = table.numbers(measure), table.texts('motion')
+    periods, stops = table.numbers('period'), table.texts('stops')
+    value = float(measures[row])
+
+    def nearby(other: int, axis: int | None, start: str) -> Nearby:
+        period = None if np.isnan(periods[other]) else int(periods[other])
+        x = float(measures[other])
+        values = plan.point(other).values
+        motion = motions[other] or ''
+        return Nearby(values, axis, start, x, _ratio(x, value), motion, period, stops[other])
+
+    settled, own = table.flags('settled')[row], _kind(nearby(row, None, ''))
+    edges = []
+    stride = 1
+    for i in reversed(range(len(plan.axes))):
+        count = plan.shape[i]
+        place = row // stride % count
+        for step in (-1, 1):
+            other = row + step * stride
+            if not 0 <= place + step < count or not _is_worse(measures[other], value, sign):
+                continue
+            edge = nearby(other, i, 'at the next value of the grid')
+            if not settled or _kind(edge) != own:
+                edges.append(edge)
+        stride *= count
+    others = [
+        nearby(other, None, start)
+        for start, other in _other_directions(plan, row)
+        if abs(measures[other] - value) > _OTHER * abs(value)
+    ]
+    return tuple(edges[::-1]), tuple(others)
 
 
 class _Search:
@@ -179,10 +313,17 @@ class _Search:
 
     def begin(self, table: SweepTable, row: int) -> bool:
         """Bring the rig of a row back to its motion; return whether that is so."""
+        self.state = self._state_of(table, row)
+        return self.state is not None
+
+    def _state_of(self, table: SweepTable, row: int) -> Snapshot | None:
+        """Return a state of the motion of a row."""
         plan = self.plan
         if plan.control.active:
-            self.state = json.loads(table.texts('state')[row] or 'null')
-            return self.state is not None
+            stored: Snapshot | None = json.loads(table.texts('state')[row] or 'null')
+            return stored
+        if not table.lists('section_x')[row]:
+            return None
         x, velocity, offset, relative = (
             table.lists(f'section_{name}')[row][-1]
             for name in ('x', 'velocity', 'offset', 'relative_velocity')
@@ -196,11 +337,19 @@ class _Search:
             initial_damper_offset=min(max(offset, -half), half),
             initial_damper_velocity=velocity + relative,
         )
-        _, self.state = rig_row(plan.parameters, start, settings, plan.settling)
-        return self.state is not None
+        return rig_row(plan.parameters, start, settings, plan.settling)[1]
 
     def _run(self, values: tuple[float, ...]) -> tuple[float, Snapshot | None]:
         """Return the measure of a rig, as one to be least, and its last state."""
+        row, last = self._row(values, self.state)
+        if not row['ok'] or row['settled'] < self.settled or row[self.measure] is None:
+            return math.inf, last
+        return self.sign * float(row[self.measure]), last
+
+    def _row(
+        self, values: tuple[float, ...], state: Snapshot | None
+    ) -> tuple[Row, Snapshot | None]:
+        """Run a rig from a state, or from its initial conditions."""
         self.trials += 1
         plan = self.plan
         settings: list[tuple[Target, float]] = [
@@ -208,14 +357,12 @@ class _Search:
             for axis, value in zip(plan.axes, values, strict=True)
             for target in axis.targets
         ]
-        row, last = rig_row(
-            *(plan.parameters, plan.initial, settings, plan.settling, self.state, plan.control)
+        done = rig_row(
+            *(plan.parameters, plan.initial, settings, plan.settling, state, plan.control)
         )
         if self.progress is not None:
             self.progress()
-        if not row['ok'] or row['settled'] < self.settled or row[self.measure] is None:
-            return math.inf, last
-        return self.sign * float(row[self.measure]), last
+        return done
 
     def look_again(self, at: tuple[float, ...], value: float) -> None:
         """Learn by how much the measure scatters, from the rig as it goes on."""
@@ -248,3 +395,93 @@ class _Search:
             else:
                 share *= 0.5
         return here, self.sign * lowest
+
+    def surroundings(
+        self, table: SweepTable, row: int, at: tuple[float, ...], value: float
+    ) -> tuple[tuple[Nearby, ...], tuple[Nearby, ...]]:
+        """Return the edges around the best rig, and its other motions."""
+        own, state = self._row(at, self.state)
+        best = self._nearby(own, at, None, '', value)
+        anew = self._nearby(self._row(at, None)[0], at, None, '', value)
+        begun_as = [('from the motion of the best rig', state)]
+        slow = self.plan.control.active
+        if anew is not None and not slow and not _is_worse(anew.measure, value, self.sign):
+            begun_as.append(('from the initial conditions', None))
+        edges: list[Nearby] = []
+        starts: list[tuple[str, Snapshot | None]] = [('from the initial conditions', None)]
+        for start, other in _other_directions(self.plan, row):
+            if (of_other := self._state_of(table, other)) is not None:
+                starts.append((start, of_other))
+        for i, axis in enumerate(self.plan.axes):
+            for sign in (-1.0, 1.0):
+                found = self._edge(at, value, begun_as, best, i, sign * self.steps[i])
+                if found is not None:
+                    edges.append(found[0])
+                    place = found[0].values[i]
+                    starts.append((f'back from {axis.name} = {place:.6g}', found[1]))
+        others: list[Nearby] = []
+        for start, begun in starts:
+            nearby = self._nearby(self._row(at, begun)[0], at, None, start, value)
+            if nearby is None or abs(nearby.measure - value) <= max(
+                _OTHER * abs(value), self.scatter
+            ):
+                continue
+            if not any(_is_same(nearby, other) for other in others):
+                others.append(nearby)
+        return tuple(edges), tuple(others)
+
+    def _edge(
+        self,
+        at: tuple[float, ...],
+        value: float,
+        starts: list[tuple[str, Snapshot | None]],
+        best: Nearby | None,
+        i: int,
+        step: float,
+    ) -> tuple[Nearby, Snapshot | None] | None:
+        """Return the nearest rig beyond an edge on one side along an axis, and its last state."""
+        axis = self.plan.axes[i]
+
+        def looked(distance: float) -> tuple[Nearby, Snapshot | None] | None:
+            moved = min(max(at[i] + distance, axis.values[0]), axis.values[-1])
+            if moved == at[i]:
+                return None
+            place = (*at[:i], moved, *at[i + 1 :])
+            for start, begun in starts:
+                row, last = self._row(place, begun)
+                nearby = self._nearby(row, place, i, start, value)
+                if nearby is None or not _is_worse(nearby.measure, value, self.sign):
+                    continue
+                if not self.settled or best is None or _kind(nearby) != _kind(best):
+                    return nearby, last
+            return None
+
+        near = 0.0
+        slow = self.plan.control.active
+        distances = [share * step for share in (_PROBES[-1:] if slow else _PROBES)]
+        if not slow:
+            distances.append(math.copysign(max(abs(step), _FAR * abs(at[i])), step))
+        for far in distances if step else ():
+            found = looked(far) if far != near else None
+            if found is None:
+                near = far
+                continue
+            for _ in range(_HALVINGS if near else 0):
+                middle = 0.5 * (near + far)
+                nearer = looked(middle)
+                if nearer is None:
+                    near = middle
+                else:
+                    far, found = middle, nearer
+            return found
+        return None
+
+    def _nearby(
+        self, row: Row, values: tuple[float, ...], axis: int | None, start: str, value: float
+    ) -> Nearby | None:
+        """Return what a rig does; None if it could not be run."""
+        if not row['ok'] or row[self.measure] is None:
+            return None
+        measure = float(row[self.measure])
+        kind = (row['motion'], row['period'], row['stops'])
+        return Nearby(values, axis, start, measure, _ratio(measure, value), *kind)

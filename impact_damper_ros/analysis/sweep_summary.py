@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .attractors import FAILED
-from .sweep_optimum import Optimum
+from .sweep_optimum import Nearby, Optimum
 from .sweep_table import SweepTable
 
-__all__ = ['attractor_text', 'attractors_of', 'summary_of', 'summary_text']
+__all__ = [
+    'attractor_text',
+    'attractors_of',
+    'caution_texts',
+    'summary_of',
+    'summary_text',
+]
 
 _MOST_SHOWN = 8
 
@@ -62,6 +70,42 @@ def attractor_text(attractor: dict[str, Any]) -> str:
     return text
 
 
+def caution_texts(optimum: Optimum, names: Sequence[str]) -> list[str]:
+    """
+    Return what an optimum is next to, and what else the best rig can do, each in words.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        The best rig.
+    names : sequence of str
+        Name of each axis.
+    """
+    texts = []
+    for edge in optimum.edges:
+        assert edge.axis is not None
+        best, there = optimum.values[edge.axis], edge.values[edge.axis]
+        far = ''
+        if best:
+            percent = 100.0 * (there - best) / abs(best)
+            far = f' ({abs(percent):.2g} % {"more" if percent > 0.0 else "less"})'
+        texts.append(
+            f'edge: at {names[edge.axis]} = {there:.6g}{far} {_as_much(edge, optimum.measure)}, '
+            f'{edge.start}'
+        )
+    texts += [
+        f'the same rig {other.start}: {_as_much(other, optimum.measure)}'
+        for other in optimum.coexisting
+    ]
+    return texts
+
+
+def _as_much(nearby: Nearby, measure: str) -> str:
+    """Return the measure of another motion, and what motion it is."""
+    times = f', {nearby.ratio:.3g} times as much' if 0.0 < nearby.ratio < math.inf else ''
+    return f'{measure} is {nearby.measure:.5g}{times} ({attractor_text(vars(nearby))})'
+
+
 def summary_of(table: SweepTable, optimum: Optimum | None) -> dict[str, Any]:
     """Return counts, attractors and optimum of a sweep."""
     ok = table.flags('ok')
@@ -74,7 +118,11 @@ def summary_of(table: SweepTable, optimum: Optimum | None) -> dict[str, Any]:
         'attractors': attractors_of(table),
         'optimum': None
         if optimum is None
-        else {**optimum.as_dict(), 'names': [axis.name for axis in table.plan.axes]},
+        else {
+            **optimum.as_dict(),
+            'names': [axis.name for axis in table.plan.axes],
+            'cautions': caution_texts(optimum, [axis.name for axis in table.plan.axes]),
+        },
     }
 
 
@@ -104,4 +152,5 @@ def summary_text(path: Path, summary: dict[str, Any]) -> str:
             f'  {optimum["best"]} {optimum["measure"]}: {optimum["value"]:.7g}{scatter} at '
             f'{at}{edge}'
         )
+        lines += [f'    {caution}' for caution in optimum['cautions']]
     return '\n'.join(lines)

@@ -1,6 +1,8 @@
 """
 The table of a sweep: Apache Parquet, with units, descriptions and the inputs in its metadata.
 
+A name that ends in .csv asks for CSV instead, with units and inputs in comments.
+
 Parquet and not Zarr: a row is a rig, with texts, missing values and lists of different lengths
 beside its numbers; it is one file that appears whole or not at all; and every tool that reads
 tables reads it. Zarr keeps large regular arrays of numbers, which this is not.
@@ -10,7 +12,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +21,18 @@ from numpy.typing import NDArray
 
 from .attractors import FAILED, identified
 from .sweep_columns import Column, Row, columns_of, place_of
+from .sweep_csv import csv_inputs, csv_rows, write_csv
 from .sweep_journal import Journal
 from .sweep_plan import SweepPlan
 
-__all__ = ['MetadataError', 'SweepTable', 'need_pyarrow', 'stored_inputs', 'write_table']
+__all__ = [
+    'FORMATS',
+    'MetadataError',
+    'SweepTable',
+    'need_pyarrow',
+    'stored_inputs',
+    'write_table',
+]
 
 Array = NDArray[np.float64]
 
@@ -30,6 +40,12 @@ _INPUTS = b'impact_damper_ros.sweep'
 #: What pandas shows as the attributes of the table.
 _PANDAS = b'PANDAS_ATTRS'
 _ROWS_AT_ONCE = 16384
+#: How the name of a table ends.
+FORMATS = ('.parquet', '.csv')
+
+
+def _is_csv(path: Path) -> bool:
+    return path.suffix.lower() == '.csv'
 
 
 class MetadataError(ValueError):
@@ -111,18 +127,14 @@ def write_table(plan: SweepPlan, journal: Journal, path: Path) -> None:
     journal : Journal
         Its journal, with all rigs.
     path : Path
-        The file.
+        The file; CSV if its name ends in .csv, else Parquet.
 
     Raises
     ------
     OSError
         If it cannot be written; what stood there before still does.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     columns = columns_of(plan)
-    schema = _schema(plan, columns)
     attractors = _attractors(plan, journal)
 
     def whole(index: int) -> Row:
@@ -133,23 +145,40 @@ def write_table(plan: SweepPlan, journal: Journal, path: Path) -> None:
 
     unfinished = path.with_name(path.name + '.tmp')
     try:
-        with unfinished.open('wb') as stream:
-            with pq.ParquetWriter(stream, schema, compression='zstd') as writer:
-                for first in range(0, plan.size, _ROWS_AT_ONCE):
-                    last = min(plan.size, first + _ROWS_AT_ONCE)
-                    rows = [whole(index) for index in range(first, last)]
-                    arrays = [
-                        pa.array([row.get(column.name) for row in rows], field.type)
-                        for column, field in zip(columns, schema, strict=True)
-                    ]
-                    writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
-            stream.flush()
-            os.fsync(stream.fileno())
+        if _is_csv(path):
+            with unfinished.open('w', encoding='utf-8', newline='') as text:
+                write_csv(text, plan.inputs(), columns, map(whole, range(plan.size)))
+                text.flush()
+                os.fsync(text.fileno())
+        else:
+            _write_parquet(plan, columns, whole, unfinished)
         unfinished.replace(path)
     except BaseException:
         unfinished.unlink(missing_ok=True)
         raise
     _sync_directory(path.parent)
+
+
+def _write_parquet(
+    plan: SweepPlan, columns: list[Column], whole: Callable[[int], Row], path: Path
+) -> None:
+    """Write all rows, some at once."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    schema = _schema(plan, columns)
+    with path.open('wb') as stream:
+        with pq.ParquetWriter(stream, schema, compression='zstd') as writer:
+            for first in range(0, plan.size, _ROWS_AT_ONCE):
+                last = min(plan.size, first + _ROWS_AT_ONCE)
+                rows = [whole(index) for index in range(first, last)]
+                arrays = [
+                    pa.array([row.get(column.name) for row in rows], field.type)
+                    for column, field in zip(columns, schema, strict=True)
+                ]
+                writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+        stream.flush()
+        os.fsync(stream.fileno())
 
 
 def _sync_directory(path: Path) -> None:
@@ -172,6 +201,11 @@ def stored_inputs(path: Path) -> dict[str, Any]:
     OSError
         If it cannot be read.
     """
+    if _is_csv(path):
+        try:
+            return csv_inputs(path)
+        except ValueError as error:
+            raise MetadataError(f'{path} is no table of a sweep') from error
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -181,6 +215,25 @@ def stored_inputs(path: Path) -> dict[str, Any]:
     except (pa.ArrowInvalid, KeyError, ValueError) as error:
         raise MetadataError(f'{path} is no table of a sweep') from error
     return inputs
+
+
+def _parquet(path: Path) -> Any:
+    import pyarrow.parquet as pq
+
+    return pq.read_table(path)
+
+
+def _table_of_csv(plan: SweepPlan, path: Path) -> Any:
+    import pyarrow as pa
+
+    columns = columns_of(plan)
+    schema = _schema(plan, columns)
+    try:
+        values = csv_rows(path, columns)
+        arrays = [pa.array(v, field.type) for v, field in zip(values, schema, strict=True)]
+        return pa.Table.from_arrays(arrays, schema=schema)
+    except (pa.ArrowInvalid, ValueError) as error:
+        raise MetadataError(f'{path} is not whole: {error}') from error
 
 
 class SweepTable:
@@ -206,10 +259,8 @@ class SweepTable:
     """
 
     def __init__(self, path: Path) -> None:
-        import pyarrow.parquet as pq
-
         self.plan = SweepPlan.from_inputs(stored_inputs(path))
-        self._table: Any = pq.read_table(path)
+        self._table: Any = _table_of_csv(self.plan, path) if _is_csv(path) else _parquet(path)
 
     def __len__(self) -> int:
         return int(self._table.num_rows)

@@ -20,12 +20,14 @@ from impact_damper_ros.analysis.compare_stretch import compare_stretch
 from impact_damper_ros.analysis.gap_curves import GapCurves
 from impact_damper_ros.analysis.run_comparison import RunComparison, StretchComparison
 from impact_damper_ros.commands.bag_stretches import BagStretches
+from impact_damper_ros.commands.command_line import add_version_option, announce
 from impact_damper_ros.commands.comparison_text import comparison_text
 from impact_damper_ros.commands.log_replay import replayed_log
 from impact_damper_ros.commands.outcome import outcome
 from impact_damper_ros.commands.outputs import check_directory, check_file, write_text
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig import load_parameters
+from impact_damper_ros.rig.shown import printable
 
 __all__ = ['main']
 
@@ -73,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
         help='the rig, for a bag that does not tell its parameters (recorded without snapshot)',
     )
     parser.add_argument('--quiet', action='store_true', help='no progress bar and no tables')
+    add_version_option(parser)
     return parser
 
 
@@ -92,6 +95,8 @@ def _bar(stack: ExitStack, what: str, total: float, unit: str, *, quiet: bool) -
 def _compared(arguments: argparse.Namespace) -> RunComparison:
     """Read the bag and compare its stretches."""
     rig = load_parameters(arguments.params)[0] if arguments.params is not None else None
+    if rig is not None and not arguments.quiet:
+        announce('compare_run', rig)
     stretches: list[StretchComparison] = []
     remarks: list[str] = []
     with ExitStack() as stack:
@@ -161,7 +166,7 @@ def _report(arguments: argparse.Namespace, comparison: RunComparison, command: s
         write_text(arguments.json, text)
     stream = sys.stderr if to_stdout else sys.stdout
     if not arguments.quiet:
-        print(comparison_text(comparison), file=stream)
+        print(printable(comparison_text(comparison)), file=stream)
     if arguments.report is not None:
         from impact_damper_ros.analysis.comparison_report import write_report
 

@@ -12,7 +12,7 @@ from impact_damper_ros.analysis.run_comparison import (
 )
 from impact_damper_ros.analysis.stretch_measures import EnergyBalance, ImpactStates, Overall
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.recording.errors import as_line
+from impact_damper_ros.rig.shown import as_line
 
 __all__ = ['comparison_text', 'stretch_text']
 

@@ -25,6 +25,7 @@ from tqdm import tqdm
 
 from impact_damper_ros.analysis.motion import Motion, Stretch, measure
 from impact_damper_ros.analysis.motion_figure import Closeup, draw_motion
+from impact_damper_ros.commands.command_line import add_version_option, say
 from impact_damper_ros.commands.outputs import check_directory, in_words
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording import JointState, ParameterEvent, RunReader, String
@@ -293,6 +294,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser('demo', description=__doc__.split('\n\n')[0])
     parser.add_argument('directory', nargs='?', type=Path, default=Path('demo_run'))
     parser.add_argument('--duration', type=float, default=30.0, help='seconds, at least 15 [30]')
+    add_version_option(parser)
     arguments = parser.parse_args(argv)
     duration = max(15.0, arguments.duration)
     directory: Path = arguments.directory.resolve()
@@ -300,7 +302,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         check_directory(directory)
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        print(f'demo: {in_words(error)}', file=sys.stderr)
+        say('demo', in_words(error))
         return 1
     _environment()
     from ament_index_python.packages import get_package_share_directory
@@ -315,7 +317,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         states, impacts = _perform(node, duration)
     except RuntimeError as error:
-        print(f'demo: {error}', file=sys.stderr)
+        say('demo', error)
         return 1
     except KeyboardInterrupt:
         print('demo: interrupted; the recording so far is kept', file=sys.stderr)

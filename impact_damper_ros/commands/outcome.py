@@ -6,9 +6,9 @@ import os
 import sys
 from collections.abc import Callable
 
+from impact_damper_ros.commands.command_line import say
 from impact_damper_ros.commands.outputs import in_words
 from impact_damper_ros.recording import RecordingError
-from impact_damper_ros.recording.errors import as_line
 
 __all__ = ['outcome']
 
@@ -33,8 +33,7 @@ def outcome(command: str, work: Callable[[], int]) -> int:
     try:
         return work()
     except (RecordingError, ValueError) as error:
-        text = '\n'.join(map(as_line, str(error).split('\n')))
-        print(f'{command}: {text}', file=sys.stderr)
+        say(command, error)
         return 2
     except KeyboardInterrupt:
         print(f'{command}: interrupted', file=sys.stderr)
@@ -43,5 +42,5 @@ def outcome(command: str, work: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        print(f'{command}: {in_words(error)}', file=sys.stderr)
+        say(command, in_words(error))
         return 1

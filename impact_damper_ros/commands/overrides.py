@@ -9,8 +9,6 @@ from itertools import groupby
 from math import isfinite
 from typing import Any, NamedTuple
 
-import yaml
-
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
@@ -19,6 +17,8 @@ from impact_damper_ros.rig import (
     ParameterError,
     RigParameters,
 )
+from impact_damper_ros.rig.guarded_yaml import YamlError, guarded_yaml_text
+from impact_damper_ros.rig.shown import named, shown
 
 __all__ = ['TimedChange', 'add_set_option', 'overridden', 'overridden_control', 'timed_changes']
 
@@ -65,12 +65,17 @@ def _values(
         name, equals, text = setting.partition('=')
         if not equals or name not in names:
             raise ValueError(
-                f'{option} {setting}: give NAME=VALUE with one of the names {", ".join(names)}'
+                f'{option} {named(setting)}: give NAME=VALUE with one of the names '
+                f'{", ".join(names)}'
             )
         try:
-            changes[name] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ValueError(f'{option} {setting}: {text!r} is not a value: {error}') from error
+            changes[name] = guarded_yaml_text(text)
+        except YamlError as error:
+            # The place would be that in a file
+            reason = str(error).removeprefix('line 1: ')
+            raise ValueError(
+                f'{option} {named(setting)}: {shown(text)} is not a value: {reason}'
+            ) from error
         if isinstance(changes[name], str):
             # YAML 1.1 takes 1e-3 for a text
             with suppress(ValueError):

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from impact_damper_ros.commands.command_line import add_version_option, say
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording import RecordingError, Recovery, recover_run
-from impact_damper_ros.recording.errors import as_line, printable
+from impact_damper_ros.rig.shown import as_line, printable
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -27,6 +28,7 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         help='directory of the new bag, which must not exist (default: BAG_recovered beside BAG)',
     )
+    add_version_option(parser)
     return parser
 
 
@@ -65,9 +67,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         recovery = recover_run(arguments.bag, arguments.output)
     except RecordingError as error:
-        print(f'recover_run: {error}', file=sys.stderr)
+        say('recover_run', error)
         return 1
-    print(report(recovery))
+    print(printable(report(recovery)))
     return 0
 
 

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from impact_damper_ros.analysis.response import Response
-from impact_damper_ros.recording.errors import as_line
 from impact_damper_ros.recording.replay_findings import Difference, Findings, Verdict
 from impact_damper_ros.recording.run_history import RunHistory
 from impact_damper_ros.recording.what_if import RecordedValues
+from impact_damper_ros.rig.shown import as_line
 
 __all__ = ['as_json', 'comparison_text', 'findings_text']
 

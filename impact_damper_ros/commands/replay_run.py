@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from impact_damper_ros.commands.command_line import add_version_option, announce
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.commands.outcome import outcome
 from impact_damper_ros.commands.outputs import check_figure, check_file, whole, write_text
@@ -20,7 +21,8 @@ from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording.replay import Replay
 from impact_damper_ros.recording.replayed_rig import setting_of
 from impact_damper_ros.recording.run_history import RunHistory
-from impact_damper_ros.rig import Event, Sample
+from impact_damper_ros.rig import PARAMETER_SPECS, Event, Sample
+from impact_damper_ros.rig.shown import printable
 
 __all__ = ['main']
 
@@ -76,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
         '--impacts', type=Path, metavar='FILE.csv', help='write its impacts as CSV, likewise'
     )
     parser.add_argument('--quiet', action='store_true', help='no progress bar and no report')
+    add_version_option(parser)
     return parser
 
 
@@ -146,7 +149,7 @@ def _report(arguments: argparse.Namespace, replay: Replay, comparison: Compariso
         content = json.dumps(result, indent=2) + '\n'
         write_text(arguments.json, content)
     if not arguments.quiet:
-        print(text, file=sys.stderr if to_stdout else sys.stdout)
+        print(printable(text), file=sys.stderr if to_stdout else sys.stdout)
     return findings.verdict.value if findings.samples else 2
 
 
@@ -173,7 +176,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         replay = Replay(RunHistory(arguments.bag, arguments.node))
         if arguments.set:
             # A slip of the pen is told at once.
-            held_values(arguments.set, setting_of(replay.history.start.state))
+            logged = setting_of(replay.history.start.state)
+            held, _ = held_values(arguments.set, logged)
+            if not arguments.quiet:
+                rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}
+                announce('replay_run', logged.rig.replace(**rig))
         return _report(arguments, replay, _run(arguments, replay))
 
     return outcome('replay_run', work)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.analysis.process_pool import ProcessPool
+from impact_damper_ros.commands.command_line import add_version_option, say
 from impact_damper_ros.commands.outputs import check_directory, in_words
 from impact_damper_ros.commands.whole_number import add_jobs_option
 from impact_damper_ros.entry_points import run
@@ -57,6 +58,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar='2a,4,...',
         help='these figures only; a panel stands for its figure, and README.md is not written',
     )
+    add_version_option(parser)
     return parser
 
 
@@ -137,7 +139,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _run(arguments)
     except ValueError as error:
-        print(f'reproduce_paper: {error}', file=sys.stderr)
+        say('reproduce_paper', error)
         return EXIT_INPUT
     except BrokenProcessPool:
         print(
@@ -146,7 +148,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return EXIT_WRITE
     except OSError as error:
-        print(f'reproduce_paper: {in_words(error, arguments.output)}', file=sys.stderr)
+        say('reproduce_paper', in_words(error, arguments.output))
         return EXIT_WRITE
     except KeyboardInterrupt:
         print('reproduce_paper: interrupted, nothing half-written is left', file=sys.stderr)

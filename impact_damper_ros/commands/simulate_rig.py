@@ -17,6 +17,12 @@ from typing import IO
 from tqdm import tqdm
 
 from impact_damper_ros.analysis.swing import Swing
+from impact_damper_ros.commands.command_line import (
+    add_params_argument,
+    add_version_option,
+    announce,
+    say,
+)
 from impact_damper_ros.commands.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.commands.outputs import in_words
 from impact_damper_ros.commands.overrides import (
@@ -75,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('params', type=Path, metavar='PARAMS.yaml', help='ROS 2 parameters file')
+    add_params_argument(parser)
     parser.add_argument(
         '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
     )
@@ -116,6 +122,7 @@ def _parser() -> argparse.ArgumentParser:
         'repeated; changes at one time take effect together',
     )
     parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
+    add_version_option(parser)
     return parser
 
 
@@ -355,8 +362,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         parameters, initial = overridden(settings, parameters, initial)
         changes = timed_changes(arguments.change, parameters, control, arguments.duration)
     except ValueError as error:
-        print(f'simulate_rig: {error}', file=sys.stderr)
+        say('simulate_rig', error)
         return 2
+    if not arguments.quiet:
+        announce('simulate_rig', parameters, control)
     try:
         summary = _run(arguments, parameters, initial, control, changes)
     except KeyboardInterrupt:
@@ -366,10 +375,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 1
     except RecordingError as error:
-        print(f'simulate_rig: {error}', file=sys.stderr)
+        say('simulate_rig', error)
         return 1
     except OSError as error:
-        print(f'simulate_rig: {in_words(error)}', file=sys.stderr)
+        say('simulate_rig', in_words(error))
         return 1
     if not arguments.quiet:
         print(summary, file=sys.stderr)

@@ -8,9 +8,17 @@ import json
 import math
 import os
 import sys
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
+from impact_damper_ros.commands.command_line import (
+    add_params_argument,
+    add_version_option,
+    hint,
+    rig_line,
+    say,
+)
 from impact_damper_ros.commands.outputs import check_file, in_words, write_text
 from impact_damper_ros.commands.overrides import add_set_option, overridden
 from impact_damper_ros.commands.whole_number import up_to
@@ -60,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('params', type=Path, metavar='PARAMS.yaml', help='ROS 2 parameters file')
+    add_params_argument(parser)
     parser.add_argument(
         '--impacts', type=up_to(64), required=True, metavar='N', help='impacts in one period'
     )
@@ -82,6 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_set_option(parser)
     parser.add_argument('--quiet', action='store_true', help='no table')
+    add_version_option(parser)
     return parser
 
 
@@ -189,12 +198,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         parameters, _ = overridden(arguments.set, parameters, initial)
         if arguments.json is not None:
             check_file(arguments.json)  # before the work, not after it
+        if not arguments.quiet:
+            hint('solve_periodic', parameters)
         searches = _searches(parameters, arguments)
     except ValueError as error:
-        print(f'solve_periodic: {error}', file=sys.stderr)
+        say('solve_periodic', error)
         return EXIT_INPUT
     except OSError as error:
-        print(f'solve_periodic: {in_words(error)}', file=sys.stderr)
+        say('solve_periodic', in_words(error))
         return EXIT_WRITE
     except KeyboardInterrupt:
         print('solve_periodic: interrupted', file=sys.stderr)
@@ -207,11 +218,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             write_text(arguments.json, text)
         except OSError as error:
-            print(f'solve_periodic: {in_words(error)}', file=sys.stderr)
+            say('solve_periodic', in_words(error))
             return EXIT_WRITE
     if not arguments.quiet:
         table = sys.stderr if to_stdout else sys.stdout
-        texts = [search.report.text for search in searches]
+        texts = [textwrap.fill(rig_line(parameters), 99, subsequent_indent='  ')]
+        texts += [search.report.text for search in searches]
         texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
         try:
             print('\n'.join(texts), file=table, flush=True)
@@ -220,7 +232,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     code, complaint = _verdict(searches, arguments)
     if complaint:
-        print(f'solve_periodic: {complaint}', file=sys.stderr)
+        say('solve_periodic', complaint)
     return code
 
 

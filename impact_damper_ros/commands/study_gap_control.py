@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.analysis.process_pool import ProcessPool
+from impact_damper_ros.commands.command_line import add_version_option, say
 from impact_damper_ros.commands.outputs import check_directory, in_words
 from impact_damper_ros.commands.whole_number import add_jobs_option
 from impact_damper_ros.entry_points import run
@@ -49,6 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_jobs_option(parser)
     parser.add_argument('--quick', action='store_true', help='a few runs of each part')
+    add_version_option(parser)
     return parser
 
 
@@ -118,7 +120,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return 1
     except OSError as error:
-        print(f'study_gap_control: {in_words(error, arguments.output)}', file=sys.stderr)
+        say('study_gap_control', in_words(error, arguments.output))
         return 1
     except KeyboardInterrupt:
         print('study_gap_control: interrupted', file=sys.stderr)

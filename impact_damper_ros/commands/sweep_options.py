@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from impact_damper_ros.analysis.settling_rig import Settling
 from impact_damper_ros.analysis.sweep_axes import (
     Axis,
@@ -19,6 +17,7 @@ from impact_damper_ros.analysis.sweep_axes import (
 )
 from impact_damper_ros.analysis.sweep_columns import MEASURES
 from impact_damper_ros.analysis.sweep_plan import Follow, SweepPlan
+from impact_damper_ros.commands.command_line import add_params_argument, add_version_option
 from impact_damper_ros.commands.overrides import (
     add_set_option,
     overridden,
@@ -27,15 +26,16 @@ from impact_damper_ros.commands.overrides import (
 from impact_damper_ros.commands.whole_number import up_to
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import RigParameters, load_parameters
+from impact_damper_ros.rig.guarded_yaml import YamlError, guarded_yaml
 
 __all__ = ['parser', 'plan_of']
 _DEFAULT = Settling()
 
 _DESCRIPTION = """\
 Run an impact damper for many values of any of its parameters and initial conditions, each until
-its motion has settled, and write what it settles into as a table (Parquet): largest and rms X,
-impacts per cycle, period and stops, Lyapunov exponent, shares of time in chatter, sticking and
-at rest, and the section of the motion. All quantities are in SI units.
+its motion has settled, and write what it settles into as a table (Parquet or CSV): largest and
+rms X, impacts per cycle, period and stops, Lyapunov exponent, shares of time in chatter, sticking
+and at rest, and the section of the motion. All quantities are in SI units.
 """
 _EPILOG = """\
 RANGE is LOW:HIGH:COUNT, LOW:HIGH:COUNT:log, or a list such as 10,20,40. Several names before it
@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = options.add_argument
-    add('params', type=Path, metavar='PARAMS.yaml', help='ROS 2 parameters file of the rig')
+    add_params_argument(options)
     add(
         '--vary',
         action='append',
@@ -81,8 +81,9 @@ def parser() -> argparse.ArgumentParser:
         *('-o', '--output'),
         type=Path,
         required=True,
-        metavar='FILE.parquet',
-        help='the table; while the sweep runs, what is done is in FILE.parquet.part',
+        metavar='FILE',
+        help='the table: a name that ends in .parquet or .csv; while the sweep runs, what is done '
+        'is in FILE.part',
     )
     add('--overwrite', action='store_true', help='replace the table of another sweep')
     add(
@@ -155,6 +156,7 @@ def parser() -> argparse.ArgumentParser:
         help='run on the workers of this Dask scheduler, such as tcp://10.0.0.1:8786',
     )
     add('--quiet', action='store_true', help='no progress bar and no summary')
+    add_version_option(options)
     return options
 
 
@@ -165,9 +167,12 @@ def _cores() -> int:
 def _ranges(path: Path, rig: RigParameters) -> list[Axis]:
     """Read the axes of a ranges file."""
     try:
-        content: Any = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise AxisError(f'{path}: cannot be read ({error}): give a YAML file') from error
+        content: Any = guarded_yaml(path)
+    except OSError as error:
+        reason = error.strerror or error
+        raise AxisError(f'{path}: cannot be read ({reason}): give a YAML file') from error
+    except YamlError as error:
+        raise AxisError(f'{path}: {error}') from error
     ranges = content.get('vary') if isinstance(content, dict) else None
     if not isinstance(ranges, dict) or set(content) != {'vary'}:
         raise AxisError(

@@ -32,12 +32,14 @@ from impact_damper_ros.analysis.sweep_plan import SweepPlan
 from impact_damper_ros.analysis.sweep_run import run_sweep
 from impact_damper_ros.analysis.sweep_summary import summary_of, summary_text
 from impact_damper_ros.analysis.sweep_table import (
+    FORMATS,
     MetadataError,
     SweepTable,
     need_pyarrow,
     stored_inputs,
     write_table,
 )
+from impact_damper_ros.commands.command_line import announce, say
 from impact_damper_ros.commands.outputs import check_figure, check_file, in_words, write_text
 from impact_damper_ros.commands.sweep_options import parser, plan_of
 from impact_damper_ros.entry_points import run
@@ -58,6 +60,12 @@ class _StopError(Exception):
 def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
     """Find out before the work what could not be written after it."""
     figures: list[Path] = arguments.figure
+    if arguments.output.suffix.lower() not in FORMATS:
+        raise _StopError(
+            f'{arguments.output}: give the table a name that ends in .parquet (for pandas and '
+            'xarray, with units) or .csv (for a spreadsheet)',
+            EXIT_INPUT,
+        )
     outputs = [arguments.output, *figures, *([arguments.json] if arguments.json else [])]
     for path in outputs:
         if str(path) == '-' and path is not arguments.output:
@@ -81,6 +89,18 @@ def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
             'the table',
             EXIT_INPUT,
         )
+
+
+def _announce(plan: SweepPlan) -> None:
+    """Say what is swept, and whether frequencies look as if they were in Hz."""
+    varied = [
+        (float(axis.values[0]), float(axis.values[-1]))
+        for axis in plan.axes
+        if any(target.name == 'force_frequencies' and not target.index for target in axis.targets)
+    ]
+    announce(
+        *('sweep_rig', plan.parameters, plan.control), frequencies=varied[0] if varied else None
+    )
 
 
 def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
@@ -252,17 +272,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         need_pyarrow()
         plan = plan_of(arguments)
         _check_outputs(arguments, plan)
+        if not arguments.quiet:
+            _announce(plan)
         with _stopped_by_sigterm():
             _sweep(arguments, plan)
             return _report(arguments)
     except (ImportError, ValueError) as error:
-        print(f'sweep_rig: {error}', file=sys.stderr)
+        say('sweep_rig', error)
         return EXIT_INPUT
     except _StopError as error:
-        print(f'sweep_rig: {error}', file=sys.stderr)
+        say('sweep_rig', error)
         return error.code
     except OSError as error:
-        print(f'sweep_rig: {in_words(error)}', file=sys.stderr)
+        say('sweep_rig', in_words(error))
         return EXIT_WRITE
     except KeyboardInterrupt:
         print('sweep_rig: interrupted; give the same command again to go on', file=sys.stderr)

@@ -17,6 +17,7 @@ from impact_damper_ros.nodes.rig_parameters import (
     resized_force,
 )
 from impact_damper_ros.rig import ParameterError
+from impact_damper_ros.rig.shown import named, shown
 
 __all__ = ['LiveParameters']
 
@@ -74,13 +75,13 @@ class LiveParameters:
             if not has(name):
                 near = nearest_name(name)
                 hint = f'did you mean {near}?' if near else 'see: ros2 param list'
-                return f'{name} is not a parameter of this node: {hint}'
+                return f'{named(name)} is not a parameter of this node: {hint}'
             if name not in ALL_SPECS:
                 continue
             if name in READ_ONLY:
                 return (
                     f'{name} is fixed while the node runs: start it with '
-                    f'--ros-args -p {name}:={parameter.value}'
+                    f'--ros-args -p {name}:={shown(parameter.value)}'
                 )
             values[name] = parameter.value
         try:

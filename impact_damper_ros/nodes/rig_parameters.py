@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -25,6 +26,7 @@ from impact_damper_ros.rig import (
     ParameterSpec,
     RigParameters,
 )
+from impact_damper_ros.rig.shown import named, printable, shown
 
 __all__ = [
     'ALL_SPECS',
@@ -41,6 +43,12 @@ __all__ = [
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
 READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_priority')
 SLOWEST_FACTOR = 1e-3
+#: No name as long as this is a slip of the pen.
+_LONGEST_NAME = 80
+#: Of `bag_directory`; a recording adds to it, and the system has 4096.
+_LONGEST_PATH = 1000
+#: Most warnings of one kind.
+_MOST_WARNINGS = 8
 # A name this similar to a known one is a slip of the pen, not meant for another node.
 SLIP_OF_THE_PEN = 0.75
 
@@ -97,7 +105,7 @@ SETTING_SPECS: dict[str, ParameterSpec] = {
         ParameterSpec('record', 'Record the run to MCAP.', '', None, None, 'bool', False),
         ParameterSpec(
             'bag_directory',
-            'Directory in which every recording makes its own.',
+            'Directory in which every recording makes its own; ~ is the home directory.',
             '',
             None,
             None,
@@ -173,6 +181,8 @@ class NodeParameters:
             for name, v in values.items()
             if name in SETTING_SPECS
         }
+        if 'bag_directory' in settings:
+            settings['bag_directory'] = _directory(settings['bag_directory'])
         factor = settings.get('real_time_factor', 1.0)
         if isinstance(factor, float) and 0.0 < factor < SLOWEST_FACTOR:
             raise ParameterError(
@@ -194,6 +204,33 @@ class NodeParameters:
         settings = {name: getattr(self, name) for name in SETTING_SPECS}
         parts = (self.rig, self.initial, self.control)
         return {name: v for part in parts for name, v in part.as_dict().items()} | settings
+
+
+def _directory(text: str) -> str:
+    """
+    Return where recordings go, with the home directory in place of ~.
+
+    Raises
+    ------
+    ParameterError
+        If the text is no path that anybody would mean.
+    """
+    if len(text) > _LONGEST_PATH or printable(text) != text or {'\n', '\t'} & set(text):
+        raise ParameterError(
+            'bag_directory',
+            f'bag_directory is {shown(text)}: give a path of at most {_LONGEST_PATH} characters, '
+            'without newlines and other control characters',
+        )
+    if not text.startswith('~'):
+        return text
+    try:
+        return str(Path(text).expanduser())
+    except RuntimeError:
+        raise ParameterError(
+            'bag_directory',
+            f'bag_directory is {shown(text)}: there is no such home directory, write it out (or '
+            './~ for a directory of that name)',
+        ) from None
 
 
 def descriptor(spec: ParameterSpec) -> Any:
@@ -308,6 +345,8 @@ def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, li
 
 def nearest_name(name: str, cutoff: float = 0.5) -> str:
     """Return the known parameter that is written most like this one, or an empty text."""
+    if len(name) > _LONGEST_NAME:
+        return ''
     return ''.join(difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=cutoff))
 
 
@@ -333,12 +372,16 @@ def parameters_from_overrides(
         If a value is bad, or a name misspelt.
     """
     strange = [n for n in overrides if n not in ALL_SPECS and n not in set(declared)]
-    for name in strange:
-        if name.startswith('qos_overrides.'):
-            continue
+    foreign = [name for name in strange if not name.startswith('qos_overrides.')]
+    for name in foreign:
         if near := nearest_name(name, SLIP_OF_THE_PEN):
-            raise ParameterError(name, f'{name} is not a parameter of this node: write {near}')
-        warn(f'parameter {name} is not one of this node; it is ignored')
+            raise ParameterError(
+                name, f'{named(name)} is not a parameter of this node: write {near}'
+            )
+    for name in foreign[:_MOST_WARNINGS]:
+        warn(f'parameter {named(name)} is not one of this node; it is ignored')
+    if len(foreign) > _MOST_WARNINGS:
+        warn(f'{len(foreign) - _MOST_WARNINGS} parameters more are ignored as well')
     values = {
         name: _as_meant(spec, overrides[name])
         for name, spec in ALL_SPECS.items()

@@ -30,7 +30,12 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.nodes.command_line import answer_foreign, in_words, refuse
+from impact_damper_ros.nodes.command_line import (
+    answer_foreign,
+    check_params_files,
+    in_words,
+    refuse,
+)
 from impact_damper_ros.nodes.diagnostics import Diagnostics
 from impact_damper_ros.nodes.end_request import EndRequest
 from impact_damper_ros.nodes.engine import Engine
@@ -52,6 +57,7 @@ from impact_damper_ros.nodes.scheduling import (
     priority_of_others,
 )
 from impact_damper_ros.nodes.serialisation import serialised
+from impact_damper_ros.nodes.start_message import Namesakes, start_message
 
 __all__ = ['SimNode', 'main']
 
@@ -83,7 +89,7 @@ class SimNode(Node):
         declared = self.list_parameters([], 0).names
         parameters = parameters_from_overrides(overrides, declared, self.get_logger().warning)
         self._declare(parameters)
-        outlets = self._advertise(parameters)
+        outlets = self._outlets = self._advertise(parameters)
         self._woken = self.create_guard_condition(lambda: None)
         self._predicted = self.create_guard_condition(self._report_motion)
         priority = parameters.real_time_priority if parameters.real_time_factor else 0
@@ -133,8 +139,18 @@ class SimNode(Node):
             self._recorder.begin(self._dump())
 
     def start(self) -> None:
-        """Set the rig going."""
+        """Set the rig going, and say what runs."""
         self.engine.start()
+        name, log = self.get_fully_qualified_name(), self.get_logger()
+        log.info(start_message(self._live.now, self._outlets, name, self._recorder.path))
+        self._namesakes = Namesakes(name, self.get_node_names_and_namespaces, log.warning)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._looking = self.create_timer(REPORT_PERIOD_S, self._look_for_namesakes, clock=steady)
+
+    def _look_for_namesakes(self) -> None:
+        self._namesakes.look()
+        if self._namesakes.done:
+            self._looking.cancel()
 
     def wake(self) -> None:
         """Let the executor look whether it is to go on; from any thread."""
@@ -322,6 +338,7 @@ def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> in
 def _serve(arguments: Sequence[str], end: EndRequest) -> int:
     """Run the node on ROS, and leave it; return the exit code."""
     try:
+        check_params_files(arguments)
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         return refuse(in_words(error))

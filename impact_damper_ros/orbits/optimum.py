@@ -62,6 +62,9 @@ class OptimalGap:
         Whether it is a minimum, or what ends the motion just beyond.
     beyond : str
         What happens just beyond, with numbers; empty for a minimum.
+    coexisting : str
+        What else the same rig can do, with numbers: stable, viable motions with the same stops,
+        and the one without impacts of a level rig; empty if nothing of that is known.
     evaluations : int
         Number of gaps at which the motions were found.
     """
@@ -71,6 +74,7 @@ class OptimalGap:
     bracket: tuple[float, float]
     limit: Limit
     beyond: str
+    coexisting: str
     evaluations: int
 
     @property
@@ -237,6 +241,33 @@ def _instability(orbit: PeriodicOrbit) -> str:
     )
 
 
+def _coexisting(orbit: PeriodicOrbit, viable: Sequence[PeriodicOrbit]) -> str:
+    """Say what other stable motions the rig of a motion has."""
+    others = [other for other in viable if other.stable and orbit.differs(other) > _SAME_BRANCH]
+    told = [('with the same stops', other.x_max) for other in others]
+    told += _without_impacts(orbit.parameters)
+    return '; '.join(
+        f'M can also move by {swing:.6g} m {words}, {swing / orbit.x_max:.3g} times as much'
+        for words, swing in told
+    )
+
+
+def _without_impacts(rig: RigParameters) -> list[tuple[str, float]]:
+    """Return the steady vibrations of a level rig that reach no stop, in words, with their X."""
+    if rig.angle or rig.air_force:
+        return []
+    found = []
+    hold = rig.friction * rig.gravity
+    if hold == 0.0 and rig.response_amplitude <= 0.5 * rig.gap:
+        # m stays where it is
+        found.append(('without impacts', rig.response_amplitude))
+    joined = rig.replace(primary_mass=rig.primary_mass + rig.damper_mass)
+    swing = joined.response_amplitude
+    if 0.0 < swing * rig.force_frequencies[0] ** 2 <= hold:
+        found.append(('with m held by friction', swing))
+    return found
+
+
 def optimal_gap(
     rig: RigParameters,
     *,
@@ -329,6 +360,7 @@ def optimal_gap(
         bracket=(left, right),
         limit=limit,
         beyond=beyond,
+        coexisting=_coexisting(orbit, search.viable(gap)),
         evaluations=len(search.known),
     )
 

@@ -15,7 +15,8 @@ from typing import Any
 
 from mcap.opcode import Opcode
 
-from .errors import shown
+from impact_damper_ros.rig.shown import shown
+
 from .mcap_scan import Scan, jump_text, open_file
 
 __all__ = ['check_summary', 'listing_faults', 'listing_remarks', 'number_faults']

@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
-__all__ = ['RecordingError', 'as_line', 'printable', 'shown']
+from impact_damper_ros.rig.shown import as_line
+
+__all__ = ['RecordingError']
 
 _SPACE = 'free some space there, or record to another file system (parameter bag_directory)'
 _RIGHTS = 'give yourself write permission there, or choose another directory'
@@ -30,39 +32,6 @@ _KNOWN: dict[int, tuple[str, str]] = {
     errno.EMFILE: ('too many files are open', 'close some, or raise the limit (ulimit -n)'),
     errno.EIO: ('the device reports an input/output error', 'check the disk and its cable'),
 }
-
-
-#: Characters of a value from a file that are shown in a message.
-_MOST_SHOWN = 200
-#: Characters of a line.
-_LONGEST_LINE = 2000
-
-
-def printable(text: str) -> str:
-    """
-    Return one line of text in which control characters are written as escapes.
-
-    What stands in a file must not steer the terminal: no escape sequences, no line breaks, no
-    characters that turn the direction of writing.
-    """
-    if text.isprintable():
-        return text
-    return ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
-
-
-def as_line(text: str) -> str:
-    """Return a text that may hold anything from a file as one printable line of bounded length."""
-    return printable(text if len(text) <= _LONGEST_LINE else f'{text[:_LONGEST_LINE]}...')
-
-
-def shown(value: object) -> str:
-    """Return a value from a file as a short, printable text."""
-    if isinstance(value, int) and abs(value) >= 10**40:
-        return f'a whole number of {value.bit_length()} bits'
-    text = printable(repr(value))
-    return (
-        text if len(text) <= _MOST_SHOWN else f'{text[:_MOST_SHOWN]}... ({len(text)} characters)'
-    )
 
 
 class RecordingError(Exception):
@@ -90,10 +59,10 @@ class RecordingError(Exception):
 
     def __init__(self, attempt: str, path: Path | str, cause: str, remedy: str = '') -> None:
         self.path = Path(path)
-        self.cause = printable(cause)
+        self.cause = as_line(cause)
         self.remedy = remedy
         text = f"cannot {attempt} '{path}': {cause}"
-        super().__init__(as_line(text) + (f'; {printable(remedy)}' if remedy else ''))
+        super().__init__(as_line(text) + (f'; {as_line(remedy)}' if remedy else ''))
 
     @classmethod
     def from_os_error(cls, attempt: str, path: Path | str, error: OSError) -> RecordingError:

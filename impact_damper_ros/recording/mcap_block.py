@@ -16,7 +16,9 @@ import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.opcode import Opcode
 
-from .errors import RecordingError, shown
+from impact_damper_ros.rig.shown import shown
+
+from .errors import RecordingError
 from .mcap_records import (
     CHUNK,
     HEAD,

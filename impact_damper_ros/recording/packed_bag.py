@@ -20,7 +20,9 @@ from typing import Any, BinaryIO
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from .errors import RecordingError, shown
+from impact_damper_ros.rig.shown import shown
+
+from .errors import RecordingError
 from .interface import definition
 from .mcap_scan import LARGEST_CHUNK, MAGIC, open_file
 

@@ -11,8 +11,10 @@ from typing import Any
 
 import yaml
 
+from impact_damper_ros.rig.shown import as_line
+
 from .bag_file import BagFile
-from .errors import RecordingError, printable
+from .errors import RecordingError
 from .mcap_scan import Scan, open_file, plain_content, read_block
 from .run_reader import RecordedTopic, RunReader
 from .topic import Channel, load_yaml
@@ -136,7 +138,7 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
         faults = tuple(reader.faults())
         whole = reader.complete and not faults and not unusable
         if not whole:
-            bag.custom['recovered_from'] = printable(source.name)
+            bag.custom['recovered_from'] = as_line(source.name)
         bag.finish()
     finally:
         bag.abandon()

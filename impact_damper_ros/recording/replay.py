@@ -34,6 +34,8 @@ __all__ = ['Replay', 'Tick']
 _LONGEST_GAP_NS = 6 * 3600 * 10**9
 #: The same from the snapshot that a recorder gets when it joins.
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
+#: Joint states that are held against `state_rate`, and by how many ns they may be off.
+_LOOKED_AT, _OFF_GRID_NS = 100, 2
 #: Messages replayed at once, at most and at least.
 _BATCH, _LEAST_BATCH = 8192, 64
 #: Joint states for which compiled code is worth its loading.
@@ -124,6 +126,8 @@ class Replay:
         self._before: list[tuple[float, tuple[tuple[float, ...], ...]]] = []
         self._left_out = 0
         self._begun = -inf
+        # Joint states per second as listed, and how many are known to lie on that grid
+        self._rate, self._on_grid = 0.0, 0
         topics = history.topics
         count = history.reader.topics[topics.joint_states].message_count
         self._batch = BatchReplay(
@@ -194,6 +198,7 @@ class Replay:
         # The first ones one by one: of an instant that the rig has reached, say
         while place < len(records) and (
             self.findings.end_ns is None
+            or (self._rate and self.history.stamped and self._on_grid < _LOOKED_AT)
             or self._steps
             or not self._ledger.even
             or records[place].stamp_ns - self.findings.offset_ns <= self._time_ns
@@ -269,6 +274,7 @@ class Replay:
         """Compare a sample."""
         stamp_ns, content, time_ns = record.stamp_ns, record.content, self._time_ns
         positions, velocities, *_ = self._check.numbers(content)
+        self._check_rate(record.stamp_ns)
         self._advance()
         if self.findings.end_ns is None:
             # A recorder that joins late gets the latched snapshot, and nothing of what happened
@@ -288,6 +294,17 @@ class Replay:
         steps, self._steps = self._steps, []
         x = sample.x + (positions[0] - numbers[0][0])
         return Tick(time_ns, x, velocities[0], sample, events, steps, self._begun)
+
+    def _check_rate(self, stamp_ns: int) -> None:
+        """Hold the first joint states against the rate that the parameters name."""
+        if not self._rate or not self.history.stamped or self._on_grid >= _LOOKED_AT:
+            return
+        self._on_grid += 1
+        tick = round(self._time_ns * self._rate / 1e9)
+        if abs(round(tick * 1e9 / self._rate) - self._time_ns) > _OFF_GRID_NS:
+            topic = self.history.topics.parameter_events
+            self._differ(stamp_ns, topic, 'state_rate', self._rate, None)
+            self._on_grid = _LOOKED_AT
 
     def _sampled(self) -> tuple[Sample, tuple[tuple[float, ...], ...]]:
         """Return the present motion, and the numbers of its joint states as published."""
@@ -349,8 +366,12 @@ class Replay:
         rate = change.values.get('state_rate')
         if isinstance(rate, float) and rate > 0.0:
             self._spacing.period_ns = 1e9 / rate
+            self._rate, self._on_grid = rate, 0
         if change.dump:
-            self._contradict(change.stamp_ns, self.replayed.take_dump(change.values))
+            found = self.replayed.take_dump(change.values)
+            if change.values.get('record') is False:
+                found.append(('record', False, True))
+            self._contradict(change.stamp_ns, found)
             return
         self._pending.append(change)
 

@@ -20,10 +20,11 @@ from typing import Any, NamedTuple
 from impact_damper_ros.control import GAP_CONTROL_SPECS, completed
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 from impact_damper_ros.rig.published import FORMAT
+from impact_damper_ros.rig.shown import as_line, shown
 from impact_damper_ros.rig.snapshot import ARITHMETIC, FORMATS, upgraded
 
 from .cdr import CdrError
-from .errors import RecordingError, printable, shown
+from .errors import RecordingError
 from .joint_state_bytes import header_ns
 from .messages import Parameter, ParameterEvent, String, decode
 from .rig_topics import PARAMETER_EVENT, STRING, find_topics
@@ -34,6 +35,8 @@ __all__ = ['Change', 'Disorder', 'Item', 'RunHistory', 'Snapshot', 'StateRecord'
 
 #: Formats of the messages that this version reads; see `rig.published.FORMAT`.
 _FORMATS = (1, FORMAT)
+#: Stamps of ROS have 32 bits of seconds, with a sign.
+_LATEST_NS = 2**31 * 10**9
 #: Messages among which those of one topic may overtake another's on their way to a recorder.
 _OVERTAKING = 2000
 #: Messages of a topic by which it is found out how a bag is stamped.
@@ -318,7 +321,12 @@ class RunHistory:
             if type(offset_ns) is not int or type(time_ns) is not int or time_ns < 0:
                 text = f'stamp_offset_ns is {shown(offset_ns)} and time_ns {shown(time_ns)}'
                 raise ValueError(f'{text}: whole numbers of nanoseconds are allowed')
-            reason, state = printable(str(held['reason'])), completed(upgraded(held['state']))
+            if abs(offset_ns) + time_ns >= _LATEST_NS:
+                raise ValueError(
+                    f'stamp_offset_ns is {offset_ns} and time_ns {time_ns}: stamps of ROS end at '
+                    f'{_LATEST_NS} ns'
+                )
+            reason, state = as_line(str(held['reason'])), completed(upgraded(held['state']))
             checked_state(state, time_ns / 1e9)
             arithmetic = held['state'].get('arithmetic', 1)
             if type(arithmetic) is not int:
@@ -352,7 +360,7 @@ class RunHistory:
 
 
 def _rig_values(parameters: tuple[Parameter, ...]) -> dict[str, Any]:
-    known = (*PARAMETER_SPECS, *INITIAL_SPECS, *GAP_CONTROL_SPECS, 'state_rate')
+    known = (*PARAMETER_SPECS, *INITIAL_SPECS, *GAP_CONTROL_SPECS, 'state_rate', 'record')
     return {p.name: p.value for p in parameters if p.name in known}
 
 

@@ -15,8 +15,7 @@ from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.control.controller import Controller
 from impact_damper_ros.rig import Mode
 from impact_damper_ros.rig.origin import Origin
-
-from .errors import shown
+from impact_damper_ros.rig.shown import shown
 
 __all__ = ['checked_state', 'parsed']
 

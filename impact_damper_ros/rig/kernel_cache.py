@@ -6,12 +6,16 @@ one file. A kernel calls others in other files; so all of them get one stamp fil
 a source, in a directory named by a digest of everything that compiled code depends on. Different
 versions of the package then live side by side, and nothing is ever written beside the sources,
 which may be read-only.
+
+Compiled code is loaded as it is found, and runs with the rights of whoever loads it. So a
+directory that belongs to somebody else, or that holds a file of somebody else, is not used.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -22,6 +26,7 @@ from pathlib import Path
 __all__ = ['compiling_alone', 'stamp_file']
 
 _STAMP = 'kernels.py'
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def _digest() -> str:
@@ -59,6 +64,32 @@ def _write_stamp(path: Path) -> None:
         raise
 
 
+def _is_own(path: Path) -> bool:
+    """Return whether a file or directory is one's own, and a link to it too, or gone."""
+    user = os.geteuid()
+    try:
+        return path.lstat().st_uid == user and path.stat().st_uid == user
+    except FileNotFoundError:
+        return True  # the draft of another process
+
+
+def _made_own(path: Path) -> bool:
+    """Make a directory for oneself alone; return whether it is so, with all that is in it."""
+    path.mkdir(mode=0o700, exist_ok=True)
+    if not _is_own(path):
+        return False
+    mode = stat.S_IMODE(path.stat().st_mode)
+    if mode & _OTHERS_WRITE:
+        path.chmod(mode & ~_OTHERS_WRITE)
+    return all(_is_own(inside) for inside in path.iterdir())
+
+
+def _is_open_to_all(path: Path) -> bool:
+    """Return whether anybody may put another directory in the place of one's own."""
+    mode = path.stat().st_mode
+    return bool(mode & stat.S_IWOTH) and not mode & stat.S_ISVTX
+
+
 def stamp_file() -> Path | None:
     """
     Return the file that stands for the kernels' sources, beside which numba keeps their code.
@@ -67,7 +98,8 @@ def stamp_file() -> Path | None:
     -------
     Path or None
         A file in the first writable of the directories that ``NUMBA_CACHE_DIR`` and
-        ``XDG_CACHE_HOME`` name and of ``~/.cache``; None if there is none, or no sources.
+        ``XDG_CACHE_HOME`` name and of ``~/.cache``; None if there is none, or no sources. One
+        that somebody else could have put code into is passed over.
     """
     try:
         folder = f'kernels-{_digest()}'
@@ -76,7 +108,11 @@ def stamp_file() -> Path | None:
     for base in _bases():
         path = base / 'impact_damper_ros' / folder / _STAMP
         try:
-            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            base.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if _is_open_to_all(base) or not all(
+                _made_own(place) for place in (path.parent.parent, path.parent)
+            ):
+                continue
             # numba's own files go here too: it must be writable now, not only have been once.
             _write_stamp(path)
         except OSError:

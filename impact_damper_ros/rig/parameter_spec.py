@@ -12,6 +12,8 @@ from dataclasses import field, fields
 from math import isfinite
 from typing import Any, Literal, NamedTuple, TypeAlias
 
+from .shown import shown
+
 __all__ = [
     'MAX_HARMONICS',
     'NUMBER_KINDS',
@@ -108,7 +110,9 @@ class ParameterSpec(NamedTuple):
         """
         if self.kind == 'bool':
             if not isinstance(value, bool):
-                raise ParameterError(self.name, f'{self.name} is {value!r}: give true or false')
+                raise ParameterError(
+                    self.name, f'{self.name} is {shown(value)}: give true or false'
+                )
             return value
         if self.kind == 'string':
             return self._text(value)
@@ -123,7 +127,7 @@ class ParameterSpec(NamedTuple):
             value = (value,)
         if isinstance(value, str | bytes) or not hasattr(value, '__iter__'):
             raise ParameterError(
-                self.name, f'{self.name} is {value!r}: give a list of numbers, such as [1.0]'
+                self.name, f'{self.name} is {shown(value)}: give a list of numbers, such as [1.0]'
             )
         entries = tuple(value)
         if not 1 <= len(entries) <= MAX_HARMONICS:
@@ -138,7 +142,8 @@ class ParameterSpec(NamedTuple):
     def _remedy(self) -> str:
         unit = f' {self.unit}' if self.unit else ''
         number = 'a whole number' if self.kind == 'integer' else 'a number'
-        return f'give {number} from {self.span}{unit}'
+        degrees = ' (10° = 0.1745 rad)' if self.unit == 'rad' else ''
+        return f'give {number} from {self.span}{unit}{degrees}'
 
     def _text(self, value: Any) -> str:
         if isinstance(value, bool):
@@ -146,10 +151,10 @@ class ParameterSpec(NamedTuple):
             value = {False: 'off', True: 'on'}[value] if self.choices else value
         if not isinstance(value, str) or not value.strip():
             remedy = f'give one of {self.span}' if self.choices else 'give a text'
-            raise ParameterError(self.name, f'{self.name} is {value!r}: {remedy}')
+            raise ParameterError(self.name, f'{self.name} is {shown(value)}: {remedy}')
         if self.choices and value not in self.choices:
             raise ParameterError(
-                self.name, f'{self.name} is {value!r}: give one of {", ".join(self.choices)}'
+                self.name, f'{self.name} is {shown(value)}: give one of {", ".join(self.choices)}'
             )
         return value
 
@@ -158,11 +163,11 @@ class ParameterSpec(NamedTuple):
         assert self.high is not None
         unit = f' {self.unit}' if self.unit else ''
         if isinstance(value, bool) or not hasattr(value, '__float__'):
-            raise ParameterError(self.name, f'{where} is {value!r}: {self._remedy}')
+            raise ParameterError(self.name, f'{where} is {shown(value)}: {self._remedy}')
         try:
             number = float(value)
         except (TypeError, ValueError, OverflowError):
-            raise ParameterError(self.name, f'{where} is {value!r}: {self._remedy}') from None
+            raise ParameterError(self.name, f'{where} is {shown(value)}: {self._remedy}') from None
         if not isfinite(number) or not self.low <= number <= self.high:
             raise ParameterError(self.name, f'{where} is {number!r}{unit}: {self._remedy}')
         return number

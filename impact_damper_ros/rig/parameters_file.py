@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Iterator
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from .parameters import INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, RigParameters
+from .guarded_yaml import Block, YamlError, guarded_yaml
+from .parameters import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    ParameterError,
+    RigParameters,
+)
+from .presets import preset_file, presets
+from .shown import named
 
 __all__ = ['ParametersFileError', 'load_parameters']
 
-_NODE_NAMES = ('/**', 'sim_node')
-# Other parameters that may stand in the same file: of the node, and of the gap control, which is
-# a layer above (`control.GAP_CONTROL_SPECS`; a test compares the names).
+# Other parameters that may stand in the same file: of the node, which ROS itself adds to, and of
+# the gap control. Both are layers above; tests compare the names with theirs.
 _OTHER_NAMES = (
     'state_rate',
     'real_time_factor',
     'publish_clock',
+    'real_time_priority',
+    'predict_motion',
     'record',
     'bag_directory',
     'use_sim_time',
+    'start_type_description_service',
     'gap_control',
     'gap_control_stops',
     'gap_control_gain',
@@ -49,17 +57,6 @@ class ParametersFileError(ValueError):
     """A parameters file that cannot be used; the message names file, cause and remedy."""
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML 1.1 as ROS reads it, but with numbers such as ``1e-3`` as numbers."""
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'^[-+]?(\d+(_\d+)*\.?\d*|\.\d+)([eE][-+]?\d+)$'),
-    list('-+0123456789.'),
-)
-
-
 def _flattened(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any]]:
     """Yield the names of nodes with what stands below them, nested namespaces joined."""
     for key, value in tree.items():
@@ -71,31 +68,38 @@ def _flattened(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any
             yield name, value
 
 
-def _parameter_blocks(tree: dict[Any, Any], path: Path) -> dict[str, Any]:
+def _parameter_blocks(tree: Block, path: Path) -> Block:
     """Merge the blocks that apply to the node, the more specific ones last."""
-    found: dict[str, Any] = {}
+    found = Block()
     blocks: list[tuple[int, str, dict[str, Any]]] = []
     for key, value in _flattened(tree):
         last = key.rstrip('/').rsplit('/', 1)[-1]
         if key in ('/**', '/*', '/**/*', '**') or last in ('sim_node', '**', '*'):
             if not isinstance(value, dict) or 'ros__parameters' not in value:
                 raise ParametersFileError(
-                    f'{path}: {key} has no ros__parameters: below it, write the line '
+                    f'{path}: {named(key)} has no ros__parameters: below it, write the line '
                     '"ros__parameters:" and the parameters below that'
                 )
             blocks.append((last == 'sim_node', key, value['ros__parameters'] or {}))
     if not blocks:
         raise ParametersFileError(
-            f'{path}: no parameters for sim_node among {", ".join(map(str, tree)) or "nothing"}: '
+            f'{path}: no parameters for sim_node among {_names(tree)}: '
             'start the file with "/**:" and, indented below it, "ros__parameters:"'
         )
     for _, key, block in sorted(blocks, key=lambda entry: entry[0]):
         if not isinstance(block, dict):
             raise ParametersFileError(
-                f'{path}: ros__parameters of {key} is not a list of "name: value" lines'
+                f'{path}: ros__parameters of {named(key)} is not a list of "name: value" lines'
             )
         found.update(block)
+        found.lines.update(getattr(block, 'lines', {}))
     return found
+
+
+def _names(tree: Block) -> str:
+    """Return the first names of a file."""
+    names = [named(key) for key, _ in zip(tree, range(8), strict=False)]
+    return ', '.join([*names, *(['...'] if len(tree) > 8 else [])]) or 'nothing'
 
 
 def load_parameters(
@@ -107,7 +111,8 @@ def load_parameters(
     Parameters
     ----------
     path : str or path
-        YAML file with ``/**: ros__parameters:`` or the same for ``sim_node``.
+        YAML file with ``/**: ros__parameters:`` or the same for ``sim_node``; or the name of a
+        preset, such as ``bench_rig``, if there is no such file.
     known : tuple of str, optional
         Names of other parameters that are allowed, besides those of node and gap control.
 
@@ -127,19 +132,19 @@ def load_parameters(
     ParameterError
         If a value is not admissible.
     """
-    path = Path(fspath(path))
+    path = preset_file(Path(fspath(path)))
     try:
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or error
+        tree = guarded_yaml(path)
+    except OSError as error:
+        remedy = 'give the path of a ROS 2 parameters file'
+        if isinstance(error, FileNotFoundError):
+            remedy += f', or a preset: {", ".join(presets())}'
         raise ParametersFileError(
-            f'{path}: cannot be read ({reason}): give the path of a ROS 2 parameters file'
+            f'{path}: cannot be read ({error.strerror or error}): {remedy}'
         ) from error
-    try:
-        tree = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
-        raise ParametersFileError(f'{path}: is not YAML: {error}') from error
-    if not isinstance(tree, dict) or not tree:
+    except YamlError as error:
+        raise ParametersFileError(f'{path}: {error}') from None
+    if not isinstance(tree, Block) or not tree:
         raise ParametersFileError(
             f'{path}: holds no parameters: start the file with "/**:" and, indented below it, '
             '"ros__parameters:"'
@@ -149,12 +154,19 @@ def load_parameters(
     for name in values:
         base = str(name).split('.')[0]
         if base not in allowed and base != 'qos_overrides':
-            close = difflib.get_close_matches(str(name), allowed, 1)
+            close = difflib.get_close_matches(str(name)[:80], allowed, 1)
             hint = f'did you mean {close[0]}?' if close else 'remove it'
-            raise ParametersFileError(f'{path}: unknown parameter {name}: {hint}')
-    parameters = RigParameters(**{k: v for k, v in values.items() if k in PARAMETER_SPECS})
-    initial = InitialConditions(**{k: v for k, v in values.items() if k in INITIAL_SPECS})
-    initial.check_within(parameters)
+            raise ParametersFileError(
+                f'{path}: line {values.lines[name]}: unknown parameter {named(name)}: {hint}'
+            )
+    try:
+        parameters = RigParameters(**{k: v for k, v in values.items() if k in PARAMETER_SPECS})
+        initial = InitialConditions(**{k: v for k, v in values.items() if k in INITIAL_SPECS})
+        initial.check_within(parameters)
+    except ParameterError as error:
+        line = values.lines.get(error.name)
+        place = f'line {line}: ' if line else ''
+        raise ParameterError(error.name, f'{path}: {place}{error}') from None
     other = {
         k: v for k, v in values.items() if k not in PARAMETER_SPECS and k not in INITIAL_SPECS
     }

@@ -5,6 +5,7 @@ import os
 import signal
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -35,11 +36,18 @@ def plan_of(*ranges, rig=RIG, start=START, follow=Follow.NONE, settling=BRIEF):
     return SweepPlan(rig, start, axes, follow, settling)
 
 
+def plan_with(value, *ranges, **others):
+    """Return a plan with a value more on its first axis, which the command would refuse."""
+    plan = plan_of(*ranges, **others)
+    first = replace(plan.axes[0], values=tuple(sorted((value, *plan.axes[0].values))))
+    return replace(plan, axes=(first, *plan.axes[1:]))
+
+
 #: Compressed air and elastic stops: ever more impacts.
 PUMPED = RigParameters(air_force=0.3, gravity=0.0, gap=5.0)
 LITTLE = Settling(cycles=100, watch=21, events=5000)
 #: From a gap that cannot be to one of another motion; some chaotic.
-MIXED = plan_of('gap=-2:40:15')
+MIXED = plan_with(-2.0, 'gap=1:40:14')
 FOLLOWED = plan_of('gap=6:30:9', 'restitution_1=0.7,0.75', follow=Follow.BOTH)
 
 
@@ -128,7 +136,7 @@ def test_a_rig_with_endless_events_is_a_row(tmp_path):
 
 def test_a_failing_rig_does_not_break_a_chain(tmp_path):
     """Those that follow take over the state of the last one that could be run."""
-    plan = plan_of('restitution_1=0.7,0.75,1.2,0.8', follow=Follow.UP)
+    plan = plan_with(1.2, 'restitution_1=0.7,0.75,0.8', follow=Follow.UP)
     table_of(plan, tmp_path / 'chain.parquet')
     table = SweepTable(tmp_path / 'chain.parquet')
     assert list(table.flags('ok')) == [True, True, True, False]
@@ -195,7 +203,7 @@ def test_a_journal_of_other_inputs_is_refused(tmp_path):
     path = tmp_path / 'sweep.parquet.part'
     with Journal(path, MIXED.inputs()) as journal:
         journal.add([Done(0, {'ok': False, 'reason': 'so'}, None)])
-    other = plan_of('gap=-2:40:15', rig=RIG.replace(damping=0.02))
+    other = plan_with(-2.0, 'gap=1:40:14', rig=RIG.replace(damping=0.02))
     with pytest.raises(JournalError) as refused:
         Journal(path, other.inputs())
     assert 'holds 1 rigs of a sweep with other inputs' in str(refused.value)

@@ -1,5 +1,8 @@
 """What is found in a sweep: attractors and their basins, the optimum, and the figures of them."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,14 +25,12 @@ RIG = RigParameters(gravity=0.0, force_frequencies=1.02)
 START = InitialConditions(initial_primary_position=1.0)
 
 
-def swept(tmp_path, *ranges, rig=RIG, start=START, follow=Follow.NONE, **settling):
-    plan = SweepPlan(
-        rig,
-        start,
-        tuple(axis_from_text(text, rig) for text in ranges),
-        follow,
-        Settling(**settling),
-    )
+def swept(tmp_path, *ranges, rig=RIG, start=START, follow=Follow.NONE, failing=None, **settling):
+    """Sweep; `failing` is a value more on the first axis, which the command would refuse."""
+    first, *others = (axis_from_text(text, rig) for text in ranges)
+    if failing is not None:
+        first = replace(first, values=(failing, *first.values))
+    plan = SweepPlan(rig, start, (first, *others), follow, Settling(**settling))
     path = tmp_path / 'sweep.parquet'
     with Journal(journal_path(path), plan.inputs()) as journal:
         run_sweep(plan, journal, Here(), at_once=1)
@@ -137,10 +138,77 @@ def test_optimum_of_a_surface(tmp_path):
     assert summary['rigs'] == 15
 
 
+@pytest.fixture(scope='module')
+def hysteresis(tmp_path_factory):
+    """Two impacts per cycle up to a gap of 57 m; from 48 m on M can also swing without any."""
+    place = tmp_path_factory.mktemp('both')
+    return swept(place, 'gap=40:80:21', start=InitialConditions(), follow=Follow.BOTH, cycles=1000)
+
+
+def test_optimum_at_a_cliff_names_edge_and_coexisting_motion(hysteresis, tmp_path):
+    found = find_optimum(hysteresis, 'x_max')
+    assert found.values[0] == pytest.approx(54.96, abs=0.02)
+    (edge,) = found.edges
+    # The two impacts are lost at 57 m, as continuation in the gap finds
+    assert edge.values[0] == pytest.approx(57.1, abs=0.2)
+    assert edge.axis == 0
+    assert edge.ratio > 5.0
+    assert edge.motion == 'chaotic'
+    swings = {other.start: other for other in found.coexisting}
+    without = swings['followed downwards']
+    assert without.motion == 'without impacts'
+    assert without.measure == pytest.approx(RIG.response_amplitude, rel=1e-6)
+    assert without.ratio == pytest.approx(9.22, abs=0.01)
+    assert without.values == found.values
+    summary = summary_of(hysteresis, found)
+    said = summary_text(tmp_path / 'sweep.parquet', summary)
+    assert f'edge: at gap = {edge.values[0]:.6g}' in said
+    assert '9.22 times as much (without impacts, 1 cycle)' in said
+    stored = json.loads(json.dumps(summary))['optimum']
+    assert stored['edges'][0]['ratio'] == edge.ratio
+    assert stored['coexisting'][-1]['motion'] == found.coexisting[-1].motion
+    assert len(stored['cautions']) == 1 + len(found.coexisting)
+
+
+def test_optimum_on_the_grid_names_what_the_table_shows(hysteresis):
+    found = find_optimum(hysteresis, 'x_max', refine=False)
+    assert found.trials == 0
+    assert found.grid_values == (54.0,)
+    (other,) = found.coexisting
+    assert (other.start, other.motion) == ('followed downwards', 'without impacts')
+    assert other.measure == pytest.approx(RIG.response_amplitude, rel=1e-6)
+    assert found.edges == ()
+    # At 56 m the next value is beyond the edge: of the greatest rms no other is better
+    narrow = find_optimum(hysteresis, 'x_max', Best.GREATEST, refine=False)
+    assert all(edge.ratio < 0.5 for edge in narrow.edges)
+
+
+def test_a_smooth_optimum_has_no_cautions(tmp_path):
+    """At resonance, followed, the least motion is 2 m from the end of its branch."""
+    rig = RigParameters(gravity=0.0, damping=0.1)
+    table = swept(tmp_path, 'gap=4:8:9', rig=rig, follow=Follow.UP, cycles=1000)
+    found = find_optimum(table, 'x_max')
+    summary = summary_of(table, found)
+    assert (found.edges, found.coexisting) == ((), ())
+    assert summary['optimum']['cautions'] == []
+
+
+def test_edges_are_in_the_figures(hysteresis):
+    pytest.importorskip('matplotlib')
+    from impact_damper_ros.analysis.bifurcation_figure import bifurcation_figure
+
+    found = find_optimum(hysteresis, 'x_max')
+    figure = bifurcation_figure(hysteresis, 'x_max', found)
+    labels = [text.get_text() for text in figure.legends[0].texts]
+    (edge,) = found.edges
+    assert f'edge at {edge.values[0]:.5g} (× {edge.ratio:.3g}, chaotic)' in labels
+    assert 'followed downwards (× 9.22, without impacts)' in labels
+
+
 def test_no_optimum_without_a_motion_that_repeats(tmp_path):
-    table = swept(tmp_path, 'gap=-2,-1')
+    table = swept(tmp_path, 'damping=2,3')
     assert find_optimum(table, 'x_max') is None
-    assert 'gap is -2.0 m' in summary_text(tmp_path, summary_of(table, None))
+    assert 'damping is 2.0 N s/m' in summary_text(tmp_path, summary_of(table, None))
 
 
 def panels(figure):
@@ -151,7 +219,7 @@ def test_bifurcation_diagram_has_units_and_every_impact(tmp_path):
     pytest.importorskip('matplotlib')
     from impact_damper_ros.analysis.bifurcation_figure import bifurcation_figure
 
-    table = swept(tmp_path, 'gap=-1,16,30', follow=Follow.BOTH, cycles=800)
+    table = swept(tmp_path, 'gap=16,30', failing=-1.0, follow=Follow.BOTH, cycles=800)
     figure = bifurcation_figure(table, 'x_max', find_optimum(table, 'x_max', refine=False))
     upper, middle, lower = panels(figure)
     assert upper.get_ylabel() == 'Phase of the impacts [cycles]'
@@ -170,7 +238,8 @@ def test_maps_are_written_the_same_each_time(tmp_path, suffix):
     from impact_damper_ros.analysis.surface_figure import surface_figure
     from impact_damper_ros.analysis.sweep_figure import draw_sweep
 
-    table = swept(tmp_path, 'gap=-1,12,30,200', 'damping=0.01:0.02:3', cycles=100, watch=21)
+    ranges = ('gap=12,30,200', 'damping=0.01:0.02:3')
+    table = swept(tmp_path, *ranges, failing=-1.0, cycles=100, watch=21)
     figure = surface_figure(table, 'x_max_ratio', None)
     (panel,) = panels(figure)
     assert panel.get_xlabel() == 'Gap d [m]'

@@ -84,6 +84,19 @@ def test_sweep_with_figure_and_findings(tmp_path, capsys):
     assert json.loads(found.read_text())['optimum']['measure'] == 'x_rms'
 
 
+def test_frequencies_that_look_like_hertz(tmp_path, capsys):
+    words = ('--jobs', 1, '--no-search', '--cycles', 50, '--watch', 21)
+    bench = ROOT / 'config' / 'bench_rig.yaml'
+    hertz = ('--vary', 'force_frequencies=4,6', *words, '-o', tmp_path / 'a.csv')
+    assert run(*hertz, params=bench) == 0
+    said = capsys.readouterr().err
+    assert 'natural frequency 5.00 Hz (31.42 rad/s), ζ 1.00 %' in said
+    assert 'if Hz were meant, give 25.1327 to 37.6991' in said
+    right = ('--vary', 'force_frequencies=25,38', *words, '-o', tmp_path / 'b.csv')
+    assert run(*right, params=bench) == 0
+    assert 'Hz were meant' not in capsys.readouterr().err
+
+
 def test_ranges_from_a_file(tmp_path):
     ranges = tmp_path / 'ranges.yaml'
     ranges.write_text('vary:\n  gap: {from: 24, to: 37, count: 2}\n')
@@ -178,12 +191,46 @@ def test_another_command_on_the_same_output_is_refused(tmp_path, capsys):
     assert table.read_bytes() != before
 
 
-def test_a_foreign_file_is_not_overwritten(tmp_path, capsys):
-    foreign = tmp_path / 'notes.txt'
+@pytest.mark.parametrize('name', ['notes.parquet', 'notes.csv'])
+def test_a_foreign_file_is_not_overwritten(tmp_path, capsys, name):
+    foreign = tmp_path / name
     foreign.write_text('mine')
     assert run(*BRIEF, '-o', foreign, '--quiet') == 2
-    assert 'notes.txt is no table of a sweep' in capsys.readouterr().err
+    assert f'{name} is no table of a sweep' in capsys.readouterr().err
     assert foreign.read_text() == 'mine'
+
+
+@pytest.mark.parametrize('name', ['a.txt', 'a', 'a.parquet.bak', '.csv'])
+def test_the_table_has_a_format_by_its_name(tmp_path, capsys, name):
+    assert run(*BRIEF, '-o', tmp_path / name, '--quiet') == 2
+    assert 'a name that ends in .parquet' in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_csv_holds_what_parquet_does(tmp_path):
+    """With harmonics that fail, lists, texts with commas and what is not known."""
+    words = (*AT_102, '--vary', 'damping=0.01,1.9,2.1', '--jobs', 1, '--quiet')
+    text, table, found = (tmp_path / name for name in ('a.csv', 'a.parquet', 'a.json'))
+    assert run(*words, '-o', table) == 0
+    assert run(*words, '-o', text, '--json', found) == 0
+    rows, expected = pd.read_csv(text, comment='#'), pd.read_parquet(table)
+    assert list(rows.columns) == list(expected.columns)
+    for name in ('x_max', 'lyapunov_exponent', 'x_max_ratio', 'period'):
+        assert list(rows[name].fillna(-1)) == list(expected[name].astype(float).fillna(-1))
+    assert list(rows.ok) == [True, True, False]
+    assert 'damping is 2.1' in rows.reason[2]
+    lists = [json.loads(cell) for cell in rows.section_x.dropna()]
+    assert lists == [list(cell) for cell in expected.section_x.dropna()]
+    head = [line for line in text.read_text().splitlines() if line.startswith('#')]
+    assert json.loads(head[2].removeprefix('# units: '))['x_max'] == 'm'
+    assert json.loads(found.read_text())['failed'] == 1
+    # Again: nothing is run; another sweep is refused
+    written = text.stat().st_mtime_ns
+    assert run(*words, '-o', text) == 0
+    assert text.stat().st_mtime_ns == written
+    assert run(*words, '--cycles', 600, '-o', text) == 2
+    text.write_text(''.join(text.read_text().splitlines(keepends=True)[:5])[:-40])
+    assert run(*words, '-o', text) == 2
 
 
 def test_full_disk_keeps_what_is_done(tmp_path, capsys):
@@ -205,8 +252,8 @@ def test_full_disk_keeps_what_is_done(tmp_path, capsys):
 
 
 def test_every_rig_failed(tmp_path, capsys):
-    assert run('--vary', 'gap=-2,-1', '--jobs', 1, '-o', tmp_path / 'a.parquet') == 4
-    assert '1 failed: gap is -2.0 m: give a number from' in capsys.readouterr().err
+    assert run('--vary', 'damping=2,3', '--jobs', 1, '-o', tmp_path / 'a.parquet') == 4
+    assert '1 failed: damping is 3.0 N s/m, a damping ratio of 1.5' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -214,6 +261,16 @@ def test_every_rig_failed(tmp_path, capsys):
     [
         (('--vary', 'gab=1:2:3'), "'gab' is not a parameter of the rig: did you mean gap?"),
         (('--vary', 'gap=1:2:0'), 'gap=1:2:0: 0 values'),
+        (
+            ('--vary', 'angle=0:45:4'),
+            'angle=0:45:4: angle is 15.0 rad: give a number from -1.5708 to 1.5708 rad '
+            '(10° = 0.1745 rad)',
+        ),
+        (('--vary', 'gap=1,2', '--set', 'angle=45'), 'angle is 45.0 rad: give a number from'),
+        (('--vary', 'restitution_1=restitution_2=0.5:1.5:9'), 'restitution_1 is 1.125: give'),
+        (('--vary', 'force_frequencies=-1,2'), 'force_frequencies[0] is -1.0 rad/s: give'),
+        (('--vary', 'multisine_lines=1,1000'), 'multisine_lines is 1000'),
+        (('--vary', 'initial_damper_velocity=0,1e10'), 'initial_damper_velocity is 1'),
         (('--vary', 'gap=nan:2:3'), "'nan' is not a finite number"),
         ((), 'nothing is varied'),
         (('--vary', 'gap=1,2', '--cycles', '0'), 'cycles is 0: give a whole number'),

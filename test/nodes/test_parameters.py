@@ -1,12 +1,16 @@
 """The parameters of a running node, over the services that `ros2 param` uses."""
 
+import json
 import math
 
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 
+from impact_damper_ros.commands.simulate_rig import main
 from impact_damper_ros.nodes.rig_parameters import ALL_SPECS, READ_ONLY
+from impact_damper_ros.rig import load_parameters
+from nodes.rig_client import until
 
 TYPES = {
     'bool': ParameterType.PARAMETER_BOOL,
@@ -150,3 +154,72 @@ def test_bad_parameters_at_start_end_the_node(launch):
         assert 'Traceback' not in process.output
         (line,) = [line for line in process.output.splitlines() if 'cannot start' in line]
         assert words in line
+
+
+def test_commands_take_a_parameters_file_with_all_that_the_node_has(rig, tmp_path):
+    """As `ros2 param dump` writes it; the commands read it without ROS, by a list of names."""
+    names = rig.parameters.names()
+    values = dict(zip(names, rig.parameters.get(*names), strict=True))
+    assert {'real_time_priority', 'predict_motion'} <= values.keys()
+    lines = [f'    {name}: {json.dumps(_plain(value))}' for name, value in values.items()]
+    path = tmp_path / 'dumped.yaml'
+    path.write_text('\n'.join(['/sim_node:', '  ros__parameters:', *lines, '']))
+    loaded, initial, other = load_parameters(path)
+    named = {**loaded.as_dict(), **initial.as_dict(), **other}
+    assert named.keys() == values.keys()
+    assert named['stiffness'] == values['stiffness']
+    assert main([str(path), '--duration', '0.1', '--quiet']) == 0
+
+
+def _plain(value):
+    return list(value) if hasattr(value, '__len__') and not isinstance(value, str) else value
+
+
+HEAD = '/**:\n  ros__parameters:\n'
+
+
+def test_parameters_files_that_ros_would_take_long_for(launch, tmp_path):
+    """Or would take the last of two values from."""
+    cases = {
+        'more than 20000 names and values': HEAD
+        + f'    force_amplitudes: [{", ".join(["1.0"] * 100_000)}]\n',
+        'longer than 1 MB': HEAD + '    gap: 3.0\n' + '# no\n' * 300_000,
+        "line 4: 'gap' stands there twice": HEAD + '    gap: 3.0\n    gap: 4.0\n',
+        'line 1: &a is an anchor or alias': '&a {/**: *a}',
+        'nested more than 16 deep': '/**: ' + '[' * 100_000,
+        'cannot start': '\x00',
+    }
+    processes = {}
+    for number, (words, text) in enumerate(cases.items()):
+        path = tmp_path / f'case_{number}.yaml'
+        path.write_text(text)
+        processes[words] = launch(parameters_file=path)
+    for words, process in processes.items():
+        assert process.wait() == 1
+        (line,) = [line for line in process.output.splitlines() if 'cannot start' in line]
+        assert words in line
+        assert len(line) < 700
+        assert 'Traceback' not in process.output
+
+
+def test_a_thousand_parameters_of_other_nodes_are_warned_of_in_a_few_lines(launch, tmp_path):
+    path = tmp_path / 'many.yaml'
+    lines = ''.join(f'    p{k}: {k}\n' for k in range(1000))
+    path.write_text(HEAD + lines + '    "\\e[31mred": 1\n    gap: 3.0\n')
+    process = launch(parameters_file=path)
+    until(lambda: 'runs in real time' in process.output, lambda: process.output)
+    said = process.output
+    assert said.count('is not one of this node; it is ignored') == 8
+    assert '993 parameters more are ignored as well' in said
+    assert '\x1b[31m' not in said
+    assert process.stop() == 0
+
+
+def test_values_in_rejections_are_short(rig):
+    reason = rig.parameters.set(gap='x' * 100_000)
+    assert 'gap' in reason
+    assert len(reason) < 300
+    reason = rig.parameters.set(**{'y' * 100_000: 1.0})
+    assert len(reason) < 300
+    reason = rig.parameters.set(gap_control='\x1b[2J')
+    assert '\x1b' not in reason

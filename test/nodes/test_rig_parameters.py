@@ -229,3 +229,27 @@ def test_defaults_are_those_of_the_rig():
     for name, spec in {**PARAMETER_SPECS, **INITIAL_SPECS}.items():
         assert values[name] == spec.default
     assert set(values) == set(ALL_SPECS)
+
+
+def test_directory_of_recordings_in_the_home_directory(monkeypatch):
+    monkeypatch.setenv('HOME', '/home/rig')
+    for text, directory in (
+        ('~/runs', '/home/rig/runs'),
+        ('~', '/home/rig'),
+        ('runs/~x', 'runs/~x'),
+        ('./~', './~'),
+        ('a b/ü', 'a b/ü'),
+    ):
+        node = NodeParameters.from_values({'bag_directory': text})
+        assert node.bag_directory == directory
+        assert NodeParameters.from_values({}).changed({'bag_directory': text}) == node
+
+
+@pytest.mark.parametrize(
+    'text', ['runs\nrm', 'runs\x1b[2J', 'a\tb', 'x' * 1001, '~nobody-of-this-name/runs', 'a\0b']
+)
+def test_directories_that_nobody_means(text):
+    with pytest.raises(ParameterError, match=r'^bag_directory is ') as refused:
+        NodeParameters.from_values({'bag_directory': text})
+    assert str(refused.value).isprintable()
+    assert len(str(refused.value)) < 300

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
-from impact_damper_ros.orbits.optimum import Limit, gap_range, optimal_gap, smallest_motion
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.orbits.optimum import (
+    Limit,
+    _without_impacts,
+    gap_range,
+    optimal_gap,
+    smallest_motion,
+)
+from impact_damper_ros.rig import InitialConditions, RigParameters, Simulator
 
 LEVEL = RigParameters(gravity=0.0)
 
@@ -56,6 +62,40 @@ def test_edge_of_stability_is_named():
     assert abs(best.orbit.multipliers[0]) == pytest.approx(1.0, abs=1e-4)
     left, right = (smallest_motion(best.orbit.parameters.replace(gap=g)) for g in best.bracket)
     assert (left is None) != (right is None)
+
+
+def test_motion_without_impacts_at_the_same_gap_is_named():
+    """On the downward branch of the paper's rig M moves nine times as much at the best gap."""
+    rig = LEVEL.replace(force_frequencies=1.02)
+    best = optimal_gap(rig, gaps=(45.0, 60.0), points=10)
+    assert best.gap > 2.0 * rig.response_amplitude
+    ratio = rig.response_amplitude / best.x_max
+    assert ratio == pytest.approx(9.22, abs=0.01)
+    assert best.coexisting == (
+        f'M can also move by {rig.response_amplitude:.6g} m without impacts, {ratio:.3g} times as '
+        'much'
+    )
+    # At resonance it would reach the stops
+    assert optimal_gap(LEVEL, gaps=(50.0, 65.0), points=8).coexisting == ''
+
+
+def test_vibrations_that_reach_no_stop():
+    """As the simulator settles into them: m left where it is, or held by friction."""
+    free = LEVEL.replace(force_frequencies=1.3)
+    held = free.replace(gravity=100.0, friction=0.03)
+    for rig, words in ((free, 'without impacts'), (held, 'with m held by friction')):
+        ((told, swing),) = _without_impacts(rig)
+        assert told == words
+        run = Simulator(rig, InitialConditions(initial_primary_position=-0.5 * swing))
+        run.advance(2000.0)
+        xs = []
+        for k in range(200):
+            run.advance(2000.0 + 0.05 * k)
+            xs.append(abs(run.sample().x))
+        assert max(xs) == pytest.approx(swing, rel=2e-3)
+    # Neither where m slides, nor where it leans on a stop
+    assert _without_impacts(held.replace(friction=0.01)) == []
+    assert _without_impacts(free.replace(angle=0.1, gravity=9.81)) == []
 
 
 def test_end_of_the_range_is_named():

@@ -98,3 +98,42 @@ def test_every_import_is_declared(manifest):
         assert any(
             f"'{distribution}" in setup for distribution in distribution_of.get(module, [module])
         ), module
+
+
+def _needed_by(script: Path, places: list[Path]) -> set[str]:
+    """Return the top-level modules that a script imports, itself or by modules in some places."""
+    waiting, seen, found = [script], set(), set()
+    while waiting:
+        path = waiting.pop()
+        seen.add(path)
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                base = ('.' * node.level + (node.module or '')).lstrip('.')
+                names = [base, *(f'{base}.{alias.name}' for alias in node.names)]
+                if node.level:
+                    names = [f'{path.parent.name}.{name}' for name in names]
+            else:
+                continue
+            for name in names:
+                files = [place / f'{name.replace(".", "/")}.py' for place in places]
+                local = [file for file in files if file.is_file()]
+                waiting += [file for file in local if file not in seen]
+                if not local:
+                    found.add(name.split('.')[0])
+    return found
+
+
+def test_extra_of_the_peers_is_what_their_benchmark_imports():
+    """`pip install '.[peers]'` is all that benchmarks/peers.py needs."""
+    places = [ROOT / 'benchmarks', ROOT / 'test']
+    needed = _needed_by(ROOT / 'benchmarks' / 'peers.py', places)
+    assert 'mpmath' in needed
+    setup = (ROOT / 'setup.py').read_text(encoding='utf-8')
+    extra = re.search(r"'peers': \[(.*?)\]", setup, re.DOTALL)[1]
+    always = re.search(r'install_requires=\[(.*?)\]', setup, re.DOTALL)[1]
+    local = {path.stem for place in places for path in place.iterdir()} | {'impact_damper_ros'}
+    # Its figure is asked for with --docs, and needs the extra [plot]
+    for module in needed - set(sys.stdlib_module_names) - local - {'matplotlib'}:
+        assert f"'{module}" in extra + always, module

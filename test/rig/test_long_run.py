@@ -305,6 +305,39 @@ def test_the_cache_goes_where_it_may(tmp_path, monkeypatch):
     assert kernel_cache.stamp_file().parent != stamp.parent
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason='only the superuser can give files away')
+@pytest.mark.parametrize('place', ['impact_damper_ros', 'the folder', 'a file'])
+def test_a_cache_of_somebody_else_is_not_used(place, tmp_path, monkeypatch):
+    """What is in it would be run with the rights of whoever loads it."""
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'shared'))
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'own'))
+    stamp = kernel_cache.stamp_file()
+    assert stamp.is_relative_to(tmp_path / 'shared')
+    planted = stamp.with_name('kernels.planted-1.nbi')
+    planted.write_bytes(b'')
+    assert kernel_cache.stamp_file() == stamp
+    given = {'impact_damper_ros': stamp.parents[1], 'the folder': stamp.parent}.get(place, planted)
+    os.chown(given, 12345, -1)
+    assert kernel_cache.stamp_file().is_relative_to(tmp_path / 'own')
+
+
+def test_a_cache_that_others_may_write_is_closed_or_passed_over(tmp_path, monkeypatch):
+    shared = tmp_path / 'shared'
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(shared))
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'own'))
+    stamp = kernel_cache.stamp_file()
+    # As a umask of 002 made them in earlier versions
+    for directory in (stamp.parent, stamp.parents[1]):
+        directory.chmod(0o775)
+    assert kernel_cache.stamp_file() == stamp
+    assert {d.stat().st_mode & 0o777 for d in (stamp.parent, stamp.parents[1])} == {0o755}
+    # With the sticky bit nobody can put another directory in its place, without it anybody can
+    shared.chmod(0o1777)
+    assert kernel_cache.stamp_file() == stamp
+    shared.chmod(0o777)
+    assert kernel_cache.stamp_file().is_relative_to(tmp_path / 'own')
+
+
 def test_snapshots_are_those_of_the_simulator(compiled):
     run = LongRun(RigParameters(**GOLDEN[1]), compiled=compiled)
     run.advance(77.0)

@@ -1,0 +1,136 @@
+"""A rig in a line, in the units that people think in, and slips of unit that it shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from .parameters import RigParameters
+
+__all__ = ['described', 'frequency_hint']
+
+#: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be a slip of unit.
+_NEAR = 1.25
+
+
+def described(rig: RigParameters) -> str:
+    """
+    Return natural frequency, damping, force and gap of a rig in a line.
+
+    Parameters
+    ----------
+    rig : RigParameters
+        The rig.
+
+    Examples
+    --------
+    >>> described(RigParameters(force_frequencies=[0.5]))
+    'natural frequency 0.159 Hz (1 rad/s), ζ 0.500 %; force 1 N at 0.0796 Hz (0.5 rad/s) = 0.5 of \
+it; gap 37 m; level'
+    """
+    natural = f'natural frequency {_hertz(rig.omega)} ({rig.omega:.4g} rad/s)'
+    parts = [f'{natural}, ζ {_digits(100.0 * rig.zeta)} %', *_force(rig), f'gap {rig.gap:.4g} m']
+    if rig.one_sided:
+        parts[-1] += ', stop 1 only'
+    parts.append(f'inclined by {math.degrees(rig.angle):.4g}°' if rig.angle else 'level')
+    if rig.friction:
+        parts[-1] += f', friction {rig.friction:.4g}'
+    return '; '.join(parts)
+
+
+def frequency_hint(rig: RigParameters, varied: tuple[float, float] | None = None) -> str:
+    """
+    Say that frequencies of the force look as if they were given in Hz, or return an empty text.
+
+    Parameters
+    ----------
+    rig : RigParameters
+        The rig.
+    varied : tuple of float, optional
+        Lowest and highest frequency, rad/s, if that of the first harmonic is varied.
+    """
+    for name, low, high in _bands(rig, varied):
+        if low <= rig.omega <= high:
+            continue
+        one = low == high
+        given = f'{name} {"is" if one else "are"} {_range(low, high)} rad/s'
+        natural = f'the natural frequency, {rig.omega:.6g} rad/s'
+        if _near(rig.omega, math.tau * low, math.tau * high):
+            return (
+                f'{given}, about 1/(2π) times {natural}: frequencies are in rad/s, '
+                f'1 Hz = 6.283 rad/s; if Hz were meant, give '
+                f'{_range(math.tau * low, math.tau * high)}'
+            )
+        if _near(rig.omega, low / math.tau, high / math.tau):
+            return (
+                f'{given}, about 2π times {natural}; if the resonance was meant, give '
+                f'{_range(low / math.tau, high / math.tau)}'
+            )
+    return ''
+
+
+def _near(value: float, low: float, high: float) -> bool:
+    return low / _NEAR <= value <= high * _NEAR
+
+
+def _range(low: float, high: float) -> str:
+    return f'{low:.6g}' if low == high else f'{low:.6g} to {high:.6g}'
+
+
+def _digits(value: float) -> str:
+    """Return three digits, zeros at the end too."""
+    return f'{value:#.3g}'.rstrip('.')
+
+
+def _hertz(frequency: float) -> str:
+    """Return a circular frequency in Hz."""
+    return f'{_digits(frequency / math.tau)} Hz'
+
+
+def _share(rig: RigParameters, *frequencies: float) -> str:
+    return ' to '.join(f'{frequency / rig.omega:.3g}' for frequency in frequencies) + ' of it'
+
+
+def _force(rig: RigParameters) -> Iterator[str]:
+    """Yield what drives the rig."""
+    drives = [
+        (amplitude, frequency)
+        for amplitude, frequency in zip(rig.force_amplitudes, rig.force_frequencies, strict=True)
+        if amplitude
+    ]
+    if rig.sweep_mode != 'off' and rig.force_amplitudes[0]:
+        amplitude, _ = drives.pop(0)
+        low, high = rig.sweep_low, rig.sweep_high
+        yield (
+            f'force {abs(amplitude):.4g} N, stepped {rig.sweep_mode.replace("_", " and ")} from '
+            f'{_hertz(low)} to {_hertz(high)} = {_share(rig, low, high)}'
+        )
+    for amplitude, frequency in drives[:1]:
+        at = f'at {_hertz(frequency)} ({frequency:.4g} rad/s) = {_share(rig, frequency)}'
+        yield f'force {abs(amplitude):.4g} N {at if frequency else "with frequency 0"}'
+    if len(drives) > 1:
+        count = len(drives) - 1
+        yield f'and {count} harmonic{"s" if count > 1 else ""} more'
+    if rig.multisine_level:
+        low, high = rig.multisine_low, rig.multisine_high
+        yield (
+            f'multisine {rig.multisine_level:.4g} N rms from {_hertz(low)} to {_hertz(high)} = '
+            f'{_share(rig, low, high)}'
+        )
+    elif not any(rig.force_amplitudes):
+        yield 'no force'
+
+
+def _bands(
+    rig: RigParameters, varied: tuple[float, float] | None
+) -> Iterator[tuple[str, float, float]]:
+    """Yield name, lowest and highest frequency of what drives the rig, without zeros."""
+    own = rig.force_frequencies[0]
+    if rig.sweep_mode != 'off':
+        yield 'sweep_low and sweep_high', rig.sweep_low, rig.sweep_high
+    elif varied is not None:
+        yield 'force_frequencies', *varied
+    elif own and rig.force_amplitudes[0]:
+        yield 'force_frequencies', own, own
+    if rig.multisine_level:
+        yield 'multisine_low and multisine_high', rig.multisine_low, rig.multisine_high

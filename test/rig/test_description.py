@@ -1,0 +1,109 @@
+"""A rig in a line: in hertz, with the slip of unit that a frequency may be."""
+
+import math
+
+import pytest
+
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.description import described, frequency_hint
+from impact_damper_ros.rig.shown import printable, shown
+
+BENCH = RigParameters(
+    primary_mass=2.0,
+    stiffness=1974.0,
+    damping=1.26,
+    gap=0.024,
+    force_amplitudes=1.2,
+    force_frequencies=31.416,
+)
+
+
+def test_line_in_hertz_and_shares():
+    assert described(BENCH.replace(force_frequencies=5.0)) == (
+        'natural frequency 5.00 Hz (31.42 rad/s), ζ 1.00 %; force 1.2 N at 0.796 Hz (5 rad/s) = '
+        '0.159 of it; gap 0.024 m; level'
+    )
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'angle': math.pi / 4, 'friction': 0.5}, 'inclined by 45°, friction 0.5'),
+        ({'one_sided': True}, 'gap 0.024 m, stop 1 only'),
+        ({'force_amplitudes': 0.0}, 'no force'),
+        ({'force_frequencies': 0.0}, 'force 1.2 N with frequency 0'),
+        (
+            {'force_amplitudes': (1, 2), 'force_frequencies': (30, 60), 'force_phases': (0, 0)},
+            'force 1 N at 4.77 Hz (30 rad/s) = 0.955 of it; and 1 harmonic more',
+        ),
+        (
+            {'sweep_mode': 'up_down', 'sweep_low': 25.13, 'sweep_high': 37.7},
+            'stepped up and down from 4.00 Hz to 6.00 Hz = 0.8 to 1.2 of it',
+        ),
+        (
+            {'multisine_level': 0.5, 'multisine_low': 18.85, 'multisine_high': 43.98},
+            'multisine 0.5 N rms from 3.00 Hz to 7.00 Hz = 0.6 to 1.4 of it',
+        ),
+    ],
+)
+def test_line_names_what_is_out_of_the_ordinary(changes, words):
+    assert words in described(BENCH.replace(**changes))
+
+
+@pytest.mark.parametrize('factor', [0.85, 1.0, 1.2])
+def test_hint_at_hertz(factor):
+    """A frequency near the resonance, in Hz; and one multiplied by 2 pi once too often."""
+    meant = factor * BENCH.omega
+    hint = frequency_hint(BENCH.replace(force_frequencies=meant / math.tau))
+    assert 'frequencies are in rad/s' in hint
+    assert hint.endswith(f'give {meant:.6g}')
+    hint = frequency_hint(BENCH.replace(force_frequencies=meant * math.tau))
+    assert hint.endswith(f'if the resonance was meant, give {meant:.6g}')
+
+
+@pytest.mark.parametrize('share', [0.25, 0.5, 0.9, 1.0, 1.02, 2.0, 3.0, 0.05])
+def test_no_hint_elsewhere(share):
+    assert frequency_hint(BENCH.replace(force_frequencies=share * BENCH.omega)) == ''
+
+
+def test_hint_at_bands():
+    swept = {'sweep_mode': 'up', 'sweep_low': 4.0, 'sweep_high': 6.0}
+    hint = frequency_hint(BENCH.replace(**swept))
+    assert hint.startswith('sweep_low and sweep_high are 4 to 6 rad/s')
+    assert frequency_hint(BENCH, (4.0, 6.0)).endswith('give 25.1327 to 37.6991')
+    assert frequency_hint(BENCH.replace(force_frequencies=5.0), (4.0, 40.0)) == ''
+    noise = BENCH.replace(multisine_level=1.0, multisine_low=3.0, multisine_high=7.0)
+    assert frequency_hint(noise).startswith('multisine_low and multisine_high are 3 to 7 rad/s')
+    # What exerts no force has no frequency
+    assert frequency_hint(BENCH.replace(force_frequencies=5.0, force_amplitudes=0.0)) == ''
+
+
+@pytest.mark.parametrize(
+    ('value', 'text'),
+    [
+        ('short', "'short'"),
+        ('\x1b[2J\n\t', r"'\x1b[2J\n\t'"),
+        (3.5, '3.5'),
+        ('\u202egpj.exe', r"'\u202egpj.exe'"),
+    ],
+)
+def test_values_in_messages(value, text):
+    assert shown(value) == text
+
+
+@pytest.mark.parametrize('value', ['x' * 10**6, ['y'] * 10**5, {'a': 'z' * 300}, b'b' * 10**5])
+def test_long_values_are_cut(value):
+    text = shown(value)
+    assert len(text) < 120
+    assert 'characters' in text
+    assert text[:4] == repr(value)[:4]
+
+
+def test_printable_keeps_lines():
+    assert printable('two\nlines\tand é θ \x1b]0;x\x07\x9b31m') == (
+        'two\nlines\tand é θ \\x1b]0;x\\x07\\x9b31m'
+    )
+
+
+def test_a_number_of_more_digits_than_python_writes():
+    assert shown(10**5000) == 'int of too many digits'
