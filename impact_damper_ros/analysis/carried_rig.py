@@ -21,7 +21,7 @@ from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.sweep import Sweep
 
 from .force_clock import ForceClock
-from .irregularity import Indications, average_spread
+from .irregularity import Indications, average_spread, quiet_phase
 from .lyapunov import Exponent, deviations, growth_exponent
 from .matched_orbit import counted_impacts, impact_table
 from .recorded_stretch import RecordedImpacts
@@ -123,18 +123,6 @@ def _impacts(events: Events, rig: RigParameters, begin: float) -> RecordedImpact
     )
 
 
-def _between_impacts(phases: Array) -> float:
-    """
-    Return how long after the last impact a cycle is looked at, in cycles.
-
-    That is the middle of the widest gap between the phases of the impacts: what is looked at where
-    impacts fall jumps, and its averages converge slowly.
-    """
-    after = np.sort(np.append((phases - phases[-1]) % 1.0, [0.0, 1.0]))
-    widest = int(np.diff(after).argmax())
-    return float(after[widest : widest + 2].mean())
-
-
 def _period_of(section: Array) -> int:
     """Return the period of the states at the ends of cycles, or 0."""
     size = np.abs(section[-_BETWEEN_LOOKS:]).max() or 1.0
@@ -156,7 +144,9 @@ class _CarriedRig:
         last = impacts[-1:]
         self._origin = _start(self._machine, clock, last)
         self._begin = float(last.time[0])
-        self._strobe = _between_impacts(clock.phase(impacts.time[-_PHASES:]))
+        phases = clock.phase(impacts.time[-_PHASES:])
+        # How long after the end of a cycle, counted from the last impact, it is looked at
+        self._strobe = (quiet_phase(phases) - float(phases[-1])) % 1.0
         state = Snapshot(self._rig, self._origin, 0.0, (), Sweep(0.0)).as_dict()
         # Plain Python: compiling would take longer than the run.
         self._run = LongRun.restore(state, compiled=False)
@@ -251,8 +241,10 @@ def carry_on(clock: ForceClock, impacts: RecordedImpacts, recorded: float) -> Ca
     Returns
     -------
     CarriedMotion or None
-        None if the rig has too many events to be run for even a few cycles.
+        None without impacts, or if the rig has too many events to be run for a few cycles.
     """
+    if not len(impacts):
+        return None
     rig = _CarriedRig(clock, impacts)
     begin = float(impacts.time[-1])
     most = int(min(max(_TIMES_RECORDED * recorded, _LEAST), _MOST))

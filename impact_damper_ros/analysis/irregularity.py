@@ -38,6 +38,7 @@ __all__ = [
     'Indications',
     'average_spread',
     'largest_exponent',
+    'quiet_phase',
     'zero_one_test',
 ]
 
@@ -126,7 +127,8 @@ class Indications:
 
     def kind(self) -> MotionKind:
         """Return what the motion is: chaotic or quasi-periodic if both tests say so."""
-        if self.grows and self.spread > IRREGULAR_SPREAD:
+        # Of too few values nothing is known but the exponent
+        if self.grows and not self.spread <= IRREGULAR_SPREAD:
             return MotionKind.CHAOTIC
         if self.neutral and self.spread < REGULAR_SPREAD and self.cycles >= LEAST_VALUES:
             return MotionKind.QUASI_PERIODIC
@@ -168,6 +170,21 @@ def average_spread(section: Array) -> float:
     weight = np.exp(-1.0 / (part * (1.0 - part)))
     weight /= weight.sum()
     return float(np.abs(weight @ (values[:half] - values[-half:])).max(initial=0.0))
+
+
+def quiet_phase(phases: Array) -> float:
+    """
+    Return the middle of the widest gap between the phases of impacts, in cycles, in [0, 1).
+
+    There a cycle should be looked at for `average_spread`: what is looked at where impacts fall
+    jumps, and its averages converge slowly.
+    """
+    if not len(phases):
+        return 0.0
+    inside = np.sort(phases % 1.0)
+    gaps = np.diff(np.append(inside, inside[0] + 1.0))
+    widest = int(gaps.argmax())
+    return float(inside[widest] + 0.5 * gaps[widest]) % 1.0
 
 
 def _rates(

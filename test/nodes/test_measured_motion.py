@@ -78,9 +78,10 @@ def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_t
 def test_states_on_the_way():
     rig = Simulator(INCLINED)
     trace = MotionTrace.at(INCLINED, rig.snapshot())
-    assert measure(trace, RATE).kind is MotionKind.TRANSIENT
+    assert measure(trace, RATE).kind is MotionKind.UNDECIDED
     measured = measure(traced(rig, 3, trace), RATE)
-    assert (measured.kind, measured.rhythm) == (MotionKind.TRANSIENT, None)
+    assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)
+    assert measured_report(measured).values['Reason'].endswith('3 cycles after the last change')
     measured = measure(traced(rig, 90, trace), RATE)
     assert measured.kind is MotionKind.TRANSIENT
     assert measured.rhythm.stops == (1, 2)
