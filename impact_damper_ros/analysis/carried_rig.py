@@ -25,7 +25,7 @@ from .irregularity import Indications, average_spread, quiet_phase
 from .lyapunov import Exponent, deviations, growth_exponent
 from .matched_orbit import counted_impacts, impact_table
 from .recorded_stretch import RecordedImpacts
-from .recurrence import SETTLED, Recurrence, find_recurrence
+from .recurrence import MOST_CYCLES, SETTLED, Recurrence, find_recurrence
 from .run_curves import Array
 from .settling_rig import section_of
 
@@ -258,7 +258,11 @@ def carry_on(clock: ForceClock, impacts: RecordedImpacts, recorded: float) -> Ca
         ahead = rig.impacts()
         recurrence = rig.recurrence(ahead) if quiet is None else None
         period = _period_of(rig.section()) if quiet is None else 0
-        if period or quiet is not None or not whole:
+        # States come back a little before the impacts are seen to
+        seen = period > MOST_CYCLES or (
+            period and recurrence is not None and recurrence.cycles == period
+        )
+        if seen or quiet is not None or not whole:
             break
     if rig.cycles < 3:
         return None

@@ -329,7 +329,7 @@ def period_distances(
 
 
 def approaches(distances: Sequence[float]) -> bool:
-    """Return whether periods come to repeat: their distances shrink, over twelve and more of them."""
+    """Return whether distances shrink, over twelve periods and more: they come to repeat."""
     half = len(distances) // 2
     return half >= _FEW_PERIODS and max(distances[half:]) < max(distances[:half])
 

@@ -123,8 +123,8 @@ def _why_undecided(measured: MeasuredMotion) -> str:
     if measured.rhythm is not None:
         return 'the impacts nearly repeat, but do not come closer to it'
     return (
-        f'no period of up to {MOST_CYCLES} cycles of the force is recognised, {measured.cycles:.0f} '
-        'cycles after the last change'
+        f'no period of up to {MOST_CYCLES} cycles of the force is recognised, '
+        f'{measured.cycles:.0f} cycles after the last change'
     )
 
 
