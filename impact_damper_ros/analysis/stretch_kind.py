@@ -147,10 +147,12 @@ def _settling(clock: ForceClock, impacts: RecordedImpacts, carried: CarriedMotio
         text = f'{ahead.evidence}; first it is chaotic, but from the {_OTHER_WAYS} impacts before '
         text += f'it settles to that period, too, after {min(cycles):.0f} to {max(cycles):.0f}'
         return replace(ahead, evidence=text)
+    known = ', '.join(str(p) for p in sorted({carried.period, *periods} - {0}))
     text = (
-        f'does not repeat yet; carried on from its last {_OTHER_WAYS + 1} impacts by the theory, '
-        f'it is chaotic, and settles {len(cycles)} times to a period, after {min(cycles):.0f} '
-        f'cycles or more: the recording does not determine whether it does, nor when'
+        f'does not repeat yet; carried on from each of its last {_OTHER_WAYS + 1} impacts by the '
+        f'theory, it is chaotic, and settles from {len(cycles)} of them, after {min(cycles):.0f} '
+        f'cycles or more, to periods of {known} cycles: the recording does not determine to '
+        'which, nor when'
     )
     return StretchKind(MotionKind.UNDECIDED, text, ahead.measures, short=True)
 
@@ -158,7 +160,9 @@ def _settling(clock: ForceClock, impacts: RecordedImpacts, carried: CarriedMotio
 def carried_on(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind | None:
     """Let the rig of the theory go on from the last impact, and see how it comes to repeat."""
     carried = carry_on(clock, impacts, _cycles_of(clock, impacts))
-    ahead = None if carried is None else _ahead(carried)
+    if carried is None or carried.growth > carried.UNFORESEEABLE:
+        return None
+    ahead = _ahead(carried)
     return ahead if ahead is not None and ahead.recurrence is not None else None
 
 
