@@ -156,7 +156,7 @@ class _Comparison:
             if kind.recurrence is not None and clock is not None:
                 self.part = periodic_part(clock, kind, predict=False)
             return self._result(kind, self._unless_wrong(Verdict.NO_PREDICTION, self.reason))
-        kind = kind_of(clock, self.impacts)
+        kind = kind_of(clock, self.impacts, sound=not self.log)
         if kind.recurrence is None:
             judgement, self.orbit = irregular_judgement(clock, kind, self.log)
             self.solver = 'impact equations, one cycle of the force'

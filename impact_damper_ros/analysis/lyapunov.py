@@ -114,6 +114,11 @@ class Exponent:
     value: float
     uncertainty: float
 
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean growth of the parts, 1/s."""
+        return self.uncertainty / _STUDENT
+
 
 def _vibrations(oscillator: Oscillator, spans: Array) -> Array:
     envelope = np.exp(-oscillator.decay * spans)

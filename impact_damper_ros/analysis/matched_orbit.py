@@ -19,11 +19,19 @@ from impact_damper_ros.orbits.search import orbit_of, within_theory
 from impact_damper_ros.rig import Event, EventKind, RigParameters
 
 from .force_clock import ForceClock
+from .recorded_stretch import RecordedImpacts
 from .recurrence import ImpactTable, Recurrence
 from .run_curves import Array
 from .stretch_measures import ImpactStates
 
-__all__ = ['NEGLIGIBLE_IMPULSE', 'MatchedOrbit', 'impulses_of', 'match_orbit', 'state_row']
+__all__ = [
+    'MatchedOrbit',
+    'counted_impacts',
+    'impact_table',
+    'impulses_of',
+    'match_orbit',
+    'state_row',
+]
 
 #: Impacts weaker than this share of the strongest are those of a chatter, and not counted.
 NEGLIGIBLE_IMPULSE = 1e-3
@@ -50,6 +58,25 @@ class MatchedOrbit:
     orbit: PeriodicOrbit | None
     distance: float
     solver: str
+
+
+def counted_impacts(impacts: RecordedImpacts) -> RecordedImpacts:
+    """Return the impacts without the weak ones of chatters, by the second half's strongest."""
+    strength = np.abs(impacts.primary_impulse)
+    strongest = float(strength[len(impacts) // 2 :].max(initial=0.0))
+    return impacts[strength > NEGLIGIBLE_IMPULSE * strongest]
+
+
+def impact_table(impacts: RecordedImpacts, zero: float, cycle: float) -> ImpactTable:
+    """Return impacts scaled for comparison; phases from a zero of the force, s."""
+    return ImpactTable.of(
+        impacts.time - zero,
+        impacts.stop,
+        impacts.x,
+        impacts.velocity_after,
+        impacts.damper_velocity_after,
+        cycle,
+    )
 
 
 def impulses_of(orbit: PeriodicOrbit) -> tuple[float, ...]:

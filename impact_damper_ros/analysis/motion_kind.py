@@ -13,11 +13,13 @@ class MotionKind(Enum):
     AT_REST = 'at rest'
     #: M moves, m hits no stop.
     NO_IMPACTS = 'without impacts'
+    #: It comes to repeat, or to have no impacts.
     TRANSIENT = 'transient'
     PERIODIC = 'periodic'
+    #: These two by the thresholds of `irregularity`.
     QUASI_PERIODIC = 'quasi-periodic'
     CHAOTIC = 'chaotic'
-    #: Neither periodic nor long enough to tell more.
+    #: What is known does not decide.
     UNDECIDED = 'undecided'
     #: Under a force, or a control, that never repeats.
     NOT_PERIODICALLY_DRIVEN = 'not periodically driven'

@@ -8,11 +8,11 @@ import numpy as np
 
 from .approach import DecayRate, decay_rate, distances_to, period_states
 from .force_clock import ForceClock
-from .matched_orbit import MatchedOrbit, match_orbit, state_row
+from .matched_orbit import MatchedOrbit, impact_table, match_orbit, state_row
 from .recurrence import SETTLED, ImpactTable, Recurrence
 from .run_curves import Array, Convergence
 from .steady_part import last_period, period_end
-from .stretch_kind import StretchKind, impact_table
+from .stretch_kind import StretchKind
 from .stretch_measures import Decay, Finding, ImpactStates
 
 __all__ = ['PeriodicPart', 'periodic_part']

@@ -26,7 +26,9 @@ from impact_damper_ros.rig import (
     Simulator,
 )
 
+from .carried_rig import carry_on
 from .force_clock import ForceClock
+from .recorded_stretch import RecordedImpacts
 from .rhythm import MOST_CYCLES, Rhythm, rhythm_of, turned_cycles
 
 __all__ = ['Basis', 'Course', 'Prediction', 'predictions', 'run_ahead']
@@ -44,6 +46,9 @@ _MOST_EVENTS = 30_000
 #: The same for other attractors, from other starts.
 _ELSEWHERE = 600
 _KEPT_IMPACTS = 512
+_RECENT = 100
+#: Recorded cycles that stand for those of a rig that was run ahead: it is run on for 1500 more.
+_CARRIED_FOR = 50.0
 #: A solution this near to what the rig does is the one it does.
 NEAR = 1e-2
 _SAME = 1e-6
@@ -66,6 +71,8 @@ class Course:
         How far it was run for that, in cycles of the force.
     hits : bool, optional
         Whether there were impacts in the last cycles.
+    recent : tuple of Event, optional
+        The last impacts, up to 100.
     """
 
     rhythm: Rhythm | None
@@ -73,6 +80,7 @@ class Course:
     phase: float
     cycles: int = 0
     hits: bool = True
+    recent: tuple[Event, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -138,7 +146,8 @@ def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
         if (rhythm is not None and rhythm.settled) or total > _MOST_EVENTS:
             break
     impact = impacts[-1] if impacts else None
-    return Course(rhythm, impact, instants[-1] if instants else 0.0, looked, hits)
+    phase = instants[-1] if instants else 0.0
+    return Course(rhythm, impact, phase, looked, hits, tuple(impacts[-_RECENT:]))
 
 
 def _period_of_force(parameters: RigParameters) -> int:
@@ -161,11 +170,11 @@ def _period_of_force(parameters: RigParameters) -> int:
     return cycles
 
 
-def _theory_of(rig: AnyRig) -> RigParameters:
-    """Return a rig's parameters with the phases that the harmonics have towards the first."""
+def _clock_of(rig: AnyRig) -> ForceClock:
+    """Return the force of a rig."""
     origin = rig.snapshot()['origin']
     angles = tuple(map(float, origin['angles']))
-    return ForceClock(rig.parameters, float(origin['time']), angles).counted_from_zero()
+    return ForceClock(rig.parameters, float(origin['time']), angles)
 
 
 class _Orbits:
@@ -247,7 +256,8 @@ def predictions(rig: AnyRig, measured: Course | None = None) -> Iterator[Predict
     except OrbitError as error:
         yield Prediction(reason=str(error), complete=True)
         return
-    parameters = _theory_of(rig)
+    clock = _clock_of(rig)
+    parameters = clock.counted_from_zero()
     orbits = _Orbits()
     stops = (1,) if parameters.one_sided else (1, 2)
     orbits.search(parameters, stops, period, simulate=False)
@@ -272,13 +282,27 @@ def predictions(rig: AnyRig, measured: Course | None = None) -> Iterator[Predict
         except ParameterError:
             continue
         orbits.like(parameters, run_ahead(start, _ELSEWHERE))
-    yield replace(prediction, orbits=tuple(orbits.all), complete=True)
+    reason = prediction.reason
+    if reason and course.rhythm is None and course.hits:
+        reason += _how_irregular(clock, course)
+    yield replace(prediction, orbits=tuple(orbits.all), reason=reason, complete=True)
 
 
 def _listed(orbits: _Orbits, reason: str) -> Prediction:
     """Predict the first of the motions that the rig can have."""
     first = orbits.all[0] if orbits.all and orbits.all[0].viable else None
     return Prediction(tuple(orbits.all), first, 'listed' if first is not None else '', reason)
+
+
+def _how_irregular(clock: ForceClock, course: Course) -> str:
+    """Return what the motion of a rig is that does not repeat, as `compare_run` would say it."""
+    carried = carry_on(clock, RecordedImpacts.of_events(course.recent), _CARRIED_FOR)
+    if carried is None or (found := carried.indications) is None:
+        return ''
+    return (
+        f'; {found.kind().value}: Lyapunov exponent {found.exponent:+.3f} ± {found.error:.3f} per '
+        f'cycle over {found.cycles} cycles more'
+    )
 
 
 def _why_none(course: Course) -> str:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig import Event, RigParameters
 
 from .force_clock import ForceClock
 from .run_comparison import Beginning
@@ -100,6 +100,27 @@ class RecordedImpacts(Rows):
     damper_velocity_after: Array
     primary_impulse: Array
     damper_impulse: Array
+
+    @classmethod
+    def of_events(cls, impacts: Sequence[Event]) -> Self:
+        """Return impacts of a simulator, their instants as they are."""
+        if not impacts:
+            return cls.none()
+        sign = [1.0 if event.stop == 1 else -1.0 for event in impacts]
+        rows = [
+            (
+                event.time,
+                float(event.stop),
+                event.x,
+                event.x + event.y,
+                event.primary_velocity_after,
+                event.damper_velocity_after,
+                way * event.impulse,
+                -way * event.impulse,
+            )
+            for event, way in zip(impacts, sign, strict=True)
+        ]
+        return cls(*np.array(rows).T)
 
     def velocity_before(self, parameters: RigParameters) -> Array:
         """Return X' just before, by the impulse and the logged mass, m/s."""

@@ -257,7 +257,8 @@ def comparison_table(stretch: StretchComparison) -> Html:
     if stretch.decay is not None:
         decay = stretch.decay
         whole.append(_pair('decay per period', '', decay.measured, decay.predicted))
-    groups = [('Motion', whole)]
+    part = f'{instant(measured.start)} s to {instant(measured.end)} s'
+    groups = [(f'Motion, measured from {part}', whole)]
     last = measured.last_period
     count = 0 if last is None else len(last.stops)
     for i in range(min(count, _MOST_IMPACTS)):

@@ -12,7 +12,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol, Self
 
-__all__ = ['MOST_CYCLES', 'RECOGNISED', 'SETTLED', 'Apart', 'Rhythm', 'rhythm_of', 'turned_cycles']
+__all__ = [
+    'MOST_CYCLES',
+    'RECOGNISED',
+    'SETTLED',
+    'Apart',
+    'Rhythm',
+    'approaches',
+    'period_distances',
+    'rhythm_of',
+    'turned_cycles',
+]
 
 #: Longest period looked for, in cycles of the force.
 MOST_CYCLES = 8
@@ -25,6 +35,8 @@ SETTLED = 1e-4
 # doubling, k cycles repeat badly on the way to a motion that repeats after k.
 _BETTER = 1e-2
 _ROUND_OFF = 1e-9
+# Periods that are compared for an approach: so many, half of them at least, while so much alike.
+_LOOKED_BACK, _FEW_PERIODS, _ALIKE = 18, 6, 0.1
 
 
 class Apart(NamedTuple):
@@ -284,6 +296,42 @@ def rhythm_of(
         decay,
         first,
     )
+
+
+def period_distances(
+    instants: Sequence[float], stops: Sequence[int], x: Sequence[float], rhythm: Rhythm
+) -> list[float]:
+    """
+    Return by how much each of the last periods differs from the one before it, the last one last.
+
+    Parameters
+    ----------
+    instants, stops, x : sequence
+        As of `rhythm_of`.
+    rhythm : Rhythm
+        What it has recognised in them.
+
+    Returns
+    -------
+    list of float
+        At most `_LOOKED_BACK` numbers, as `Rhythm.drift`; they end where a period is not alike.
+    """
+    count, cycles, size = rhythm.impacts, rhythm.cycles, rhythm.x_max or 1.0
+    found: list[float] = []
+    end = len(instants)
+    while end >= 2 * count and len(found) < _LOOKED_BACK:
+        far = _difference(instants, stops, x, count, end, cycles, size)
+        if far > _ALIKE:
+            break
+        found.append(far)
+        end -= count
+    return found[::-1]
+
+
+def approaches(distances: Sequence[float]) -> bool:
+    """Return whether distances shrink, over twelve periods and more: they come to repeat."""
+    half = len(distances) // 2
+    return half >= _FEW_PERIODS and max(distances[half:]) < max(distances[:half])
 
 
 def _beginning(stops: Sequence[int], count: int) -> int:

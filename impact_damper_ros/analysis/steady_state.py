@@ -14,6 +14,7 @@ from impact_damper_ros.rig import EventKind, Mode
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Stretch
 
 from .chatter_time import chatter_time
+from .irregularity import Indications, average_spread, quiet_phase
 from .lyapunov import Deviations, Exponent, deviations, growth_exponent, monodromy_of
 from .motion_kind import MotionKind
 from .neighbours import parting_exponent, period_exponent
@@ -30,8 +31,6 @@ _LOOKS, _FEWER_LOOKS = 256, 64
 _MOST_FINER = 64.0
 #: A motion that repeats but whose deviations grow by more than this in a period will not stay.
 _GROWS = 1.001
-#: Growth, as a logarithm, over the time watched from which on a motion is taken as chaotic.
-_CHAOTIC_GROWTH = 5.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,8 @@ class SteadyState:
     Attributes
     ----------
     kind : MotionKind
-        What it is; `UNDECIDED` if it does not repeat and neighbours do not part.
+        What it is; `UNDECIDED` if it does not repeat, and neither chaos nor quasi-periodic motion
+        is certain by the thresholds of `irregularity`.
     settling_cycles, measured_cycles : int
         Cycles run before it was measured, and cycles over which it was.
     cycle : float
@@ -142,18 +142,19 @@ def _unstable(found: SteadyState) -> bool:
     return found.multiplier > _GROWS * math.exp(doubt)
 
 
-def _kind(rig: SettlingRig, period: int, impacts: int, exponent: Exponent) -> MotionKind:
-    """Say what a motion is, by how it was recognised; the exponent is that of the time watched."""
+def _kind(
+    rig: SettlingRig, period: int, impacts: int, exponent: Exponent, spread: float
+) -> MotionKind:
+    """Say what a motion is; exponent and spread are those of the cycles watched."""
     if period and impacts:
         return MotionKind.PERIODIC
     if period:
         return MotionKind.NO_IMPACTS if rig.forced else MotionKind.AT_REST
     if not (rig.repeating and rig.in_step):
         return MotionKind.NOT_PERIODICALLY_DRIVEN
-    grown = exponent.value * rig.settling.watch * rig.cycle
-    if exponent.value > exponent.uncertainty and grown > _CHAOTIC_GROWTH:
-        return MotionKind.CHAOTIC
-    return MotionKind.UNDECIDED
+    cycle, watch = rig.cycle, rig.settling.watch
+    error = cycle * exponent.standard_error
+    return Indications(cycle * exponent.value, error, watch, spread).kind()
 
 
 def _shares(stretch: Stretch, around: Events, start: float, end: float) -> TimeShares:
@@ -199,10 +200,14 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
         stops = _sequence(stretch.events[stretch.events['time'] > since])
     else:
         hits = hits[-2 * rig.settling.section :]
+    spread = math.nan
+    if not period:
+        quiet = quiet_phase((impacts['time'] - rig.time_after(0)) / cycle)
+        spread = average_spread(section_of(stretch.samples[int(quiet * looks) : -1 : looks]))
     phases = (hits['time'] - rig.time_after(0)) / cycle % 1.0
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
     return SteadyState(
-        kind=_kind(rig, period, len(hits), exponent),
+        kind=_kind(rig, period, len(hits), exponent, spread),
         settling_cycles=begun,
         measured_cycles=cycles,
         cycle=cycle,

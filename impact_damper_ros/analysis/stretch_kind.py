@@ -4,40 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from impact_damper_ros.orbits.event_map import Incident, origin_at, run_course
-from impact_damper_ros.rig import EventKind
-from impact_damper_ros.rig.mode import REST_1, REST_2, make_machine
-
+from .carried_rig import CarriedMotion, carry_on
 from .force_clock import ForceClock
-from .irregularity import largest_exponent, zero_one_test
-from .matched_orbit import NEGLIGIBLE_IMPULSE
+from .irregularity import (
+    IRREGULAR_SPREAD,
+    REGULAR_SPREAD,
+    Indications,
+    average_spread,
+    largest_exponent,
+    zero_one_test,
+)
+from .matched_orbit import counted_impacts, impact_table
 from .motion_kind import MotionKind
 from .recorded_stretch import RecordedImpacts
-from .recurrence import MOST_CYCLES, SETTLED, ImpactTable, Recurrence, find_recurrence
+from .recurrence import MOST_CYCLES, SETTLED, Recurrence, find_recurrence
 
-__all__ = [
-    'StretchKind',
-    'carried_on',
-    'counted_impacts',
-    'impact_table',
-    'kind_of',
-    'kind_without_force_phase',
-]
+__all__ = ['StretchKind', 'carried_on', 'kind_of', 'kind_without_force_phase']
 
-#: Cycles for which the rig of the theory carries on from the last recorded impact.
-_CARRIED_ON = 400
-_MOST_CARRIED_EVENTS = 2500
-#: An exponent within so many standard errors, or so small, is none.
-_ERRORS, _NO_GROWTH = 3.0, 0.01
-#: K of the 0-1 test above which a less certain exponent will do.
-_IRREGULAR = 0.8
-_LEAST_CYCLES = 100
-#: Cycles with impacts from which on it is worth while.
+#: Cycles with impacts from which on the rig of the theory is carried on.
 _CARRIED_FROM = 8
+#: From so many earlier impacts the theory is carried on as well, where chaos comes first.
+_OTHER_WAYS = 3
+#: Cycles that are enough for most motions.
+_FEW_CYCLES = 30
+#: Two periods that differ by less are a period whatever the theory leads to.
+_SURE = 1e-6
+#: K of the 0-1 test of a recording that is not quasi-periodic.
+_NOT_REGULAR = 0.5
 
 
 @dataclass(frozen=True)
@@ -73,25 +70,6 @@ class StretchKind:
     short: bool = False
 
 
-def counted_impacts(impacts: RecordedImpacts) -> RecordedImpacts:
-    """Return the impacts without the weak ones of chatters, by the second half's strongest."""
-    strength = np.abs(impacts.primary_impulse)
-    strongest = float(strength[len(impacts) // 2 :].max(initial=0.0))
-    return impacts[strength > NEGLIGIBLE_IMPULSE * strongest]
-
-
-def impact_table(impacts: RecordedImpacts, zero: float, cycle: float) -> ImpactTable:
-    """Return impacts scaled for comparison; phases from a zero of the force, s."""
-    return ImpactTable.of(
-        impacts.time - zero,
-        impacts.stop,
-        impacts.x,
-        impacts.velocity_after,
-        impacts.damper_velocity_after,
-        cycle,
-    )
-
-
 def _period_text(recurrence: Recurrence) -> str:
     cycles = '1 cycle' if recurrence.cycles == 1 else f'{recurrence.cycles} cycles'
     hits = '1 impact' if recurrence.impacts == 1 else f'{recurrence.impacts} impacts'
@@ -122,65 +100,164 @@ def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:
     return StretchKind(MotionKind.TRANSIENT, evidence, measures, recurrence, impacts)
 
 
+def _ahead(carried: CarriedMotion) -> StretchKind | None:
+    """Return the kind of a motion that the theory leads on to a period, or to no impacts."""
+    on = 'does not repeat yet; carried on from its last impact by the theory, it'
+    if carried.quiet_after is not None:
+        text = f'{on} has no more impacts after {carried.quiet_after} more cycles'
+        measures = {'quiet_after_cycles': float(carried.quiet_after)}
+        return StretchKind(MotionKind.TRANSIENT, text, measures)
+    recurrence = carried.recurrence
+    settled = float(carried.settled_after or 0)
+    if not carried.period:
+        # Too slow to have settled, but on its way
+        found = carried.indications
+        if found is None or recurrence is None or not (found.shrinks and recurrence.shrinks):
+            return None
+        left = max(0.0, math.log(SETTLED / recurrence.level) / found.exponent)
+        settled = float(math.ceil(carried.cycles + left))
+    measures = {'settles_after_cycles': settled}
+    text = f'{on} settles after {"" if carried.period else "about "}{settled:.0f} more cycles to '
+    if recurrence is None or (carried.period and recurrence.cycles != carried.period):
+        text += f'a period of {carried.period} cycles'
+        if carried.period > MOST_CYCLES:
+            text += f', longer than the {MOST_CYCLES} that are predicted'
+        return StretchKind(MotionKind.TRANSIENT, text, measures)
+    text += f'a period of {_period_text(recurrence)}'
+    return StretchKind(
+        MotionKind.TRANSIENT, text, measures, recurrence, carried.impacts, carried_on=True
+    )
+
+
+def _settling(clock: ForceClock, impacts: RecordedImpacts, carried: CarriedMotion) -> StretchKind:
+    """
+    Return the kind of a motion that settles after chaos.
+
+    The stamps do not determine it that far ahead. From each of the last impacts the theory goes
+    on another way; only if all of them come to the same period is it said that the motion does.
+    """
+    spent = _cycles_of(clock, impacts)
+    others = [carry_on(clock, impacts[:-back], spent) for back in range(1, _OTHER_WAYS + 1)]
+    periods = [way.period if way is not None else 0 for way in others]
+    cycles = [float(carried.settled_after or 0)]
+    cycles += [float(way.settled_after or 0) for way in others if way is not None and way.period]
+    ahead = _ahead(carried)
+    assert ahead is not None
+    if all(period == carried.period for period in periods):
+        text = f'{ahead.evidence}; first it is chaotic, but from the {_OTHER_WAYS} impacts before '
+        text += f'it settles to that period, too, after {min(cycles):.0f} to {max(cycles):.0f}'
+        return replace(ahead, evidence=text)
+    known = ', '.join(str(p) for p in sorted({carried.period, *periods} - {0}))
+    text = (
+        f'does not repeat yet; carried on from each of its last {_OTHER_WAYS + 1} impacts by the '
+        f'theory, it is chaotic, and settles from {len(cycles)} of them, after {min(cycles):.0f} '
+        f'cycles or more, to periods of {known} cycles: the recording does not determine to '
+        'which, nor when'
+    )
+    return StretchKind(MotionKind.UNDECIDED, text, ahead.measures, short=True)
+
+
 def carried_on(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind | None:
     """Let the rig of the theory go on from the last impact, and see how it comes to repeat."""
-    rig = clock.counted_from_zero()
-    machine = make_machine(rig)
-    last = impacts[-1:]
-    begin = float(last.time[0])
-    velocity = float(last.velocity_after[0])
-    relative = float(last.damper_velocity_after[0]) - velocity
-    stop = int(last.stop[0])
-    origin = origin_at(
-        machine,
-        begin - clock.zero,
-        float(last.x[0]),
-        velocity,
-        0.0 if stop == 1 else -2.0 * machine.stop,
-        relative,
-        0 if relative else (REST_1 if stop == 1 else REST_2),
-        stop,
-    )
-    hits: list[tuple[float, Incident]] = []
-    events = 0
-    for k in range(_CARRIED_ON):
-        course = run_course(machine, origin, clock.cycle, differentiate=False)
-        events += 0 if course is None else len(course.incidents)
-        if course is None or events > _MOST_CARRIED_EVENTS:
-            return None
-        origin = course.end
-        hits += [
-            (k * clock.cycle + i.time, i) for i in course.incidents if i.kind is EventKind.IMPACT
-        ]
-    if len(hits) < 3:
+    carried = carry_on(clock, impacts, _cycles_of(clock, impacts))
+    if carried is None or carried.growth > carried.UNFORESEEABLE:
         return None
-    impulse = [h.velocity_after - h.velocity_before for _, h in hits]
-    columns = [
-        [begin + t for t, _ in hits],
-        [float(h.stop) for _, h in hits],
-        [h.x for _, h in hits],
-        [0.0 for _ in hits],
-        [h.velocity_after for _, h in hits],
-        [h.velocity_after + h.relative_after for _, h in hits],
-        impulse,
-        impulse,
-    ]
-    ahead = counted_impacts(RecordedImpacts(*(np.array(column) for column in columns)))
-    recurrence = find_recurrence(impact_table(ahead, clock.zero, clock.cycle))
-    if recurrence is None or recurrence.remaining > SETTLED:
-        return None
-    far = np.flatnonzero(recurrence.distance > SETTLED)
-    periods = len(recurrence.distance) - (int(far[-1]) + 1 if len(far) else 0)
-    cycles = _CARRIED_ON - recurrence.cycles * periods
+    ahead = _ahead(carried)
+    return ahead if ahead is not None and ahead.recurrence is not None else None
+
+
+def _cycles_of(clock: ForceClock, impacts: RecordedImpacts) -> float:
+    """Return the cycles of the force from the first to the last impact."""
+    return float(impacts.time[-1] - impacts.time[0]) / clock.cycle if len(impacts) else 0.0
+
+
+def _recorded(
+    clock: ForceClock, impacts: RecordedImpacts
+) -> tuple[Indications | None, float, str]:
+    """Return what the second half of the impacts indicates, K of the 0-1 test, and the words."""
+    late = impacts[len(impacts) // 2 :]
+    counted = counted_impacts(impacts)
+    strobe = counted[len(counted) // 2 :]
+    most_hit = 1.0 if (strobe.stop == 1.0).sum() * 2 >= len(strobe) else 2.0
+    strobe = strobe[strobe.stop == most_hit]
+    regularity = zero_one_test(strobe.x)
+    exponent = largest_exponent(clock, late)
+    seen, found = '', None
+    if exponent is not None:
+        angle = math.tau * clock.phase(strobe.time)
+        states = np.column_stack(
+            [strobe.x, strobe.velocity_after, strobe.damper_velocity_after]
+        ) / np.array([1.0, clock.parameters.omega, clock.parameters.omega])
+        spread = average_spread(np.column_stack([states, np.cos(angle), np.sin(angle)]))
+        found = Indications(exponent.value, exponent.error, int(exponent.cycles), spread)
+        seen += f'; Lyapunov exponent {_exponent_text(found)} per cycle along the last '
+        seen += f'{exponent.impacts} recorded impacts'
+    if not math.isnan(regularity):
+        seen += f'; their 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
+    return found, regularity, seen
+
+
+def _exponent_text(found: Indications) -> str:
+    digits = 4 if found.error < 1e-3 else 3
+    return f'{found.exponent:+.{digits}f} ± {found.error:.{digits}f}'
+
+
+def _carried_text(found: Indications) -> str:
     text = (
-        f'does not repeat yet; carried on from its last impact by the theory, it settles after '
-        f'{cycles} more cycles to a period of {_period_text(recurrence)}'
+        f'carried on from the last impact by the theory, it does not settle, and over '
+        f'{found.cycles} cycles there the exponent is {_exponent_text(found)}'
     )
-    measures = {'settles_after_cycles': float(cycles)}
-    return StretchKind(MotionKind.TRANSIENT, text, measures, recurrence, ahead, carried_on=True)
+    if not math.isnan(found.spread):
+        text += (
+            f'; weighted averages over the halves of these differ by {found.spread:.1g} (below '
+            f'{REGULAR_SPREAD:g} regular, above {IRREGULAR_SPREAD:g} chaotic)'
+        )
+    return text
 
 
-def kind_of(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind:
+def _contradiction(kind: MotionKind, recorded: Indications | None, regularity: float) -> str:
+    """Return what of the recording speaks against a kind, if anything does."""
+    if recorded is None:
+        return ''
+    if kind is MotionKind.CHAOTIC:
+        if recorded.shrinks:
+            return 'along the recording neighbouring motions join'
+        if recorded.spread < REGULAR_SPREAD:
+            return f'the recorded impacts look regular: averages differ by {recorded.spread:.1g}'
+    if kind is MotionKind.QUASI_PERIODIC:
+        if recorded.grows:
+            return 'along the recording neighbouring motions part'
+        if regularity > _NOT_REGULAR:
+            return 'the 0-1 test of the recorded impacts is not that of a regular motion'
+    return ''
+
+
+def _doubt(found: Indications | None, carried: CarriedMotion | None, spent: float) -> str:
+    """Return why a motion is undecided, and what would decide."""
+    if found is None and carried is not None:
+        return (
+            f'carried on from the last impact by the theory, it does not settle within '
+            f'{carried.cycles} cycles, and so many impacts leave no time for more'
+        )
+    if found is None:
+        return f'{spent:.0f} cycles with impacts are too few; some {_FEW_CYCLES} may decide'
+    if more := found.cycles_to_decide():
+        return f'the exponent is not certain; about {more} cycles in all would decide'
+    if found.shrinks:
+        text = 'neighbouring motions join it: a long transient, or a long period; '
+        return (
+            f'{text}some {math.ceil(math.log(SETTLED) / found.exponent)} cycles more would decide'
+        )
+    if found.grows:
+        text = 'neighbouring motions part, but the averages are those of a regular motion'
+    elif found.neutral:
+        text = 'neighbouring motions keep their distance, but the averages are not steady'
+    else:
+        text = 'the exponent is too near to zero'
+    return f'{text}; some {4 * found.cycles} cycles in all would decide'
+
+
+def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) -> StretchKind:
     """
     Find out what a motion with impacts is.
 
@@ -190,43 +267,63 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind:
         The force and the rig, as logged; its force repeats.
     impacts : RecordedImpacts
         All of them.
+    sound : bool, optional
+        Whether the recording obeys the equations of the logged rig. If not, only what is
+        recorded counts, and not how that rig would go on.
+
+    Returns
+    -------
+    StretchKind
+        `CHAOTIC` and `QUASI_PERIODIC` only where both the exponent and the regularity are
+        certain, by the thresholds of `irregularity`, and the recording does not contradict;
+        else `UNDECIDED`, with the reason.
     """
     counted = counted_impacts(impacts)
     table = impact_table(counted, clock.zero, clock.cycle)
     spent = float(table.phase[-1] - table.phase[0]) if len(table) else 0.0
     recurrence = find_recurrence(table)
-    if recurrence is not None:
+    if recurrence is not None and (recurrence.at_floor or recurrence.level <= _SURE or not sound):
         return _recurring(recurrence, counted)
-    ahead = carried_on(clock, impacts) if spent >= _CARRIED_FROM else None
+    carried = None
+    if len(impacts) and sound and (recurrence is not None or spent >= _CARRIED_FROM):
+        carried = carry_on(clock, impacts, spent)
+    if recurrence is not None and (carried is None or _confirmed(recurrence, carried)):
+        return _recurring(recurrence, counted)
+    if carried is not None and carried.growth > carried.UNFORESEEABLE:
+        return _settling(clock, impacts, carried)
+    ahead = None if carried is None else _ahead(carried)
     if ahead is not None:
         return ahead
-    late = impacts[len(impacts) // 2 :]
-    exponent = largest_exponent(clock, late)
-    strobe = counted[len(counted) // 2 :]
-    most_hit = 1.0 if (strobe.stop == 1.0).sum() * 2 >= len(strobe) else 2.0
-    regularity = zero_one_test(strobe.x[strobe.stop == most_hit])
+    recorded, regularity, seen = _recorded(clock, impacts)
+    found = recorded if carried is None else carried.indications
     measures = {'zero_one_test': regularity}
-    seen = f'does not repeat within {MOST_CYCLES} cycles'
-    if exponent is not None:
-        measures |= {'lyapunov_exponent': exponent.value, 'lyapunov_error': exponent.error}
-        seen += (
-            f'; Lyapunov exponent {exponent.value:+.3f} +- {exponent.error:.3f} per cycle '
-            f'along the last {exponent.impacts} impacts'
-        )
-    if not math.isnan(regularity):
-        seen += f'; 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
-    if exponent is None or spent < _LEAST_CYCLES:
-        text = f'{seen}; {spent:.0f} cycles with impacts are too few to tell more'
-        return StretchKind(MotionKind.UNDECIDED, text, measures, short=True)
-    doubt = max(_ERRORS * exponent.error, _NO_GROWTH)
-    seconded = regularity > _IRREGULAR and exponent.value > max(exponent.error, _NO_GROWTH)
-    if exponent.value > doubt or seconded:
-        return StretchKind(MotionKind.CHAOTIC, seen, measures)
-    if exponent.value > -doubt and not regularity > 0.5:
-        return StretchKind(MotionKind.QUASI_PERIODIC, seen, measures)
-    if exponent.value < -doubt:
-        seen += '; neighbouring motions join it: a long transient, or a long period'
-    return StretchKind(MotionKind.UNDECIDED, seen, measures)
+    if recorded is not None:
+        measures['recorded_exponent'] = recorded.exponent
+        measures['recorded_error'] = recorded.error
+    if found is not None:
+        measures['lyapunov_exponent'], measures['lyapunov_error'] = found.exponent, found.error
+        measures['measured_cycles'] = float(found.cycles)
+        measures['average_spread'] = found.spread
+    measures['carried_cycles'] = float(carried.cycles) if carried is not None else 0.0
+    seen = f'does not repeat within {MOST_CYCLES} cycles{seen}'
+    if carried is not None and found is not None:
+        seen += f'; {_carried_text(found)}'
+    kind = MotionKind.UNDECIDED if found is None else found.kind()
+    doubt = _contradiction(kind, recorded, regularity)
+    if kind is MotionKind.UNDECIDED:
+        doubt = _doubt(found, carried, spent)
+    if doubt:
+        return StretchKind(MotionKind.UNDECIDED, f'{seen}; {doubt}', measures, short=True)
+    return StretchKind(kind, seen, measures)
+
+
+def _confirmed(recurrence: Recurrence, carried: CarriedMotion) -> bool:
+    """Return whether the theory leads on to the period that a motion seems to come to."""
+    ahead = carried.recurrence
+    if carried.period:
+        return carried.period == recurrence.cycles
+    slowly = carried.indications is not None and carried.indications.shrinks
+    return slowly and ahead is not None and ahead.cycles == recurrence.cycles
 
 
 def kind_without_force_phase(impacts: RecordedImpacts, cycle: float) -> StretchKind:

@@ -138,6 +138,8 @@ def irregular_judgement(
         judgement = _beside(kind, orbits, stops)
     except OrbitError as error:
         judgement = Judgement(Verdict.NO_PREDICTION, str(error), [])
+    if kind.kind is MotionKind.TRANSIENT:
+        judgement = Judgement(Verdict.NOT_SETTLED, kind.evidence, [])
     if kind.short:
         judgement = Judgement(Verdict.TOO_SHORT, kind.evidence, [])
     if log:
@@ -166,7 +168,7 @@ def _beside(
         return Judgement(Verdict.PREDICTED_UNSTABLE, text, [])
     text = (
         f'{what}, beside {motion_name(orbit)} ({_stability(orbit)}), which theory has here and '
-        'other initial conditions may lead to'
+        'other initial conditions, or more time, may lead to'
     )
     return Judgement(Verdict.NO_PREDICTION, text, [])
 

@@ -62,9 +62,9 @@ _VERDICT = (
         'motion',
         'text',
         '',
-        'What it settled into: periodic, without impacts, at rest, chaotic, undecided '
-        '(quasi-periodic, or still settling), or not periodically driven, by the force or by a '
-        'control whose samples fall elsewhere in each cycle.',
+        'What it settled into: periodic, without impacts, at rest, quasi-periodic, chaotic, '
+        'undecided, or not periodically driven, by the force or by a control whose samples fall '
+        'elsewhere in each cycle.',
     ),
     Column('settled', 'bool', '', 'Whether the motion repeats, to the tolerance of the sweep.'),
     Column('settling_cycles', 'integer', '', 'Cycles of the force before it was measured.'),

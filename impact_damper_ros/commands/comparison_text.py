@@ -78,7 +78,10 @@ def _motion_lines(stretch: StretchComparison) -> Iterator[str]:
     if orbit is not None:
         size += f' (predicted {orbit.x_max:.7g} m, {orbit.amplitude_ratio:.7g})'
     yield f'  swing      {size}; rms X {measured.x_rms:.6g} m'
-    rhythm = f'{_count(measured.impacts, "impact")} in the part measured'
+    rhythm = (
+        f'{_count(measured.impacts, "impact")} in the part measured, {measured.start:.6g} s to '
+        f'{measured.end:.6g} s'
+    )
     if not math.isnan(measured.impacts_per_cycle):
         rhythm += f', {measured.impacts_per_cycle:.4g} per cycle'
     if measured.impacts:

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from impact_damper_ros.analysis.motion import Motion, Stretch, measure
+from impact_damper_ros.analysis.motion import Motion
 from impact_damper_ros.analysis.motion_figure import Closeup, draw_motion
 from impact_damper_ros.commands.command_line import add_version_option, say
 from impact_damper_ros.commands.outputs import check_directory, in_words
@@ -34,7 +34,6 @@ from impact_damper_ros.rig import RigParameters, load_parameters
 __all__ = ['main']
 
 PATIENCE_S = 30.0
-SETTLED_S = 4.0
 CLOSEUP_CYCLES = 3
 #: Seconds of the rig per second of the demonstration, so that each stage has time to settle.
 SPEED = 3.0
@@ -56,10 +55,19 @@ STAGES = (
 
 
 class Row(NamedTuple):
-    """One stage, as the recording shows it."""
+    """
+    One stage, as `compare_run` measures it.
+
+    Attributes
+    ----------
+    stage : Stage
+        What was set.
+    measured : mapping of str to Any
+        The motion measured, as in ``report.json``; see `MeasuredMotion`.
+    """
 
     stage: Stage
-    stretch: Stretch
+    measured: Mapping[str, Any]
 
 
 def _environment() -> None:
@@ -229,34 +237,46 @@ def _read(bag: Path) -> tuple[Motion, list[float]]:
 
 def _table(rows: Sequence[Row], without: float) -> str:
     lines = [
-        '                              impacts per   largest   of the motion    mean',
-        'stage                         cycle         |X|       without damper   impulse',
+        '                              impacts    largest   of the motion    mean      measured',
+        'stage                         per cycle  |X|       without damper   impulse   from, to',
     ]
     lines.extend(
-        f'{stage.text:<29} {stretch.impacts_per_cycle:<13.2f} {1e3 * stretch.largest:4.1f} mm   '
-        f'{stretch.largest / without:<16.3f} {1e3 * stretch.impulse:.0f} mN s'
-        for stage, stretch in rows
+        f'{stage.text:<29} {measured["impacts_per_cycle"]:<10.2f} '
+        f'{1e3 * measured["x_max"]:4.1f} mm   {measured["x_max"] / without:<16.3f} '
+        f'{1e3 * measured["mean_impulse"]:.0f} mN s   '
+        f'{measured["start"]:.1f} s, {measured["end"]:.1f} s'
+        for stage, measured in rows
     )
-    return '\n'.join(lines)
+    return '\n'.join(
+        [
+            *lines,
+            '',
+            'Measured are the last periods of a motion that has settled, up to 20, or else the',
+            'second half of the stage, as in the report; |X| is counted from the equilibrium.',
+        ]
+    )
 
 
-def _report(bag: Path, preset: Path, picture: Path) -> str:
+def _rows(report: Path) -> list[Row]:
+    """Return the stages as the report has them."""
+    result = json.loads((report / 'report.json').read_text(encoding='utf-8'))
+    pairs = zip(STAGES, result['stretches'], strict=False)
+    return [Row(stage, stretch['measured']) for stage, stretch in pairs if stretch['measured']]
+
+
+def _draw(bag: Path, preset: Path, picture: Path, rows: Sequence[Row]) -> None:
     parameters, _, _ = load_parameters(preset)
     cycle = math.tau / parameters.force_frequencies[0]
     motion, changes = _read(bag)
     ends = [*changes, float(motion.time[-1])]
-    rows = [
-        Row(stage, measure(motion, end - SETTLED_S, end, cycle))
-        for stage, end in zip(STAGES, ends, strict=True)
-    ]
     closeups = [
         Closeup(
             end - CLOSEUP_CYCLES * cycle,
             end,
-            f'{stage.text}\n{stretch.impacts_per_cycle:.2f} impacts per cycle, '
-            f'|X| up to {1e3 * stretch.largest:.1f} mm',
+            f'{stage.text}\n{measured["impacts_per_cycle"]:.2f} impacts per cycle, '
+            f'|X| up to {1e3 * measured["x_max"]:.1f} mm',
         )
-        for (stage, stretch), end in zip(rows, ends, strict=True)
+        for (stage, measured), end in zip(rows, ends, strict=False)
     ]
     labels = [(0.0, STAGES[0].text)]
     labels += [(at, stage.text) for at, stage in zip(changes, STAGES[1:], strict=True)]
@@ -264,22 +284,21 @@ def _report(bag: Path, preset: Path, picture: Path) -> str:
         motion, closeups, labels, 'Impact damper, 5 Hz bench rig, recorded live from ROS 2'
     )
     figure.savefig(picture, dpi=110)
-    return _table(rows, parameters.response_amplitude)
 
 
 def _compare(bag: Path, directory: Path) -> int:
-    """Hold the recording against theory; print what came out, and return the exit code."""
+    """Hold the recording against theory; return the exit code."""
     from impact_damper_ros.commands.compare_run import main as compare_run
 
-    place = os.path.relpath(directory)
+    return compare_run(['--quiet', os.path.relpath(bag), '--report', os.path.relpath(directory)])
+
+
+def _print_verdicts(directory: Path) -> None:
     print('\nheld against the exact periodic theory (compare_run):\n')
-    code = compare_run(['--quiet', os.path.relpath(bag), '--report', place])
-    if code in (0, 1):
-        result = json.loads((directory / 'report.json').read_text(encoding='utf-8'))
-        for stretch in result['stretches']:
-            text = f'{stretch["cause"]}: {stretch["verdict"]}. {stretch["sentence"]}'
-            print(textwrap.fill(text, 96, initial_indent='  ', subsequent_indent='      '))
-    return code
+    result = json.loads((directory / 'report.json').read_text(encoding='utf-8'))
+    for stretch in result['stretches']:
+        text = f'{stretch["cause"]}: {stretch["verdict"]}. {stretch["sentence"]}'
+        print(textwrap.fill(text, 96, initial_indent='  ', subsequent_indent='      '))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -328,15 +347,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not bags:
         print(f'demo: the node left no recording in {directory}', file=sys.stderr)
         return 1
-    picture = directory / 'motion.png'
-    table = _report(bags[-1], preset, picture)
-    print(f'\n{states} joint_states and {impacts} impacts arrived over DDS; from the recording:\n')
-    print(table)
-    report = directory / 'report'
+    picture, report = directory / 'motion.png', directory / 'report'
+    print(f'\n{states} joint_states and {impacts} impacts arrived over DDS.')
     code = _compare(bags[-1], report)
+    compared = (report / 'report.json').is_file()
+    rows = _rows(report) if compared else []
+    _draw(bags[-1], preset, picture, rows)
+    if compared:
+        print('From the recording:\n')
+        print(_table(rows, load_parameters(preset)[0].response_amplitude))
+        _print_verdicts(report)
     print(f'\nrecording  {os.path.relpath(bags[-1])}   (ros2 bag play, or any MCAP reader)')
     print(f'picture    {os.path.relpath(picture)}')
-    if code in (0, 1):
+    if compared:
         print(f'report     {os.path.relpath(report / "report.html")}   (any browser)')
     return code
 

@@ -6,16 +6,24 @@ import math
 from dataclasses import dataclass, replace
 
 from impact_damper_ros.analysis.motion_kind import MotionKind
-from impact_damper_ros.analysis.rhythm import MOST_CYCLES, Rhythm, rhythm_of
-from impact_damper_ros.nodes.motion_trace import MotionTrace
+from impact_damper_ros.analysis.rhythm import (
+    MOST_CYCLES,
+    SETTLED,
+    Rhythm,
+    approaches,
+    period_distances,
+    rhythm_of,
+)
+from impact_damper_ros.nodes.motion_trace import KEPT, MotionTrace
 from impact_damper_ros.rig import Event, RigParameters
 
 __all__ = ['MeasuredMotion', 'measure']
 
-#: Cycles of the force without a rhythm after which it is no mere transient any more.
-UNDECIDED_AFTER = 200
-#: Longest stretch in which impacts are counted, where there is no rhythm.
-COUNTED_CYCLES = 20
+#: Cycles of the force, the last ones, that are measured where there is no rhythm; so many without
+#: an impact make a motion one without impacts.
+MEASURED_CYCLES = 20
+#: Periods in a row that must differ little for a motion to have settled.
+SETTLED_PERIODS = 3
 #: Turning points of M are interpolated between samples; with fewer in a cycle they are not good.
 LEAST_SAMPLES_PER_CYCLE = 6.0
 
@@ -28,13 +36,14 @@ class MeasuredMotion:
     Attributes
     ----------
     kind : MotionKind
-        `PERIODIC`: settled; `TRANSIENT`: not yet, or so short a time ago that it is not to be
-        told; `UNDECIDED`: not periodic after long; `NO_IMPACTS`; or `NOT_PERIODICALLY_DRIVEN`, if
-        the force has no first harmonic, or a multisine besides.
+        `PERIODIC`: settled; `TRANSIENT`: its impacts come to repeat, ever more closely;
+        `UNDECIDED`: neither; `NO_IMPACTS`; or `NOT_PERIODICALLY_DRIVEN`, if the force has no
+        first harmonic, or a multisine besides.
     cycles : float
         Cycles of the force since the last change or reset.
     impacts_per_cycle : float or None
-        Impacts in a cycle of the force.
+        Impacts in a cycle of the force, in the last period, or without a rhythm in the last
+        `MEASURED_CYCLES` cycles.
     rhythm : Rhythm or None
         What the impacts repeat, settled or not.
     impact : Event or None
@@ -42,8 +51,7 @@ class MeasuredMotion:
     phase : float
         Its instant in cycles of the force since its zero angle.
     x_max : float or None
-        Largest |X| in the last period, or without a rhythm in the last cycles, m; None if the
-        samples are too few to tell.
+        Largest |X| in the same part, m; None if the samples are too few for it.
     amplitude_ratio : float or None
         The same as a share of the amplitude A without impacts.
     """
@@ -77,7 +85,7 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
     parameters, frequency, now = trace.parameters, trace.frequency, trace.time
     if not (frequency and parameters.force_amplitudes[0] and not parameters.multisine_level):
         cycle = math.tau / parameters.omega
-        recently = trace.largest(now - MOST_CYCLES * cycle)
+        recently = trace.largest(now - MEASURED_CYCLES * cycle)
         enough = state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE
         return MeasuredMotion(
             MotionKind.NOT_PERIODICALLY_DRIVEN, x_max=recently if enough else None
@@ -87,26 +95,31 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
     impacts = trace.impacts()
     instants = [trace.cycles(event.time) for event in impacts]
     largest = trace.largest(now - MOST_CYCLES * cycle)
-    rhythm = rhythm_of(
-        instants, [event.stop for event in impacts], [event.x for event in impacts], largest
-    )
-    recent = min(cycles, COUNTED_CYCLES)
-    count = sum(instant > trace.cycles(now) - recent for instant in instants)
-    if rhythm is not None and instants[-1] < trace.cycles(now) - 2 * rhythm.cycles:
+    stops, x = [event.stop for event in impacts], [event.x for event in impacts]
+    rhythm = rhythm_of(instants, stops, x, largest)
+    turned = trace.cycles(now)
+    if rhythm is not None and instants[-1] < turned - 2 * rhythm.cycles:
         # The impacts have stopped.
         rhythm = None
     if rhythm is not None:
+        distances = period_distances(instants, stops, x, rhythm)
         largest = trace.largest(now - rhythm.cycles * cycle)
         rhythm = replace(rhythm, x_max=largest)
-        kind = MotionKind.PERIODIC if rhythm.settled else MotionKind.TRANSIENT
+        kind = MotionKind.UNDECIDED
+        if max(distances[-SETTLED_PERIODS:], default=math.inf) < SETTLED:
+            kind = MotionKind.PERIODIC
+        elif approaches(distances):
+            kind = MotionKind.TRANSIENT
         per_cycle = rhythm.impacts / rhythm.cycles
     else:
-        if not count and cycles >= COUNTED_CYCLES:
-            kind = MotionKind.NO_IMPACTS
-        elif cycles < UNDECIDED_AFTER:
-            kind = MotionKind.TRANSIENT
-        else:
-            kind = MotionKind.UNDECIDED
+        recent = min(cycles, MEASURED_CYCLES)
+        if len(impacts) >= KEPT:
+            # Of many impacts in a cycle, those of fewer cycles are kept.
+            recent = min(recent, turned - instants[0])
+        count = sum(instant > turned - recent for instant in instants)
+        without = not count and cycles >= MEASURED_CYCLES
+        kind = MotionKind.NO_IMPACTS if without else MotionKind.UNDECIDED
+        largest = trace.largest(now - recent * cycle)
         per_cycle = count / recent if recent > 0.0 else 0.0
     x_max = ratio = None
     if state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE:

@@ -13,7 +13,8 @@ import time
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from impact_damper_ros.analysis.rhythm import Rhythm
+from impact_damper_ros.analysis.motion_kind import MotionKind
+from impact_damper_ros.analysis.rhythm import MOST_CYCLES, Rhythm
 from impact_damper_ros.nodes.agreement import Agreement, compare
 from impact_damper_ros.nodes.measured_motion import MeasuredMotion, measure
 from impact_damper_ros.nodes.motion_trace import MotionTrace
@@ -21,6 +22,8 @@ from impact_damper_ros.nodes.predicted_motion import PredictedMotion
 from impact_damper_ros.nodes.predictor import Predictor, PredictorStatus
 
 __all__ = ['MotionMonitor', 'MotionReport', 'measured_report', 'predicted_report']
+
+_HOW = {MotionKind.PERIODIC: 'settled', MotionKind.TRANSIENT: 'settling'}
 
 
 class MotionReport(NamedTuple):
@@ -91,8 +94,7 @@ def measured_report(measured: MeasuredMotion) -> MotionReport:
     rhythm = measured.rhythm
     words = measured.kind.value
     if rhythm is not None:
-        settled = 'settled' if measured.settled else 'settling'
-        words = f'{_in_words(rhythm)}, {settled}'
+        words = f'{_in_words(rhythm)}, {_HOW.get(measured.kind, words)}'
     elif measured.impacts_per_cycle:
         words += f', {measured.impacts_per_cycle:.3g} impacts per cycle'
     return MotionReport(
@@ -101,6 +103,7 @@ def measured_report(measured: MeasuredMotion) -> MotionReport:
         words,
         {
             'State': measured.kind.value,
+            'Reason': _why_undecided(measured),
             'Settled': measured.settled,
             'Cycles of the force since the last change': _number(measured.cycles, 3),
             'Impacts per cycle of the force': _number(measured.impacts_per_cycle),
@@ -110,6 +113,18 @@ def measured_report(measured: MeasuredMotion) -> MotionReport:
             'Change from period to period': _number(rhythm.drift if rhythm else None, 3),
             'Factor of that change per period': _number(rhythm.decay if rhythm else None, 3),
         },
+    )
+
+
+def _why_undecided(measured: MeasuredMotion) -> str:
+    """Return why nothing is said of how a rig moves; empty if something is."""
+    if measured.kind is not MotionKind.UNDECIDED:
+        return ''
+    if measured.rhythm is not None:
+        return 'the impacts nearly repeat, but do not come closer to it'
+    return (
+        f'no period of up to {MOST_CYCLES} cycles of the force is recognised, '
+        f'{measured.cycles:.0f} cycles after the last change'
     )
 
 

@@ -6,7 +6,14 @@ from itertools import pairwise
 
 import pytest
 
-from impact_damper_ros.analysis.rhythm import RECOGNISED, SETTLED, Rhythm, rhythm_of
+from impact_damper_ros.analysis.rhythm import (
+    RECOGNISED,
+    SETTLED,
+    Rhythm,
+    approaches,
+    period_distances,
+    rhythm_of,
+)
 from impact_damper_ros.orbits import find_orbits, orbit_near
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
 
@@ -135,3 +142,23 @@ def test_the_last_period_begins_where_stop_1_follows_stop_2():
     found = rhythm_of(instants[:-1], ([1, 1, 2, 2] * 6)[:-1], x[:-1], 2.0)
     assert found.stops == (1, 1, 2, 2)
     assert all(b > a for a, b in pairwise(found.phases))
+
+
+@pytest.mark.parametrize(
+    ('factor', 'periods', 'expected'), [(0.9, 20, True), (1.1, 20, False), (0.9, 10, False)]
+)
+def test_an_approach_is_seen_over_twelve_periods(factor, periods, expected):
+    """Distances of periods that spiral in, or out, from 0.01 at the end."""
+
+    def wobble(k):
+        return 0.01 * factor ** (k - periods) if factor > 1.0 else 0.01 * factor**k
+
+    instants, x = repeating((0.2, 0.7), (1.0, -1.0), 1, periods, wobble)
+    stops = [1, 2] * periods
+    rhythm = rhythm_of(instants, stops, x, 1.0)
+    distances = period_distances(instants, stops, x, rhythm)
+    last = abs(wobble(periods - 1) - wobble(periods - 2))
+    assert distances[-1] == pytest.approx(last, rel=1e-9)
+    assert distances[-1] / distances[-2] == pytest.approx(factor, rel=1e-9)
+    assert len(distances) == min(18, periods - 1)
+    assert approaches(distances) is expected

@@ -31,7 +31,8 @@ def test_the_demonstration(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    rows = re.findall(r'^.* (\d\.\d\d) +(\d+\.\d) mm +0\.\d{3} +\d+ mN s$', done.stdout, re.M)
+    pattern = r'^.* (\d\.\d\d) +(\d+\.\d) mm +0\.\d{3} +(\d+) mN s +([\d.]+) s, ([\d.]+) s$'
+    rows = re.findall(pattern, done.stdout, re.M)
     assert len(rows) == 3
     # Too narrow a gap: three impacts a cycle; the right one: two, less motion.
     assert 2.8 < float(rows[0][0]) < 3.2
@@ -47,8 +48,18 @@ def test_the_demonstration(tmp_path):
     report = tmp_path / 'run' / 'report'
     page = (report / 'report.html').read_text(encoding='utf-8')
     assert page.count('<section class="stretch"') == 3
-    # The tilted rig is not yet seen long enough for a word on it.
-    _, second, _ = json.loads((report / 'report.json').read_text('utf-8'))['stretches']
+    stretches = json.loads((report / 'report.json').read_text('utf-8'))['stretches']
+    # The same numbers of the same part of each stage as in the report
+    for row, stretch in zip(rows, stretches, strict=True):
+        measured = stretch['measured']
+        assert float(row[0]) == pytest.approx(measured['impacts_per_cycle'], abs=0.005)
+        assert float(row[1]) == pytest.approx(1e3 * measured['x_max'], abs=0.05)
+        assert float(row[2]) == pytest.approx(1e3 * measured['mean_impulse'], abs=0.5)
+        part = [measured['start'], measured['end']]
+        assert [float(row[3]), float(row[4])] == pytest.approx(part, abs=0.05)
+    _, second, tilted = stretches
+    assert tilted['kind'] == 'chaotic'
+    assert tilted['measures']['lyapunov_exponent'] == pytest.approx(0.31, abs=0.08)
     assert second['parameters']['gap'] == 0.024
     assert second['verdict'] == 'agrees'
     assert second['measured']['x_max'] == pytest.approx(0.00325, rel=0.01)

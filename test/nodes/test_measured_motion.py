@@ -78,9 +78,10 @@ def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_t
 def test_states_on_the_way():
     rig = Simulator(INCLINED)
     trace = MotionTrace.at(INCLINED, rig.snapshot())
-    assert measure(trace, RATE).kind is MotionKind.TRANSIENT
+    assert measure(trace, RATE).kind is MotionKind.UNDECIDED
     measured = measure(traced(rig, 3, trace), RATE)
-    assert (measured.kind, measured.rhythm) == (MotionKind.TRANSIENT, None)
+    assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)
+    assert measured_report(measured).values['Reason'].endswith('3 cycles after the last change')
     measured = measure(traced(rig, 90, trace), RATE)
     assert measured.kind is MotionKind.TRANSIENT
     assert measured.rhythm.stops == (1, 2)
@@ -102,6 +103,35 @@ def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
     measured = measure(traced(broadband, 30), RATE)
     assert (measured.kind, measured.rhythm) == (MotionKind.NOT_PERIODICALLY_DRIVEN, None)
     assert measured.x_max > 0.1
+
+
+def test_chaos_is_never_settled_nor_settling():
+    """The tilted bench rig, from the first cycle on."""
+    tilted = RigParameters(
+        primary_mass=2.0,
+        stiffness=1974.0,
+        damping=1.26,
+        damper_mass=0.1,
+        gap=0.024,
+        restitution_1=0.6,
+        restitution_2=0.6,
+        friction=0.02,
+        angle=0.2,
+        force_amplitudes=1.2,
+        force_frequencies=31.416,
+    )
+    rig = Simulator(tilted)
+    trace = MotionTrace.at(tilted, rig.snapshot())
+    rate = 8.0 * 31.416 / math.tau
+    for k in range(1, 2401):
+        trace = trace.after(rig.advance(k / rate))
+        trace.sample(rig.sample())
+        if k % 8 == 0:
+            measured = measure(trace, rate)
+            assert measured.kind is MotionKind.UNDECIDED
+            words = measured_report(measured)
+            assert words.values['Reason']
+            assert 'settl' not in words.message
 
 
 def test_impacts_that_stop_are_no_rhythm():
