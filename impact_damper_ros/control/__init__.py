@@ -8,11 +8,12 @@ What is known of the published law, and what is reconstruction or extension, sta
 from .controlled_rig import ControlledRig, completed
 from .damper import Damper, damper_of
 from .parameters import GAP_CONTROL_SPECS, GapControlParameters
-from .record import CONTROL_JOINTS, Action, ControlRecord
+from .record import CONTROL_JOINTS, PAUSED_FRAME, Action, ControlRecord
 
 __all__ = [
     'CONTROL_JOINTS',
     'GAP_CONTROL_SPECS',
+    'PAUSED_FRAME',
     'Action',
     'ControlRecord',
     'ControlledRig',

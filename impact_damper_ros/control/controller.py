@@ -268,7 +268,7 @@ class Controller:
 
 
 def _copied(part: _Part) -> _Part:
-    """Return a copy of a part of the controller, with lists of its own; their entries are fixed."""
+    """Return a copy of a part of the controller, with lists of its own."""
     new = copy(part)
     for entry in fields(part):  # type: ignore[arg-type]
         value = getattr(part, entry.name)

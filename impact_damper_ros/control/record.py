@@ -8,10 +8,12 @@ from typing import NamedTuple, Self
 from .actuator import Actuators
 from .observer import Observer
 
-__all__ = ['CONTROL_JOINTS', 'Action', 'ControlRecord']
+__all__ = ['CONTROL_JOINTS', 'PAUSED_FRAME', 'Action', 'ControlRecord']
 
 #: Joints of the topic `gap_control`.
 CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
+#: Frame of the joint states of a rig that is held, which are no samples of its motion.
+PAUSED_FRAME = 'paused'
 
 
 class Action(IntEnum):

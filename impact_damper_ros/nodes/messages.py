@@ -108,11 +108,15 @@ class JointStateTemplate:
 
 
 class StateTemplate(JointStateTemplate):
-    """Joint states of the rig: all joints, absolute positions along the axis, no frame."""
+    """
+    Joint states of the rig: all joints, absolute positions along the axis.
 
-    def __init__(self) -> None:
+    Samples of the motion have no frame; what a rig that is held repeats has `PAUSED_FRAME`.
+    """
+
+    def __init__(self, frame_id: str = '') -> None:
         """Build the template."""
-        super().__init__('', JOINTS, ('position', 'velocity'))
+        super().__init__(frame_id, JOINTS, ('position', 'velocity'))
 
     def of(self, stamp_ns: int, sample: Sample) -> bytes:
         """Return the joint states of a sample; the stops move with the primary mass."""
