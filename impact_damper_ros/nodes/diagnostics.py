@@ -23,9 +23,9 @@ from impact_damper_ros.nodes.serialisation import time_from_ns
 __all__ = ['Diagnostics', 'RecordingStatus']
 
 HARDWARE_ID = 'impact damper rig'
-#: Computing time per wall time from which it is the rig that keeps the engine busy.
+#: Part of the wall time spent on the motion from which it is the rig that keeps the engine busy.
 BUSY = 0.5
-#: Events per computing second from which it is they that take the time, and not the search.
+#: Events per second of that from which it is they that take the time, and not the search.
 EVENTFUL = 200.0
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from math import ceil
-from time import thread_time_ns
+from time import monotonic_ns, thread_time_ns
 from typing import NamedTuple
 
 from impact_damper_ros.control import ControlledRig, ControlRecord
@@ -110,7 +110,7 @@ class MotionAhead:
     events : int
         How many the rig has had so far.
     busy_ns : int
-        Computing time that moving it has taken so far.
+        Wall time that moving it has taken so far.
     """
 
     def __init__(
@@ -155,7 +155,7 @@ class MotionAhead:
         RunawayError, ArithmeticError, ValueError
             If the rig cannot go on; it stands where it stood.
         """
-        began_ns = thread_time_ns()
+        began_ns = monotonic_ns()
         mark = self._rig.mark()
         try:
             return self._move(time_ns, tick, offset_ns, _slice())
@@ -163,7 +163,7 @@ class MotionAhead:
             self._rig.go_back(mark)
             raise
         finally:
-            self.busy_ns += thread_time_ns() - began_ns
+            self.busy_ns += monotonic_ns() - began_ns
 
     def _move(
         self, time_ns: int, tick: int, offset_ns: int, interrupted: Callable[[], bool]
