@@ -23,9 +23,10 @@ from impact_damper_ros.nodes.serialisation import time_from_ns
 __all__ = ['Diagnostics', 'RecordingStatus']
 
 HARDWARE_ID = 'impact damper rig'
-#: Part of the wall time spent on the motion from which it is the rig that keeps the engine busy.
-BUSY = 0.5
-#: Events per second of that from which it is they that take the time, and not the search.
+#: Computing time per time of the rig from which it is the rig that keeps the engine from its pace,
+#: and per wall time from which there was any to speak of.
+BUSY, AT_WORK = 0.5, 0.05
+#: Events per computing second from which it is they that take the time, and not the search.
 EVENTFUL = 200.0
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -156,7 +157,7 @@ class Diagnostics:
         """Return what in the rig takes the time, and what helps; empty if it is not the rig."""
         now, before = engine.load, self._last.load if self._last else Load()
         events, busy = now.events - before.events, (now.busy_ns - before.busy_ns) * 1e-9
-        if busy < BUSY * elapsed:
+        if busy < AT_WORK * elapsed or busy * (self._factor or 1.0) < BUSY * rig_time:
             return ''
         if events > EVENTFUL * busy:
             impacts = engine.impacts - (self._last.impacts if self._last else 0)

@@ -183,13 +183,19 @@ class Engine:
             self._load(),
         )
 
+    def _busy_ns(self) -> int:
+        """Return the computing time of the engine's thread so far."""
+        if self._thread.ident is None or not self._thread.is_alive():
+            return 0
+        return time.clock_gettime_ns(time.pthread_getcpuclockid(self._thread.ident))
+
     def _load(self) -> Load:
         parameters = self._simulator.parameters
         amplitudes, frequencies, _ = parameters.harmonics
         acting = [w for f, w in zip(amplitudes, frequencies, strict=True) if f != 0.0]
         return Load(
             self._motion.events,
-            self._motion.busy_ns,
+            self._busy_ns(),
             max([parameters.omega, *acting]),
             len(acting),
         )

@@ -28,7 +28,7 @@ class Load(NamedTuple):
     events : int
         Events so far, impacts among them.
     busy_ns : int
-        Wall time that they and the search for them have taken so far.
+        Computing time of the engine's thread so far.
     fastest : float
         Circular frequency of the fastest of spring and harmonics, rad/s.
     harmonics : int

@@ -29,8 +29,10 @@ __all__ = ['RIG_FAILURES', 'MotionAhead', 'Moved', 'ticks_ahead']
 
 #: What a rig may end in that nobody should have made, but that is admissible.
 RIG_FAILURES = (RunawayError, ArithmeticError, ValueError)
-#: Computing time of a slice, which few rigs need for a tick.
-SLICE_NS = 25_000_000
+#: Wall time of a slice, which few rigs need for a tick, and the computing time for which it goes
+#: on after that: a machine that stands still is no reason to interrupt the rig.
+SLICE_NS = 20_000_000
+GRACE_NS = 15_000_000
 #: Most events on the way to the next whole nanosecond.
 MOST_WITHIN_NS = 1000
 
@@ -74,9 +76,16 @@ class Moved(NamedTuple):
 
 def _slice() -> Callable[[], bool]:
     """Return what asks whether a slice is over that begins now."""
-    # Not wall time: a machine that stands still is no reason to interrupt the rig.
-    end = thread_time_ns() + SLICE_NS
-    return lambda: thread_time_ns() > end
+    end, grace_end = monotonic_ns() + SLICE_NS, 0
+
+    def over() -> bool:
+        nonlocal grace_end
+        if monotonic_ns() < end:
+            return False
+        grace_end = grace_end or thread_time_ns() + GRACE_NS
+        return thread_time_ns() > grace_end
+
+    return over
 
 
 class MotionAhead:
@@ -109,8 +118,6 @@ class MotionAhead:
         Joint states of the next ticks, as far as they are known.
     events : int
         How many the rig has had so far.
-    busy_ns : int
-        Wall time that moving it has taken so far.
     """
 
     def __init__(
@@ -129,7 +136,6 @@ class MotionAhead:
         self._most = most
         self.known: deque[bytes] = deque()
         self.events = 0
-        self.busy_ns = 0
 
     def move_to(self, time_ns: int, tick: int, offset_ns: int) -> Moved:
         """
@@ -155,15 +161,12 @@ class MotionAhead:
         RunawayError, ArithmeticError, ValueError
             If the rig cannot go on; it stands where it stood.
         """
-        began_ns = monotonic_ns()
         mark = self._rig.mark()
         try:
             return self._move(time_ns, tick, offset_ns, _slice())
         except RIG_FAILURES:
             self._rig.go_back(mark)
             raise
-        finally:
-            self.busy_ns += monotonic_ns() - began_ns
 
     def _move(
         self, time_ns: int, tick: int, offset_ns: int, interrupted: Callable[[], bool]

@@ -33,6 +33,8 @@ _MOST_EVENTS_AT_ONCE = 10_000
 _AT_ONCE = 1e-9
 #: Steps of a search between two questions whether to go on. Few flights take more.
 _STEPS_AT_A_STRETCH = 8
+#: From so many on, each sample takes long.
+_MANY_HARMONICS = 32
 _REMEDY = 'give a wider gap, a restitution below 1, or a slower start'
 
 
@@ -157,15 +159,15 @@ class HybridMotion:
 
     def mark(self) -> dict[str, Any]:
         """Return what `go_back` takes the rig back to; far cheaper than a snapshot."""
+        state = self.__dict__.copy()
         # Everything in it is immutable, but for these two.
-        return {
-            **self.__dict__,
-            '_unreported': list(self._unreported),
-            '_watch': copy(self._watch),
-        }
+        state['_unreported'] = self._unreported.copy()
+        if self._watch is not None:
+            state['_watch'] = copy(self._watch)
+        return state
 
     def go_back(self, mark: dict[str, Any]) -> None:
-        """Undo all that was done to the rig since a mark; each may be used once."""
+        """Undo all that `advance` did since a mark; each may be used once."""
         self.__dict__.update(mark)
 
     def advance(
@@ -257,24 +259,30 @@ class HybridMotion:
         instant, at_once = -inf, 0
         until, passing = time, False
         while True:
-            if interrupted is not None and max(self._time, self._origin.time) >= until:
-                # An instant that the rig has come to is gone through with.
-                interrupted = None
             stretch = until if until < self._step_due else self._step_due
             if (
                 self._due == inf
                 and stretch >= self._clear
                 and not self._search(stretch, interrupted)
             ):
-                until = max(self._time, self._origin.time)
-                break
+                there = max(self._time, self._origin.time)
+                if there < until:
+                    until = there
+                    break
+                # An instant that the rig has come to is gone through with.
+                interrupted = None
+                continue
             due = self._due if self._due <= self._step_due else self._step_due
             if watch and not passing:
                 try:
                     crossing = self._crossings().after(self._time, min(due, until), interrupted)
                 except SearchInterruptedError:
-                    until = max(self._time, self._origin.time)
-                    break
+                    there = max(self._time, self._origin.time)
+                    if there < until:
+                        until = there
+                        break
+                    interrupted = None
+                    continue
                 if crossing is not None:
                     # What else happens at that instant comes first.
                     until, passing, interrupted = crossing, True, None
@@ -372,12 +380,14 @@ class HybridMotion:
             until = min(self._due, self._step_due)
             if not decided:
                 until = min(until, self._clear)
+        if interrupted is None or len(self._machine.phases) < _MANY_HARMONICS:
+            return [self._sample_at(time) for time in times if time < until]
         samples = []
         for time in times:
             if not time < until:
                 break
             samples.append(self._sample_at(time))
-            if interrupted is not None and interrupted():
+            if interrupted():
                 break
         return samples
 
