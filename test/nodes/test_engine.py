@@ -352,6 +352,27 @@ def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
     assert {m.header.frame_id for m in recorded} == {''}
 
 
+@pytest.mark.parametrize('clock', [True, False])
+def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
+    """As `ros2 bag record` does it: all that is published, stamped with the time of arrival."""
+    with Bench(factor=1.0, clock=clock) as bench:
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 30)
+        assert bench.engine.pause(True).wait(DEADLINE_S)
+        until(lambda: len(bench.paused()) > 2)
+        assert bench.engine.pause(False).wait(DEADLINE_S)
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 30)
+    log = recording(tmp_path / 'bag')
+    for number, (name, data) in enumerate(bench.sent):
+        if name != 'clock':
+            log.write(name, data, 10**18 + 1_000_003 * number)
+    assert log.close().error is None
+    replay = Replay(RunHistory(tmp_path / 'bag'))
+    assert sum(1 for _ in replay.ticks()) == len(bench.samples())
+    assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
+
+
 def test_several_pauses_do_not_add_up_to_a_delay():
     """Each pause falls somewhere between two ticks; stamps are not late by that part of it."""
     with Bench(factor=1.0, rate=2.0, clock=False) as bench:
