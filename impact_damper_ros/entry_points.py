@@ -42,8 +42,9 @@ def begin(command: str) -> None:
     """
     Let signals end the process at once and without a traceback, until `run`.
 
-    Ctrl-C says that the command is interrupted, with exit code 130. The node ends with 0 on SIGINT
-    and SIGTERM, as when it runs. A Ctrl-C that the process was started to ignore stays ignored.
+    Ctrl-C says that the command is interrupted, with exit code 130. The node ends with 0 on
+    SIGINT, SIGTERM and SIGHUP, as when it runs. A Ctrl-C that the process was started to ignore
+    stays ignored.
 
     Parameters
     ----------
@@ -51,8 +52,10 @@ def begin(command: str) -> None:
         Its name.
     """
     if command == _NODE:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: os._exit(0))
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            # nohup has SIGHUP ignored.
+            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, lambda *_: os._exit(0))
     elif signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, partial(_end, command))
 
@@ -78,7 +81,8 @@ def run(command: str, main: Callable[[], int]) -> int:
     Returns
     -------
     int
-        That exit code; 130 if a Ctrl-C comes out of `main`, or an error that it has led to.
+        That exit code; 130 if a Ctrl-C comes out of `main`, or an error that it has led to; 1 if
+        it is a rig with events without end, which is said in a line.
     """
     if command == _NODE:
         return main()  # which takes the signals itself, for good
@@ -93,9 +97,13 @@ def run(command: str, main: Callable[[], int]) -> int:
         signal.signal(signal.SIGINT, interrupt)
     try:
         code = main()
-    except (Exception, KeyboardInterrupt):
+    except (Exception, KeyboardInterrupt) as error:
         if not interrupted:
-            raise
+            # Imported by now, if it is one.
+            if type(error).__name__ != 'RunawayError':
+                raise
+            print(f'{command}: {error}', file=sys.stderr)
+            return 1
         begin(command)
         _say_interrupted(command)
         code = EXIT_INTERRUPTED

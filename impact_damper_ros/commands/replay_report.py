@@ -91,7 +91,8 @@ def findings_text(findings: Findings, history: RunHistory) -> str:
         f'{_count(findings.snapshots, "snapshot")}',
         f'time span   {start:.9g} s to {end:.9g} s of rig time',
         f'meanwhile   {_count(findings.changes, "change")}, {_count(findings.resets, "reset")}, '
-        f'{_count(findings.pauses, "pause")}',
+        f'{_count(findings.pauses, "pause")}'
+        + (f', {_count(findings.slips, "slip")} of the pace' if findings.slips else ''),
     ]
     if findings.gap_count:
         gap = findings.gaps[0]
@@ -200,6 +201,7 @@ def as_json(findings: Findings, history: RunHistory) -> dict[str, Any]:
             'changes': findings.changes,
             'resets': findings.resets,
             'pauses': findings.pauses,
+            'slips': findings.slips,
             'start': None if findings.start_ns is None else findings.start_ns / 1e9,
             'end': None if findings.end_ns is None else findings.end_ns / 1e9,
         },

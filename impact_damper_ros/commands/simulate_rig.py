@@ -52,6 +52,7 @@ from impact_damper_ros.rig import (
     Sample,
     load_parameters,
 )
+from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.sweep import SWEEP_FIELDS, frequency_at
 
 __all__ = ['main', 'parameter_table']
@@ -349,8 +350,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0; 1 if the files could not be written; 2 if the input is not usable; 130 on Ctrl-C,
-        with everything simulated so far written.
+        0; 1 if the files could not be written, or the rig has events without end; 2 if the input
+        is not usable; 130 on Ctrl-C, with everything simulated so far written.
     """
     arguments = _parser().parse_args(argv)
     try:
@@ -374,7 +375,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 1
-    except RecordingError as error:
+    except (RecordingError, RunawayError) as error:
         say('simulate_rig', error)
         return 1
     except OSError as error:

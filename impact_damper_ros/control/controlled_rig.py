@@ -8,7 +8,7 @@ run is cut into pieces here either.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import inf
 from typing import Any, Self
 
@@ -160,11 +160,31 @@ class ControlledRig:
         """Return the motion at the present time, after any event at that instant."""
         return self._rig.sample()
 
-    def preview(self, times: Sequence[float]) -> list[Sample]:
+    def preview(
+        self, times: Sequence[float], interrupted: Callable[[], bool] | None = None
+    ) -> list[Sample]:
         """Return the motion at later instants, as `Simulator.preview` does; none under control."""
-        return [] if self.plain is None else self._rig.preview(times)
+        return [] if self.plain is None else self._rig.preview(times, interrupted)
 
-    def advance(self, time: float, most_events: float = inf) -> list[Event]:
+    def mark(self) -> tuple[dict[str, Any], Controller]:
+        """Return what `go_back` takes rig and control back to, as `Simulator.mark` does."""
+        controller = self._controller
+        if self._control.active or not controller.idles:
+            controller = controller.copied()
+        return self._rig.mark(), controller
+
+    def go_back(self, mark: tuple[dict[str, Any], Controller]) -> None:
+        """Undo all that `advance` did since a mark; each may be used once."""
+        state, self._controller = mark
+        self._rig.go_back(state)
+        self._records = []
+
+    def advance(
+        self,
+        time: float,
+        most_events: float = inf,
+        interrupted: Callable[[], bool] | None = None,
+    ) -> list[Event]:
         """
         Let the rig run to a later time.
 
@@ -175,6 +195,8 @@ class ControlledRig:
         most_events : float, optional
             After about so many events the rig stops, at an event, if more are due before that
             time; it may go on from there.
+        interrupted : callable, optional
+            Called now and then; once it returns true, the rig stops, as of `Simulator.advance`.
 
         Returns
         -------
@@ -186,6 +208,8 @@ class ControlledRig:
         ------
         ValueError
             If the time is before the present one or not finite.
+        RunawayError
+            If the rig has events without end at one instant; `go_back` leads out of it.
         """
         self._records = []
         rig = self._rig
@@ -200,7 +224,7 @@ class ControlledRig:
             # A command may have become due in the past, where the delay has been shortened.
             until = max(rig.time, min(inf if command is None else command, sample, time))
             run = rig.advance_to_crossing if active else rig.advance
-            new = run(until, most_events - len(events))
+            new = run(until, most_events - len(events), interrupted)
             events += self._noted(new)
             if new and new[-1].kind is EventKind.CROSSING:
                 self._cross(new[-1])
@@ -211,6 +235,8 @@ class ControlledRig:
             elif sample <= until:
                 self._look()
             else:
+                return events
+            if interrupted is not None and rig.time < time and interrupted():
                 return events
 
     def _cross(self, event: Event) -> None:

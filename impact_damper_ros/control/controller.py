@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
-from dataclasses import asdict, dataclass, field
+from copy import copy, deepcopy
+from dataclasses import asdict, dataclass, field, fields, replace
 from math import inf
-from typing import Any
+from typing import Any, TypeVar
 
 from .actuator import Actuators, Command
 from .amplitude_law import StopTiming, symmetric_gap
@@ -17,6 +17,9 @@ from .search import Search
 from .timed_law import TimedLaw
 
 __all__ = ['Controller']
+
+_PARTS = ('observer', 'search', 'timing', 'timed', 'actuators')
+_Part = TypeVar('_Part')
 
 #: A stop is not moved by less than this part of its place: each start costs energy.
 _AMPLITUDE_DEAD_BAND = 0.005
@@ -91,6 +94,17 @@ class Controller:
             roused=stored['roused'],
             returning=stored['returning'],
         )
+
+    @property
+    def idles(self) -> bool:
+        """Whether the actuators have nothing to do."""
+        actuators = self.actuators
+        return not (self.returning or actuators.waiting or any(actuators.velocities))
+
+    def copied(self) -> Controller:
+        """Return another controller in the same state."""
+        parts = {name: _copied(getattr(self, name)) for name in _PARTS}
+        return replace(self, **parts)
 
     def idle(self) -> Controller:
         """Return a controller that keeps no more of this one than what the actuators have done."""
@@ -251,3 +265,13 @@ class Controller:
         self.actuators.order(
             issue, target if stop == 1 else None, target if stop == 2 else None, p
         )
+
+
+def _copied(part: _Part) -> _Part:
+    """Return a copy of a part of the controller, with lists of its own."""
+    new = copy(part)
+    for entry in fields(part):  # type: ignore[arg-type]
+        value = getattr(part, entry.name)
+        if isinstance(value, list):
+            setattr(new, entry.name, value.copy())
+    return new

@@ -8,13 +8,14 @@ fully qualified node name, so that two rigs are told apart.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from impact_damper_ros.nodes.engine_status import ControlStatus, EngineStatus
+from impact_damper_ros.nodes.engine_status import ControlStatus, EngineStatus, Load
 from impact_damper_ros.nodes.motion_report import MotionReport
 from impact_damper_ros.nodes.pacing import CATCH_UP_NS
 from impact_damper_ros.nodes.serialisation import time_from_ns
@@ -22,6 +23,11 @@ from impact_damper_ros.nodes.serialisation import time_from_ns
 __all__ = ['Diagnostics', 'RecordingStatus']
 
 HARDWARE_ID = 'impact damper rig'
+#: Computing time per time of the rig from which it is the rig that keeps the engine from its pace,
+#: and per wall time from which there was any to speak of.
+BUSY, AT_WORK = 0.5, 0.05
+#: Events per computing second from which it is they that take the time, and not the search.
+EVENTFUL = 200.0
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -106,21 +112,26 @@ class Diagnostics:
         rig_time = (engine.time_ns - (last.time_ns if last else 0)) * 1e-9
         asked = self._state_rate * self._factor
         worst_ms = counts.worst_lateness_ns * 1e-6
-        if engine.paused:
+        burden = self._burden(engine, rig_time, elapsed)
+        if engine.held:
+            level, message = ERROR, 'held: the rig cannot go on'
+        elif engine.paused:
             level, message = OK, 'paused'
         elif ticks == 0 and asked * elapsed > 2.0:
             level, message = ERROR, f'no tick for {elapsed:.1f} s'
+            if burden:
+                message += f': {burden}'
         elif slips:
             level = ERROR
-            message = (
-                f'cannot hold {asked:g} Hz: gave {slipped_ns * 1e-9:.3f} s of wall time up; '
-                'lower state_rate or real_time_factor'
-            )
+            message = f'cannot hold {asked:g} Hz: gave {slipped_ns * 1e-9:.3f} s of wall time up; '
+            message += burden or 'lower state_rate or real_time_factor'
         elif overruns:
             level = WARN
             message = f'{overruns} of {ticks} ticks late by more than a period; no sample lost'
         elif not self._factor:
             level, message = OK, f'runs {rig_time / elapsed:.3g} times as fast as real time'
+            if burden and rig_time < elapsed:
+                level, message = WARN, f'{message}: {burden}'
         else:
             level, message = OK, f'holds {asked:g} Hz'
         return self._status(
@@ -142,17 +153,40 @@ class Diagnostics:
             },
         )
 
+    def _burden(self, engine: EngineStatus, rig_time: float, elapsed: float) -> str:
+        """Return what in the rig takes the time, and what helps; empty if it is not the rig."""
+        now, before = engine.load, self._last.load if self._last else Load()
+        events, busy = now.events - before.events, (now.busy_ns - before.busy_ns) * 1e-9
+        if busy < AT_WORK * elapsed or busy * (self._factor or 1.0) < BUSY * rig_time:
+            return ''
+        if events > EVENTFUL * busy:
+            impacts = engine.impacts - (self._last.impacts if self._last else 0)
+            kind = 'impacts' if 2 * impacts > events else 'events'
+            # Rig time goes by whole nanoseconds.
+            often = f'{events / max(rig_time, 1e-9):.2g} {kind} per second of rig time'
+            remedy = 'lower the restitution, give a wider gap or less force'
+        else:
+            often = f'the fastest of spring and force has {now.fastest / math.tau:.3g} Hz'
+            if now.harmonics > 1:
+                often = f'the force has {now.harmonics} harmonics, and {often}'
+            remedy = 'give less stiffness, a heavier mass, or a slower force of fewer harmonics'
+        return f'the rig is behind: {often}; {remedy}, or lower real_time_factor'
+
     def _rig(self, engine: EngineStatus, elapsed: float) -> Any:
         impacts = engine.impacts - (self._last.impacts if self._last else 0)
         mode = engine.mode.lower().replace('_', ' ')
         return self._status(
             'rig',
-            OK,
-            f'{"paused, " if engine.paused else ""}{mode}',
+            ERROR if engine.held else OK,
+            f'held: {engine.held}; it waits for a changed parameter or ~/reset'
+            if engine.held
+            else f'{"paused, " if engine.paused else ""}{mode}',
             {
                 'Mode': engine.mode,
                 'Time [s]': f'{engine.time_ns * 1e-9:.3f}',
                 'Paused': engine.paused,
+                'Held': bool(engine.held),
+                'Events': engine.load.events,
                 'Impacts': engine.impacts,
                 'Impacts per wall second': f'{impacts / elapsed:.2f}',
             },

@@ -1,10 +1,11 @@
 """
-SIGINT and SIGTERM as one request to end, however often they come.
+SIGINT, SIGTERM and SIGHUP as one request to end, however often they come.
 
 rclpy's own signal handler wakes executors and shuts ROS down from a thread of its own, for each
 signal anew. A second signal, while the node is being taken apart after the first, finds guard
 conditions that are just being freed, and the process crashes. Here a signal only writes a byte
 into a socket, whatever the process is doing, and the node takes itself apart in its own order.
+A SIGHUP, of a terminal that is gone, is ignored if the process was started so, as nohup does.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from collections.abc import Callable
 
 __all__ = ['EndRequest']
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class EndRequest:
     """
-    Take SIGINT and SIGTERM, and keep in mind that one has come; from the main thread only.
+    Take the signals that end a process, and note that one has come; from the main thread only.
 
     There is one in a process. What the signals did before does not come back: they are ignored
     from `close` on, since an impatient one must not spoil the exit code.
@@ -39,7 +40,8 @@ class EndRequest:
         # handler of Python nothing would be written.
         signal.set_wakeup_fd(self._writing.fileno(), warn_on_full_buffer=False)
         for number in SIGNALS:
-            signal.signal(number, lambda *_: None)
+            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, lambda *_: None)
         self._thread = threading.Thread(target=self._listen, name='signals', daemon=True)
         self._thread.start()
 

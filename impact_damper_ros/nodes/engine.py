@@ -9,7 +9,10 @@ the joint states are published. So the joint states of a tick already show a cha
 effect at it.
 
 Everything asked of the engine goes through a queue and takes effect at the tick the rig stands at,
-an exact number of nanoseconds. All that a recording holds is written from this thread, in order.
+an exact number of nanoseconds. A rig that takes long from one tick to the next is moved in slices
+(`motion_ahead`), and requests take effect between these, at exact nanoseconds, too. One that
+cannot go on at all is held until a change or a reset gives it another motion. All that a recording
+holds is written from this thread, in order.
 """
 
 from __future__ import annotations
@@ -21,23 +24,26 @@ from collections.abc import Callable, Sequence
 from std_msgs.msg import String
 
 from impact_damper_ros.control import ControlledRig, GapControlParameters
-from impact_damper_ros.nodes.engine_status import ControlStatus, EngineStatus
+from impact_damper_ros.nodes.engine_status import ControlStatus, EngineStatus, Load
 from impact_damper_ros.nodes.messages import ClockTemplate
-from impact_damper_ros.nodes.motion_ahead import MotionAhead, ticks_ahead
+from impact_damper_ros.nodes.motion_ahead import RIG_FAILURES, MotionAhead, ticks_ahead
 from impact_damper_ros.nodes.motion_trace import MotionTrace
 from impact_damper_ros.nodes.outlets import Emitter, Log, Outlets
-from impact_damper_ros.nodes.pacing import Pacer, StampClock, TickGrid
+from impact_damper_ros.nodes.pacing import CATCH_UP_NS, Pacer, StampClock, TickGrid
 from impact_damper_ros.nodes.requests import RequestQueue, Ticket
 from impact_damper_ros.nodes.scheduling import Scheduling, sleep_first_in_line
 from impact_damper_ros.nodes.serialisation import restamped, serialised
 from impact_damper_ros.nodes.tick_messages import Happening, TickMessages
 from impact_damper_ros.rig import InitialConditions, RigParameters
+from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.published import snapshot_text
 
 __all__ = ['Engine']
 
 PAUSED_NAP_S = 0.02
-PAUSED_CLOCK_PERIOD_NS = 100_000_000
+PAUSED_PERIOD_NS = 100_000_000
+#: How long the pace must have been held before the thread has its priority again.
+STEADY_AGAIN_NS = 10_000_000_000
 #: Messages a recording may be behind a free-running rig before the rig waits for it.
 LOG_BACKLOG = 20_000
 
@@ -58,7 +64,7 @@ class Engine:
         Rig seconds per wall second; 0 runs as fast as possible.
     publish_clock : bool
         Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from
-        the system time at the start, and a pause moves them on with the wall clock.
+        the system time at the start, and a pause or a slip moves them on with the wall clock.
     control : GapControlParameters, optional
         The control of the gap; off, if not given.
     alive : callable
@@ -68,6 +74,9 @@ class Engine:
     on_course : callable, optional
         Called from the engine's thread at the start and after every change and reset, with the
         snapshot of the rig as JSON; must return at once.
+    on_trouble : callable, optional
+        Called from the engine's thread with a text if the rig falls behind the wall clock or
+        cannot go on.
     real_time_priority : int, optional
         Of the thread, if it is permitted; 0, as for a rig that runs as fast as possible, for
         ordinary scheduling.
@@ -91,6 +100,7 @@ class Engine:
         on_failure: Callable[[], None],
         control: GapControlParameters | None = None,
         on_course: Callable[[str], object] = lambda _: None,
+        on_trouble: Callable[[str], object] = lambda _: None,
         real_time_priority: int = 0,
     ) -> None:
         """Set the rig up; `start` sets it going."""
@@ -99,6 +109,7 @@ class Engine:
         self._outlets = outlets
         self._on_failure = on_failure
         self._on_course = on_course
+        self._on_trouble = on_trouble
         self._messages = TickMessages(outlets)
         self._clock = ClockTemplate()
         self._grid = TickGrid(state_rate)
@@ -107,7 +118,7 @@ class Engine:
             self._grid.instant(1),
             real_time_factor,
             sleep=sleep_first_in_line,
-            on_slip=self._scheduling.give_up,
+            on_slip=self._slip,
         )
         self._free_running = not real_time_factor
         self._stamps = StampClock(simulated=publish_clock)
@@ -116,6 +127,9 @@ class Engine:
         # Between a tick and its joint states
         self._within_tick = True
         self._paused = False
+        # Why the rig cannot go on
+        self._held = ''
+        self._slipped = False
         self._news = 'start'
         self._motion = MotionAhead(
             self._simulator,
@@ -164,6 +178,25 @@ class Engine:
                 self._simulator.control, self._messages.commands, self._messages.last_act
             ),
             self._scheduling.text,
+            self._held,
+            self._load(),
+        )
+
+    def _busy_ns(self) -> int:
+        """Return the computing time of the engine's thread so far."""
+        if self._thread.ident is None or not self._thread.is_alive():
+            return 0
+        return time.clock_gettime_ns(time.pthread_getcpuclockid(self._thread.ident))
+
+    def _load(self) -> Load:
+        parameters = self._simulator.parameters
+        amplitudes, frequencies, _ = parameters.harmonics
+        acting = [w for f, w in zip(amplitudes, frequencies, strict=True) if f != 0.0]
+        return Load(
+            self._motion.events,
+            self._busy_ns(),
+            max([parameters.omega, *acting]),
+            len(acting),
         )
 
     def change(
@@ -227,7 +260,7 @@ class Engine:
         self._serve()
         self._publish_states()
         while not self._stopping.is_set():
-            if self._paused:
+            if self._paused or self._held:
                 self._hold()
                 continue
             due_ns = self._grid.instant(self._tick + 1)
@@ -237,34 +270,98 @@ class Engine:
             self._tick += 1
             self._pacer.wait(due_ns)
             self._time_ns, self._within_tick = due_ns, True
+            if self._slipped:
+                self._catch_up()
+            elif self._scheduling.given_up and self._pacer.steady_ns > STEADY_AGAIN_NS:
+                self._scheduling.take()
             self._serve()
             self._publish_states()
             if self._free_running:
                 self._wait_for_log()
 
     def _move_to(self, due_ns: int) -> bool:
-        """Move the rig to the next tick and send what happens on the way, or be interrupted."""
+        """
+        Move the rig to the next tick and send what happens on the way.
+
+        It may stop before, because something is asked, or because that takes long; false then.
+        """
         if not self._pacer.approach(due_ns, self._interrupted):
             return False
-        if happenings := self._motion.move_to(self._tick + 1, self._stamps.offset_ns):
-            last_ns = max(happening.stamp_ns for happening in happenings)
+        try:
+            moved = self._motion.move_to(self._time_ns, self._tick + 1, self._stamps.offset_ns)
+        except RIG_FAILURES as error:
+            self._give_up(error)
+            return False
+        if moved.happenings:
+            last_ns = max(happening.stamp_ns for happening in moved.happenings)
             self._pacer.pause_until(last_ns - self._stamps.offset_ns)
-            self._emit_all(happenings)
-        return True
+            self._emit_all(moved.happenings)
+        if moved.time_ns == due_ns:
+            return True
+        self._time_ns = moved.time_ns
+        if self._pacer.lateness(due_ns) > CATCH_UP_NS:
+            self._scheduling.give_up()
+        self._serve()
+        return False
 
     def _interrupted(self) -> bool:
         self._serve()
         return self._paused or self._stopping.is_set()
 
     def _hold(self) -> None:
-        """Stand still until told otherwise; /clock goes on, for those who join meanwhile."""
-        clock_due_ns = time.monotonic_ns()
-        while self._paused and not self._stopping.is_set():
-            if time.monotonic_ns() >= clock_due_ns:
+        """
+        Stand still until told otherwise.
+
+        Clock and joint states go on, for those who join meanwhile, and for transforms that are
+        looked up now. These are no samples of the motion, and not recorded.
+        """
+        due_ns = time.monotonic_ns()
+        while (self._paused or self._held) and not self._stopping.is_set():
+            if time.monotonic_ns() >= due_ns:
                 self._publish_clock()
-                clock_due_ns += PAUSED_CLOCK_PERIOD_NS
+                data = self._motion.paused_states(self._stamps.now(self._time_ns))
+                self._out.publish(self._outlets.joint_states, data)
+                due_ns += PAUSED_PERIOD_NS
             time.sleep(PAUSED_NAP_S)
             self._serve()
+
+    def _give_up(self, error: Exception) -> None:
+        """Hold a rig that cannot go on, where it stands."""
+        kind = '' if isinstance(error, RunawayError) else f'{type(error).__name__}: '
+        self._held = f'{kind}{error}'
+        self._motion.stand_at(self._time_ns)
+        self._on_trouble(f'the rig is held: {self._held}; it waits for a change or a reset')
+
+    def _go_on(self) -> None:
+        """Let a rig run on that has stood still: its stamps and deadlines begin anew."""
+        self._stamps.catch_up(self._time_ns)
+        self._pacer.anchor(self._time_ns)
+
+    def _release(self) -> None:
+        """Let a rig that was held run on, since it has another motion now."""
+        if self._held:
+            self._held = ''
+            if not self._paused:
+                self._go_on()
+
+    def _slip(self) -> None:
+        self._scheduling.give_up()
+        self._slipped = True
+
+    def _catch_up(self) -> None:
+        """Let the tick that the rig stands at be now, after wall time was given up."""
+        self._slipped = False
+        before_ns = self._stamps.offset_ns
+        if self._stamps.catch_up(self._time_ns):
+            # They have other stamps.
+            self._motion.stand_at(self._time_ns)
+            self._motion.discard()
+            self._news = self._news or 'slip'
+            late_s = (self._stamps.offset_ns - before_ns) * 1e-9
+            self._on_trouble(
+                f'the rig was {late_s:.3f} s late and has given them up: its stamps are moved on '
+                'by as much'
+            )
 
     def _wait_for_log(self) -> None:
         while self._out.log is not None and self._out.log.backlog > LOG_BACKLOG:
@@ -292,7 +389,8 @@ class Engine:
             rig = self._simulator
             self._motion.discard()
             events = rig.change(parameters or rig.parameters, control)
-            self._emit_all(self._motion.passed(events, self._stamps.offset_ns))
+            self._emit_all(self._motion.passed(events, rig.records, self._stamps.offset_ns))
+            self._release()
             self._news = self._news or 'change'
             self._new_course = True
 
@@ -301,6 +399,7 @@ class Engine:
         self._motion.discard()
         self._simulator.reset(initial)
         self._messages.last_act = None
+        self._release()
         self._news = 'reset'
         self._new_course = True
 
@@ -309,13 +408,11 @@ class Engine:
             return False
         # They have other stamps.
         self._motion.discard()
-        if paused:
-            self._stamps.hold()
-        else:
-            self._stamps.go_on()
-            self._pacer.anchor(self._time_ns)
-            self._news = 'resume'
         self._paused = paused
+        if not paused:
+            if not self._held:
+                self._go_on()
+            self._news = 'resume'
         return True
 
     def _record_to(self, log: Log, event: bytes) -> None:

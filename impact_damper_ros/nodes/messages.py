@@ -111,11 +111,15 @@ class JointStateTemplate:
 
 
 class StateTemplate(JointStateTemplate):
-    """Joint states of the rig, without a frame; the numbers are those of `state_numbers`."""
+    """
+    Joint states of the rig; the numbers are those of `state_numbers`.
 
-    def __init__(self) -> None:
+    Samples of the motion have no frame; what a rig that is held repeats has `PAUSED_FRAME`.
+    """
+
+    def __init__(self, frame_id: str = '') -> None:
         """Build the template."""
-        super().__init__('', JOINTS, ('position', 'velocity'))
+        super().__init__(frame_id, JOINTS, ('position', 'velocity'))
 
     def of(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
         """Return the joint states of a sample, given the static deflection of the rig then, m."""

@@ -5,20 +5,36 @@ Between two events the motion is a closed formula, so that nothing but a request
 the joint states of the next ticks will be. They are made in one go, for two reasons: a processor
 that has slept for a millisecond has lost the code and data of the last time, and the first sample
 after that takes ten times as long as the second; and a tick whose message lies ready is not late.
+
+Some rigs take longer to the next tick than anybody would wait for. So they are moved in slices,
+each of which ends at a whole nanosecond: there all that can be done to a rig can be done to it.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from math import ceil
+from time import monotonic_ns, thread_time_ns
+from typing import NamedTuple
 
-from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.control import ControlledRig, ControlRecord
 from impact_damper_ros.nodes.motion_trace import MotionTrace
 from impact_damper_ros.nodes.pacing import TickGrid
 from impact_damper_ros.nodes.tick_messages import Happening, TickMessages
 from impact_damper_ros.rig import Event, Sample
+from impact_damper_ros.rig.hybrid_motion import RunawayError
 
-__all__ = ['MotionAhead', 'ticks_ahead']
+__all__ = ['RIG_FAILURES', 'MotionAhead', 'Moved', 'ticks_ahead']
+
+#: What a rig may end in that nobody should have made, but that is admissible.
+RIG_FAILURES = (RunawayError, ArithmeticError, ValueError)
+#: Wall time of a slice, which few rigs need for a tick, and the computing time for which it goes
+#: on after that: a machine that stands still is no reason to interrupt the rig.
+SLICE_NS = 20_000_000
+GRACE_NS = 15_000_000
+#: Most events on the way to the next whole nanosecond.
+MOST_WITHIN_NS = 1000
 
 #: Joint states are made for so much wall time ahead, no longer than a nap of the pacer, and for so
 #: many ticks at most.
@@ -40,6 +56,36 @@ def ticks_ahead(period_ns: int, real_time_factor: float) -> int:
         Rig seconds per wall second; 0 for as fast as possible.
     """
     return max(1, min(MOST_TICKS, int(SPAN_NS * (real_time_factor or 1.0) / period_ns)))
+
+
+class Moved(NamedTuple):
+    """
+    A move of the rig.
+
+    Attributes
+    ----------
+    time_ns : int
+        Rig time that it has come to: the next tick, or one before it.
+    happenings : list of Happening
+        What has to go out before the joint states of that tick.
+    """
+
+    time_ns: int
+    happenings: list[Happening]
+
+
+def _slice() -> Callable[[], bool]:
+    """Return what asks whether a slice is over that begins now."""
+    end, grace_end = monotonic_ns() + SLICE_NS, 0
+
+    def over() -> bool:
+        nonlocal grace_end
+        if monotonic_ns() < end:
+            return False
+        grace_end = grace_end or thread_time_ns() + GRACE_NS
+        return thread_time_ns() > grace_end
+
+    return over
 
 
 class MotionAhead:
@@ -70,6 +116,8 @@ class MotionAhead:
         tick that is known; to be replaced at a change.
     known : deque of bytes
         Joint states of the next ticks, as far as they are known.
+    events : int
+        How many the rig has had so far.
     """
 
     def __init__(
@@ -87,13 +135,16 @@ class MotionAhead:
         self._grid = grid
         self._most = most
         self.known: deque[bytes] = deque()
+        self.events = 0
 
-    def move_to(self, tick: int, offset_ns: int) -> list[Happening]:
+    def move_to(self, time_ns: int, tick: int, offset_ns: int) -> Moved:
         """
-        Move the rig to the next tick, whose joint states are not known.
+        Move the rig to the next tick, whose joint states are not known, or as far as a slice goes.
 
         Parameters
         ----------
+        time_ns : int
+            Rig time at which the rig stands.
         tick : int
             Number of the tick.
         offset_ns : int
@@ -101,20 +152,57 @@ class MotionAhead:
 
         Returns
         -------
-        list of Happening
-            What has to go out before the joint states of that tick.
-        """
-        events = self._rig.advance(self._grid.instant(tick) / 1e9)
-        happenings = self.passed(events, offset_ns)
-        self._look_ahead(tick, offset_ns, min(self._most, AFTER_EVENT) if events else self._most)
-        return happenings
+        Moved
+            How far the rig has come; perhaps no further than it was, since a long search that is
+            not at its end yet moves nothing.
 
-    def passed(self, events: Sequence[Event], offset_ns: int) -> list[Happening]:
+        Raises
+        ------
+        RunawayError, ArithmeticError, ValueError
+            If the rig cannot go on; it stands where it stood.
+        """
+        mark = self._rig.mark()
+        try:
+            return self._move(time_ns, tick, offset_ns, _slice())
+        except RIG_FAILURES:
+            self._rig.go_back(mark)
+            raise
+
+    def _move(
+        self, time_ns: int, tick: int, offset_ns: int, interrupted: Callable[[], bool]
+    ) -> Moved:
+        rig, due_ns = self._rig, self._grid.instant(tick)
+        events, records = rig.advance(due_ns / 1e9, interrupted=interrupted), rig.records
+        reached_ns = due_ns
+        if rig.time < due_ns / 1e9:
+            reached_ns = min(due_ns, max(time_ns, ceil(rig.time * 1e9)))
+            while reached_ns / 1e9 < rig.time:
+                reached_ns += 1
+            events += rig.advance(reached_ns / 1e9, MOST_WITHIN_NS)
+            records = [*records, *rig.records]
+            if rig.time < reached_ns / 1e9:
+                raise RunawayError(MOST_WITHIN_NS, rig.time)
+        instants, samples = [], []
+        if reached_ns == due_ns:
+            most = min(self._most, AFTER_EVENT) if events else self._most
+            instants = [self._grid.instant(tick + i) for i in range(most)]
+            samples = rig.preview([instant / 1e9 for instant in instants], interrupted)
+            samples = samples or [rig.sample()]
+        happenings = self.passed(events, records, offset_ns)
+        deflection = rig.parameters.static_deflection
+        for instant, sample in zip(instants, samples, strict=False):
+            self.known.append(self._message(offset_ns + instant, sample, deflection))
+        return Moved(reached_ns, happenings)
+
+    def passed(
+        self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int
+    ) -> list[Happening]:
         """Take note of what the rig has gone through; return it as messages."""
         if events:
+            self.events += len(events)
             self.trace = self.trace.after(events)
         deflection = self._rig.parameters.static_deflection
-        return self._messages.happenings(events, self._rig.records, offset_ns, deflection)
+        return self._messages.happenings(events, records, offset_ns, deflection)
 
     def take_states(self, time_ns: int, offset_ns: int) -> bytes:
         """Return the joint states of the tick that is due, at an instant of rig time, once."""
@@ -125,6 +213,11 @@ class MotionAhead:
         deflection = self._rig.parameters.static_deflection
         return self._message(offset_ns + time_ns, self._rig.sample(), deflection)
 
+    def paused_states(self, stamp_ns: int) -> bytes:
+        """Return the joint states of a rig that is held where it stands, with a stamp of now."""
+        deflection = self._rig.parameters.static_deflection
+        return self._messages.paused_states(stamp_ns, self._rig.sample(), deflection)
+
     def stand_at(self, time_ns: int) -> None:
         """Put the rig to a tick, up to which nothing happens to it that is not known."""
         time = time_ns / 1e9
@@ -134,14 +227,6 @@ class MotionAhead:
     def discard(self) -> None:
         """Forget the joint states that are known: the rig or the stamps are about to change."""
         self.known.clear()
-
-    def _look_ahead(self, tick: int, offset_ns: int, most: int) -> None:
-        """Make the joint states of the tick at which the rig stands, and more as far as known."""
-        instants = [self._grid.instant(tick + i) for i in range(most)]
-        samples = self._rig.preview([instant / 1e9 for instant in instants])
-        deflection = self._rig.parameters.static_deflection
-        for instant, sample in zip(instants, samples or [self._rig.sample()], strict=False):
-            self.known.append(self._message(offset_ns + instant, sample, deflection))
 
     def _message(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
         self.trace.sample(sample)

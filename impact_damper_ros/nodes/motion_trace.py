@@ -79,7 +79,9 @@ class MotionTrace:
                 turned = trace.cycles(event.time)
                 trace = MotionTrace(trace.parameters, event.time, turned, trace._step + 1)
                 first = i + 1
-        trace._passed = events[first:] if first else events
+        # Between two ticks far apart there may be several moves of the rig, and any many events.
+        before = [] if trace is not self else trace._passed
+        trace._passed = [*before, *events[first:]][-KEPT:] if before or first else events
         return trace
 
     def sample(self, sample: Sample) -> None:

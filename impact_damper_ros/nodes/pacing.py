@@ -5,7 +5,9 @@ Policy for lateness. Deadlines are absolute, so a late tick does not delay the n
 as the rig is less than `CATCH_UP` behind, it makes up for it: the missed ticks are computed and
 published back to back, none is left out. Further behind, it gives the lost wall time up and takes
 its deadlines from there (a slip): rig time then lags wall time by so much more, but the samples
-stay on their grid without a hole. Both are counted, and reported in the diagnostics.
+stay on their grid without a hole. Stamps that count from the system time are moved on by as much,
+so that they stay with the time of the other nodes. Both are counted, and reported in the
+diagnostics.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ NS_PER_S = 1_000_000_000
 CATCH_UP_NS = 250_000_000
 # Longest sleep at a stretch: what has to be answered between two ticks far apart waits no longer.
 NAP_NS = 20_000_000
+#: Lateness, in wall time, up to which the pace is held.
+STEADY_NS = 50_000_000
 # A free-running rig leaves the processor for a moment this often, so that parameter calls and the
 # log's writer are served.
 FREE_RUN_STRETCH_NS = 10_000_000
@@ -56,7 +60,7 @@ class StampClock:
     ----------
     simulated : bool
         Stamps count from 0, as those of a simulator do. Otherwise from the system time at the
-        start, and a pause moves them on with the wall clock.
+        start, and a pause or a slip moves them on with the wall clock.
 
     Attributes
     ----------
@@ -68,21 +72,26 @@ class StampClock:
         """Begin at 0."""
         self.offset_ns = 0
         self._simulated = simulated
-        self._held_ns = 0
+        # Of the monotonic clock's zero
+        self._zero_ns = 0
 
     def begin(self) -> None:
         """Let rig time 0 be now."""
         if not self._simulated:
-            self.offset_ns = time.time_ns()
+            self._zero_ns = time.time_ns() - time.monotonic_ns()
+            self.catch_up(0)
 
-    def hold(self) -> None:
-        """Begin a pause."""
-        self._held_ns = time.monotonic_ns()
+    def now(self, time_ns: int) -> int:
+        """Return the stamp of what is said now of a rig that stands at a rig time."""
+        stamp_ns = self.offset_ns + time_ns
+        if self._simulated:
+            return stamp_ns
+        return max(stamp_ns, self._zero_ns + time.monotonic_ns())
 
-    def go_on(self) -> None:
-        """End a pause."""
-        if not self._simulated:
-            self.offset_ns += time.monotonic_ns() - self._held_ns
+    def catch_up(self, time_ns: int) -> bool:
+        """Let a rig time be now, after a pause or a slip; return whether that moves stamps."""
+        before, self.offset_ns = self.offset_ns, self.now(time_ns) - time_ns
+        return self.offset_ns != before
 
 
 class PacingCounts(NamedTuple):
@@ -132,7 +141,7 @@ class Pacer:
         self._sleep = sleep
         self._on_slip = on_slip
         self._anchor_ns = self._anchor_rig_ns = 0
-        self._stretch_began_ns = clock()
+        self._stretch_began_ns = self._unsteady_ns = clock()
         self._ticks = self._overruns = self._slips = self._slipped_ns = 0
         self._worst = _Worst()
 
@@ -140,6 +149,15 @@ class Pacer:
         """Let rig time run on from `rig_ns` now."""
         self._anchor_ns = self._clock()
         self._anchor_rig_ns = rig_ns
+
+    def lateness(self, rig_ns: int) -> int:
+        """Return by how much wall time an instant of rig time is late by now, ns."""
+        return self._clock() - self._deadline(rig_ns) if self._factor else 0
+
+    @property
+    def steady_ns(self) -> int:
+        """For how long the pace has been held so far, in wall time."""
+        return self._clock() - self._unsteady_ns
 
     def approach(self, rig_ns: int, interrupted: Callable[[], bool]) -> bool:
         """
@@ -204,6 +222,8 @@ class Pacer:
             worst.lateness_ns = late_ns
         if late_ns > self._late_after_ns:
             self._overruns += 1
+        if late_ns > STEADY_NS:
+            self._unsteady_ns = self._clock()
         if late_ns > CATCH_UP_NS:
             self._anchor_ns += late_ns
             self._slips += 1

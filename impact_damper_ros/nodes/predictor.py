@@ -239,8 +239,9 @@ class Predictor:
     # The predictor's thread
 
     def _run(self) -> None:
-        # Handed on to the worker: it must not hear a Ctrl-C, which is the node's, while it begins
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        # Handed on to the worker: it must not hear a Ctrl-C, or that the terminal is gone, which
+        # are the node's, while it begins
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
         self._on_thread()
         while not self._closing:
             wait = None

@@ -76,7 +76,8 @@ SETTING_SPECS: dict[str, ParameterSpec] = {
         ),
         ParameterSpec(
             'publish_clock',
-            'Publish /clock, and count stamps from 0 instead of from the system time.',
+            'Publish /clock, and count stamps from 0 instead of from the system time. So it is in '
+            'any case if real_time_factor is not 1.',
             '',
             None,
             None,
@@ -144,6 +145,11 @@ class NodeParameters:
     predict_motion: bool
     record: bool
     bag_directory: str
+
+    @property
+    def simulated_time(self) -> bool:
+        """Whether stamps count from 0 and /clock is published: rig time is no wall time."""
+        return self.publish_clock or self.real_time_factor != 1.0
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> NodeParameters:

@@ -17,7 +17,8 @@ costs both sides more than they have to do; with a long one the rig would wait f
 short only while the rig sleeps, see `sleep_first_in_line`.
 
 A thread that never sleeps would leave others nothing of its processor. So a rig that cannot hold
-its pace, or runs as fast as possible, has ordinary scheduling.
+its pace has ordinary scheduling until it has held it for some time, and one that runs as fast as
+possible has it for good.
 """
 
 from __future__ import annotations
@@ -73,16 +74,20 @@ class Scheduling:
     ----------
     text : str
         What it has: ``'SCHED_FIFO 1'``, or ``'ordinary'``, with the reason if more was asked for.
+    given_up : bool
+        Whether it has ordinary scheduling until it holds its pace again.
     """
 
     def __init__(self, priority: int, *, inherited: bool = True) -> None:
         """Change nothing yet."""
         self.text = ORDINARY
+        self.given_up = False
         self._inherited = inherited
         self._priority = priority
 
     def take(self) -> None:
         """Give the calling thread the priority, if that is permitted."""
+        self.given_up = False
         if not self._priority:
             return
         try:
@@ -96,7 +101,8 @@ class Scheduling:
             self.text = f'SCHED_FIFO {self._priority}'
 
     def give_up(self) -> None:
-        """Give the calling thread, which cannot hold its pace, ordinary scheduling for good."""
+        """Give the calling thread ordinary scheduling until `take`: it cannot hold its pace."""
         if self.text.startswith('SCHED_FIFO'):
+            self.given_up = True
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
             self.text = f'{ORDINARY}: the pace could not be held'

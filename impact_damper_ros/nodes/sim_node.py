@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import math
 import sys
+import time
 import traceback
 from collections.abc import Sequence
 from typing import Any
@@ -66,6 +68,8 @@ REPORT_PERIOD_S = 1.0
 MOTION_PERIOD_S = 0.25
 #: Longest wait of a service call for the engine.
 ANSWER_TIMEOUT_S = 2.0
+#: Least time between two warnings of a rig that falls behind.
+WARNING_PERIOD_S = 5.0
 
 
 class SimNode(Node):
@@ -89,6 +93,12 @@ class SimNode(Node):
         declared = self.list_parameters([], 0).names
         parameters = parameters_from_overrides(overrides, declared, self.get_logger().warning)
         self._declare(parameters)
+        if parameters.simulated_time and not parameters.publish_clock:
+            self.get_logger().info(
+                f'real_time_factor is {parameters.real_time_factor:g}: stamps count from 0, and '
+                '/clock is published; give the other nodes use_sim_time'
+            )
+        self._warned_s = -math.inf
         outlets = self._outlets = self._advertise(parameters)
         self._woken = self.create_guard_condition(lambda: None)
         self._predicted = self.create_guard_condition(self._report_motion)
@@ -108,11 +118,12 @@ class SimNode(Node):
             outlets,
             state_rate=parameters.state_rate,
             real_time_factor=parameters.real_time_factor,
-            publish_clock=parameters.publish_clock,
+            publish_clock=parameters.simulated_time,
             alive=self.context.ok,
             on_failure=self.wake,
             control=parameters.control,
             on_course=self._predictor.ask,
+            on_trouble=self._warn_of_trouble,
             real_time_priority=priority,
         )
         self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
@@ -137,6 +148,12 @@ class SimNode(Node):
         if parameters.record:
             self._recorder.open(parameters.bag_directory)
             self._recorder.begin(self._dump())
+
+    def _warn_of_trouble(self, text: str) -> None:
+        """Warn, from the engine's thread; now and then is enough."""
+        if time.monotonic() >= self._warned_s + WARNING_PERIOD_S:
+            self._warned_s = time.monotonic()
+            self.get_logger().warning(text)
 
     def start(self) -> None:
         """Set the rig going, and say what runs."""
@@ -198,7 +215,7 @@ class SimNode(Node):
             gap_control=self._outlet(JointState, 'gap_control', impacts),
             snapshot=self._outlet(String, 'snapshot', latched),
             clock=(
-                self._outlet(ClockMessage, '/clock', clock) if parameters.publish_clock else None
+                self._outlet(ClockMessage, '/clock', clock) if parameters.simulated_time else None
             ),
             parameter_events=self.resolve_topic_name('/parameter_events'),
             diagnostics=self._diagnostics_publisher.topic_name,
@@ -326,8 +343,10 @@ def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> in
         _spin(node, executor, end)
     finally:
         end.wake_with(None)
+        # There may be no terminal any more to say it to.
         if summary := node.finish():
-            print(f'sim_node: {summary}', file=sys.stderr)
+            with contextlib.suppress(OSError):
+                print(f'sim_node: {summary}', file=sys.stderr)
     if (failure := node.engine.failure) is not None:
         print('sim_node: the engine failed, the rig is stopped:', file=sys.stderr)
         traceback.print_exception(failure)
@@ -371,7 +390,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit code: 0 after SIGINT and SIGTERM, 1 if the node could not start or has failed.
+        Exit code: 0 after SIGINT, SIGTERM and SIGHUP, 1 if the node could not start or has failed.
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     end = EndRequest()

@@ -9,6 +9,7 @@ from impact_damper_ros.control import Action, ControlRecord
 from impact_damper_ros.nodes.messages import ControlTemplate, ImpactTemplate, StateTemplate
 from impact_damper_ros.nodes.outlets import Outlet, Outlets
 from impact_damper_ros.rig import Event, EventKind, Sample
+from impact_damper_ros.rig.published import PAUSED_FRAME
 
 __all__ = ['Happening', 'TickMessages']
 
@@ -45,12 +46,17 @@ class TickMessages:
         self.last_act: ControlRecord | None = None
         self._outlets = outlets
         self._states = StateTemplate()
+        self._paused = StateTemplate(PAUSED_FRAME)
         self._impacts_at = {1: ImpactTemplate(1), 2: ImpactTemplate(2)}
         self._acts = {action: ControlTemplate(action) for action in Action}
 
     def states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
         """Return the joint states of a sample, given the static deflection of the rig then, m."""
         return self._states.of(stamp_ns, sample, deflection)
+
+    def paused_states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+        """Return the joint states of a rig that is held; they are no sample of its motion."""
+        return self._paused.of(stamp_ns, sample, deflection)
 
     def happenings(
         self,

@@ -14,9 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.rig.published import PAUSED_FRAME
+
 from .cdr import CdrError, CdrReader
 
-__all__ = ['JointStateBytes', 'header_ns']
+__all__ = ['JointStateBytes', 'header_ns', 'is_paused']
 
 _LITTLE = struct.Struct('<iI')
 _BIG = struct.Struct('>iI')
@@ -38,6 +40,16 @@ def header_ns(content: bytes) -> int:
     layout = _LITTLE if content[1] == 1 else _BIG
     seconds, nanoseconds = layout.unpack_from(content, _STAMP_AT)
     return int(seconds) * 10**9 + int(nanoseconds)
+
+
+_PAUSED = PAUSED_FRAME.encode() + b'\0'
+_PAUSED_AT = slice(_STAMP_END, _STAMP_END + 4 + len(_PAUSED))
+_PAUSED_FRAMES = tuple(len(_PAUSED).to_bytes(4, order) + _PAUSED for order in ('little', 'big'))
+
+
+def is_paused(content: bytes) -> bool:
+    """Return whether these joint states only repeat, of a rig that is held, where it stands."""
+    return content[_PAUSED_AT] in _PAUSED_FRAMES
 
 
 class JointStateBytes:

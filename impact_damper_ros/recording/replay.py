@@ -409,7 +409,9 @@ class Replay:
                 snapshot.stamp_ns, topic, 'arithmetic', snapshot.arithmetic, start.arithmetic
             )
         self._carry_out(self._pending, snapshot)
-        if snapshot.offset_ns != findings.offset_ns or snapshot.reason == 'resume':
+        if snapshot.reason == 'slip':
+            findings.slips += 1
+        elif snapshot.offset_ns != findings.offset_ns or snapshot.reason == 'resume':
             findings.pauses += 1
         findings.offset_ns = snapshot.offset_ns
 

@@ -130,7 +130,7 @@ class Findings:
         How many the bag holds, from its start on.
     control, recorded_control, missing_control : int
         The same, and `missing_impacts`, for what the gap control did.
-    changes, resets, pauses, snapshots : int
+    changes, resets, pauses, slips, snapshots : int
         What else happened.
     start_ns, end_ns : int or None
         Rig times of the first and last sample, in nanoseconds.
@@ -169,6 +169,7 @@ class Findings:
     changes: int = 0
     resets: int = 0
     pauses: int = 0
+    slips: int = 0
     snapshots: int = 0
     start_ns: int | None = None
     end_ns: int | None = None

@@ -25,7 +25,7 @@ from impact_damper_ros.rig.snapshot import ARITHMETIC, FORMATS, upgraded
 
 from .cdr import CdrError
 from .errors import RecordingError
-from .joint_state_bytes import header_ns
+from .joint_state_bytes import header_ns, is_paused
 from .messages import Parameter, ParameterEvent, String, decode
 from .rig_topics import PARAMETER_EVENT, STRING, find_topics
 from .run_reader import Record, RunReader
@@ -267,6 +267,9 @@ class RunHistory:
         try:
             for record in self.reader.records(wanted - {''}):
                 topic, _, stamp_ns, content = record
+                if topic == names.joint_states and is_paused(content):
+                    # No sample of the motion; only others than the node record it.
+                    continue
                 if topic in rig:
                     within_ns = header_ns(content)
                     before = last.get(topic)

@@ -272,8 +272,10 @@ class RunWriter:
 
     def _write_loop(self) -> None:
         try:
-            flushed = time.monotonic()
-            dirty = False
+            # The first messages go out at the next look: what a process killed soon after its
+            # start has recorded must not be nothing.
+            flushed = time.monotonic() - self._flush_interval
+            dirty = begun = False
             pause = self._poll_period
             while True:
                 stopping = self._stop.wait(pause)
@@ -287,13 +289,15 @@ class RunWriter:
                         flushed, dirty = time.monotonic(), False
                 left = flushed + self._flush_interval - time.monotonic()
                 if left <= 0.0:
+                    begun = begun or dirty
                     if dirty:
                         self._file.flush()
-                    flushed, dirty = time.monotonic(), False
-                    left = self._flush_interval
+                    if begun:
+                        flushed, dirty = time.monotonic(), False
+                        left = self._flush_interval
                 if stopping:
                     break
-                pause = self._poll_period if found > _MUCH else left
+                pause = self._poll_period if found > _MUCH or not begun else left
         except Exception as error:
             self._fail(error)
 

@@ -49,6 +49,8 @@ __all__ = [
 ]
 
 _EPSILON = 2.220446049250313e-16
+#: More steps than any search takes.
+_ALL_STEPS = 2**62
 
 
 @kernel
@@ -125,8 +127,8 @@ def _approach(
 
 
 @kernel(inline=True)
-def _first_in_motion(flight: Flight, tau: float, limit: float) -> FlightEnd:
-    """Step through relative motion; see `first_event`."""
+def _first_in_motion(flight: Flight, tau: float, limit: float, most: int) -> FlightEnd:
+    """Step through relative motion; see `flight_end`."""
     oscillator = flight.oscillator
     direction = flight.direction
     horizon = oscillator.horizon
@@ -148,7 +150,8 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> FlightEnd:
     watched_1 = direction >= 0 or velocity_1 < 0.0
     watched_2 = direction <= 0 or velocity_2 > 0.0
     quick = flight.arrival == inf and velocity_1 == 0.0 and velocity_2 == 0.0
-    while tau <= limit:
+    while tau <= limit and most > 0:
+        most -= 1
         if quick:
             end: FlightEnd = search_contact(flight, tau, motion)
             if end.kind != NO_EVENT:
@@ -220,11 +223,12 @@ def _first_in_motion(flight: Flight, tau: float, limit: float) -> FlightEnd:
 
 
 @kernel
-def _first_in_joint(flight: Flight, tau: float, limit: float) -> FlightEnd:
-    """Step through joint motion until the support gives way; see `first_event`."""
+def _first_in_joint(flight: Flight, tau: float, limit: float, most: int) -> FlightEnd:
+    """Step through joint motion until the support gives way; see `flight_end`."""
     oscillator = flight.oscillator
     horizon = oscillator.horizon
-    while tau <= limit:
+    while tau <= limit and most > 0:
+        most -= 1
         motion: Motion = motion_at(flight, tau)
         end: FlightEnd = search_release(flight, tau, motion)
         if end.kind != NO_EVENT:
@@ -267,7 +271,7 @@ def _first_in_joint(flight: Flight, tau: float, limit: float) -> FlightEnd:
 
 
 @kernel(inline=True)
-def flight_end(flight: Flight, node: float, limit: float) -> FlightEnd:
+def flight_end(flight: Flight, node: float, limit: float, most: int = _ALL_STEPS) -> FlightEnd:
     """
     Find the end of a flight: its first event, and the motion there.
 
@@ -275,19 +279,22 @@ def flight_end(flight: Flight, node: float, limit: float) -> FlightEnd:
     ----------
     flight, node, limit : Flight, float, float
         As for `first_event`.
+    most : int, optional
+        Stop searching after so many steps. The nodes do not depend on it.
 
     Returns
     -------
     FlightEnd
-        The event, or with kind `NO_EVENT` the node reached.
+        The event, or with kind `NO_EVENT` the node reached; not beyond the limit, if that took all
+        the steps.
     """
     if node > limit:
         return unfinished(NO_EVENT, node)
     until = min(limit, flight.deadline)
     if flight.joint:
-        end = _first_in_joint(flight, node, until)
+        end = _first_in_joint(flight, node, until, most)
     else:
-        end = _first_in_motion(flight, node, until)
+        end = _first_in_motion(flight, node, until, most)
     if end.tau > flight.deadline:
         end = unfinished(flight.deadline_kind, flight.deadline)
     if end.kind != NO_EVENT and not end.finished:

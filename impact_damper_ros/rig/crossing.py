@@ -12,6 +12,7 @@ be told from zero takes over the side on which the one before has left it (`Orig
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf, nextafter
 
 from .certificate import ROUND_OFF, least_step, safe_step
@@ -21,7 +22,14 @@ from .origin import Origin, with_side
 from .oscillator import Oscillator, derivative_bound
 from .phase import advance_time
 
-__all__ = ['CrossingWatch', 'first_crossing', 'has_side', 'sided', 'starting_side']
+__all__ = [
+    'CrossingWatch',
+    'SearchInterruptedError',
+    'first_crossing',
+    'has_side',
+    'sided',
+    'starting_side',
+]
 
 _EPSILON = 2.220446049250313e-16
 # Where X is smaller than this part of its scale, it is left to the watch to tell its side.
@@ -29,6 +37,12 @@ _NEAR_ZERO = 1e-9
 # A search goes on beyond its limit while X is within round-off of zero; by this part of the
 # horizon at most.
 _OVERTIME = 1e-3
+#: Searched at a stretch between two questions whether to go on, in horizons.
+_STRETCH = 16.0
+
+
+class SearchInterruptedError(Exception):
+    """A search was interrupted; it goes on from where it is when it is called again."""
 
 
 @kernel
@@ -134,10 +148,19 @@ def first_crossing(
 
 
 @kernel
+def _stands_at_zero(flight: Flight) -> bool:
+    """Return whether M stands still at X = 0 and nothing moves it."""
+    still = flight.x == 0.0 and flight.velocity == 0.0 and flight.constant == 0.0
+    for j in range(len(flight.oscillator.forces)):
+        still = still and flight.oscillator.forces[j] == 0.0
+    return still
+
+
+@kernel
 def _side_at(origin: Origin, flight: Flight, instant: float) -> int:
     """Return the sign of X just after an instant of a flight; as `CrossingWatch` counts."""
     side = starting_side(flight, origin.side)
-    if instant <= origin.time:
+    if instant <= origin.time or _stands_at_zero(flight):
         return side
     # At least one float more than the instant
     limit = (instant - origin.time) - origin.time_low + 2.0 * _EPSILON * abs(instant)
@@ -198,29 +221,47 @@ class CrossingWatch:
         self._earliest = nextafter(origin.time, inf)
         self._next: float | None = None
 
-    def _seek(self, until: float) -> None:
+    def _seek(self, until: float, interrupted: Callable[[], bool] | None) -> None:
         """Look for the next passage, if none is known, up to an instant at least."""
         if self._next is not None:
             return
         origin = self._origin
         limit = (nextafter(until, inf) - origin.time) - origin.time_low
-        if self._node > limit + _OVERTIME * self._flight.oscillator.horizon:
+        horizon = self._flight.oscillator.horizon
+        if self._node > limit + _OVERTIME * horizon:
             return
-        found, tau, self._node = first_crossing(self._flight, self._side, self._node, limit)
+        while True:
+            ahead = limit
+            if interrupted is not None:
+                ahead = min(limit, self._node + _STRETCH * horizon)
+            found, tau, self._node = first_crossing(self._flight, self._side, self._node, ahead)
+            if found or ahead == limit:
+                break
+            if interrupted is not None and interrupted():
+                raise SearchInterruptedError
         if found:
             instant = advance_time(origin.time, origin.time_low, tau)[0]
             self._next = max(self._earliest, instant)
 
-    def after(self, now: float, until: float) -> float | None:
+    def after(
+        self, now: float, until: float, interrupted: Callable[[], bool] | None = None
+    ) -> float | None:
         """
         Return the first passage after one instant and not after another.
 
         Neither instant may be earlier than at the call before.
+
+        Raises
+        ------
+        SearchInterruptedError
+            If `interrupted`, which is called now and then, has returned true.
         """
         while True:
-            self._seek(until)
+            self._seek(until, interrupted)
             if self._next is None or self._next > until:
                 return None
             if self._next > now:
                 return self._next
             self._side, self._next = -self._side, None
+            if interrupted is not None and interrupted():
+                raise SearchInterruptedError

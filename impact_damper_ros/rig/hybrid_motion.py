@@ -7,12 +7,13 @@ depend on the sampling rate or on how a run is cut into pieces, to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from copy import copy
 from math import inf, nextafter, ulp
 from typing import Any
 
 from .contact import NO_EVENT, chatter_end, flight_end
-from .crossing import CrossingWatch, sided
+from .crossing import CrossingWatch, SearchInterruptedError, sided
 from .event import Event, EventKind, Sample
 from .flight import FlightEnd, end_at, motion_at
 from .frequency_step import origin_at_step, step_event
@@ -28,12 +29,23 @@ from .transition import at_rest, moving_mode, resolve, struck
 __all__ = ['HybridMotion', 'RunawayError']
 
 # Far more events than any chatter has, in this part of a radian of the natural vibration.
-_MOST_EVENTS_AT_ONCE = 100_000
+_MOST_EVENTS_AT_ONCE = 10_000
 _AT_ONCE = 1e-9
+#: Steps of a search between two questions whether to go on. Few flights take more.
+_STEPS_AT_A_STRETCH = 8
+#: From so many on, each sample takes long.
+_MANY_HARMONICS = 32
+_REMEDY = 'give a wider gap, a restitution below 1, or a slower start'
 
 
 class RunawayError(RuntimeError):
     """A rig has events without end at one instant; it cannot go on."""
+
+    def __init__(self, count: int, time: float) -> None:
+        super().__init__(
+            f'the rig has more than {count} events at once, at {time:.15g} s, and cannot be '
+            f'followed any further: {_REMEDY}'
+        )
 
 
 class HybridMotion:
@@ -139,7 +151,25 @@ class HybridMotion:
         tau = max(0.0, self._tau(self._time))
         return carried(self._origin, self._flight, end_at(self._flight, NO_EVENT, tau))
 
-    def advance(self, time: float, most_events: float = inf) -> list[Event]:
+    def mark(self) -> dict[str, Any]:
+        """Return what `go_back` takes the rig back to; far cheaper than a snapshot."""
+        state = self.__dict__.copy()
+        # Everything in it is immutable, but for these two.
+        state['_unreported'] = self._unreported.copy()
+        if self._watch is not None:
+            state['_watch'] = copy(self._watch)
+        return state
+
+    def go_back(self, mark: dict[str, Any]) -> None:
+        """Undo all that `advance` did since a mark; each may be used once."""
+        self.__dict__.update(mark)
+
+    def advance(
+        self,
+        time: float,
+        most_events: float = inf,
+        interrupted: Callable[[], bool] | None = None,
+    ) -> list[Event]:
         """
         Let the rig run to a later time.
 
@@ -151,6 +181,9 @@ class HybridMotion:
             After so many events the rig stops, at the last of them, if another one is due before
             that time; it may go on from there. Elastic stops to which m is pressed can have any
             number of events.
+        interrupted : callable, optional
+            Called after every event, and now and then during a search. Once it returns true, the
+            rig stops at the last event; it may go on from there, and searches nothing again.
 
         Returns
         -------
@@ -162,10 +195,17 @@ class HybridMotion:
         ------
         ValueError
             If the time is before the present one or not finite.
+        RunawayError
+            If the rig has events without end at one instant; `go_back` leads out of it.
         """
-        return self._run(time, most_events, watch=False)
+        return self._run(time, most_events, interrupted, watch=False)
 
-    def advance_to_crossing(self, time: float, most_events: float = inf) -> list[Event]:
+    def advance_to_crossing(
+        self,
+        time: float,
+        most_events: float = inf,
+        interrupted: Callable[[], bool] | None = None,
+    ) -> list[Event]:
         """
         Let the rig run until X passes through zero, or to a later time.
 
@@ -173,7 +213,7 @@ class HybridMotion:
         ----------
         time : float
             Time to reach at most, s; not before the present one.
-        most_events : float, optional
+        most_events, interrupted : float and callable, optional
             As of `advance`.
 
         Returns
@@ -194,9 +234,16 @@ class HybridMotion:
         of zero, or an excursion beyond it within round-off, is not a passage; neither is a change
         of parameters that moves the static equilibrium, from which X is measured.
         """
-        return self._run(time, most_events, watch=True)
+        return self._run(time, most_events, interrupted, watch=True)
 
-    def _run(self, time: float, most_events: float, *, watch: bool) -> list[Event]:
+    def _run(
+        self,
+        time: float,
+        most_events: float,
+        interrupted: Callable[[], bool] | None,
+        *,
+        watch: bool,
+    ) -> list[Event]:
         """Advance to a time, or to the first passage of X through zero."""
         if not self._time <= time < inf:
             raise ValueError(
@@ -207,14 +254,32 @@ class HybridMotion:
         until, passing = time, False
         while True:
             stretch = until if until < self._step_due else self._step_due
-            if self._due == inf and stretch >= self._clear:
-                self._search(stretch)
+            if (
+                self._due == inf
+                and stretch >= self._clear
+                and not self._search(stretch, interrupted)
+            ):
+                there = max(self._time, self._origin.time)
+                if there < until:
+                    until = there
+                    break
+                # An instant that the rig has come to is gone through with.
+                interrupted = None
+                continue
             due = self._due if self._due <= self._step_due else self._step_due
             if watch and not passing:
-                crossing = self._crossings().after(self._time, min(due, until))
+                try:
+                    crossing = self._crossings().after(self._time, min(due, until), interrupted)
+                except SearchInterruptedError:
+                    there = max(self._time, self._origin.time)
+                    if there < until:
+                        until = there
+                        break
+                    interrupted = None
+                    continue
                 if crossing is not None:
                     # What else happens at that instant comes first.
-                    until, passing = crossing, True
+                    until, passing, interrupted = crossing, True, None
             if due > until:
                 break
             if len(events) >= most_events and not passing:
@@ -225,10 +290,10 @@ class HybridMotion:
                 instant, at_once = self._origin.time, 0
             at_once += 1
             if at_once > _MOST_EVENTS_AT_ONCE:
-                raise RunawayError(
-                    f'the rig has {at_once} events at {instant!r} s, which should not be '
-                    f'possible; please report it with {self.snapshot()!r}'
-                )
+                raise RunawayError(_MOST_EVENTS_AT_ONCE, instant)
+            if interrupted is not None and self._origin.time < until and interrupted():
+                until = max(self._time, self._origin.time)
+                break
         self._time = until
         if passing:
             events.append(
@@ -236,18 +301,30 @@ class HybridMotion:
             )
         return events
 
-    def _search(self, time: float) -> None:
-        """Look for the event that ends the flight, up to a time at least."""
+    def _search(self, time: float, interrupted: Callable[[], bool] | None = None) -> bool:
+        """
+        Look for the event that ends the flight, up to a time at least; false if interrupted.
+
+        What was searched is not searched again.
+        """
         # An event that rounds to the time asked for belongs to it.
         limit = self._tau(nextafter(time, inf))
-        end = flight_end(self._flight, self._node, limit)
-        if end.kind == NO_EVENT:
+        while True:
+            if interrupted is None:
+                end = flight_end(self._flight, self._node, limit)
+            else:
+                end = flight_end(self._flight, self._node, limit, _STEPS_AT_A_STRETCH)
+            if end.kind != NO_EVENT:
+                self._expect(end)
+                return True
             self._node = end.tau
             # Up to here, and a digit less, there is no need to ask again.
             reached = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
             self._clear = reached - 4.0 * ulp(reached)
-        else:
-            self._expect(end)
+            if interrupted is None or not end.tau <= limit:
+                return True
+            if interrupted():
+                return False
 
     def _step_frequency(self) -> list[Event]:
         """Let the sweep go on to its next frequency, at an exact instant."""
@@ -271,7 +348,9 @@ class HybridMotion:
         """Return the motion at the present time, after any event at that instant."""
         return self._sample_at(self._time)
 
-    def preview(self, times: Sequence[float]) -> list[Sample]:
+    def preview(
+        self, times: Sequence[float], interrupted: Callable[[], bool] | None = None
+    ) -> list[Sample]:
         """
         Return the motion at later instants, as many of the first ones as the present flight lasts.
 
@@ -279,6 +358,8 @@ class HybridMotion:
         ----------
         times : sequence of float
             Ascending, s; not before the present time.
+        interrupted : callable, optional
+            As of `advance`; there are fewer samples then.
 
         Returns
         -------
@@ -287,10 +368,22 @@ class HybridMotion:
             if nobody does anything to it before; often fewer than asked for, or none.
         """
         last = max(times, default=-inf)
-        if self._due == inf and last >= self._clear:
-            self._search(last)
         until = min(self._due, self._step_due)
-        return [self._sample_at(time) for time in times if time < until]
+        if self._due == inf and last >= self._clear:
+            decided = self._search(last, interrupted)
+            until = min(self._due, self._step_due)
+            if not decided:
+                until = min(until, self._clear)
+        if interrupted is None or len(self._machine.phases) < _MANY_HARMONICS:
+            return [self._sample_at(time) for time in times if time < until]
+        samples = []
+        for time in times:
+            if not time < until:
+                break
+            samples.append(self._sample_at(time))
+            if interrupted():
+                break
+        return samples
 
     def _sample_at(self, time: float) -> Sample:
         """Return the motion at an instant of the present flight."""

@@ -17,6 +17,7 @@ __all__ = [
     'FORMAT',
     'IMPACT_JOINTS',
     'JOINTS',
+    'PAUSED_FRAME',
     'impact_numbers',
     'snapshot_text',
     'state_numbers',
@@ -27,6 +28,9 @@ IMPACT_JOINTS = JOINTS[:2]
 #: Format of the messages, which their snapshots name. Up to 1 all positions counted from the
 #: present static equilibrium of M, and the stops had the velocity of M.
 FORMAT = 2
+
+#: Frame of the joint states of a rig that is held, which are no samples of its motion.
+PAUSED_FRAME = 'paused'
 
 _Numbers = tuple[float, ...]
 

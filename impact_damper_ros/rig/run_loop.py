@@ -34,7 +34,7 @@ SPENT = 2
 #: The rig has an endless number of events at one instant.
 RUNAWAY = 3
 
-_MOST_AT_ONCE = 100_000
+_MOST_AT_ONCE = 10_000
 # The tolerance of the search, so that an event which rounds to the end of a search belongs to it
 _NEXT = 4.440892098500626e-16
 

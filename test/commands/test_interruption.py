@@ -11,6 +11,7 @@ import pytest
 import impact_damper_ros
 from impact_damper_ros import entry_points
 from impact_damper_ros.commands.simulate_rig import main as simulate_rig
+from impact_damper_ros.rig.hybrid_motion import RunawayError
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 BENCH = ROOT / 'config' / 'bench_rig.yaml'
@@ -131,3 +132,13 @@ def test_an_error_that_ctrl_c_leads_to():
     done = ended('-c', code.format(interruption='pass'))
     assert done.returncode == 1
     assert 'ImportError: numpy is not there' in done.stdout
+
+
+def test_a_rig_that_cannot_be_followed_is_no_traceback_in_any_command(capsys):
+    def main():
+        raise RunawayError(10_000, 0.1)
+
+    assert entry_points.run('replay_run', main) == 1
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1
+    assert said.startswith('replay_run: the rig has more than 10000 events at once, at 0.1 s')

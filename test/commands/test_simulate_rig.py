@@ -16,6 +16,7 @@ import impact_damper_ros
 from impact_damper_ros.analysis.swing import Swing
 from impact_damper_ros.commands.simulate_rig import main
 from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.recording import RunReader
 from impact_damper_ros.rig import RigParameters, Sample, Simulator
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -306,3 +307,24 @@ def test_gap_control_from_the_parameters_file(tmp_path, capsys):
     params.write_text(head + '    gap_contol: timed\n')
     assert run(tmp_path, '--duration', '50', params=params)[0] == 2
     assert 'did you mean gap_control?' in capsys.readouterr().err
+
+
+def test_a_rig_with_events_without_end_is_said_in_a_line(tmp_path, capsys):
+    settings = {
+        'gap': 1e-9,
+        'restitution_1': 1,
+        'restitution_2': 1,
+        'gravity': 0,
+        'initial_damper_velocity': 1e9,
+    }
+    code, _ = run(
+        tmp_path,
+        *('--duration', '0.1', '--bag', str(tmp_path / 'bag')),
+        settings=[f'{name}={value}' for name, value in settings.items()],
+    )
+    said = capsys.readouterr().err
+    assert code == 1
+    assert said.count('\n') == 1
+    assert said.startswith('simulate_rig: the rig has more than 10000 events at once, at ')
+    assert 'give a wider gap, a restitution below 1, or a slower start' in said
+    assert RunReader(tmp_path / 'bag').complete

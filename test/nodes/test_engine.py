@@ -7,14 +7,22 @@ from itertools import pairwise
 
 import pytest
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from impact_damper_ros.control import PAUSED_FRAME
 from impact_damper_ros.nodes.engine import LOG_BACKLOG, Engine
 from impact_damper_ros.nodes.motion_ahead import ticks_ahead
 from impact_damper_ros.nodes.outlets import Outlet, Outlets
+from impact_damper_ros.nodes.pacing import CATCH_UP_NS
+from impact_damper_ros.recording import RunWriter
+from impact_damper_ros.recording.replay import Replay
+from impact_damper_ros.recording.replay_findings import Verdict
+from impact_damper_ros.recording.rig_recorder import rig_topics
+from impact_damper_ros.recording.run_history import RunHistory
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 from nodes.rig_client import DEADLINE_S, stamp_ns, until
 
@@ -63,6 +71,15 @@ class Bench:
 
     def messages(self, name):
         return [deserialize_message(d, TYPES[name]) for n, d in list(self.sent) if n == name]
+
+    def samples(self):
+        return [m for m in self.messages('states') if m.header.frame_id != PAUSED_FRAME]
+
+    def paused(self):
+        return [m for m in self.messages('states') if m.header.frame_id == PAUSED_FRAME]
+
+    def snapshots(self):
+        return [json.loads(m.data) for m in self.messages('snapshot')]
 
     def run_to(self, seconds):
         self.engine.start()
@@ -284,30 +301,33 @@ def test_a_reset_to_outside_the_gap_is_refused_and_harmless():
 
 @pytest.mark.parametrize('clock', [True, False])
 def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
+    log = KeptLog()
     with Bench(factor=1.0, clock=clock) as bench:
+        bench.engine.record_to(log, event_bytes())
         bench.engine.start()
-        until(lambda: len(bench.messages('states')) > 3)
+        until(lambda: len(bench.samples()) > 3)
         ticket = bench.engine.pause(True)
         assert ticket.wait(DEADLINE_S)
         assert ticket.result is True
         held, stamp = bench.engine.status().time_ns, bench.engine.stamp_ns()
         # A request is served before the states of its tick go out.
-        until(lambda: stamp_ns(bench.messages('states')[-1].header.stamp) == stamp)
-        count = len(bench.messages('states'))
+        until(lambda: stamp_ns(bench.samples()[-1].header.stamp) == stamp)
+        count = len(bench.samples())
         ticks = len(bench.messages('clock'))
         again = bench.engine.pause(True)
         assert again.wait(DEADLINE_S)
         assert again.result is False
         time.sleep(0.3)
-        # /clock goes on, and a change is possible, at the instant at which the rig is held.
+        # /clock and joint states go on, and a change is possible, where the rig is held.
         until(lambda: len(bench.messages('clock')) > ticks or not clock)
+        until(lambda: len(bench.paused()) > 1)
         change = bench.engine.change(LIVELY.replace(gap=2.0), event_bytes())
         assert change.wait(DEADLINE_S)
         assert change.time_ns == held == bench.engine.status().time_ns
-        assert len(bench.messages('states')) == count
+        assert len(bench.samples()) == count
         assert bench.engine.pause(False).wait(DEADLINE_S)
-        until(lambda: len(bench.messages('states')) > count + 3)
-    stamps = [stamp_ns(m.header.stamp) for m in bench.messages('states')]
+        until(lambda: len(bench.samples()) > count + 3)
+    stamps = [stamp_ns(m.header.stamp) for m in bench.samples()]
     steps = [b - a for a, b in pairwise(stamps)]
     long = [step for step in steps if step != 10_000_000]
     if clock:
@@ -316,9 +336,208 @@ def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
         assert len(long) == 1
         assert long[0] >= 300_000_000
     assert stamps[count - 1] == stamp
-    last = json.loads(bench.messages('snapshot')[-1].data)
-    assert (last['reason'], last['time_ns']) == ('resume', held)
+    (last,) = [s for s in bench.snapshots() if s['reason'] == 'resume']
+    assert last['time_ns'] == held
     assert last['stamp_offset_ns'] + held + 10_000_000 == stamps[count]
+    repeated = bench.paused()
+    positions = {tuple(m.position) for m in repeated[:2]}
+    assert positions == {tuple(bench.samples()[count - 1].position)}
+    times = [stamp_ns(m.header.stamp) for m in repeated]
+    if clock:
+        assert set(times) == {stamp}
+    else:
+        assert all(a < b for a, b in pairwise([stamp, *times, stamps[count]]))
+    # What only repeats is in no recording.
+    recorded = [deserialize_message(d, JointState) for t, d, _ in log.messages if t == 'states']
+    assert {m.header.frame_id for m in recorded} == {''}
+
+
+@pytest.mark.parametrize('clock', [True, False])
+def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
+    """As `ros2 bag record` does it: all that is published, stamped with the time of arrival."""
+    with Bench(factor=1.0, clock=clock) as bench:
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 30)
+        assert bench.engine.pause(True).wait(DEADLINE_S)
+        until(lambda: len(bench.paused()) > 2)
+        assert bench.engine.pause(False).wait(DEADLINE_S)
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 30)
+    log = recording(tmp_path / 'bag')
+    for number, (name, data) in enumerate(bench.sent):
+        if name != 'clock':
+            log.write(name, data, 10**18 + 1_000_003 * number)
+    assert log.close().error is None
+    replay = Replay(RunHistory(tmp_path / 'bag'))
+    assert sum(1 for _ in replay.ticks()) == len(bench.samples())
+    assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
+
+
+def test_several_pauses_do_not_add_up_to_a_delay():
+    """Each pause falls somewhere between two ticks; stamps are not late by that part of it."""
+    with Bench(factor=1.0, rate=2.0, clock=False) as bench:
+        bench.engine.start()
+        began_ns = time.time_ns()
+        for _ in range(8):
+            assert bench.engine.pause(True).wait(DEADLINE_S)
+            time.sleep(0.05)
+            assert bench.engine.pause(False).wait(DEADLINE_S)
+        (stamp, time_ns) = [(s['stamp_offset_ns'], s['time_ns']) for s in bench.snapshots()][-1]
+        assert abs(stamp + time_ns - time.time_ns()) < 0.25 * (time.time_ns() - began_ns)
+
+
+@pytest.mark.parametrize('clock', [True, False])
+def test_a_slip_moves_wall_stamps_on(clock):
+    """The engine's thread stands still for twice the time that is made up for."""
+    troubles = []
+    with Bench(factor=1.0, clock=clock) as bench:
+        bench.engine._on_trouble = troubles.append
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 3)
+        before_ns = bench.engine._stamps.offset_ns
+        ticket = bench.engine._requests.submit(lambda: time.sleep(2.0 * CATCH_UP_NS * 1e-9))
+        assert ticket.wait(DEADLINE_S)
+        until(lambda: bench.engine.status().pacing.slips)
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 3)
+        late_ns = time.time_ns() - stamp_ns(bench.samples()[-1].header.stamp)
+        after_ns = bench.engine._stamps.offset_ns
+        slips = bench.engine.status().pacing.slips
+    stamps = [stamp_ns(m.header.stamp) for m in bench.samples()]
+    slipped = [s for s in bench.snapshots() if s['reason'] == 'slip']
+    if clock:
+        assert {b - a for a, b in pairwise(stamps)} == {10_000_000}
+        assert (slipped, troubles, after_ns) == ([], [], before_ns)
+        return
+    assert late_ns < CATCH_UP_NS or slips > 1
+    assert len(slipped) >= 1
+    assert 'its stamps are moved on' in troubles[0]
+    first = slipped[0]
+    assert first['stamp_offset_ns'] - before_ns >= CATCH_UP_NS
+    at = stamps.index(first['stamp_offset_ns'] + first['time_ns'])
+    assert stamps[at] - stamps[at - 1] > CATCH_UP_NS
+    assert stamps[at - 1] == before_ns + first['time_ns'] - 10_000_000
+
+
+def test_a_priority_comes_back_once_the_pace_has_held(monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.nodes.engine.STEADY_AGAIN_NS', 100_000_000)
+    with Bench(factor=1.0, priority=2) as bench:
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 3)
+        first = bench.engine.status().scheduling
+        if 'SCHED_FIFO' in first and 'no permission' not in first:
+            bench.engine._requests.submit(bench.engine._slip).wait(DEADLINE_S)
+            until(lambda: 'could not be held' in bench.engine.status().scheduling)
+        until(lambda: bench.engine.status().scheduling == first)
+
+
+SLOW = {
+    'spring': ({'stiffness': 1e15}, ()),
+    'force': ({'force_frequencies': 1e6, 'friction': 0.1}, ()),
+    'gap': (
+        {'gap': 1e-9, 'gravity': 1e4, 'angle': 0.785, 'restitution_1': 1.0, 'restitution_2': 1.0},
+        (),
+    ),
+    'lines': (
+        {
+            'multisine_level': 1.0,
+            'multisine_low': 12000.0,
+            'multisine_high': 12566.0,
+            'multisine_lines': 512,
+        },
+        (),
+    ),
+    'runaway': (
+        {'gap': 1e-9, 'restitution_1': 1.0, 'restitution_2': 1.0},
+        {'initial_damper_velocity': 1e9},
+    ),
+}
+
+
+def recording(directory):
+    """Return the recording of an engine whose topics are those of a `Bench`."""
+    names = {name: name for name in ('impacts', 'gap_control', 'snapshot')}
+    topics = rig_topics('states', *names.values(), 'events', 'diagnostics')
+    notes = {'node': '/rig', 'joint_states': 'states', **names}
+    return RunWriter(directory, topics, custom=notes)
+
+
+def change_event(before, after):
+    """Return the parameter event of a change from one rig to another."""
+    was, now = before.as_dict(), after.as_dict()
+    changed = [
+        Parameter(n, value=list(v) if isinstance(v, tuple) else v).to_parameter_msg()
+        for n, v in now.items()
+        if v != was[n]
+    ]
+    return serialize_message(ParameterEvent(node='/rig', changed_parameters=changed))
+
+
+@pytest.mark.parametrize('name', SLOW)
+def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
+    values, initial = SLOW[name]
+    initial = InitialConditions(**dict(initial))
+    slow, calm = LIVELY.replace(**values), LIVELY.replace(gap=0.5)
+    log = recording(tmp_path / 'bag')
+
+    def stuck():
+        status = bench.engine.status()
+        return status.load.busy_ns > busy_ns + 4e8 or status.held
+
+    with Bench(slow, initial, factor=1.0, rate=1000.0) as bench:
+        bench.engine.record_to(log, event_bytes())
+        bench.engine.start()
+        busy_ns = 0
+        until(stuck)
+        # In one go, the answer would take from half a minute to for ever.
+        assert bench.engine.change(calm, change_event(slow, calm)).wait(20.0)
+        reset = bench.engine.reset(InitialConditions())
+        assert reset.wait(20.0)
+        until(lambda: bench.engine.status().time_ns > reset.time_ns + 50_000_000)
+        assert bench.engine.status().held == ''
+        assert bench.engine.change(slow, change_event(calm, slow)).wait(20.0)
+        assert bench.engine.reset(initial).wait(20.0)
+        busy_ns = bench.engine.status().load.busy_ns
+        until(stuck)
+        bench.engine.stop(20.0)
+        assert not bench.engine._thread.is_alive()
+    assert bench.engine.failure is None
+    assert log.close().error is None
+    replay = Replay(RunHistory(tmp_path / 'bag'))
+    count = sum(1 for _ in replay.ticks())
+    assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
+    assert (count > 40, replay.findings.resets) == (True, 2)
+
+
+def test_a_rig_that_cannot_go_on_is_held_until_it_is_changed():
+    values, initial = SLOW['runaway']
+    troubles = []
+    rig = LIVELY.replace(**values)
+    with Bench(rig, InitialConditions(**initial), factor=1.0, clock=False) as bench:
+        bench.engine._on_trouble = troubles.append
+        bench.engine.start()
+        until(lambda: bench.engine.status().held)
+        status = bench.engine.status()
+        assert 'give a wider gap' in status.held
+        assert 'it waits for a change or a reset' in troubles[0]
+        until(lambda: len(bench.paused()) > 1)
+        assert not bench.failed.is_set()
+        # A pause on top, and a change that leaves the rig as it is, do not set it going.
+        assert bench.engine.pause(True).wait(DEADLINE_S)
+        assert bench.engine.pause(False).wait(DEADLINE_S)
+        assert bench.engine.change(None, event_bytes()).wait(DEADLINE_S)
+        assert bench.engine.status().held
+        # A reset to the same end
+        count = len(troubles)
+        assert bench.engine.reset(InitialConditions(**initial)).wait(DEADLINE_S)
+        until(lambda: len(troubles) > count)
+        held = bench.engine.status().time_ns
+        assert bench.engine.reset(InitialConditions()).wait(DEADLINE_S)
+        until(lambda: bench.engine.status().time_ns > held + 100_000_000)
+        assert bench.engine.status().held == ''
+    stamps = [stamp_ns(m.header.stamp) for m in bench.messages('states')]
+    assert stamps == sorted(stamps)
+    assert [s['reason'] for s in bench.snapshots()].count('reset') == 2
 
 
 def test_a_request_between_two_far_ticks_is_answered_at_once():
@@ -335,13 +554,13 @@ def test_a_request_between_two_far_ticks_is_answered_at_once():
 def test_a_failure_is_reported_and_requests_are_turned_away(monkeypatch):
     with Bench() as bench:
 
-        def fail(_time):
-            raise ArithmeticError('no root')
+        def fail(_time, **_):
+            raise RuntimeError('no root')
 
         monkeypatch.setattr(bench.engine._simulator, 'advance', fail)
         bench.engine.start()
         assert bench.failed.wait(DEADLINE_S)
-        assert isinstance(bench.engine.failure, ArithmeticError)
+        assert isinstance(bench.engine.failure, RuntimeError)
         ticket = bench.engine.pause(True)
         assert ticket.wait(DEADLINE_S)
         assert 'shutting down' in str(ticket.error)

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+from impact_damper_ros.rig.published import PAUSED_FRAME
 from nodes.rig_client import LIVELY, SOURCE, RigParametersClient, stamp_ns, until
 
 
@@ -145,11 +146,12 @@ def test_pause(rig):
     rig.await_states(5)
     stamps = [stamp_ns(m.header.stamp) for m in list(rig.states)]
     assert stamps == sorted(set(stamps))
-    # While the rig was held, nothing was published, and the wall clock went on.
+    # While the rig was held, no sample was published, and the wall clock went on.
     held_ns = held['stamp_offset_ns'] + held['time_ns']
     resumed_ns = resumed['stamp_offset_ns'] + resumed['time_ns']
     assert resumed_ns - held_ns > 0.2e9
-    assert not [stamp for stamp in stamps if held_ns < stamp <= resumed_ns]
+    meanwhile = [m for m in rig.states if held_ns < stamp_ns(m.header.stamp) <= resumed_ns]
+    assert {m.header.frame_id for m in meanwhile} == {PAUSED_FRAME}
 
 
 def test_diagnostics(rig):

@@ -56,7 +56,7 @@ def priorities(process='self'):
     return sorted(found)
 
 
-def test_a_priority_is_taken_where_it_is_permitted_and_given_up_for_good():
+def test_a_priority_is_taken_where_it_is_permitted_and_given_up():
     def take_and_give_up():
         own = Scheduling(2)
         texts = [own.text]

@@ -125,7 +125,7 @@ advance = Simulator.advance
 
 def fail_later(rig, time, *others):
     if time > 0.5:
-        raise ArithmeticError('no first root')
+        raise RuntimeError('no first root')
     return advance(rig, time, *others)
 
 Simulator.advance = fail_later
@@ -137,7 +137,7 @@ def test_a_failed_engine_is_reported_and_the_bag_finished(launch, namespace, tmp
     process = launch(f'__ns:={namespace}', code=FAILING_ENGINE, record=True)
     assert process.wait() == 1
     assert 'the engine failed' in process.output
-    assert 'ArithmeticError: no first root' in process.output
+    assert 'RuntimeError: no first root' in process.output
     reader = RunReader(run_directory(tmp_path / 'process_0'))
     assert reader.complete
     counts = {name: topic.message_count for name, topic in reader.topics.items()}

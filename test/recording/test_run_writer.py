@@ -53,6 +53,14 @@ def test_low_traffic_is_flushed_without_closing(tmp_path: Path) -> None:
             wait_until(lambda count=count: len(salvaged(writer.path)) == count)
 
 
+def test_the_first_messages_do_not_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No flush interval has passed, nor ever will: the clock stands still."""
+    monkeypatch.setattr(run_writer, 'time', SimpleNamespace(monotonic=lambda: 5.0))
+    with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
+        writer.write(0, samples.snapshot(1), 1)
+        wait_until(lambda: len(salvaged(writer.path)) == 1)
+
+
 class StepTime:
     """
     A clock, and an event whose time-outs move it on, for the threads of a writer.
