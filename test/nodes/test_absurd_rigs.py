@@ -13,9 +13,9 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.commands.replay_run import main as replay_run
-from impact_damper_ros.control import PAUSED_FRAME
 from impact_damper_ros.nodes.pacing import CATCH_UP_NS
 from impact_damper_ros.recording import RunReader
+from impact_damper_ros.rig.published import PAUSED_FRAME
 from nodes.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
 ABSURD = {

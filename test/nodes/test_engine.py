@@ -13,7 +13,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from impact_damper_ros.control import PAUSED_FRAME
 from impact_damper_ros.nodes.engine import LOG_BACKLOG, Engine
 from impact_damper_ros.nodes.motion_ahead import ticks_ahead
 from impact_damper_ros.nodes.outlets import Outlet, Outlets
@@ -24,6 +23,7 @@ from impact_damper_ros.recording.replay_findings import Verdict
 from impact_damper_ros.recording.rig_recorder import rig_topics
 from impact_damper_ros.recording.run_history import RunHistory
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig.published import PAUSED_FRAME
 from nodes.rig_client import DEADLINE_S, stamp_ns, until
 
 TYPES = {
