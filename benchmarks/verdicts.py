@@ -378,7 +378,12 @@ def soak(number: int, stretches: int) -> tuple[int, int, int, int]:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
-    parser.add_argument('--places', type=int, default=200, help='alterations of each run [200]')
+    parser.add_argument(
+        '--places',
+        type=int,
+        default=200,
+        help='alterations of each kind and size, spread over the rates [200]',
+    )
     parser.add_argument('--bags', type=int, default=200, help='untouched bags [200]')
     parser.add_argument('--stretches', type=int, default=10_000, help='of the soaks [10000]')
     parser.add_argument(
@@ -390,11 +395,12 @@ def main() -> None:
     options = parser.parse_args()
     with ProcessPoolExecutor(options.workers, get_context('spawn')) as pool:
         runs = [(name, rate, f) for name in KINDS for rate in RATES for f in FACTORS]
-        more = [options.places] * len(runs), [options.by_motion] * len(runs)
+        each = math.ceil(options.places / len(RATES))
+        more = [each] * len(runs), [options.by_motion] * len(runs)
         results = pool.map(altered_bags, *zip(*runs, strict=True), *more)
         total: Counter[str] = Counter()
         fields: Counter[str] = Counter()
-        print(f'altered: {options.places} numbers of each run, one at a time; unnoticed by')
+        print(f'altered: {each} numbers of each run, one at a time; unnoticed by')
         print(f'{"run":<14}{"rate [Hz]":>10}{"altered":>10}{"compare_run":>13}{"replay_run":>12}')
         for (name, rate, factor), (missed, places_missed) in zip(runs, results, strict=True):
             how = 'by 1e-3' if factor < 1.0 else 'to 1e300'
@@ -405,7 +411,7 @@ def main() -> None:
                 f'{missed["replay_run"]:>12}',
                 flush=True,
             )
-        count = options.places * len(runs)
+        count = each * len(runs)
         print(
             f'in all {count}: compare_run {total["compare_run"]}, replay_run {total["replay_run"]}'
         )
