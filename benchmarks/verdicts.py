@@ -21,7 +21,6 @@ import json
 import math
 import random
 import shutil
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -375,6 +374,57 @@ def soak(number: int, stretches: int) -> tuple[int, int, int, int]:
         return len(found), found.count('differs'), len(result['faults']), replayed
 
 
+def print_altered(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
+    """Alter numbers, and print how many went unnoticed."""
+    runs = [(name, rate, f) for name in KINDS for rate in RATES for f in FACTORS]
+    each = math.ceil(options.places / len(RATES))
+    more = [each] * len(runs), [options.by_motion] * len(runs)
+    results = pool.map(altered_bags, *zip(*runs, strict=True), *more)
+    total: Counter[str] = Counter()
+    fields: Counter[str] = Counter()
+    print(f'altered: {each} numbers of each run, one at a time; unnoticed by')
+    print(f'{"run":<14}{"rate [Hz]":>10}{"altered":>10}{"compare_run":>13}{"replay_run":>12}')
+    for (name, rate, factor), (missed, places_missed) in zip(runs, results, strict=True):
+        how = 'by 1e-3' if factor < 1.0 else 'to 1e300'
+        total += missed
+        fields.update(places_missed)
+        print(
+            f'{name:<14}{rate:>10}{how:>10}{missed["compare_run"]:>13}{missed["replay_run"]:>12}',
+            flush=True,
+        )
+    count = each * len(runs)
+    print(f'in all {count}: compare_run {total["compare_run"]}, replay_run {total["replay_run"]}')
+    for field, number in fields.most_common(40):
+        print(f'  {number:4} {field}')
+
+
+def print_untouched(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
+    """Print the false alarms."""
+    alarms: Counter[str] = Counter()
+    for name, compared, replayed in pool.map(untouched_bag, range(options.bags)):
+        alarms['compare_run'] += compared != 0
+        alarms['replay_run'] += replayed != 0
+        if compared or replayed:
+            print(f'  false alarm: {name}, compare_run {compared}, replay_run {replayed}')
+    print(
+        f'untouched: {options.bags} bags; false alarms of compare_run '
+        f'{alarms["compare_run"]}, of replay_run {alarms["replay_run"]}'
+    )
+
+
+def print_soaks(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
+    """Print how many stretches of long bags are doubted."""
+    each = min(options.stretches, 500)
+    soaks = math.ceil(options.stretches / each)
+    sums = [0, 0, 0, 0]
+    for found in pool.map(soak, range(soaks), [each] * soaks):
+        sums = [a + b for a, b in zip(sums, (*found[:3], found[3] != 0), strict=True)]
+    print(
+        f'soaks: {sums[0]} stretches in {soaks} bags; doubted {sums[1]}, faults {sums[2]}, '
+        f'not identical on replay {sums[3]}'
+    )
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
@@ -394,49 +444,12 @@ def main() -> None:
     parser.add_argument('--workers', type=int, default=1)
     options = parser.parse_args()
     with ProcessPoolExecutor(options.workers, get_context('spawn')) as pool:
-        runs = [(name, rate, f) for name in KINDS for rate in RATES for f in FACTORS]
-        each = math.ceil(options.places / len(RATES))
-        more = [each] * len(runs), [options.by_motion] * len(runs)
-        results = pool.map(altered_bags, *zip(*runs, strict=True), *more)
-        total: Counter[str] = Counter()
-        fields: Counter[str] = Counter()
-        print(f'altered: {each} numbers of each run, one at a time; unnoticed by')
-        print(f'{"run":<14}{"rate [Hz]":>10}{"altered":>10}{"compare_run":>13}{"replay_run":>12}')
-        for (name, rate, factor), (missed, places_missed) in zip(runs, results, strict=True):
-            how = 'by 1e-3' if factor < 1.0 else 'to 1e300'
-            total += missed
-            fields.update(places_missed)
-            print(
-                f'{name:<14}{rate:>10}{how:>10}{missed["compare_run"]:>13}'
-                f'{missed["replay_run"]:>12}',
-                flush=True,
-            )
-        count = each * len(runs)
-        print(
-            f'in all {count}: compare_run {total["compare_run"]}, replay_run {total["replay_run"]}'
-        )
-        for field, number in fields.most_common(40):
-            print(f'  {number:4} {field}')
-        alarms: Counter[str] = Counter()
-        for name, compared, replayed in pool.map(untouched_bag, range(options.bags)):
-            alarms['compare_run'] += compared != 0
-            alarms['replay_run'] += replayed != 0
-            if compared or replayed:
-                print(f'  false alarm: {name}, compare_run {compared}, replay_run {replayed}')
-        print(
-            f'untouched: {options.bags} bags; false alarms of compare_run '
-            f'{alarms["compare_run"]}, of replay_run {alarms["replay_run"]}'
-        )
-        each = min(options.stretches, 500)
-        soaks = math.ceil(options.stretches / each)
-        sums = [0, 0, 0, 0]
-        for found in pool.map(soak, range(soaks), [each] * soaks):
-            sums = [a + b for a, b in zip(sums, (*found[:3], found[3] != 0), strict=True)]
-        print(
-            f'soaks: {sums[0]} stretches in {soaks} bags; doubted {sums[1]}, faults {sums[2]}, '
-            f'not identical on replay {sums[3]}'
-        )
-    sys.stdout.flush()
+        if options.places:
+            print_altered(pool, options)
+        if options.bags:
+            print_untouched(pool, options)
+        if options.stretches:
+            print_soaks(pool, options)
 
 
 if __name__ == '__main__':

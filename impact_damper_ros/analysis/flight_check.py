@@ -52,7 +52,7 @@ class Knots(Rows):
     damper_velocity_before, damper_velocity : ndarray of shape (n,)
         Z' just before and just after, m/s.
     touched : ndarray of shape (n,)
-        1 where a stop is at m, as far as is recorded; 0 elsewhere.
+        1 where a stop that follows m may be at it, as far as is recorded; 0 elsewhere.
     """
 
     time: Array
@@ -115,7 +115,7 @@ def knots_of(
         (states.velocity, impacts.velocity_after),
         (states.damper_velocity, impacts.damper_velocity_before(parameters)),
         (states.damper_velocity, impacts.damper_velocity_after),
-        (_touched(states), np.ones(len(impacts))),
+        _touched(states, impacts),
     ]
     time, stop, *others = (np.concatenate(pair) for pair in columns)
     # A joint state shows the motion after an impact at the same instant.
@@ -126,12 +126,18 @@ def knots_of(
     return Knots(time[order], stop, last, *(column[order] for column in others))
 
 
-def _touched(states: RecordedStates) -> Array:
-    """Return 1 for each joint state in which a stop is where m is, else 0."""
-    with np.errstate(over='ignore'):
-        off = np.minimum(np.abs(states.stop_1 - states.z), np.abs(states.stop_2 - states.z))
-        near = off <= _AT_STOP * (np.abs(states.z - states.x) + np.abs(states.x))
-    return near.astype(float)
+def _touched(states: RecordedStates, impacts: RecordedImpacts) -> tuple[Array, Array]:
+    """Return 1 for joint states and impacts at which a stop may be where m is, else 0."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        near = [
+            np.abs(stop - states.z) <= _AT_STOP * (np.abs(stop) + np.abs(states.z))
+            for stop in (states.stop_1, states.stop_2)
+        ]
+        touched = near[0] | near[1]
+        # A stop that follows m comes inwards from where the joint states show it first.
+        farthest = np.abs((states.z - states.x)[touched]).max(initial=0.0)
+        within = np.abs(impacts.z - impacts.x) <= (1.0 + _AT_STOP) * farthest
+    return touched.astype(float), within.astype(float)
 
 
 def _flights(parameters: RigParameters, knots: Knots) -> tuple[Flights, NDArray[np.bool_]]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 from tqdm import tqdm
 
 from impact_damper_ros import __version__
@@ -210,7 +211,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             check_file(arguments.json)
         if arguments.report is not None:
             check_directory(arguments.report)
-        return _report(arguments, _compared(arguments), shlex.join(['compare_run', *words]))
+        # A wrong number may be as large as numbers are.
+        with np.errstate(over='ignore', invalid='ignore'):
+            compared = _compared(arguments)
+        return _report(arguments, compared, shlex.join(['compare_run', *words]))
 
     return outcome('compare_run', work)
 

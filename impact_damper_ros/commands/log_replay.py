@@ -120,7 +120,16 @@ def replayed_log(
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; it could not be replayed: {error}'))
     findings = replay.run(progress)
     arithmetic = replay.history.start.arithmetic
-    if arithmetic != ARITHMETIC:
+    if arithmetic > ARITHMETIC:
+        newer = (
+            f'it was recorded with arithmetic {arithmetic}, later than that of this version, '
+            f'{ARITHMETIC}: use the version of impact_damper_ros that recorded it'
+        )
+        return LogReplay(LogCheck(False, f'{_FROM_MOTION}; {newer}'), faults=(newer,))
+    if arithmetic != ARITHMETIC and findings.by_topic.keys() & {
+        replay.history.topics.joint_states,
+        replay.history.topics.impacts,
+    }:
         why = f'it was recorded with arithmetic {arithmetic}, this version has {ARITHMETIC}'
     elif findings.by_another_library:
         why = 'it was recorded where the mathematical functions round otherwise'

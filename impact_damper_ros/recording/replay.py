@@ -111,7 +111,6 @@ class Replay:
         except ValueError as error:
             cause = f'its first snapshot cannot be restored: {error}'
             raise RecordingError('replay', history.reader.path, cause, _REMEDY) from error
-        self._check_stops(history.start)
         if history.start.arithmetic != ARITHMETIC:
             self.findings.remarks.append(
                 f'recorded with arithmetic {history.start.arithmetic}, this version has '
@@ -139,6 +138,7 @@ class Replay:
         self._ledger = ImpactLedger(topics.impacts, self.findings, stamped=stamped)
         self._control = ControlLedger(topics.gap_control, self.findings, stamped=stamped)
         self._ledgers = {topics.impacts: self._ledger, topics.gap_control: self._control}
+        self._check_stops(history.start)
 
     def ticks(self) -> Iterator[Tick]:
         """Replay, sample by sample; the findings name those that cannot be read."""

@@ -232,7 +232,8 @@ def test_a_directory_that_cannot_be_written_rejects_the_recording(rig, tmp_path)
 def test_a_full_disk_ends_the_recording_but_not_the_rig(client, launch, namespace, tmp_path):
     states = client.listen(JointState, f'{namespace}/joint_states')
     reports = client.listen(DiagnosticArray, '/diagnostics')
-    process = launch(f'__ns:={namespace}', **LIVELY)
+    # Stamps count from 0, so that a stall of the machine does not move them.
+    process = launch(f'__ns:={namespace}', publish_clock=True, **LIVELY)
     until(lambda: states, lambda: process.output)
     # No file may grow beyond this: what the kernel says then stands for a full disk.
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (16384, resource.RLIM_INFINITY))
