@@ -83,6 +83,10 @@ def _summary(comparison: RunComparison) -> Html:
     text = f'<p>{linked(told)}</p>'
     if badges:
         text += f'<p class="verdict">{badges}</p>'
+    checked = f'Checked: {comparison.log.text}.'
+    if comparison.log.unchecked:
+        checked += f' Not checked: {"; ".join(comparison.log.unchecked)}.'
+    text += f'<p>{linked(checked)}</p>'
     if comparison.faults:
         text += '<div class="notes"><h2>The recording can be used in part only</h2>'
         text += f'{listed(map(linked, comparison.faults))}</div>'

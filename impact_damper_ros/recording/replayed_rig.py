@@ -306,6 +306,13 @@ class ReplayedRig:
         # Some of the changes may belong to later batches.
         places = range(count, -1, -1) if count <= _LONGEST_SEARCH else (count,)
         target = setting_of(snapshot.state)
+        exact = sum(change.exact for change in changes)
+        if exact and all(change.exact for change in changes[:exact]):
+            yield self._tried(changes)
+            # They may contradict the snapshot.
+            rig, initial, batch = self._tried((), last=target)
+            batch.used = exact
+            yield rig, initial, batch
         for last in (None, target):
             for used in places:
                 yield self._tried(changes[:used], last=last)

@@ -14,10 +14,12 @@ import pytest
 
 import impact_damper_ros
 from impact_damper_ros.analysis.swing import Swing
+from impact_damper_ros.commands.compare_run import main as compare_run
+from impact_damper_ros.commands.replay_run import main as replay_run
 from impact_damper_ros.commands.simulate_rig import main
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.recording import RunReader
-from impact_damper_ros.rig import RigParameters, Sample, Simulator
+from impact_damper_ros.rig import EventKind, RigParameters, Sample, Simulator
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 PAPER = ROOT / 'config' / 'paper.yaml'
@@ -328,3 +330,49 @@ def test_a_rig_with_events_without_end_is_said_in_a_line(tmp_path, capsys):
     assert said.startswith('simulate_rig: the rig has more than 10000 events at once, at ')
     assert 'give a wider gap, a restitution below 1, or a slower start' in said
     assert RunReader(tmp_path / 'bag').complete
+
+
+def test_parameters_change_during_the_run(tmp_path):
+    """As `Simulator.change` makes it; changes at one time take effect together."""
+    words = ['--change', '20:gap=30', '--change', '33.25:friction=0.1', '--change', '20:angle=0.1']
+    code, rows = run(tmp_path, '--duration', '80', *words, settings=['gravity=1'])
+    rig = Simulator(RigParameters(gravity=1.0))
+    events = rig.advance(20.0)
+    events += rig.change(rig.parameters.replace(gap=30.0, angle=0.1))
+    events += rig.advance(33.25)
+    events += rig.change(rig.parameters.replace(friction=0.1))
+    events += rig.advance(80.0)
+    impacts = [event for event in events if event.kind is EventKind.IMPACT]
+    assert code == 0
+    assert [row['time'] for row in rows] == [impact.time for impact in impacts]
+    assert len(rows) > 3
+
+
+def test_changes_are_recorded(tmp_path, capsys):
+    words = ['--change', '5:gap_control=timed', '--change', '9.0001:gap_control=off']
+    bag = tmp_path / 'bag'
+    assert main(['bench_rig', '--duration', '14', '--bag', str(bag), '--quiet', *words]) == 0
+    assert replay_run([str(bag)]) == 0
+    assert 'meanwhile   2 changes' in capsys.readouterr().out
+    assert compare_run([str(bag)]) == 0
+    text = capsys.readouterr().out
+    assert 'begins with: gap_control = timed (was off)\n' in text
+    assert 'begins with: gap_control = off (was timed)\n' in text
+    assert 'fault' not in text
+
+
+@pytest.mark.parametrize(
+    ('change', 'reason'),
+    [
+        ('90:gap=30', 'above 0 s and up to the 80 s'),
+        ('0:gap=30', 'above 0 s and up to the 80 s'),
+        ('nan:gap=30', 'above 0 s and up to the 80 s'),
+        ('gap=30', 'give TIME:NAME=VALUE'),
+        ('5:gab=30', 'with one of the names'),
+        ('5:gap=-3', 'gap is -3'),
+        ('5:gap', 'give NAME=VALUE'),
+    ],
+)
+def test_inadmissible_changes(tmp_path, capsys, change, reason):
+    assert run(tmp_path, '--duration', '80', '--change', change) == (2, [])
+    assert reason in capsys.readouterr().err

@@ -371,6 +371,67 @@ def test_a_falsified_snapshot_is_found(tmp_path, messages):
     assert (found.topic, found.quantity) == ('/snapshot', 'origin.last_stop')
 
 
+def changed_event(messages, value, *, new=False):
+    """Return the messages with another gap in the list of all parameters, or in a change."""
+    changed = list(messages)
+    for place in places(messages, '/parameter_events'):
+        topic, content, stamp = messages[place]
+        event = decode('rcl_interfaces/msg/ParameterEvent', content)
+        listed = event.new_parameters if new else event.changed_parameters
+        values = {p.name: p.value for p in listed}
+        if 'gap' in values:
+            content = parameter_event(stamp, event.node, {**values, 'gap': value}, new=new)
+            changed[place] = topic, content, stamp
+            return changed
+    raise AssertionError('no such event')
+
+
+@pytest.fixture(scope='module')
+def contradicted():
+    """Return the messages of a run whose gap changes once."""
+    return RecordedRig().start().run(100).run(100, ('change', {'gap': 0.012})).messages
+
+
+def test_a_parameter_event_that_the_snapshot_contradicts(tmp_path, contradicted):
+    messages = changed_event(contradicted, 0.0125)
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.by_topic == {'/parameter_events': 1}
+    assert (findings.first.quantity, findings.first.recorded) == ('gap', 0.0125)
+    assert findings.first.replayed == 0.012
+
+
+def test_a_list_of_parameters_that_the_snapshot_contradicts(tmp_path, contradicted):
+    messages = changed_event(contradicted, 0.0101, new=True)
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.by_topic == {'/parameter_events': 1}
+    assert (findings.first.recorded, findings.first.replayed) == (0.0101, 0.01)
+
+
+@pytest.mark.parametrize('number', [0, 1, 2])
+def test_a_gap_changed_in_a_snapshot_only(tmp_path, contradicted, number):
+    place = places(contradicted, '/snapshot')[number]
+    topic, content, stamp = contradicted[place]
+    held = json.loads(decode('std_msgs/msg/String', content).data)
+    held['state']['parameters']['gap'] *= 1.001
+    altered = samples.serialise(samples.STRING, samples.make(samples.STRING, json.dumps(held)))
+    messages = [*contradicted[:place], (topic, altered, stamp), *contradicted[place + 1 :]]
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.verdict is Verdict.DIFFERENT
+
+
+def test_a_rate_at_which_the_joint_states_do_not_lie(tmp_path):
+    rig = RecordedRig(rate=200.0)
+    rig.rate = 200.2
+    rig.record()
+    rig.rate = 200.0
+    rig.announce('start')
+    rig.states()
+    findings = replayed(rig.run(300).save(tmp_path / 'bag'))
+    assert findings.by_topic == {'/parameter_events': 1}
+    assert (findings.first.quantity, findings.first.recorded) == ('state_rate', 200.2)
+
+
 def test_missing_samples_are_a_fault_unless_the_recorder_dropped_them(tmp_path, messages):
     kept = [m for m in messages if not 600_000_000 < m[2] - samples.START < 700_000_000]
     findings = replayed(samples.record(tmp_path / 'bag', kept, custom=NOTES))
