@@ -37,7 +37,7 @@ from impact_damper_ros.analysis.motion_kind import MotionKind
 from impact_damper_ros.analysis.recorded_stretch import RecordedImpacts
 from impact_damper_ros.analysis.settling_rig import section_of
 from impact_damper_ros.analysis.stretch_kind import StretchKind, kind_of
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, load_parameters
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome
 from impact_damper_ros.rig.mode import Mode, make_machine
 
@@ -68,18 +68,7 @@ VERTICAL = RigParameters(
 )
 #: Its two impacts per cycle lose their stability to a torus (Neimark-Sacker).
 HEAVY = HORIZONTAL.replace(damping=0.05, damper_mass=0.3, restitution_1=0.6, restitution_2=0.6)
-BENCH = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    damper_mass=0.1,
-    gap=0.024,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    friction=0.02,
-    force_amplitudes=(1.2,),
-    force_frequencies=(31.416,),
-)
+BENCH = load_parameters('bench_rig')[0]
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
 

@@ -17,7 +17,7 @@ from impact_damper_ros.nodes.motion_trace import KEPT, MotionTrace
 from impact_damper_ros.nodes.predicted_motion import Answer, PredictedMotion
 from impact_damper_ros.nodes.predictor import Predictor, PredictorStatus
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.rig import RigParameters, Simulator
+from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
 
 INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
 ORBIT = find_orbits(INCLINED, (1, 2)).orbits[0]
@@ -107,19 +107,7 @@ def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
 
 def test_chaos_is_never_settled_nor_settling():
     """The tilted bench rig, from the first cycle on."""
-    tilted = RigParameters(
-        primary_mass=2.0,
-        stiffness=1974.0,
-        damping=1.26,
-        damper_mass=0.1,
-        gap=0.024,
-        restitution_1=0.6,
-        restitution_2=0.6,
-        friction=0.02,
-        angle=0.2,
-        force_amplitudes=1.2,
-        force_frequencies=31.416,
-    )
+    tilted = load_parameters('bench_rig')[0].replace(angle=0.2)
     rig = Simulator(tilted)
     trace = MotionTrace.at(tilted, rig.snapshot())
     rate = 8.0 * 31.416 / math.tau

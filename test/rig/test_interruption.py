@@ -6,22 +6,11 @@ import random
 import pytest
 
 from impact_damper_ros.control import ControlledRig, GapControlParameters
-from impact_damper_ros.rig import InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import InitialConditions, RigParameters, Simulator, load_parameters
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.long_run import LongRun, Outcome
 
-BENCH = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    damper_mass=0.1,
-    gap=0.024,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    friction=0.02,
-    force_amplitudes=1.2,
-    force_frequencies=31.416,
-)
+BENCH = load_parameters('bench_rig')[0]
 #: m flies from stop to stop ever faster than anybody could follow: 1e18 impacts per second.
 ENDLESS = RigParameters(gap=1e-9, restitution_1=1.0, restitution_2=1.0, gravity=0.0)
 FAST = InitialConditions(initial_damper_velocity=1e9)
