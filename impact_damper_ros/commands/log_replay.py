@@ -144,7 +144,8 @@ def replayed_log(
             said += f'; {findings.difference_count} differences'
         check = LogCheck(True, said, findings.difference_count, _unchecked(replay))
         return LogReplay(check, tuple(findings.kept), tuple(findings.faults))
-    return LogReplay(LogCheck(False, f'{_FROM_MOTION}; not bit for bit, since {why}'))
+    check = LogCheck(False, f'{_FROM_MOTION}; not bit for bit, since {why}')
+    return LogReplay(check, faults=tuple(findings.faults))
 
 
 def _unchecked(replay: Replay) -> tuple[str, ...]:

@@ -17,6 +17,8 @@ _KEPT_EACH = 20
 _MARKS = tuple(m * 10**k for k in range(8) for m in (1, 2, 5))
 #: Differences of so many units in the last place are those of another library of mathematics.
 _LIBRARY_ULPS = 8
+#: Such differences grow slowly: the first samples that differ do so by no more than this.
+_EARLY, _ROUND_OFF = 10, 1e-9
 
 
 class Verdict(Enum):
@@ -96,6 +98,8 @@ class Divergence:
         Largest differences of X and Z, m.
     marks : list of (int, float, float, float)
         Number of differing samples, rig time, s, and the differences of X and Z there, m.
+    early : float
+        Largest difference among the first samples that differ, as a part of the positions.
     """
 
     first: float = nan
@@ -104,12 +108,16 @@ class Divergence:
     largest_x: float = 0.0
     largest_z: float = 0.0
     marks: list[tuple[int, float, float, float]] = field(default_factory=list)
+    early: float = 0.0
 
-    def look(self, time: float, x: float, z: float) -> None:
-        """Take a sample that differs, by `x` and `z`."""
+    def look(self, time: float, x: float, z: float, size: float) -> None:
+        """Take a sample that differs, by `x` and `z`, of positions of some size, m."""
         if not self.samples:
             self.first = time
         self.samples += 1
+        if self.samples <= _EARLY:
+            difference = max(abs(x), abs(z))
+            self.early = max(self.early, difference / size if size else difference)
         self.last = time
         self.largest_x = max(self.largest_x, abs(x))
         self.largest_z = max(self.largest_z, abs(z))
@@ -208,6 +216,8 @@ class Findings:
             self.first is not None
             and self.first.ulps <= _LIBRARY_ULPS
             and self.divergence.samples > 1
+            and self.divergence.early <= _ROUND_OFF
+            and not self.faults
         )
 
     def differ(self, difference: Difference) -> None:

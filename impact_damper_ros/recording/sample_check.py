@@ -127,7 +127,8 @@ class SampleCheck:
         ]
         findings.differ(max(differences, key=lambda difference: difference.ulps))
         if values_differ:
-            findings.divergence.look(time, there[0] - here[0], there[1] - here[1])
+            size = max(map(abs, here[:4]))
+            findings.divergence.look(time, there[0] - here[0], there[1] - here[1], size)
 
 
 class SampleSpacing:
