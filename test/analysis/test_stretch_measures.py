@@ -114,7 +114,7 @@ def test_energy_of_a_resonant_oscillator():
     x, velocity = -10.0 * np.cos(time), 10.0 * np.sin(time)
     zero = np.zeros_like(time)
     states, impacts, _ = recorded(rig, 1, None)
-    states = type(states)(time, x, velocity, zero, zero, x + 5e5, x - 5e5)
+    states = type(states)(time, x, velocity, zero, zero, x + 5e5, x - 5e5, velocity, velocity)
     clock = ForceClock(rig, 0.0, (0.0,))
     balance = energy_balance(clock, knots_of(rig, states, impacts[:0], 0), 5)
     assert balance.force == pytest.approx(5 * math.pi * 10.0, rel=1e-6)
