@@ -21,7 +21,13 @@ from .recorded_stretch import RecordedImpacts, RecordedStates
 from .run_curves import Array
 from .stretch_measures import Finding
 
-__all__ = ['gap_findings', 'impulse_findings', 'restitution_findings', 'stop_findings']
+__all__ = [
+    'contact_findings',
+    'gap_findings',
+    'impulse_findings',
+    'restitution_findings',
+    'stop_findings',
+]
 
 _TOLERANCE = 1e-9
 # The relative speed of slower impacts has lost its digits.
@@ -114,6 +120,45 @@ def gap_findings(
         tolerance=2.0 * tolerance,
         text=f'{where}: a gap of {gap:.9g} m; logged is {parameters.gap:.9g} m',
     )
+
+
+def contact_findings(
+    parameters: RigParameters, states: RecordedStates, impacts: RecordedImpacts, *, moving: bool
+) -> Iterator[Finding]:
+    """
+    Find single impacts on the wrong stop: by the direction of the impulse, and by where m is.
+
+    With `moving`, stops may be anywhere, and only the direction counts.
+    """
+    if not len(impacts):
+        return
+    half = 0.5 * parameters.gap
+    side = np.where(impacts.stop == 1, 1.0, -1.0)
+    with np.errstate(over='ignore', invalid='ignore'):
+        outward = side * (impacts.z - impacts.x)
+        tolerance = _TOLERANCE * (half + largest_size(states.x, impacts.x))
+        # A stop that follows m comes inwards from where the joint states show it first.
+        y = states.z - states.x
+        at_stop = [np.abs(stop - states.z) <= tolerance for stop in (states.stop_1, states.stop_2)]
+        farthest = np.abs(y[at_stop[0] | at_stop[1]]).max(initial=half)
+        there = (outward >= half - tolerance) & (outward <= farthest + tolerance)
+        wrong = np.flatnonzero(~((side * impacts.primary_impulse >= 0.0) & (there | moving)))
+    if len(wrong):
+        first = int(wrong[0])
+        found = float(side[first] * outward[first])
+        yield Finding(
+            quantity='Y at impact',
+            unit='m',
+            time=float(impacts.time[first]),
+            measured=found,
+            expected=float(side[first]) * half,
+            tolerance=tolerance,
+            text=(
+                f'{len(wrong)} impacts are not where their stop is or push M the wrong way, first '
+                f'on stop {impacts.stop[first]:.0f} at {impacts.time[first]:.9f} s: Y is '
+                f'{found:.9g} m, the impulse on M {impacts.primary_impulse[first]:.9g} N s'
+            ),
+        )
 
 
 def stop_findings(

@@ -7,7 +7,13 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from .fault_search import Fault, FaultSearch
-from .impact_check import gap_findings, impulse_findings, restitution_findings, stop_findings
+from .impact_check import (
+    contact_findings,
+    gap_findings,
+    impulse_findings,
+    restitution_findings,
+    stop_findings,
+)
 from .parameter_fit import ParameterFit, fit_one_parameter
 from .recorded_stretch import RecordedImpacts, RecordedStretch
 from .stretch_measures import Finding
@@ -157,6 +163,7 @@ def _motion_findings(
     if not found:
         found += restitution_findings(rig, stretch.impacts, single=True)
         found += stop_findings(rig, stretch.control, stretch.states)
+        found += contact_findings(rig, stretch.states, stretch.impacts, moving=controlled)
     return found
 
 
