@@ -21,6 +21,7 @@ import json
 import math
 import random
 import shutil
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -435,11 +436,12 @@ def print_untouched(pool: ProcessPoolExecutor, options: argparse.Namespace) -> N
 
 def print_soaks(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
     """Print how many stretches of long bags are doubted."""
-    each = min(options.stretches, 500)
+    each = min(options.stretches, 100)
     soaks = math.ceil(options.stretches / each)
     sums = [0, 0, 0, 0]
     for found in pool.map(soak, range(soaks), [each] * soaks):
         sums = [a + b for a, b in zip(sums, (*found[:3], found[3] != 0), strict=True)]
+        print(f'  {sums[0]} stretches', end='\r', file=sys.stderr, flush=True)
     print(
         f'soaks: {sums[0]} stretches in {soaks} bags; doubted {sums[1]}, faults {sums[2]}, '
         f'not identical on replay {sums[3]}'
