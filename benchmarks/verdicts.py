@@ -441,7 +441,7 @@ def print_soaks(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
     sums = [0, 0, 0, 0]
     for found in pool.map(soak, range(soaks), [each] * soaks):
         sums = [a + b for a, b in zip(sums, (*found[:3], found[3] != 0), strict=True)]
-        print(f'  {sums[0]} stretches', end='\r', file=sys.stderr, flush=True)
+        print(f'  {sums[0]} stretches, {sums[1]} doubted, {sums[2]} faults', file=sys.stderr)
     print(
         f'soaks: {sums[0]} stretches in {soaks} bags; doubted {sums[1]}, faults {sums[2]}, '
         f'not identical on replay {sums[3]}'
