@@ -21,6 +21,7 @@ __all__ = ['SHORTEST_FILE', 'SMALLEST_FILE', 'RunWriter']
 #: Least limits to the files of a bag, bytes and s: each begins with a description of its topics.
 SMALLEST_FILE = 100_000
 SHORTEST_FILE = 1.0
+_SHORTEST_NS = round(SHORTEST_FILE * 1e9)
 #: Times per flush period that the writer thread looks at the queue while much comes in.
 _POLLS = 10
 #: Messages found at once that are much. A thread that wakes up seldom costs less.
@@ -69,8 +70,9 @@ class RunWriter:
     on_error : callable, optional
         Called, from any thread, once `error` is set; what it raises is ignored.
     max_size : int, default 0
-        Bytes of a file after which `split_due` asks for the next one; 0 for no limit. What is not
-        in the file yet is taken to be compressed as what is.
+        Bytes of a file after which `split_due` asks for the next one, though not within
+        `SHORTEST_FILE`; 0 for no limit. What is not in the file yet is taken to be compressed as
+        what is.
     max_duration : float, default 0.0
         Time from the first stamp of a file, in seconds, after which it does so; 0 for no limit.
 
@@ -262,10 +264,12 @@ class RunWriter:
             self._begun_ns = stamp_ns
         if self._max_duration_ns and stamp_ns - self._begun_ns >= self._max_duration_ns:
             return True
-        # As long as a file waits to be begun, nothing is known of its size.
+        # As long as a file waits to be begun, nothing is known of its size. What it begins with may
+        # be larger than the limit.
         return (
             self._max_size > 0
             and self._asked == self._begun
+            and stamp_ns - self._begun_ns >= _SHORTEST_NS
             and self._file.expected_size(len(self._queue)) >= self._max_size
         )
 
