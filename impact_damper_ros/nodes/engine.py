@@ -286,8 +286,6 @@ class Engine:
                 self._scheduling.take()
             self._serve()
             self._publish_states()
-            if (log := self._out.log) is not None and log.split_due(self.stamp_ns()):
-                self._split(log)
             if self._free_running:
                 self._wait_for_log()
 
@@ -459,7 +457,10 @@ class Engine:
         data = self._motion.take_states(self._time_ns, self._stamps.offset_ns)
         self._within_tick = False
         self._publish_clock()
-        self._out.emit(self._outlets.joint_states, data, self.stamp_ns())
+        stamp_ns = self.stamp_ns()
+        self._out.emit(self._outlets.joint_states, data, stamp_ns)
+        if (log := self._out.log) is not None and log.split_due(stamp_ns):
+            self._split(log)
 
     def _publish_clock(self) -> None:
         if self._outlets.clock is not None:

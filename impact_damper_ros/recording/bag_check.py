@@ -198,7 +198,7 @@ def number_faults(scans: Sequence[Scan], *, later: bool = False) -> Iterator[str
                 )
                 if begin != before + 1 and not on and topic not in wrong:
                     wrong.add(topic)
-                    yield jump_text(topic, before, begin)
+                    yield jump_text(topic, here.get(topic, last.get(topic, -1)), begin)
                 here[topic] = end
         last |= here
 

@@ -42,7 +42,7 @@ _CHUNK_SIZE = 768 * 1024
 _PENDING_LIMIT = 4 * 1024 * 1024
 #: Bytes that a message is taken to need in the first file, and how many messages must be there for
 #: what they need to count as much.
-_FIRST_GUESS = 70.0
+_FIRST_GUESS = 85.0
 _GUESSED = 500
 
 

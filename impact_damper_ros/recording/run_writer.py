@@ -264,8 +264,8 @@ class RunWriter:
             self._begun_ns = stamp_ns
         if self._max_duration_ns and stamp_ns - self._begun_ns >= self._max_duration_ns:
             return True
-        # As long as a file waits to be begun, nothing is known of its size. What it begins with may
-        # be larger than the limit.
+        # As long as a file waits to be begun, nothing is known of its size. What it begins with
+        # may be larger than the limit.
         return (
             self._max_size > 0
             and self._asked == self._begun

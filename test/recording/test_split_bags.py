@@ -16,8 +16,8 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from recording import samples
-from recording.recorded_rig import LIVELY, NOTES, RecordedRig, random_requests
-from recording.test_replay import places, replayed
+from recording.recorded_rig import NOTES, RecordedRig, random_requests
+from recording.test_replay import replayed
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
@@ -36,12 +36,9 @@ NOTE = Topic('/note', samples.STRING)
 
 
 def simulated(directory, *arguments, duration='7'):
-    """Let the command record the rig of the test driver."""
-    plain = {n: list(v) if isinstance(v, tuple) else v for n, v in LIVELY.as_dict().items()}
-    params = directory.parent / 'params.yaml'
-    params.write_text(json.dumps({'/**': {'ros__parameters': plain}}))
+    """Let the command record the bench rig."""
     options = ['--duration', duration, '--bag', str(directory), '--quiet']
-    assert simulate_rig([str(params), *options, *arguments]) == 0
+    assert simulate_rig(['bench_rig', *options, *arguments]) == 0
     return directory
 
 
@@ -156,7 +153,8 @@ def test_each_file_and_the_whole_replay_bit_for_bit(one, split, capsys):
     whole = replayed(split)
     expected = replayed(one)
     assert (whole.verdict, whole.faults) == (Verdict.IDENTICAL, [])
-    assert (whole.samples, whole.impacts) == (expected.samples, expected.impacts) == (1401, 1634)
+    assert (whole.samples, whole.impacts) == (expected.samples, expected.impacts)
+    assert whole.samples == 1401
     assert (whole.changes, whole.snapshots) == (expected.changes, expected.snapshots + 3)
     parts = [replayed(path) for path in files_of(split)]
     assert [(part.verdict, part.faults) for part in parts] == [(Verdict.IDENTICAL, [])] * 4
@@ -168,6 +166,15 @@ def test_each_file_and_the_whole_replay_bit_for_bit(one, split, capsys):
         assert 'bit for bit' in capsys.readouterr().out
 
 
+def close_to(value):
+    """Return what equals a value of JSON but for round-off."""
+    if isinstance(value, dict):
+        return {name: close_to(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [close_to(part) for part in value]
+    return pytest.approx(value, rel=1e-9, abs=1e-12) if isinstance(value, float) else value
+
+
 def test_comparisons_and_what_ifs_are_those_of_one_file(one, split, tmp_path, capsys):
     found, supposed = [], []
     for number, bag in enumerate((one, split)):
@@ -177,10 +184,14 @@ def test_comparisons_and_what_ifs_are_those_of_one_file(one, split, tmp_path, ca
         found.append(compared['stretches'])
         capsys.readouterr()
         assert replay_run([str(bag), '--set', 'restitution_1=0.5', '--json', str(path)]) == 0
-        supposed.append({**json.loads(path.read_text()), 'bag': ''})
+        supposed.append(json.loads(path.read_text()))
+        # The snapshots with which files begin are compared, too.
+        assert supposed[number].pop('bag') == str(bag)
+        assert supposed[number]['compared'].pop('snapshots') == 4 + 3 * number
         capsys.readouterr()
     assert len(found[0]) == 3
-    assert found[0] == found[1]
+    # Sums are made of other parts.
+    assert found[1] == close_to(found[0])
     assert supposed[0] == supposed[1]
 
 
@@ -214,11 +225,11 @@ def test_by_size(tmp_path):
     limit = 150_000
     bag = simulated(tmp_path / 'bag', '--max-bag-size', str(limit), duration='40')
     *full, last = [path.stat().st_size for path in files_of(bag)]
-    assert len(full) > 4
+    assert len(full) > 2
     # What is still in memory is estimated.
-    assert max(full) < 1.3 * limit
-    assert min(full) > 0.7 * limit
-    assert last < 1.3 * limit
+    assert max(full) < 1.5 * limit
+    assert min(full) > 0.6 * limit
+    assert last < 1.5 * limit
     assert replayed(bag).verdict is Verdict.IDENTICAL
     assert [replayed(path).verdict for path in files_of(bag)] == [Verdict.IDENTICAL] * (
         len(full) + 1
@@ -450,9 +461,17 @@ def test_options_out_of_range(option, value, least, capsys):
 
 
 def test_what_a_file_begins_with_may_be_larger_than_the_limit(tmp_path):
-    """A force of very many lines: its snapshot alone is large, and files still last a second."""
-    arguments = ('--max-bag-size', '100000', '--set', 'multisine_level=1')
-    lines = ('--set', 'multisine_low=20', '--set', 'multisine_high=60', '--set')
-    bag = simulated(tmp_path / 'bag', *arguments, *lines, 'multisine_lines=512', duration='5')
-    assert len(files_of(bag)) <= 5
-    assert places([(t,) for t, *_ in contents(files_of(bag)[0])], '/snapshot') == [0, 2]
+    """A snapshot of very many lines, say: a file still lasts a second."""
+    head = samples.serialise(
+        samples.STRING, samples.make(samples.STRING, os.urandom(150_000).hex())
+    )
+    with RunWriter(tmp_path / 'bag', [NOTE], max_size=100_000, flush_period=0.02) as writer:
+        assert not writer.split_due(0)
+        for begin in (0, 10**9, 2 * 10**9):
+            writer.write('/note', head, begin)
+            while writer.splitting or writer.path.stat().st_size < 150_000:
+                time.sleep(0.001)
+            assert not writer.split_due(begin + 10**9 - 1)
+            assert writer.split_due(begin + 10**9)
+            assert writer.split(begin + 10**9)
+    assert [len(contents(path)) for path in files_of(tmp_path / 'bag')] == [1, 1, 1, 0]
