@@ -9,7 +9,7 @@ import math
 import sys
 import time
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
@@ -41,6 +41,7 @@ from impact_damper_ros.control import (
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.recording import RecordingError
 from impact_damper_ros.recording.rig_recorder import RigRecorder
+from impact_damper_ros.recording.run_writer import SHORTEST_FILE, SMALLEST_FILE
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -107,6 +108,20 @@ def _parser() -> argparse.ArgumentParser:
         '--bag', type=Path, metavar='DIR', help='record to MCAP what sim_node would; DIR is new'
     )
     parser.add_argument(
+        '--max-bag-size',
+        type=_limit(int, SMALLEST_FILE, 'bytes'),
+        default=0,
+        metavar='BYTES',
+        help='go on to another file of the bag when one has so many bytes [0: one file]',
+    )
+    parser.add_argument(
+        '--max-bag-duration',
+        type=_limit(float, SHORTEST_FILE, 's'),
+        default=0.0,
+        metavar='T',
+        help='go on to another file of the bag after so much time [s] [0: one file]',
+    )
+    parser.add_argument(
         '--rate',
         type=_positive,
         default=200.0,
@@ -164,6 +179,24 @@ def _positive(text: str) -> float:
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f'{text!r}: give a positive, finite number')
     return value
+
+
+def _limit(kind: type[float], least: float, unit: str) -> Callable[[str], float]:
+    """Return what reads a limit to the files of a bag."""
+
+    def read(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = -1
+        if value != 0 and not least <= value < math.inf:
+            whole = ' whole' if kind is int else ''
+            raise argparse.ArgumentTypeError(
+                f'{text!r}: give 0 (no limit) or a{whole} number of at least {least:g} {unit}'
+            )
+        return value
+
+    return read
 
 
 def _instants(
@@ -278,7 +311,15 @@ def _run(
         recording = None
         if arguments.bag is not None:
             listed = {**parameters.as_dict(), **initial.as_dict(), **control.as_dict()}
-            recording = RigRecorder(arguments.bag, rig, listed, arguments.rate, duration)
+            recording = RigRecorder(
+                arguments.bag,
+                rig,
+                listed,
+                arguments.rate,
+                duration,
+                max_size=arguments.max_bag_size,
+                max_duration=arguments.max_bag_duration,
+            )
             stack.callback(recording.close)
         bar = stack.enter_context(
             tqdm(

@@ -140,6 +140,8 @@ class Engine:
         )
         # The start is the first change of course.
         self._new_course = True
+        # All parameters, as a serialised ParameterEvent, while there is a recording
+        self._listing = b''
         self._requests = RequestQueue()
         self._stopping = threading.Event()
         self._out = Emitter(alive, self._stopping.set)
@@ -204,6 +206,7 @@ class Engine:
         parameters: RigParameters | None,
         event: bytes,
         control: GapControlParameters | None = None,
+        listing: bytes = b'',
     ) -> Ticket:
         """
         Change the rig or its control, if parameters of them are given, and record the event.
@@ -216,8 +219,11 @@ class Engine:
             A serialised rcl_interfaces/ParameterEvent; stamped with the instant of the change.
         control : GapControlParameters or None
             The control from then on.
+        listing : bytes
+            A serialised ParameterEvent with all parameters from then on, with which a further
+            file of the recording begins; empty to leave it as it was.
         """
-        return self._requests.submit(lambda: self._change(parameters, event, control))
+        return self._requests.submit(lambda: self._change(parameters, event, control, listing))
 
     def reset(self, initial: InitialConditions) -> Ticket:
         """Put the rig to initial conditions; time goes on."""
@@ -228,7 +234,11 @@ class Engine:
         return self._requests.submit(lambda: self._pause(paused))
 
     def record_to(self, log: Log, event: bytes) -> Ticket:
-        """Record from now on; `event` is a serialised ParameterEvent with all parameters."""
+        """
+        Record from now on; `event` is a serialised ParameterEvent with all parameters.
+
+        The log may ask for a new file. That begins with a tick, as the recording did.
+        """
         return self._requests.submit(lambda: self._record_to(log, event))
 
     def stop_recording(self) -> Ticket:
@@ -382,7 +392,9 @@ class Engine:
         parameters: RigParameters | None,
         event: bytes,
         control: GapControlParameters | None,
+        listing: bytes,
     ) -> None:
+        self._listing = listing or self._listing
         # First the cause, then what it does.
         self._record_event(event)
         if parameters is not None or control is not None:
@@ -416,9 +428,16 @@ class Engine:
         return True
 
     def _record_to(self, log: Log, event: bytes) -> None:
-        self._out.log, self._out.recorded = log, 0
+        self._out.log, self._out.recorded, self._listing = log, 0, event
         self._announce('record')
         self._record_event(event)
+
+    def _split(self, log: Log) -> None:
+        """Let a new file of the recording begin here, with what a reader of it alone needs."""
+        if log.split(self.stamp_ns()):
+            self._motion.stand_at(self._time_ns)
+            self._announce('record')
+            self._record_event(self._listing)
 
     def _stop_recording(self) -> Log | None:
         if self._within_tick:
@@ -438,7 +457,10 @@ class Engine:
         data = self._motion.take_states(self._time_ns, self._stamps.offset_ns)
         self._within_tick = False
         self._publish_clock()
-        self._out.emit(self._outlets.joint_states, data, self.stamp_ns())
+        stamp_ns = self.stamp_ns()
+        self._out.emit(self._outlets.joint_states, data, stamp_ns)
+        if (log := self._out.log) is not None and log.split_due(stamp_ns):
+            self._split(log)
 
     def _publish_clock(self) -> None:
         if self._outlets.clock is not None:

@@ -25,6 +25,12 @@ class Log(Protocol):
     def write(self, topic: str, data: bytes, stamp_ns: int, /) -> object:
         """Take a serialised message, without blocking."""
 
+    def split_due(self, stamp_ns: int, /) -> bool:
+        """Return whether a new file should begin with this stamp."""
+
+    def split(self, stamp_ns: int, /) -> bool:
+        """Let what comes go to a new file; false if that cannot be now."""
+
 
 class Outlets(NamedTuple):
     """Where the engine publishes, and the topics it only records."""

@@ -61,9 +61,14 @@ class Recorder:
         """The directory of the recording, or an empty text."""
         return str(self._writer.directory) if self._writer is not None else ''
 
-    def open(self, parent: str) -> None:
+    @property
+    def splits(self) -> bool:
+        """Whether the recording may go on to further files."""
+        return self._writer is not None and self._writer.splits
+
+    def open(self, parent: str, max_size: int = 0, max_duration: float = 0.0) -> None:
         """
-        Create the bag, in a new directory under `parent`.
+        Create the bag, in a new directory under `parent`, with limits to each of its files.
 
         Raises
         ------
@@ -78,7 +83,12 @@ class Recorder:
             self._writer.close()
             self._writer = None
         self._writer = RunWriter.new_run(
-            parent, self._topics(), custom=self._notes, on_error=self._on_failure
+            parent,
+            self._topics(),
+            custom=self._notes,
+            on_error=self._on_failure,
+            max_size=max_size,
+            max_duration=max_duration,
         )
         self._error = ''
 

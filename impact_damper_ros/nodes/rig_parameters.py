@@ -43,6 +43,15 @@ __all__ = [
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
 READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_priority')
 SLOWEST_FACTOR = 1e-3
+#: As of `RunWriter`, which is not loaded unless something is recorded.
+SMALLEST_FILE = 100_000
+SHORTEST_FILE = 1.0
+#: Parameters that are 0 or at least something, and what 0 stands for.
+_LEAST = {
+    'real_time_factor': (SLOWEST_FACTOR, 'as fast as possible'),
+    'max_bag_size': (SMALLEST_FILE, 'no limit'),
+    'max_bag_duration': (SHORTEST_FILE, 'no limit'),
+}
 #: No name as long as this is a slip of the pen.
 _LONGEST_NAME = 80
 #: Of `bag_directory`; a recording adds to it, and the system has 4096.
@@ -113,6 +122,24 @@ SETTING_SPECS: dict[str, ParameterSpec] = {
             'string',
             'runs',
         ),
+        ParameterSpec(
+            'max_bag_size',
+            'Size of a file at which a recording goes on to the next one; 0 for no limit.',
+            'B',
+            0,
+            10**15,
+            'integer',
+            0,
+        ),
+        ParameterSpec(
+            'max_bag_duration',
+            'Time after which a recording goes on to the next file; 0 for no limit.',
+            's',
+            0.0,
+            1e9,
+            'double',
+            0.0,
+        ),
     )
 }
 ALL_SPECS: dict[str, ParameterSpec] = {
@@ -145,6 +172,8 @@ class NodeParameters:
     predict_motion: bool
     record: bool
     bag_directory: str
+    max_bag_size: int
+    max_bag_duration: float
 
     @property
     def simulated_time(self) -> bool:
@@ -189,13 +218,14 @@ class NodeParameters:
         }
         if 'bag_directory' in settings:
             settings['bag_directory'] = _directory(settings['bag_directory'])
-        factor = settings.get('real_time_factor', 1.0)
-        if isinstance(factor, float) and 0.0 < factor < SLOWEST_FACTOR:
-            raise ParameterError(
-                'real_time_factor',
-                f'real_time_factor is {factor!r}: give 0 (as fast as possible) or a number from '
-                f'{SLOWEST_FACTOR:g} to 1000',
-            )
+        for name, (least, meaning) in _LEAST.items():
+            if 0 < settings.get(name, 0) < least:
+                highest = SETTING_SPECS[name].high
+                raise ParameterError(
+                    name,
+                    f'{name} is {settings[name]!r}: give 0 ({meaning}) or a number from '
+                    f'{least:g} to {highest:g}',
+                )
         rig = self.rig.replace(**rig_values) if rig_values else self.rig
         initial = self.initial
         if initial_values:
@@ -259,6 +289,8 @@ def descriptor(spec: ParameterSpec) -> Any:
         constraints = 'Used by the next reset.'
     elif spec.name == 'real_time_factor':
         constraints = f'0, or at least {SLOWEST_FACTOR:g}.'
+    elif spec.name in _LEAST:
+        constraints = f'0, or at least {_LEAST[spec.name][0]:g}. Used by the next recording.'
     elif spec.name == 'bag_directory':
         constraints = 'Used by the next recording.'
     return ParameterDescriptor(

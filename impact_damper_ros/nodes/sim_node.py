@@ -146,7 +146,7 @@ class SimNode(Node):
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         if parameters.record:
-            self._recorder.open(parameters.bag_directory)
+            self._open_recording(parameters)
             self._recorder.begin(self._dump())
 
     def _warn_of_trouble(self, text: str) -> None:
@@ -230,7 +230,12 @@ class SimNode(Node):
     def _prepare(self, before: NodeParameters, after: NodeParameters) -> None:
         # Only trying shows whether a recording can begin; a request is rejected if not.
         if after.record and not before.record:
-            self._recorder.open(after.bag_directory)
+            self._open_recording(after)
+
+    def _open_recording(self, parameters: NodeParameters) -> None:
+        self._recorder.open(
+            parameters.bag_directory, parameters.max_bag_size, parameters.max_bag_duration
+        )
 
     def _apply(
         self, before: NodeParameters, after: NodeParameters, changed: Sequence[Parameter]
@@ -241,7 +246,8 @@ class SimNode(Node):
         )
         rig = after.rig if after.rig != before.rig else None
         control = after.control if after.control != before.control else None
-        self.engine.change(rig, serialised(event), control)
+        listing = self._dump() if self._recorder.splits else b''
+        self.engine.change(rig, serialised(event), control, listing)
         if after.predict_motion != before.predict_motion:
             self._predictor.enable(after.predict_motion)
         if after.record and not before.record:

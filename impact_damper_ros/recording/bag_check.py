@@ -167,12 +167,19 @@ def _crc(scan: Scan, begin: int, end: int) -> int:
     return crc
 
 
-def number_faults(scans: Sequence[Scan]) -> Iterator[str]:
+def number_faults(scans: Sequence[Scan], *, later: bool = False) -> Iterator[str]:
     """
     Yield where the messages of the node's own bag are not counted on from chunk to chunk.
 
     A file may begin to count anew, or go on from the one before. Where a chunk could not be read,
     nothing is known. Of each topic, the first place is given.
+
+    Parameters
+    ----------
+    scans : sequence of Scan
+        The files of the bag, which have been read.
+    later : bool, optional
+        Whether the first file goes on from one that is not read.
     """
     last: dict[str, int] = {}
     wrong: set[str] = set()
@@ -186,10 +193,12 @@ def number_faults(scans: Sequence[Scan]) -> Iterator[str]:
                 known = scan.channels.get(channel)
                 topic = known.topic if known is not None else f'channel {channel}'
                 before = here.get(topic, -1)
-                on = topic not in here and begin == last.get(topic, -1) + 1
+                on = topic not in here and (
+                    begin == last.get(topic, -1) + 1 or (later and scan is scans[0])
+                )
                 if begin != before + 1 and not on and topic not in wrong:
                     wrong.add(topic)
-                    yield jump_text(topic, before, begin)
+                    yield jump_text(topic, here.get(topic, last.get(topic, -1)), begin)
                 here[topic] = end
         last |= here
 

@@ -1,5 +1,8 @@
 """
-One bag: a directory with an MCAP file as rosbag2 writes it, and its ``metadata.yaml``.
+One bag: a directory with MCAP files as rosbag2 writes them, and their ``metadata.yaml``.
+
+Each file is a whole MCAP file of its own. Only the numbers of the messages go on from one to the
+next, so that a file that is missing shows.
 
 Everything here is done at once in the calling thread; `RunWriter` adds the queue.
 
@@ -13,6 +16,7 @@ damaged chunk from a whole one, and its ``fastwrite`` preset leaves no index to 
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -22,7 +26,7 @@ from mcap.writer import LIBRARY_IDENTIFIER
 
 from impact_damper_ros import __version__
 
-from .bag_metadata import FILE_NAME, BagMetadata, sync_directory
+from .bag_metadata import FILE_NAME, PART, BagMetadata, FileInformation, sync_directory
 from .chunk_writer import ChunkWriter
 from .errors import RecordingError
 from .topic import Channel
@@ -36,6 +40,10 @@ LIBRARY = f'impact_damper_ros/{__version__} {LIBRARY_IDENTIFIER}'
 _CHUNK_SIZE = 768 * 1024
 #: Bytes of finished chunks that are handed over without waiting for a flush.
 _PENDING_LIMIT = 4 * 1024 * 1024
+#: Bytes that a message is taken to need in the first file, and how many messages must be there for
+#: what they need to count as much.
+_FIRST_GUESS = 85.0
+_GUESSED = 500
 
 
 class _RecordFile:
@@ -99,7 +107,7 @@ class BagSummary:
     Attributes
     ----------
     directory, file : Path
-        The bag, and the MCAP file in it.
+        The bag, and the last MCAP file in it.
     counts : mapping of str to int
         Messages per topic.
     start_ns, end_ns : int or None
@@ -147,7 +155,14 @@ class BagFile:
     custom : mapping of str to str
         Notes for ``metadata.yaml``.
     name : str, optional
-        Stem of the MCAP file without its number; the directory's name if not given.
+        Stem of the MCAP files without their number; the directory's name if not given.
+
+    Attributes
+    ----------
+    path : Path
+        The MCAP file being written.
+    counts : list of int
+        Messages by channel, in all files.
 
     Raises
     ------
@@ -163,71 +178,119 @@ class BagFile:
         name: str | None = None,
     ) -> None:
         self.directory = Path(directory)
-        self.path = self.directory / f'{name or self.directory.absolute().name}_0.mcap'
+        self._stem = name or self.directory.absolute().name
+        self.path = self._path(0)
         self.channels = tuple(channels)
         self.custom = {str(key): str(value) for key, value in custom.items()}
         self.counts = [0] * len(self.channels)
-        self.start_ns: int | None = None
-        self.end_ns: int | None = None
+        # What the files before the present one hold, and messages by channel up to it
+        self._files: list[FileInformation] = []
+        self._before = list(self.counts)
+        self._guess = _FIRST_GUESS
+        # Files that are finished, but not forced to the disk yet
+        self._finished: deque[_RecordFile] = deque()
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             if (self.directory / FILE_NAME).exists() or any(self.directory.glob('*.mcap')):
                 cause = 'the directory holds a bag already'
                 remedy = 'choose another one; nothing is ever overwritten'
                 raise RecordingError('record to', self.directory, cause, remedy)
-            self._stream = _RecordFile(self.path)
+            self._open(self.path)
         except OSError as error:
             raise RecordingError.from_os_error('record to', self.path, error) from error
-        try:
-            self._start()
-        except OSError as error:
-            self._stream.close()
-            with suppress(OSError):
-                self.path.unlink()
-            raise RecordingError.from_os_error('record to', self.path, error) from error
-
-    def _start(self) -> None:
-        self._writer = ChunkWriter(self._stream, _CHUNK_SIZE, PROFILE, LIBRARY)
-        # With the topics at the head, even a recording cut before its first chunk tells them.
-        self._note_metadata()
-        schemas: dict[str, int] = {}
-        self._channel_ids: list[int] = []
-        for channel in self.channels:
-            if channel.type not in schemas:
-                schemas[channel.type] = self._writer.register_schema(
-                    channel.type, channel.schema_encoding, channel.schema
-                )
-            channel_id = self._writer.register_channel(
-                channel.topic,
-                channel.message_encoding,
-                schemas[channel.type],
-                channel.metadata(),
-            )
-            self._channel_ids.append(channel_id)
-        self.flush()
-        self.sync()
-        sync_directory(self.directory)
         sync_directory(self.directory.parent)
+
+    def _path(self, number: int) -> Path:
+        return self.directory / f'{self._stem}_{number}.mcap'
+
+    def _open(self, path: Path) -> None:
+        """Begin a file; nothing is left of it if that fails."""
+        stream = _RecordFile(path)
+        try:
+            writer = ChunkWriter(stream, _CHUNK_SIZE, PROFILE, LIBRARY)
+            # With the topics at the head, even a recording cut before its first chunk tells them.
+            self._note_metadata(writer, FileInformation(path.name), [0] * len(self.channels))
+            schemas: dict[str, int] = {}
+            channel_ids: list[int] = []
+            for channel in self.channels:
+                if channel.type not in schemas:
+                    schemas[channel.type] = writer.register_schema(
+                        channel.type, channel.schema_encoding, channel.schema
+                    )
+                channel_id = writer.register_channel(
+                    channel.topic,
+                    channel.message_encoding,
+                    schemas[channel.type],
+                    channel.metadata(),
+                )
+                channel_ids.append(channel_id)
+            writer.flush()
+            if not self._files:
+                # The others are forced to the disk by `sync`.
+                stream.sync()
+                sync_directory(self.directory)
+        except OSError:
+            stream.close()
+            with suppress(OSError):
+                path.unlink()
+            raise
+        self.path, self._stream, self._writer = path, stream, writer
+        self._channel_ids = channel_ids
+        self._head = stream.committed
+        self._first_ns: int | None = None
+        self._last_ns: int | None = None
+        self._commit()
 
     @property
     def size(self) -> int:
-        """Bytes handed to the operating system so far."""
+        """Bytes of the present file handed to the operating system so far."""
         return self._stream.committed
+
+    @property
+    def start_ns(self) -> int | None:
+        """Earliest stamp; None without messages."""
+        return self.metadata().whole.start_ns
+
+    @property
+    def end_ns(self) -> int | None:
+        """Latest stamp; None without messages."""
+        return self.metadata().whole.end_ns
+
+    def expected_size(self, waiting: int) -> float:
+        """
+        Return about how long the present file would be if it ended with what waits.
+
+        Parameters
+        ----------
+        waiting : int
+            Messages that are still to be added.
+        """
+        counts, _, _, size = self._committed
+        there = sum(counts) - sum(self._before)
+        each = (size - self._head + self._guess * _GUESSED) / (there + _GUESSED)
+        # The summary repeats schemas and topics.
+        return size + self._head + each * (sum(self.counts) - sum(counts) + waiting)
+
+    def _file_information(self) -> FileInformation:
+        count = sum(self.counts) - sum(self._before)
+        return FileInformation(self.path.name, self._first_ns, self._last_ns, count)
 
     def metadata(self) -> BagMetadata:
         """Return the metadata of what has been added so far."""
         return BagMetadata(
-            file_name=self.path.name,
+            files=(*self._files, self._file_information()),
             channels=self.channels,
             counts=tuple(self.counts),
-            start_ns=self.start_ns,
-            end_ns=self.end_ns,
             custom=self.custom,
         )
 
-    def _note_metadata(self) -> None:
-        content = {'serialized_metadata': self.metadata().serialized()}
-        self._writer.add_metadata('rosbag2', content)
+    def _note_metadata(
+        self, writer: ChunkWriter, file: FileInformation, counts: Sequence[int]
+    ) -> None:
+        """Note in a file what it holds, as if it were a bag of its own."""
+        part = {PART: str(len(self._files))} if self._files else {}
+        metadata = BagMetadata((file,), self.channels, tuple(counts), {**self.custom, **part})
+        writer.add_metadata('rosbag2', {'serialized_metadata': metadata.serialized()})
 
     def add(
         self, channel: int, content: bytes, stamp_ns: int, sequence: int | None = None
@@ -244,7 +307,8 @@ class BagFile:
         stamp_ns : int
             Its stamp, 0 to 2**63 - 1; both log time and publish time.
         sequence : int, optional
-            Number of the message in its channel; counted from 0 if not given.
+            Number of the message in its channel; counted on from 0 through all files if not
+            given.
 
         Raises
         ------
@@ -255,10 +319,10 @@ class BagFile:
             sequence = self.counts[channel] & 0xFFFFFFFF
         self._writer.add_message(self._channel_ids[channel], stamp_ns, content, sequence)
         self.counts[channel] += 1
-        if self.start_ns is None or stamp_ns < self.start_ns:
-            self.start_ns = stamp_ns
-        if self.end_ns is None or stamp_ns > self.end_ns:
-            self.end_ns = stamp_ns
+        if self._first_ns is None or stamp_ns < self._first_ns:
+            self._first_ns = stamp_ns
+        if self._last_ns is None or stamp_ns > self._last_ns:
+            self._last_ns = stamp_ns
         if self._stream.pending > _PENDING_LIMIT:
             self.flush()
 
@@ -275,11 +339,57 @@ class BagFile:
         self._commit()
 
     def _commit(self) -> None:
-        self._committed = (list(self.counts), self.start_ns, self.end_ns)
+        size = self._stream.committed
+        self._committed = (list(self.counts), self._first_ns, self._last_ns, size)
 
     def sync(self) -> None:
-        """Have the operating system write the file to the disk proper (slow)."""
+        """Have the operating system write the files to the disk proper (slow)."""
+        if self._finished:
+            sync_directory(self.directory)
+        while self._finished:
+            stream = self._finished.popleft()
+            try:
+                stream.sync()
+            finally:
+                stream.close()
         self._stream.sync()
+
+    def next_file(self) -> None:
+        """
+        Finish the present file, if there is anything in it, and go on to a new one.
+
+        Raises
+        ------
+        RecordingError
+            If that fails. What was flushed before stays salvageable; where only the new file
+            cannot be made, the present one is whole.
+        """
+        if self.counts == self._before:
+            return
+        path = self.path
+        try:
+            self._end_file()
+            self._files.append(self._file_information())
+            self._guess = (self.size - 2 * self._head) / self._files[-1].message_count
+            finished, path = self._stream, self._path(len(self._files))
+            try:
+                self._open(path)
+            except OSError:
+                self._files.pop()
+                raise
+        except OSError as error:
+            raise RecordingError.from_os_error('go on recording to', path, error) from error
+        self._finished.append(finished)
+        self._before = list(self.counts)
+
+    def _end_file(self) -> None:
+        """Write summary and footer of the present file."""
+        self.flush()
+        counts = [count - b for count, b in zip(self.counts, self._before, strict=True)]
+        self._note_metadata(self._writer, self._file_information(), counts)
+        self._writer.finish()
+        self._stream.flush()
+        self._commit()
 
     def finish(self) -> None:
         """
@@ -291,30 +401,31 @@ class BagFile:
             If that fails; what was flushed before stays salvageable.
         """
         try:
-            self._writer.flush()
-            self._note_metadata()
-            self._writer.finish()
-            self._stream.flush()
-            self._commit()
-            self._stream.sync()
+            self._end_file()
+            self.sync()
         finally:
-            self._stream.close()
+            self._close()
         self.metadata().write(self.directory)
+
+    def _close(self) -> None:
+        for stream in (*self._finished, self._stream):
+            with suppress(OSError):
+                stream.close()
 
     def abandon(self) -> int:
         """
-        Close the file as it is, without raising; count only what is in it.
+        Close the files as they are, without raising; count only what is in them.
 
         Returns
         -------
         int
-            Number of messages that were added and did not reach the file.
+            Number of messages that were added and did not reach a file.
         """
         if not self._stream.closed:
             with suppress(OSError):
-                self._stream.sync()
-            with suppress(OSError):
-                self._stream.close()
+                self.sync()
+            self._close()
         added = sum(self.counts)
-        self.counts, self.start_ns, self.end_ns = self._committed
+        counts, self._first_ns, self._last_ns, _ = self._committed
+        self.counts = list(counts)
         return added - sum(self.counts)

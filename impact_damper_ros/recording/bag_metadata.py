@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -17,7 +17,9 @@ from .topic import LONGEST_YAML, Channel, dump_yaml, load_yaml
 
 __all__ = [
     'FILE_NAME',
+    'PART',
     'BagMetadata',
+    'FileInformation',
     'listed_files',
     'notes_of',
     'read_listing',
@@ -25,48 +27,84 @@ __all__ = [
 ]
 
 FILE_NAME = 'metadata.yaml'
+#: Note in a file of this package that is not the first of its bag: its number there.
+PART = 'part'
 VERSION = 9
 
 #: Starting time of a bag without messages, as rosbag2 has it: the largest int64.
 _NEVER = 2**63 - 1
 
 
-@dataclass(frozen=True)
-class BagMetadata:
+class FileInformation(NamedTuple):
     """
-    What rosbag2 notes about a bag of one MCAP file.
+    What rosbag2 notes about one file of a bag.
 
     Attributes
     ----------
-    file_name : str
-        The MCAP file, in the directory of the bag.
+    path : str
+        Its name, in the directory of the bag.
+    start_ns, end_ns : int or None
+        Earliest and latest stamp; None without messages.
+    message_count : int
+        Its messages.
+    """
+
+    path: str
+    start_ns: int | None = None
+    end_ns: int | None = None
+    message_count: int = 0
+
+    def times(self) -> dict[str, Any]:
+        """Return beginning and duration with the names of rosbag2."""
+        if self.start_ns is None or self.end_ns is None:
+            start, duration = _NEVER, 0
+        else:
+            start, duration = self.start_ns, self.end_ns - self.start_ns
+        return {
+            'starting_time': {'nanoseconds_since_epoch': start},
+            'duration': {'nanoseconds': duration},
+        }
+
+
+@dataclass(frozen=True)
+class BagMetadata:
+    """
+    What rosbag2 notes about a bag.
+
+    Attributes
+    ----------
+    files : tuple of FileInformation
+        The MCAP files, in order.
     channels : tuple of Channel
         The topics.
     counts : tuple of int
         Messages per channel.
-    start_ns, end_ns : int or None
-        Earliest and latest stamp; None without messages.
     custom : mapping of str to str
         Free notes of the recorder.
     """
 
-    file_name: str
+    files: tuple[FileInformation, ...]
     channels: tuple[Channel, ...]
     counts: tuple[int, ...]
-    start_ns: int | None = None
-    end_ns: int | None = None
     custom: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> FileInformation:
+        """What holds of all files together."""
+        starts = [file.start_ns for file in self.files if file.start_ns is not None]
+        ends = [file.end_ns for file in self.files if file.end_ns is not None]
+        return FileInformation(
+            '', min(starts, default=None), max(ends, default=None), sum(self.counts)
+        )
 
     def as_mapping(self) -> dict[str, Any]:
         """Return the fields with the names and in the order of rosbag2."""
-        empty = self.start_ns is None or self.end_ns is None
-        start = {'nanoseconds_since_epoch': _NEVER if empty else self.start_ns}
-        duration = {'nanoseconds': 0 if empty else (self.end_ns or 0) - (self.start_ns or 0)}
+        times = self.whole.times()
         return {
             'version': VERSION,
             'storage_identifier': 'mcap',
-            'duration': duration,
-            'starting_time': start,
+            'duration': times['duration'],
+            'starting_time': times['starting_time'],
             'message_count': sum(self.counts),
             'topics_with_message_count': [
                 {
@@ -83,14 +121,10 @@ class BagMetadata:
             ],
             'compression_format': '',
             'compression_mode': '',
-            'relative_file_paths': [self.file_name],
+            'relative_file_paths': [file.path for file in self.files],
             'files': [
-                {
-                    'path': self.file_name,
-                    'starting_time': start,
-                    'duration': duration,
-                    'message_count': sum(self.counts),
-                }
+                {'path': file.path, **file.times(), 'message_count': file.message_count}
+                for file in self.files
             ],
             'custom_data': dict(self.custom) or None,
             'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',

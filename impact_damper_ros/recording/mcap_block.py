@@ -235,6 +235,8 @@ def jump_text(topic: str, before: int, after: int) -> str:
         text = f'{missing} message{" is" if missing == 1 else "s are"} missing'
     else:
         text = 'messages are there twice, or not in their order'
+    if before < 0:
+        return f'message {after} of {topic} is the first: {text}'
     return f'message {before} of {topic} is followed by {after}: {text}'
 
 

@@ -130,12 +130,16 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
                             continue
                         number = message.sequence
                         if scan.own:
-                            # Each file may count anew; the bag counts through.
-                            anew = number == 0 and place in numbers
-                            number += bases.setdefault(place, numbers[place] + 1 if anew else 0)
+                            # Each file may count anew; the bag counts through, from 0.
+                            if place not in bases:
+                                anew = number == 0 and place in numbers
+                                bases[place] = numbers[place] + 1 if anew else 0
+                                if reader.begins_later:
+                                    bases[place] = -number
+                            number += bases[place]
                             numbers[place] = number
                         bag.add(place, content, message.stamp_ns, number & 0xFFFFFFFF)
-        faults = tuple(reader.faults())
+        faults = (*reader.faults(), *filter(None, [reader.missing]))
         whole = reader.complete and not faults and not unusable
         if not whole:
             bag.custom['recovered_from'] = as_line(source.name)

@@ -86,6 +86,8 @@ class RigRecorder:
         Ticks per second, and length of the run, s.
     node : str, optional
         Full name of the node that the bag is to be of; its topics are in its namespace.
+    max_size, max_duration : int and float, optional
+        Limits to a file of the bag; see `RunWriter`.
 
     Raises
     ------
@@ -101,6 +103,9 @@ class RigRecorder:
         rate: float,
         duration: float,
         node: str = '/sim_node',
+        *,
+        max_size: int = 0,
+        max_duration: float = 0.0,
     ) -> None:
         self._rig = rig
         self._rate = rate
@@ -121,14 +126,19 @@ class RigRecorder:
             'gap_control': self._control,
             'snapshot': self._snapshots,
         }
-        self._writer = RunWriter(directory, topics, custom=notes)
-        dump = parameter_event(
-            0, node, {**parameters, 'state_rate': rate, 'record': True}, new=True
+        self._writer = RunWriter(
+            directory, topics, custom=notes, max_size=max_size, max_duration=max_duration
         )
-        self._snapshot('record', 0)
-        self._writer.write(_EVENTS, dump, 0)
+        self._values = {**parameters, 'state_rate': rate, 'record': True}
+        self._begin_file(0)
         self._snapshot('start', 0)
         self._tick()
+
+    def _begin_file(self, time_ns: int) -> None:
+        """Record what a reader of this file alone needs to know."""
+        self._snapshot('record', time_ns)
+        dump = parameter_event(time_ns, self._node, self._values, new=True)
+        self._writer.write(_EVENTS, dump, time_ns)
 
     def _snapshot(self, reason: str, time_ns: int) -> None:
         content = snapshot_message(0, time_ns, reason, self._rig.snapshot())
@@ -146,6 +156,12 @@ class RigRecorder:
         self._due += 1
         while self._writer.backlog > _BACKLOG and self._writer.error is None:
             time.sleep(_NAP)
+        # A file begins after a tick, and with one more to come.
+        if self._due <= self._last and self._writer.split_due(time_ns):
+            if self._writer.split(time_ns):
+                self._begin_file(time_ns)
+            while self._writer.splitting:
+                time.sleep(_NAP / 10)
 
     def ticks(self) -> Iterator[float]:
         """Yield the instants of the ticks after the start, s: the rig must stop at each."""
@@ -190,6 +206,7 @@ class RigRecorder:
         """
         if self._due > self._last:
             return
+        self._values |= values
         self._writer.write(_EVENTS, parameter_event(time_ns, self._node, values), time_ns)
         self.happened(events)
         self._snapshot('change', time_ns)

@@ -219,8 +219,9 @@ class RunHistory:
         found += self.reader.faults()
         if not self.reader.complete:
             cut = self.reader.unusable
+            cause = self.reader.missing or 'its recording was cut short, or a file is missing'
             found.append(
-                'the bag is not complete: its recording was cut short, or a file is missing'
+                f'the bag is not complete: {cause}'
                 + (f' ({cut} bytes at its end belong to no whole message)' if cut else '')
             )
         return found

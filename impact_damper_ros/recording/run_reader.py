@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import OrderedDict
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import yaml
 
+from impact_damper_ros.rig.shown import shown
+
 from .bag_check import check_summary, listing_faults, listing_remarks, number_faults
-from .bag_metadata import listed_files, notes_of, read_listing
+from .bag_metadata import PART, listed_files, notes_of, read_listing
 from .cdr import CdrError
 from .errors import RecordingError
 from .mcap_scan import Scan, open_file, plain_content, read_block, scan_file
@@ -55,6 +58,8 @@ class RecordedTopic:
 #: Bytes of messages, with what each takes in memory, that overlap in time and are held together.
 _MOST_HELD = 512 * 1024 * 1024
 _HELD_EACH = 250
+#: Files that are open at once.
+_MOST_OPEN = 50
 #: Topics that the node has recorded from its first version on.
 _NOTED = ('joint_states', 'impacts', 'snapshot')
 
@@ -119,6 +124,8 @@ class RunReader:
         Bytes at the end of a cut file that belong to no whole record.
     custom : dict of str to str
         The recorder's notes.
+    parts : list of int
+        The number of each file in the bag of which this package has written it; 0 of others.
 
     Raises
     ------
@@ -166,9 +173,11 @@ class RunReader:
                 earlier = self.topics.get(channel.topic)
                 count = scan.counts.get(number, 0) + (earlier.message_count if earlier else 0)
                 self.topics[channel.topic] = RecordedTopic(channel.topic, interface, count)
+        self.parts: list[int] = []
         self.custom = self._custom()
 
     def _custom(self) -> dict[str, str]:
+        """Return the notes of all files; of each, note which part of the bag it is."""
         notes = notes_of(self._listing)
         for scan in self.scans:
             held = [record.metadata for record in scan.metadata if record.name == 'rosbag2']
@@ -176,7 +185,33 @@ class RunReader:
             for metadata in (held[:1] + held[-1:])[-2:]:
                 with suppress(yaml.YAMLError, KeyError):
                     notes |= notes_of(load_yaml(metadata['serialized_metadata']))
+            part = notes.pop(PART, '') if scan.own else ''
+            self.parts.append(int(part) if part.isdecimal() and len(part) < 20 else 0)
         return notes
+
+    @property
+    def begins_later(self) -> bool:
+        """Whether it is a later file of a bag, read alone."""
+        return not self.path.is_dir() and self.parts[0] > 0
+
+    @property
+    def missing(self) -> str:
+        """Which files ``metadata.yaml`` lists that are not there, in words; empty if none."""
+        if self._listing is None:
+            return ''
+        there = {scan.source.name for scan in self.scans} | set(self._empty)
+        names = sorted(listed_files(self._listing) - there)
+        others = f' and {len(names) - 1} more' if len(names) > 1 else ''
+        return f'metadata.yaml lists {shown(names[0])}{others}, not there' if names else ''
+
+    def _missing_parts(self) -> Iterator[str]:
+        """Yield where files are missing by the numbers that those of this package have."""
+        expected = self.parts[0] if self.begins_later else 0
+        for scan, part in zip(self.scans, self.parts, strict=True):
+            if part > expected:
+                count = f'{part - expected} file{"s" if part > expected + 1 else ""}'
+                yield f'{count} of it missing before {scan.source.name}'
+            expected = part + 1
 
     @property
     def own(self) -> bool:
@@ -200,8 +235,10 @@ class RunReader:
                     continue
                 others = f' (the first of {count})' if count > 1 else ''
                 found.append(f'{what} is not whole: {text}{others}')
+        found += [f'the bag is not whole: {text}' for text in self._missing_parts()]
         if self.own:
-            found += [f'the bag is not whole: {text}' for text in number_faults(self.scans)]
+            numbers = number_faults(self.scans, later=self.begins_later)
+            found += [f'the bag is not whole: {text}' for text in numbers]
             found += [
                 f'the bag is not whole: its notes name the topic {topic}, which is not in it'
                 for topic in (self.custom.get(name, '') for name in _NOTED)
@@ -303,8 +340,15 @@ class RunReader:
         pending: list[tuple[int, int, int, Record]] = []
         held = 0
         with ExitStack() as stack:
-            streams = [stack.enter_context(open_file(scan.path)) for scan in self.scans]
+            # Of a long run there are more files than may be open at once.
+            streams: OrderedDict[int, BinaryIO] = OrderedDict()
+            stack.callback(lambda: [stream.close() for stream in streams.values()])
             for start, place, index, block in queue:
+                if index not in streams:
+                    if len(streams) >= _MOST_OPEN:
+                        streams.popitem(last=False)[1].close()
+                    streams[index] = open_file(self.scans[index].path)
+                streams.move_to_end(index)
                 ready = bisect_left(pending, start, key=itemgetter(0))
                 yield from (entry[3] for entry in pending[:ready])
                 held -= sum(len(entry[3].content) + _HELD_EACH for entry in pending[:ready])

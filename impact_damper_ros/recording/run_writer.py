@@ -16,8 +16,12 @@ from .errors import RecordingError
 from .run_directory import create_run_directory
 from .topic import Topic
 
-__all__ = ['RunWriter']
+__all__ = ['SHORTEST_FILE', 'SMALLEST_FILE', 'RunWriter']
 
+#: Least limits to the files of a bag, bytes and s: each begins with a description of its topics.
+SMALLEST_FILE = 100_000
+SHORTEST_FILE = 1.0
+_SHORTEST_NS = round(SHORTEST_FILE * 1e9)
 #: Times per flush period that the writer thread looks at the queue while much comes in.
 _POLLS = 10
 #: Messages found at once that are much. A thread that wakes up seldom costs less.
@@ -25,6 +29,15 @@ _MUCH = 1000
 #: Messages taken from the queue between two looks at the clock.
 _BATCH = 500
 _LATEST_STAMP = 2**63 - 1
+#: Places in the queue that must be free for what a file begins with.
+_ROOM = 100
+
+
+class _Split:
+    """What stands in the queue, in place of a topic, where a new file begins."""
+
+
+_SPLIT = _Split()
 
 
 class RunWriter:
@@ -35,6 +48,9 @@ class RunWriter:
     operating system, so that a process killed at any instant loses at most the last
     `flush_period` of the run; a second thread forces them to the disk every `sync_period`, so that
     a power cut loses little more, and a slow disk delays neither the flushes nor the run.
+
+    A long run goes to several files. Where one ends is up to whoever writes, since each is to
+    begin with what a reader of it alone needs: `split_due` says when, `split` does it.
 
     Parameters
     ----------
@@ -53,12 +69,20 @@ class RunWriter:
         possible should pause while `backlog` is large.
     on_error : callable, optional
         Called, from any thread, once `error` is set; what it raises is ignored.
+    max_size : int, default 0
+        Bytes of a file after which `split_due` asks for the next one, though not within
+        `SHORTEST_FILE`; 0 for no limit. What is not in the file yet is taken to be compressed as
+        what is.
+    max_duration : float, default 0.0
+        Time from the first stamp of a file, in seconds, after which it does so; 0 for no limit.
 
     Raises
     ------
     RecordingError
         If the bag cannot be made: no permission, disk full, a file in the way. Later failures are
         never raised, see `error`.
+    ValueError
+        If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE`, and not 0.
     KeyError
         If no definition of a topic's type is shipped.
     """
@@ -73,7 +97,15 @@ class RunWriter:
         custom: Mapping[str, str] | None = None,
         queue_limit: int = 200_000,
         on_error: Callable[[], object] = lambda: None,
+        max_size: int = 0,
+        max_duration: float = 0.0,
     ) -> None:
+        for name, limit, least in (
+            ('max_size', max_size, SMALLEST_FILE),
+            ('max_duration', max_duration, SHORTEST_FILE),
+        ):
+            if limit and not limit >= least:
+                raise ValueError(f'{name} is {limit}: it must be 0 (no limit) or at least {least}')
         if len({topic.name for topic in topics}) < len(topics):
             raise ValueError('two topics have the same name; each may be given once')
         if not flush_period > 0 or not sync_period > 0:
@@ -81,7 +113,7 @@ class RunWriter:
         self._file = BagFile(
             Path(directory), [topic.channel() for topic in topics], dict(custom or {})
         )
-        self._channels: dict[int | str, int] = {}
+        self._channels: dict[int | str | _Split, int] = {}
         for index, topic in enumerate(topics):
             self._channels[index] = self._channels[topic.name] = index
         self._poll_period = flush_period / _POLLS
@@ -89,8 +121,14 @@ class RunWriter:
         # reserve for a busy machine.
         self._flush_interval = flush_period - 2 * self._poll_period
         self._sync_period = sync_period
-        self._queue: deque[tuple[int | str, bytes, int]] = deque()
+        self._queue: deque[tuple[int | str | _Split, bytes, int]] = deque()
         self._queue_limit = queue_limit
+        self._max_size = max_size
+        self._max_duration_ns = round(max_duration * 1e9)
+        # Of the file that is written to, for those who write; it may still be in the queue
+        self._begun_ns: int | None = None
+        # How many files were asked for, and have been begun
+        self._asked = self._begun = 0
         self._accepting = True
         self._lock = threading.Lock()
         self._dropped = 0
@@ -100,6 +138,8 @@ class RunWriter:
         self._summary: BagSummary | None = None
         self._closing = threading.RLock()
         self._stop = threading.Event()
+        # Set to have the queue looked at now
+        self._wake = threading.Event()
         self._threads = [
             threading.Thread(target=self._write_loop, name='run_writer', daemon=True),
             threading.Thread(target=self._sync_loop, name='run_sync', daemon=True),
@@ -115,6 +155,8 @@ class RunWriter:
         *,
         custom: Mapping[str, str] | None = None,
         on_error: Callable[[], object] = lambda: None,
+        max_size: int = 0,
+        max_duration: float = 0.0,
     ) -> Self:
         """
         Start recording to a new directory ``parent/run_<date>_<time>``.
@@ -126,7 +168,14 @@ class RunWriter:
         """
         directory = create_run_directory(parent)
         try:
-            return cls(directory, topics, custom=custom, on_error=on_error)
+            return cls(
+                directory,
+                topics,
+                custom=custom,
+                on_error=on_error,
+                max_size=max_size,
+                max_duration=max_duration,
+            )
         except Exception:
             with suppress(OSError):
                 directory.rmdir()
@@ -156,6 +205,16 @@ class RunWriter:
     def drop_reason(self) -> str | None:
         """Why the first of the dropped messages was dropped."""
         return self._drop_reason
+
+    @property
+    def splits(self) -> bool:
+        """Whether there is a limit to a file."""
+        return bool(self._max_size or self._max_duration_ns)
+
+    @property
+    def splitting(self) -> bool:
+        """Whether a file that was asked for has not been begun yet."""
+        return self._asked > self._begun and self._error is None
 
     @property
     def backlog(self) -> int:
@@ -190,6 +249,52 @@ class RunWriter:
             self._drop('the recording had ended')
         return False
 
+    def split_due(self, stamp_ns: int) -> bool:
+        """
+        Return whether the present file has reached a limit; never blocks, never raises.
+
+        To be called, and `split`, by the one thread that writes.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp of the last message; that of the first call is where the first file begins.
+        """
+        if self._begun_ns is None:
+            self._begun_ns = stamp_ns
+        if self._max_duration_ns and stamp_ns - self._begun_ns >= self._max_duration_ns:
+            return True
+        # As long as a file waits to be begun, nothing is known of its size. What it begins with
+        # may be larger than the limit.
+        return (
+            self._max_size > 0
+            and self._asked == self._begun
+            and stamp_ns - self._begun_ns >= _SHORTEST_NS
+            and self._file.expected_size(len(self._queue)) >= self._max_size
+        )
+
+    def split(self, stamp_ns: int) -> bool:
+        """
+        Let what is written from now on go to a new file; never blocks, never raises.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp with which the new file begins.
+
+        Returns
+        -------
+        bool
+            False if that is not possible at present (recording ended, or too many waiting).
+        """
+        if not self._accepting or len(self._queue) > self._queue_limit - _ROOM:
+            return False
+        self._begun_ns = stamp_ns
+        self._asked += 1
+        self._queue.append((_SPLIT, b'', stamp_ns))
+        self._wake.set()
+        return True
+
     def close(self) -> BagSummary:
         """
         Write what is queued, finish the bag and say what it holds.
@@ -199,7 +304,7 @@ class RunWriter:
         with self._closing:
             if self._summary is None:
                 self._accepting = False
-                self._stop.set()
+                self._end()
                 for thread in self._threads:
                     thread.join()
                 self._finish()
@@ -236,6 +341,10 @@ class RunWriter:
                 self._dropped += count
                 self._drop_reason = self._drop_reason or reason
 
+    def _end(self) -> None:
+        self._stop.set()
+        self._wake.set()
+
     def _fail(self, error: Exception) -> None:
         """Keep the first error and stop accepting messages."""
         self._accepting = False
@@ -248,14 +357,12 @@ class RunWriter:
             self._error = error
             with suppress(Exception):
                 self._on_error()
-        self._stop.set()
+        self._end()
 
     def _finish(self) -> None:
         try:
             if self._error is None:
-                if self._dropped:
-                    # Whoever reads the bag can account for what is missing.
-                    self._file.custom['dropped'] = str(self._dropped)
+                self._note_dropped()
                 self._file.finish()
         except Exception as error:
             self._fail(error)
@@ -263,11 +370,15 @@ class RunWriter:
             self._drop('the recording had ended', self._file.abandon())
         self._discard()
 
+    def _note_dropped(self) -> None:
+        """Let whoever reads the bag account for what is missing."""
+        if self._dropped:
+            self._file.custom['dropped'] = str(self._dropped)
+
     def _discard(self) -> None:
         count = 0
         while self._queue:
-            self._queue.popleft()
-            count += 1
+            count += self._queue.popleft()[0] is not _SPLIT
         self._drop('the recording had ended', count)
 
     def _write_loop(self) -> None:
@@ -278,7 +389,9 @@ class RunWriter:
             dirty = begun = False
             pause = self._poll_period
             while True:
-                stopping = self._stop.wait(pause)
+                self._wake.wait(pause)
+                self._wake.clear()
+                stopping = self._stop.is_set()
                 if self._error is not None:
                     break
                 found = len(self._queue)
@@ -308,7 +421,12 @@ class RunWriter:
             topic, content, stamp_ns = self._queue.popleft()
             channel = self._channels.get(topic)
             if channel is None:
-                self._drop(f'topic {topic!r} is not one of the recorded ones')
+                if topic is _SPLIT:
+                    self._note_dropped()
+                    self._file.next_file()
+                    self._begun += 1
+                else:
+                    self._drop(f'topic {topic!r} is not one of the recorded ones')
             elif not isinstance(stamp_ns, int) or not 0 <= stamp_ns <= _LATEST_STAMP:
                 self._drop(f'stamp {stamp_ns!r} is not an integer of 0 .. 2**63 - 1 (ns)')
             elif not isinstance(content, bytes):
@@ -319,11 +437,11 @@ class RunWriter:
         return added
 
     def _sync_loop(self) -> None:
-        synced = self._file.size
+        synced = self._file.path, self._file.size
         while not self._stop.wait(self._sync_period):
             try:
-                if self._file.size != synced:
-                    synced = self._file.size
+                if (self._file.path, self._file.size) != synced:
+                    synced = self._file.path, self._file.size
                     self._file.sync()
             except Exception as error:
                 self._fail(error)

@@ -31,6 +31,8 @@ _OTHER_NAMES = (
     'predict_motion',
     'record',
     'bag_directory',
+    'max_bag_size',
+    'max_bag_duration',
     'use_sim_time',
     'start_type_description_service',
     'gap_control',

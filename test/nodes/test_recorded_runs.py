@@ -10,6 +10,9 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 
 from impact_damper_ros.recording import RunReader, recover_run
+from impact_damper_ros.recording.replay import Replay
+from impact_damper_ros.recording.replay_findings import Verdict
+from impact_damper_ros.recording.run_history import RunHistory
 from impact_damper_ros.rig import EventKind, Simulator
 from nodes.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
@@ -212,6 +215,53 @@ def test_a_killed_run_is_recovered(client, launch, namespace, tmp_path):
     bag = Bag(recovered[0])
     replay(bag, namespace, cut=True)
     assert stamp_of(bag.messages(topic)[-1].header.stamp) == last_ns
+
+
+def test_a_long_run_goes_to_several_files(client, launch, namespace, tmp_path):
+    runs = tmp_path / 'process_0' / 'runs'
+    process = launch(f'__ns:={namespace}', record=True, max_bag_duration=1, **LIVELY)
+    parameters = RigParametersClient(client, f'{namespace}/sim_node')
+
+    def files():
+        # One is named when it is made, and has its head a little later.
+        found = sorted(runs.glob('run_*/*.mcap'), key=lambda path: path.stat().st_mtime_ns)
+        return [path for path in found if path.stat().st_size]
+
+    until(lambda: len(files()) > 1, lambda: process.output)
+    assert parameters.set(gap=0.012) == ''
+    assert 'give 0 (no limit) or a number from 1 to' in parameters.set(max_bag_duration=0.1)
+    assert parameters.get('max_bag_duration', 'max_bag_size') == [1.0, 0]
+    # For the next recording
+    assert parameters.set(max_bag_duration=0.0) == ''
+    made = len(files())
+    until(lambda: len(files()) > made + 1, lambda: process.output)
+    assert parameters.set(record=False) == ''
+    (directory,) = runs.iterdir()
+    assert RunReader(directory).complete
+    paths = [directory / f'{directory.name}_{n}.mcap' for n in range(len(files()))]
+    assert set(paths) == set(files())
+    borders = []
+    for path in paths:
+        bag = Bag(path)
+        first, second = bag.order[:2]
+        assert (first[0], second[0]) == (f'{namespace}/snapshot', '/parameter_events')
+        borders.append((first[1], bag.order[-1][1]))
+        values = {p.name: value_of(p) for p in bag.messages('/parameter_events')[0].new_parameters}
+        assert set(values) == set(parameters.names())
+        assert values['record'] is True
+        gap = values['gap']
+    assert gap == 0.012
+    for (begin_ns, end_ns), (next_ns, _) in pairwise(borders):
+        # A file begins at the tick with which the one before ends; later only after a slip.
+        assert end_ns == next_ns >= begin_ns + 10**9
+    for path in (directory, *paths):
+        findings = Replay(RunHistory(path)).run()
+        assert (findings.verdict, findings.faults) == (Verdict.IDENTICAL, []), path
+    assert parameters.set(record=True) == ''
+    assert process.stop() == 0
+    (other,) = (run for run in runs.iterdir() if run != directory)
+    values = Bag(other).messages('/parameter_events')[0].new_parameters
+    assert {p.name: value_of(p) for p in values}['max_bag_duration'] == 0.0
 
 
 def test_a_directory_that_cannot_be_written_rejects_the_recording(rig, tmp_path):

@@ -197,6 +197,24 @@ def test_a_factor_too_slow_to_be_meant_is_an_error(factor):
         NodeParameters.from_values({'real_time_factor': factor})
 
 
+@pytest.mark.parametrize(
+    ('name', 'value', 'words'),
+    [
+        ('max_bag_size', 99_999, r'is 99999: give 0 \(no limit\) or a number from 100000 to'),
+        ('max_bag_size', -1, 'from 0 to'),
+        ('max_bag_duration', 0.999, r'is 0.999: give 0 \(no limit\) or a number from 1 to'),
+        ('max_bag_duration', float('nan'), 'max_bag_duration is nan'),
+    ],
+)
+def test_limits_to_files_too_small_to_be_meant_are_an_error(name, value, words):
+    with pytest.raises(ParameterError, match=words):
+        NodeParameters.from_values({name: value})
+    least = {'max_bag_size': SMALLEST_FILE, 'max_bag_duration': SHORTEST_FILE}[name]
+    for good in (0, least):
+        assert getattr(NodeParameters.from_values({name: type(least)(good)}), name) == good
+    assert f'0, or at least {least:g}.' in descriptor(ALL_SPECS[name]).additional_constraints
+
+
 def test_nearest_name():
     assert nearest_name('restitution1') == 'restitution_1'
     assert nearest_name('zzzz') == ''

@@ -91,6 +91,12 @@ class StepTime:
     def set(self) -> None:
         self._set.set()
 
+    def is_set(self) -> bool:
+        return self._set.is_set()
+
+    def clear(self) -> None:
+        """Remain set: it also stands for the event that ends the writer."""
+
     def wait(self, timeout: float) -> bool:
         if timeout < self.FOREVER:
             self._ready.wait()
