@@ -14,6 +14,7 @@ from impact_damper_ros.nodes.rig_parameters import (
     parameters_from_overrides,
     promoted,
 )
+from impact_damper_ros.recording.run_writer import SHORTEST_FILE, SMALLEST_FILE
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, ParameterError, RigParameters
 
 Type = Parameter.Type
