@@ -9,6 +9,7 @@ and so does the rig.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -228,6 +229,9 @@ class BagStretches:
                 yield from self._cut(
                     snapshot.time_ns, begins.get(snapshot.reason, Beginning.CHANGE), rig
                 )
+            else:
+                # What a control that is off is set to may have changed.
+                self._rig = replace(self._rig, control=rig.control)
         self._offset_ns = snapshot.offset_ns
 
     def _leave_out(self) -> None:
