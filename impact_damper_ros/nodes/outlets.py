@@ -36,6 +36,7 @@ class Outlets(NamedTuple):
     clock: Outlet | None
     parameter_events: str
     diagnostics: str
+    robot_description: str = ''
 
 
 class Emitter:

@@ -52,6 +52,7 @@ class Recorder:
             'impacts': outlets.impacts.topic,
             'gap_control': outlets.gap_control.topic,
             'snapshot': outlets.snapshot.topic,
+            'robot_description': outlets.robot_description,
         }
         self._writer: RunWriter | None = None
         self._error = ''
@@ -61,9 +62,9 @@ class Recorder:
         """The directory of the recording, or an empty text."""
         return str(self._writer.directory) if self._writer is not None else ''
 
-    def open(self, parent: str) -> None:
+    def open(self, parent: str, description: str) -> None:
         """
-        Create the bag, in a new directory under `parent`.
+        Create the bag, in a new directory under `parent`, and beside it the robot description.
 
         Raises
         ------
@@ -72,6 +73,7 @@ class Recorder:
         """
         # Not needed, and not loaded, unless something is recorded.
         from impact_damper_ros.recording import RunWriter
+        from impact_damper_ros.recording.rig_recorder import write_description
 
         if self._writer is not None:
             # Left from a request that another part of the node rejected.
@@ -81,11 +83,13 @@ class Recorder:
             parent, self._topics(), custom=self._notes, on_error=self._on_failure
         )
         self._error = ''
+        write_description(self._writer.directory, description)
 
-    def begin(self, dump: bytes) -> None:
-        """Let the engine record, beginning with all parameters as `dump` holds them."""
+    def begin(self, dump: bytes, description: bytes) -> None:
+        """Let the engine record, beginning with all parameters and the robot description."""
         if self._writer is not None:
             self._engine.record_to(self._writer, dump)
+            self._engine.record(self._outlets.robot_description, description)
 
     def finish(self) -> str:
         """Let the engine record no more, finish the bag and say what it holds."""
@@ -132,5 +136,6 @@ class Recorder:
                 outlets.snapshot.topic,
                 outlets.parameter_events,
                 outlets.diagnostics,
+                outlets.robot_description,
             )
         )

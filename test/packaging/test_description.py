@@ -10,10 +10,11 @@ import yaml
 
 from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, RigParameters, Simulator
 from impact_damper_ros.rig import load_parameters as load
+from impact_damper_ros.rig.published import JOINTS
+from impact_damper_ros.rig.urdf import picture_size, robot_description, rviz_setup
 
 ROOT = Path(__file__).parents[2]
 PRESETS = sorted((ROOT / 'config').glob('*.yaml'))
-JOINTS = ['primary', 'damper', 'stop_1', 'stop_2']
 
 
 @pytest.fixture(scope='module')
@@ -87,42 +88,199 @@ def test_bench_rig_with_a_wide_gap_loses_the_rhythm(bench):
     assert x_max > 7e-3
 
 
-@pytest.fixture(scope='module')
-def urdf():
-    xacro = pytest.importorskip('xacro')
-    path = str(ROOT / 'urdf' / 'rig.urdf.xacro')
-    document = xacro.process_file(path, mappings={'angle': '0.25', 'gap': '0.04'})
-    return ElementTree.fromstring(document.toxml())
+#: Rigs whose pictures differ: by size, gap to swing, incline, control, and number of stops.
+RIGS = {
+    'bench': ({}, 0.0),
+    'inclined': ({'angle': 0.25, 'gap': 0.04}, 0.0),
+    'wide': ({'gap': 0.3}, 0.0),
+    'narrow': ({'gap': 1e-4}, 0.0),
+    'kilometres': ({'gap': 1e3, 'force_amplitudes': [1e6]}, 0.0),
+    'hanging': ({'angle': math.pi / 2, 'one_sided': True, 'stiffness': 10.0}, 0.0),
+    'up the incline': ({'angle': -0.5}, 0.0),
+    'controlled': ({}, 0.3),
+    'limited': ({'gap': 0.1}, 0.3),
+    'undamped': ({'damping': 0.0, 'stiffness': 900.0, 'force_frequencies': [30.0]}, 0.0),
+    'swept': ({'sweep_mode': 'up', 'sweep_low': 3.0, 'sweep_high': 60.0}, 0.0),
+    'broadband': ({'force_amplitudes': [0.0], 'multisine_level': 0.5}, 0.0),
+}
 
 
-def test_urdf_has_the_joints_of_joint_states(urdf):
+@pytest.fixture(params=RIGS.values(), ids=RIGS)
+def drawn(request, bench):
+    """Return a rig, the largest gap of its control, and its URDF."""
+    changes, gap_max = request.param
+    rig = bench.replace(**changes)
+    return rig, gap_max, ElementTree.fromstring(robot_description(rig, gap_max))
+
+
+def extent(urdf, link, place=0.0):
+    """Return from where to where a link's largest box reaches along the axis, its joint there."""
+    boxes = []
+    for visual in urdf.findall(f"link[@name='{link}']/visual"):
+        middle = float(visual.find('origin').get('xyz').split()[0]) + place
+        half = float(visual.find('geometry/box').get('size').split()[0]) / 2
+        boxes.append((middle - half, middle + half))
+    return max(boxes, key=lambda box: box[1] - box[0])
+
+
+def test_urdf_has_the_joints_of_joint_states(drawn):
+    _, _, urdf = drawn
     prismatic = [joint for joint in urdf.findall('joint') if joint.get('type') == 'prismatic']
-    assert [joint.get('name') for joint in prismatic] == JOINTS
+    assert [joint.get('name') for joint in prismatic] == list(JOINTS)
     # All from the same frame, since the positions are absolute, and along the same axis.
     assert {joint.find('parent').get('link') for joint in prismatic} == {'axis'}
     assert {joint.find('axis').get('xyz') for joint in prismatic} == {'1 0 0'}
     # Frames carry the names of the joints: the topic impacts has them as frame_id.
-    assert [joint.find('child').get('link') for joint in prismatic] == JOINTS
+    assert [joint.find('child').get('link') for joint in prismatic] == list(JOINTS)
 
 
-def test_urdf_axis_points_down_the_incline(urdf):
+def test_urdf_is_one_tree_of_links(drawn):
+    """As every reader of URDF asks; each name once, each material known."""
+    _, _, urdf = drawn
+    links = [link.get('name') for link in urdf.findall('link')]
+    children = [joint.find('child').get('link') for joint in urdf.findall('joint')]
+    parents = [joint.find('parent').get('link') for joint in urdf.findall('joint')]
+    assert len(set(links)) == len(links)
+    assert sorted(children) == sorted(set(links) - {'base_link'})
+    assert set(parents) <= set(links)
+    materials = {material.get('name') for material in urdf.findall('material')}
+    assert {m.get('name') for m in urdf.iterfind('link/visual/material')} == materials
+    for box in urdf.iterfind('.//box'):
+        assert all(0.0 < float(side) < math.inf for side in box.get('size').split())
+    for limit in urdf.iterfind('joint/limit'):
+        assert float(limit.get('lower')) < 0.0 < float(limit.get('upper'))
+
+
+def test_urdf_axis_points_down_the_incline(drawn):
+    rig, _, urdf = drawn
     (incline,) = urdf.findall("joint[@name='incline']")
     roll, pitch, yaw = map(float, incline.find('origin').get('rpy').split())
-    assert (roll, yaw) == (0.0, 0.0)
     # The x axis turned by the pitch about y: (cos, 0, -sin).
-    assert -math.sin(pitch) == pytest.approx(-math.sin(0.25))
+    assert (roll, pitch, yaw) == (0.0, rig.angle, 0.0)
 
 
-def test_urdf_damper_touches_the_stops_at_half_the_gap(urdf):
-    def extent(link: str) -> tuple[float, float]:
-        visual = urdf.find(f"link[@name='{link}']/visual")
-        middle = float(visual.find('origin').get('xyz').split()[0])
-        half = float(visual.find('geometry/box').get('size').split()[0]) / 2
-        return middle - half, middle + half
-
+def test_urdf_damper_touches_the_stops_at_half_the_gap(drawn):
+    rig, _, urdf = drawn
     # With the damper at the position of a stop, its face lies on the stop's.
-    assert extent('damper')[1] == pytest.approx(extent('stop_1')[0])
-    assert extent('damper')[0] == pytest.approx(extent('stop_2')[1])
+    assert extent(urdf, 'damper')[1] == pytest.approx(extent(urdf, 'stop_1')[0])
+    if rig.one_sided:
+        assert urdf.find("link[@name='stop_2']/visual") is None
+    else:
+        assert extent(urdf, 'damper')[0] == pytest.approx(extent(urdf, 'stop_2')[1])
+
+
+def test_urdf_parts_are_on_one_another_wherever_they_move(drawn):
+    """The stops stand on the deck at any gap that there may be, and the deck on the rail."""
+    rig, gap_max, urdf = drawn
+    swing = math.hypot(*responses(rig))
+    if not rig.damping:
+        # At resonance without end, of which only so much is drawn.
+        swing = 100.0 * rig.force_amplitudes[0] / rig.stiffness
+    for x in (-0.999 * swing, 0.0, 0.999 * swing):
+        place = rig.static_deflection + x
+        deck = extent(urdf, 'primary', place)
+        for gap in (rig.gap, min(max(rig.gap, gap_max), 8.0 * rig.gap)):
+            stop_1 = extent(urdf, 'stop_1', place + gap / 2)
+            assert deck[0] < stop_1[0] < stop_1[1] < deck[1]
+            damper = extent(urdf, 'damper', place + gap / 2)
+            assert deck[0] < damper[0]
+            assert damper[1] <= stop_1[0] + 1e-6 * (deck[1] - deck[0])
+            if not rig.one_sided:
+                stop_2 = extent(urdf, 'stop_2', place - gap / 2)
+                assert deck[0] < stop_2[0] < stop_2[1] < deck[1]
+        rail = extent(urdf, 'axis')
+        assert rail[0] < deck[0] < deck[1] < rail[1]
+        # Seen beside one another: no part vanishes, the damper least of all.
+        assert damper[1] - damper[0] > 0.03 * (rail[1] - rail[0] - abs(rig.static_deflection))
+
+
+def responses(rig):
+    """Return the amplitude of each harmonic's motion, of M alone, by the transfer function."""
+    for amplitude, frequency, _ in zip(*rig.harmonics, strict=True):
+        stiffness = complex(rig.stiffness - rig.primary_mass * frequency**2)
+        dynamic = stiffness + 1j * rig.damping * frequency
+        yield abs(amplitude / dynamic) if dynamic else math.inf
+
+
+def test_urdf_swing_is_that_of_the_resonance_in_a_sweep(bench):
+    at = bench.replace(force_frequencies=[bench.omega])
+    swept = bench.replace(
+        sweep_mode='up', sweep_low=0.5 * bench.omega, sweep_high=2.0 * bench.omega
+    )
+    assert robot_description(swept) == robot_description(at)
+    past = swept.replace(sweep_low=1.5 * bench.omega, sweep_high=3.0 * bench.omega)
+    best = bench.replace(force_frequencies=[1.5 * bench.omega])
+    assert robot_description(past) == robot_description(best)
+
+
+def numbers(text):
+    """Return the numbers of an attribute; another text as it is."""
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return text
+
+
+def test_xacro_gives_the_same_description(drawn):
+    xacro = pytest.importorskip('xacro')
+    rig, gap_max, urdf = drawn
+    size = picture_size(rig, gap_max)
+    given = {
+        'angle': rig.angle,
+        'gap': rig.gap,
+        'widest': min(gap_max, 8.0 * rig.gap),
+        'swing': size.rail - size.deck,
+        'rest': rig.static_deflection,
+        'one_sided': str(rig.one_sided).lower(),
+    }
+    document = xacro.process_file(
+        str(ROOT / 'urdf' / 'rig.urdf.xacro'), mappings={n: str(v) for n, v in given.items()}
+    )
+
+    other = ElementTree.fromstring(document.toxml())
+    for kind in ('material', 'link', 'joint'):
+        # In any order; a number of each as far as the URDF has digits.
+        here, there = ({e.get('name'): e for e in tree.findall(kind)} for tree in (urdf, other))
+        assert here.keys() == there.keys()
+        for name in here:
+            for one, another in zip(here[name].iter(), there[name].iter(), strict=True):
+                assert (one.tag, sorted(one.keys())) == (another.tag, sorted(another.keys()))
+                for key, text in one.items():
+                    ours, theirs = numbers(text), numbers(another.get(key))
+                    if isinstance(ours, list):
+                        theirs = pytest.approx(theirs, rel=1e-7, abs=1e-9 * size.damper)
+                    assert ours == theirs
+
+
+@pytest.mark.parametrize('name', ['bench', 'wide', 'kilometres', 'hanging', 'controlled'])
+def test_rviz_view_shows_the_whole_rig(name, bench):
+    changes, gap_max = RIGS[name]
+    rig = bench.replace(**changes)
+    text = (ROOT / 'rviz' / 'rig.rviz').read_text(encoding='utf-8')
+    setup = yaml.safe_load(rviz_setup(text, rig, gap_max))
+    view = setup['Visualization Manager']['Views']['Current']
+    urdf = ElementTree.fromstring(robot_description(rig, gap_max))
+    deck = extent(urdf, 'primary', rig.static_deflection)
+    # What the eye sees to each side of the focal point: RViz opens at 45 degrees.
+    focus = math.copysign(math.hypot(*view['Focal Point'].values()), rig.static_deflection)
+    seen = view['Distance'] * math.tan(math.pi / 8)
+    assert focus - seen < deck[0] < deck[1] < focus + seen
+    # And large enough to be seen.
+    assert deck[1] - deck[0] > 0.15 * 2.0 * seen
+    assert 0.0 < view['Near Clip Distance'] < 0.01 * view['Distance']
+    # Nothing else is changed.
+    before = yaml.safe_load(text)
+    for tree in (setup, before):
+        manager = tree['Visualization Manager']
+        for field in ('Distance', 'Near Clip Distance', 'Focal Shape Size', 'Focal Point'):
+            del manager['Views']['Current'][field]
+        (grid,) = (d for d in manager['Displays'] if d['Name'] == 'Grid')
+        assert 6 <= grid['Plane Cell Count'] <= 150
+        for field in ('Cell Size', 'Plane Cell Count', 'Offset'):
+            del grid[field]
+        (frames,) = (d for d in manager['Displays'] if d['Name'] == 'Frames')
+        del frames['Marker Scale']
+    assert setup == before
 
 
 def test_rviz_shows_the_robot_from_its_base():
