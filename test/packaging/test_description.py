@@ -99,7 +99,10 @@ RIGS = {
     'up the incline': ({'angle': -0.5}, 0.0),
     'controlled': ({}, 0.3),
     'limited': ({'gap': 0.1}, 0.3),
-    'undamped': ({'damping': 0.0, 'stiffness': 900.0, 'force_frequencies': [30.0]}, 0.0),
+    'undamped': (
+        {'damping': 0.0, 'primary_mass': 1.0, 'stiffness': 900.0, 'force_frequencies': [30.0]},
+        0.0,
+    ),
     'swept': ({'sweep_mode': 'up', 'sweep_low': 3.0, 'sweep_high': 60.0}, 0.0),
     'broadband': ({'force_amplitudes': [0.0], 'multisine_level': 0.5}, 0.0),
 }
