@@ -9,6 +9,7 @@ Nothing is started unless all of it can be.
 """
 
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from ament_index_python.packages import PackageNotFoundError
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown
 from launch.event_handlers import OnShutdown
+from launch.some_substitutions_type import SomeSubstitutionsType
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch.substitutions.substitution_failure import SubstitutionFailure
 from launch_ros.actions import Node
@@ -36,6 +38,17 @@ OWN_FRAMES = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
 OWN_DESCRIPTION = ('/robot_description', 'robot_description')
 # The node publishes what is to be seen, also after a change; robot_state_publisher has the frames.
 OTHER_DESCRIPTION = ('robot_description', 'robot_state_publisher/robot_description')
+
+
+def ends_with_launch() -> list[SomeSubstitutionsType]:
+    """
+    Return the prefix of a process that is to end with this one.
+
+    Launch ends its processes on Ctrl-C, but leaves them behind when it is terminated or killed
+    itself. The kernel then sends them a SIGTERM, upon which the node finishes its recording.
+    """
+    own = ['setpriv --pdeathsig TERM '] if shutil.which('setpriv') else []
+    return [*own, LaunchConfiguration('launch-prefix', default='')]
 
 
 def check_executables(context: LaunchContext, packages: list[tuple[str, str]]) -> None:
@@ -120,9 +133,11 @@ def start_rig(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         Node(
             package='impact_damper_ros',
             executable='sim_node',
+            exec_name='sim_node',
             name='sim_node',
             namespace=given('namespace'),
             parameters=[params_file, settings] if settings else [params_file],
+            prefix=ends_with_launch(),
             output='screen',
             emulate_tty=True,
             on_exit=Shutdown(),
@@ -134,6 +149,7 @@ def start_rig(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             Node(
                 package='robot_state_publisher',
                 executable='robot_state_publisher',
+                exec_name='robot_state_publisher',
                 namespace=given('namespace'),
                 parameters=[
                     {
@@ -142,6 +158,7 @@ def start_rig(context: LaunchContext) -> list[LaunchDescriptionEntity]:
                     }
                 ],
                 remappings=[*OWN_FRAMES, OTHER_DESCRIPTION],
+                prefix=ends_with_launch(),
             )
         )
     if use_rviz:
@@ -153,10 +170,12 @@ def start_rig(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             Node(
                 package='rviz2',
                 executable='rviz2',
+                exec_name='rviz2',
                 namespace=given('namespace'),
                 arguments=['-d', path],
                 parameters=[{'use_sim_time': use_sim_time}],
                 remappings=[*OWN_FRAMES, OWN_DESCRIPTION],
+                prefix=ends_with_launch(),
             ),
         ]
     return started
