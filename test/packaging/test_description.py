@@ -2,6 +2,11 @@
 
 import ast
 import math
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -306,6 +311,7 @@ def test_launch_file_starts_what_it_says():
         'namespace',
         'record',
         'bag_directory',
+        'real_time_factor',
         'use_robot_state_publisher',
         'use_rviz',
         'use_sim_time',
@@ -315,3 +321,180 @@ def test_launch_file_starts_what_it_says():
 def test_launch_file_is_python():
     """Also where there is no launch to load it with."""
     ast.parse((ROOT / 'launch' / 'rig.launch.py').read_text(encoding='utf-8'))
+
+
+LAUNCH = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+source = PythonLaunchDescriptionSource(sys.argv[1])
+arguments = [argument.split(':=', 1) for argument in sys.argv[2:]]
+service = LaunchService(noninteractive=True)
+rig = IncludeLaunchDescription(source, launch_arguments=arguments)
+service.include_launch_description(LaunchDescription([rig]))
+sys.exit(service.run())
+"""
+#: In place of each executable: shows its arguments and parameters, and that it has ended.
+STAND_IN = """#!/bin/sh
+here={here}
+trap 'echo ended >> $here.ended; exit 0' INT TERM
+echo "$@" > $here.arguments
+for file in "$@"; do
+    case "$file" in *launch_params_*) cat "$file" >> $here.parameters ;; esac
+done
+touch $here.started
+while true; do sleep 0.1; done
+"""
+
+
+class Launched:
+    """A real launch of the file, in a prefix with stand-ins for some packages."""
+
+    def __init__(self, directory, *packages):
+        for module in ('launch', 'launch_ros'):
+            pytest.importorskip(module)
+        self.directory = directory
+        index = directory / 'share' / 'ament_index' / 'resource_index' / 'packages'
+        index.mkdir(parents=True)
+        for package in packages:
+            name = 'sim_node' if package == 'impact_damper_ros' else package
+            (index / package).touch()
+            (directory / 'lib' / package).mkdir(parents=True)
+            program = directory / 'lib' / package / name
+            program.write_text(STAND_IN.format(here=directory / name), encoding='utf-8')
+            program.chmod(0o755)
+        (directory / 'share' / 'impact_damper_ros').mkdir()
+        for folder in ('config', 'rviz'):
+            (directory / 'share' / 'impact_damper_ros' / folder).symlink_to(ROOT / folder)
+        self.file = directory / 'rig.launch.py'
+        self.file.symlink_to(ROOT / 'launch' / 'rig.launch.py')
+
+    def start(self, *arguments):
+        """Start it, and return the process once what it starts is there, or it has ended."""
+        log = (self.directory / 'said.txt').open('wb')
+        path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
+        given = {'AMENT_PREFIX_PATH': str(self.directory), 'PYTHONPATH': path}
+        process = subprocess.Popen(
+            [sys.executable, '-c', LAUNCH, str(self.file), *arguments],
+            env={**os.environ, **given, 'ROS_LOG_DIR': str(self.directory / 'log')},
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        log.close()
+        expected = 1 + ('use_rviz:=true' in arguments)
+        expected += 'use_robot_state_publisher:=false' not in arguments
+        deadline = time.monotonic() + 100.0
+        while process.poll() is None and len(self.started()) < expected:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        return process
+
+    @property
+    def said(self):
+        return (self.directory / 'said.txt').read_text(encoding='utf-8')
+
+    def started(self):
+        return sorted(path.stem for path in self.directory.glob('*.started'))
+
+    def ended(self):
+        return sorted(path.stem for path in self.directory.glob('*.ended'))
+
+    def parameters(self, name):
+        """Return the parameters that launch gives a node beside those of the file."""
+        document = yaml.safe_load((self.directory / f'{name}.parameters').read_text('utf-8'))
+        (entry,) = document.items()
+        return entry[0], entry[1]['ros__parameters']
+
+
+@pytest.mark.parametrize(
+    ('missing', 'arguments', 'remedy'),
+    [
+        ('robot_state_publisher', (), 'or give use_robot_state_publisher:=false'),
+        ('rviz2', ('use_rviz:=true',), 'or leave use_rviz:=true out'),
+    ],
+)
+def test_launch_starts_nothing_if_a_package_is_missing(missing, arguments, remedy, tmp_path):
+    packages = {'impact_damper_ros', 'robot_state_publisher', 'rviz2'} - {missing}
+    launched = Launched(tmp_path, *packages)
+    assert launched.start(*arguments).wait(100.0) == 1
+    assert f'nothing was started, {missing} is not installed' in launched.said
+    assert remedy in launched.said
+    assert launched.started() == []
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_launch_leaves_nothing_behind(number, tmp_path):
+    launched = Launched(tmp_path, 'impact_damper_ros', 'robot_state_publisher')
+    process = launched.start()
+    process.send_signal(number)
+    process.wait(100.0)
+    deadline = time.monotonic() + 100.0
+    while launched.ended() != ['robot_state_publisher', 'sim_node']:
+        assert time.monotonic() < deadline, launched.said
+        time.sleep(0.05)
+
+
+def test_launch_draws_the_rig_that_the_node_runs(tmp_path):
+    rigs = tmp_path / 'rigs.yaml'
+    rigs.write_text(
+        '/rig1/sim_node: {ros__parameters: {gap: 0.3, angle: 0.25}}\n'
+        '/rig2/sim_node: {ros__parameters: {gap: 0.01, gap_control: timed, gap_max: 0.05}}\n',
+        encoding='utf-8',
+    )
+    drawn = {
+        'rig1': robot_description(RigParameters(gap=0.3, angle=0.25)),
+        '/rig2': robot_description(RigParameters(gap=0.01), 0.05),
+    }
+    for namespace, description in drawn.items():
+        launched = Launched(
+            tmp_path / namespace.strip('/'), 'impact_damper_ros', 'robot_state_publisher'
+        )
+        process = launched.start(f'params_file:={rigs}', f'namespace:={namespace}')
+        process.send_signal(signal.SIGINT)
+        assert process.wait(100.0) == 0, launched.said
+        _, given = launched.parameters('robot_state_publisher')
+        assert given == {'robot_description': description, 'use_sim_time': False}
+    launched = Launched(tmp_path / 'rig3', 'impact_damper_ros', 'robot_state_publisher')
+    assert launched.start(f'params_file:={rigs}', 'namespace:=rig3').wait(100.0) == 1
+    assert 'no parameters for /rig3/sim_node among' in launched.said
+    assert launched.started() == []
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'of_the_node', 'simulated'),
+    [
+        (('use_sim_time:=true',), {'publish_clock': True}, True),
+        (('use_sim_time:=false', 'record:=true'), {'publish_clock': False, 'record': True}, False),
+        (('real_time_factor:=0.5',), {'real_time_factor': 0.5}, True),
+        (('real_time_factor:=1',), {'real_time_factor': 1.0}, False),
+    ],
+)
+def test_launch_has_one_switch_for_the_clock(arguments, of_the_node, simulated, tmp_path):
+    launched = Launched(tmp_path, 'impact_damper_ros', 'robot_state_publisher', 'rviz2')
+    process = launched.start('params_file:=bench_rig', 'use_rviz:=true', *arguments)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(100.0) == 0, launched.said
+    # Under the node's own name, so that they count after what the file gives it by that name.
+    assert launched.parameters('sim_node') == ('/sim_node', of_the_node)
+    for name in ('robot_state_publisher', 'rviz2'):
+        assert launched.parameters(name)[1]['use_sim_time'] is simulated
+    preset = ROOT / 'config' / 'bench_rig.yaml'
+    words = (tmp_path / 'sim_node.arguments').read_text(encoding='utf-8').split()
+    assert Path(words[words.index('--params-file') + 1]).resolve() == preset
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (('real_time_factor:=2.0', 'use_sim_time:=false'), 'leave use_sim_time out'),
+        (('real_time_factor:=fast',), "real_time_factor is 'fast': give a number"),
+    ],
+)
+def test_launch_refuses_what_cannot_be(arguments, words, tmp_path):
+    launched = Launched(tmp_path, 'impact_damper_ros', 'robot_state_publisher')
+    assert launched.start(*arguments).wait(100.0) == 1
+    assert words in launched.said
+    assert launched.started() == []
