@@ -148,6 +148,11 @@ class GapControlParameters:
         return self.gap_control != 'off'
 
     @property
+    def widest_gap(self) -> float:
+        """Largest gap to which a law may open the stops, m; 0 if none moves them."""
+        return self.gap_max if self.active else 0.0
+
+    @property
     def independent(self) -> bool:
         """Whether each stop has a place of its own."""
         return self.gap_control_stops == 'independent'

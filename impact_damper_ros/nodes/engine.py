@@ -245,11 +245,9 @@ class Engine:
         """Record no more; the result is the log that was written to, if any."""
         return self._requests.submit(self._stop_recording)
 
-    def record_diagnostics(self, data: bytes) -> Ticket:
-        """Record a serialised DiagnosticArray."""
-        return self._requests.submit(
-            lambda: self._out.record(self._outlets.diagnostics, data, self.stamp_ns())
-        )
+    def record(self, topic: str, data: bytes) -> Ticket:
+        """Record a serialised message that another thread has published."""
+        return self._requests.submit(lambda: self._out.record(topic, data, self.stamp_ns()))
 
     # The engine's thread
 

@@ -42,6 +42,7 @@ class Outlets(NamedTuple):
     clock: Outlet | None
     parameter_events: str
     diagnostics: str
+    robot_description: str = ''
 
 
 class Emitter:

@@ -52,6 +52,7 @@ class Recorder:
             'impacts': outlets.impacts.topic,
             'gap_control': outlets.gap_control.topic,
             'snapshot': outlets.snapshot.topic,
+            'robot_description': outlets.robot_description,
         }
         self._writer: RunWriter | None = None
         self._error = ''
@@ -66,9 +67,13 @@ class Recorder:
         """Whether the recording may go on to further files."""
         return self._writer is not None and self._writer.splits
 
-    def open(self, parent: str, max_size: int = 0, max_duration: float = 0.0) -> None:
+    def open(
+        self, parent: str, description: str, max_size: int = 0, max_duration: float = 0.0
+    ) -> None:
         """
         Create the bag, in a new directory under `parent`, with limits to each of its files.
+
+        The robot description is written beside it.
 
         Raises
         ------
@@ -77,6 +82,7 @@ class Recorder:
         """
         # Not needed, and not loaded, unless something is recorded.
         from impact_damper_ros.recording import RunWriter
+        from impact_damper_ros.recording.rig_recorder import write_description
 
         if self._writer is not None:
             # Left from a request that another part of the node rejected.
@@ -91,11 +97,13 @@ class Recorder:
             max_duration=max_duration,
         )
         self._error = ''
+        write_description(self._writer.directory, description)
 
-    def begin(self, dump: bytes) -> None:
-        """Let the engine record, beginning with all parameters as `dump` holds them."""
+    def begin(self, dump: bytes, description: bytes) -> None:
+        """Let the engine record, beginning with all parameters and the robot description."""
         if self._writer is not None:
             self._engine.record_to(self._writer, dump)
+            self._engine.record(self._outlets.robot_description, description)
 
     def finish(self) -> str:
         """Let the engine record no more, finish the bag and say what it holds."""
@@ -142,5 +150,6 @@ class Recorder:
                 outlets.snapshot.topic,
                 outlets.parameter_events,
                 outlets.diagnostics,
+                outlets.robot_description,
             )
         )

@@ -60,6 +60,7 @@ from impact_damper_ros.nodes.scheduling import (
 )
 from impact_damper_ros.nodes.serialisation import serialised
 from impact_damper_ros.nodes.start_message import Namesakes, start_message
+from impact_damper_ros.rig.urdf import robot_description
 
 __all__ = ['SimNode', 'main']
 
@@ -131,6 +132,8 @@ class SimNode(Node):
         self._recorder = Recorder(
             self.engine, outlets, self.get_fully_qualified_name(), broken.trigger
         )
+        self._description = String()
+        self._describe(parameters)
         self._live = LiveParameters(parameters, prepare=self._prepare, apply=self._apply)
         self._live.attach(self)
         self._diagnostics = Diagnostics(
@@ -147,7 +150,7 @@ class SimNode(Node):
         self.create_service(SetBool, '~/pause', self._on_pause)
         if parameters.record:
             self._open_recording(parameters)
-            self._recorder.begin(self._dump())
+            self._recorder.begin(self._dump(), serialised(self._description))
 
     def _warn_of_trouble(self, text: str) -> None:
         """Warn, from the engine's thread; now and then is enough."""
@@ -209,6 +212,7 @@ class SimNode(Node):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         clock = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._description_publisher = self.create_publisher(String, 'robot_description', latched)
         return Outlets(
             joint_states=self._outlet(JointState, 'joint_states', states),
             impacts=self._outlet(JointState, 'impacts', impacts),
@@ -219,6 +223,7 @@ class SimNode(Node):
             ),
             parameter_events=self.resolve_topic_name('/parameter_events'),
             diagnostics=self._diagnostics_publisher.topic_name,
+            robot_description=self._description_publisher.topic_name,
         )
 
     def _outlet(self, message_type: Any, topic: str, qos: QoSProfile) -> Outlet:
@@ -234,7 +239,10 @@ class SimNode(Node):
 
     def _open_recording(self, parameters: NodeParameters) -> None:
         self._recorder.open(
-            parameters.bag_directory, parameters.max_bag_size, parameters.max_bag_duration
+            parameters.bag_directory,
+            _description_of(parameters),
+            parameters.max_bag_size,
+            parameters.max_bag_duration,
         )
 
     def _apply(
@@ -248,13 +256,23 @@ class SimNode(Node):
         control = after.control if after.control != before.control else None
         listing = self._dump() if self._recorder.splits else b''
         self.engine.change(rig, serialised(event), control, listing)
+        self._describe(after)
         if after.predict_motion != before.predict_motion:
             self._predictor.enable(after.predict_motion)
         if after.record and not before.record:
-            self._recorder.begin(self._dump())
+            self._recorder.begin(self._dump(), serialised(self._description))
             self.get_logger().info(f'recording to {self._recorder.path}')
         elif before.record and not after.record:
             self.get_logger().info(self._recorder.finish())
+
+    def _describe(self, parameters: NodeParameters) -> None:
+        """Publish how the rig looks, and record it, if that has changed."""
+        text = _description_of(parameters)
+        if text != self._description.data:
+            self._description = String(data=text)
+            message = serialised(self._description)
+            self._description_publisher.publish(message)
+            self.engine.record(self._outlets.robot_description, message)
 
     def _dump(self) -> bytes:
         """Return the event that names all parameters with their values."""
@@ -321,12 +339,16 @@ class SimNode(Node):
     def _publish_report(self, array: DiagnosticArray) -> None:
         report = serialised(array)
         self._diagnostics_publisher.publish(report)
-        self.engine.record_diagnostics(report)
+        self.engine.record(self._outlets.diagnostics, report)
 
     def _end_broken_recording(self) -> None:
         if self._live.now.record and (error := self._recorder.failure()):
             self.get_logger().error(f'{error}; the rig runs on, record is false again')
             self.set_parameters([Parameter('record', Parameter.Type.BOOL, False)])
+
+
+def _description_of(parameters: NodeParameters) -> str:
+    return robot_description(parameters.rig, parameters.control.widest_gap)
 
 
 def _spin(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> None:

@@ -10,17 +10,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from impact_damper_ros.control import ControlRecord
+from impact_damper_ros.control import ControlRecord, GapControlParameters
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig.urdf import robot_description
 
+from .cdr import CdrWriter
 from .rig_messages import RigMessages, parameter_event, snapshot_message
 from .run_writer import RunWriter
 from .topic import LATCHED, QosProfile, Topic
 
-__all__ = ['RigRecorder', 'RunningRig', 'rig_topics']
+__all__ = ['RigRecorder', 'RunningRig', 'rig_topics', 'write_description']
 
 _EVENTS = '/parameter_events'
 _JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -40,6 +43,10 @@ class RunningRig(Protocol):
     def parameters(self) -> RigParameters:
         """The present parameters."""
 
+    @property
+    def control(self) -> GapControlParameters:
+        """The present parameters of the gap control."""
+
     def sample(self) -> Sample:
         """Return the motion at the present time."""
 
@@ -54,6 +61,7 @@ def rig_topics(
     snapshot: str,
     parameter_events: str,
     diagnostics: str = '',
+    description: str = '',
 ) -> list[Topic]:
     """Return the topics of a rig by their full names, with the node's quality of service."""
     topics = [
@@ -67,7 +75,19 @@ def rig_topics(
         topics.append(
             Topic(diagnostics, 'diagnostic_msgs/msg/DiagnosticArray', QosProfile(depth=10))
         )
+    if description:
+        topics.append(Topic(description, 'std_msgs/msg/String', LATCHED))
     return topics
+
+
+def write_description(directory: Path, text: str) -> None:
+    """
+    Write the robot description as a file beside the bag.
+
+    A recording does not depend on it, and is no worse without: the same text is in the bag.
+    """
+    with suppress(OSError):
+        (directory / 'rig.urdf').write_text(text, encoding='utf-8')
 
 
 class RigRecorder:
@@ -118,19 +138,29 @@ class RigRecorder:
         self._impacts = f'{space}/impacts'
         self._control = f'{space}/gap_control'
         self._snapshots = f'{space}/snapshot'
-        topics = rig_topics(self._states, self._impacts, self._control, self._snapshots, _EVENTS)
+        self._descriptions = f'{space}/robot_description'
+        topics = rig_topics(
+            self._states,
+            self._impacts,
+            self._control,
+            self._snapshots,
+            _EVENTS,
+            description=self._descriptions,
+        )
         notes = {
             'node': node,
             'joint_states': self._states,
             'impacts': self._impacts,
             'gap_control': self._control,
             'snapshot': self._snapshots,
+            'robot_description': self._descriptions,
         }
         self._writer = RunWriter(
             directory, topics, custom=notes, max_size=max_size, max_duration=max_duration
         )
         self._values = {**parameters, 'state_rate': rate, 'record': True}
         self._begin_file(0)
+        write_description(self._writer.directory, self._description)
         self._snapshot('start', 0)
         self._tick()
 
@@ -139,10 +169,20 @@ class RigRecorder:
         self._snapshot('record', time_ns)
         dump = parameter_event(time_ns, self._node, self._values, new=True)
         self._writer.write(_EVENTS, dump, time_ns)
+        self._description = ''
+        self._describe(time_ns)
 
     def _snapshot(self, reason: str, time_ns: int) -> None:
         content = snapshot_message(0, time_ns, reason, self._rig.snapshot())
         self._writer.write(self._snapshots, content, time_ns)
+
+    def _describe(self, time_ns: int) -> None:
+        """Record how the rig looks, if that has changed."""
+        text = robot_description(self._rig.parameters, self._rig.control.widest_gap)
+        if text != self._description:
+            self._description = text
+            content = bytes(CdrWriter().string(text).content)
+            self._writer.write(self._descriptions, content, time_ns)
 
     def _instant_ns(self, tick: int) -> int:
         return round(tick * 1e9 / self._rate)
@@ -209,6 +249,7 @@ class RigRecorder:
         self._values |= values
         self._writer.write(_EVENTS, parameter_event(time_ns, self._node, values), time_ns)
         self.happened(events)
+        self._describe(time_ns)
         self._snapshot('change', time_ns)
 
     def happened(self, events: Iterable[Event]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterator
 from os import PathLike, fspath
 from pathlib import Path
@@ -62,7 +63,7 @@ class ParametersFileError(ValueError):
 def _flattened(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any]]:
     """Yield the names of nodes with what stands below them, nested namespaces joined."""
     for key, value in tree.items():
-        name = f'{above}/{key}' if above else str(key)
+        name = f'{above.removesuffix("/")}/{key}' if above else str(key)
         nested = isinstance(value, dict) and 'ros__parameters' not in value
         if nested and any(isinstance(below, dict) for below in value.values()):
             yield from _flattened(value, name)
@@ -70,22 +71,40 @@ def _flattened(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any
             yield name, value
 
 
-def _parameter_blocks(tree: Block, path: Path) -> Block:
-    """Merge the blocks that apply to the node, the more specific ones last."""
+def _is_of(key: str, node: str) -> bool:
+    """Return whether ROS gives an entry to a node: /* is any one part of its name, /** any."""
+    # As rclpy has it. Its other signs are letters, digits and _.
+    parts = re.split(r'(/\*\*|/\*)', key if key.startswith('/') else f'/{key}')
+    wild = {'/*': r'(/\w+)', '/**': r'(/\w+)*'}
+    return re.fullmatch(''.join(wild.get(p) or re.escape(p) for p in parts), node) is not None
+
+
+def _parameter_blocks(tree: Block, path: Path, node: str) -> Block:
+    """
+    Merge the blocks that apply to the node, in the order in which they count.
+
+    ROS takes them as they stand in the file. Without a name of the node, any sim_node will do, and
+    the more specific blocks come last.
+    """
     found = Block()
     blocks: list[tuple[int, str, dict[str, Any]]] = []
     for key, value in _flattened(tree):
         last = key.rstrip('/').rsplit('/', 1)[-1]
-        if key in ('/**', '/*', '/**/*', '**') or last in ('sim_node', '**', '*'):
+        if node:
+            applies = _is_of(key, node)
+        else:
+            applies = key in ('/**', '/*', '/**/*', '**') or last in ('sim_node', '**', '*')
+        if applies:
             if not isinstance(value, dict) or 'ros__parameters' not in value:
                 raise ParametersFileError(
                     f'{path}: {named(key)} has no ros__parameters: below it, write the line '
                     '"ros__parameters:" and the parameters below that'
                 )
-            blocks.append((last == 'sim_node', key, value['ros__parameters'] or {}))
+            place = 0 if node else int(last == 'sim_node')
+            blocks.append((place, key, value['ros__parameters'] or {}))
     if not blocks:
         raise ParametersFileError(
-            f'{path}: no parameters for sim_node among {_names(tree)}: '
+            f'{path}: no parameters for {named(node or "sim_node")} among {_names(tree)}: '
             'start the file with "/**:" and, indented below it, "ros__parameters:"'
         )
     for _, key, block in sorted(blocks, key=lambda entry: entry[0]):
@@ -105,7 +124,7 @@ def _names(tree: Block) -> str:
 
 
 def load_parameters(
-    path: str | PathLike[str], known: tuple[str, ...] = ()
+    path: str | PathLike[str], known: tuple[str, ...] = (), node: str = ''
 ) -> tuple[RigParameters, InitialConditions, dict[str, Any]]:
     """
     Read a rig from a ROS 2 parameters file.
@@ -117,6 +136,9 @@ def load_parameters(
         preset, such as ``bench_rig``, if there is no such file.
     known : tuple of str, optional
         Names of other parameters that are allowed, besides those of node and gap control.
+    node : str, optional
+        Full name of a node, such as ``/rig1/sim_node``: the entries of the file that ROS gives to
+        it are read, and no others. Without it, those of any `sim_node`.
 
     Returns
     -------
@@ -151,7 +173,7 @@ def load_parameters(
             f'{path}: holds no parameters: start the file with "/**:" and, indented below it, '
             '"ros__parameters:"'
         )
-    values = _parameter_blocks(tree, path)
+    values = _parameter_blocks(tree, path, node)
     allowed = [*PARAMETER_SPECS, *INITIAL_SPECS, *_OTHER_NAMES, *known]
     for name in values:
         base = str(name).split('.')[0]

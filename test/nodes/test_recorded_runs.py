@@ -5,15 +5,18 @@ import resource
 from itertools import pairwise
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from impact_damper_ros.recording import RunReader, recover_run
 from impact_damper_ros.recording.replay import Replay
 from impact_damper_ros.recording.replay_findings import Verdict
 from impact_damper_ros.recording.run_history import RunHistory
-from impact_damper_ros.rig import EventKind, Simulator
+from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+from impact_damper_ros.rig.urdf import robot_description
 from nodes.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
 
@@ -192,6 +195,40 @@ def test_names_in_a_bag_are_those_on_the_network(client, launch, namespace, tmp_
     first = json.loads(bag.messages(f'{namespace}/snapshot')[0].data)
     assert first['time_ns'] == 0
     assert stamp_of(bag.messages(f'{namespace}/js')[0].header.stamp) == first['stamp_offset_ns']
+
+
+def test_the_robot_description_is_on_the_network_and_in_the_bag(
+    client, launch, namespace, tmp_path
+):
+    rig = RigParameters(**{**LIVELY, 'force_amplitudes': [10.0], 'force_frequencies': [31.6]})
+    topic = f'{namespace}/robot_description'
+    process = launch(f'__ns:={namespace}', record=True, **LIVELY)
+    parameters = RigParametersClient(client, f'{namespace}/sim_node')
+    # A wider gap needs a longer deck; other changes are not seen.
+    for changes in ({'gap': 0.3}, {'restitution_1': 0.5}, {'gap_control': 'timed'}):
+        assert parameters.set_atomically(**changes) == ''
+    wide = robot_description(rig.replace(gap=0.3))
+    controlled = robot_description(rig.replace(gap=0.3), gap_max=1000.0)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    heard = client.listen(String, topic, latched)
+    until(lambda: heard, lambda: process.output)
+    assert heard[0].data == controlled
+    # A second recording begins with what is to be seen then.
+    assert parameters.set(record=False) == ''
+    assert parameters.set_atomically(record=True, gap_control='off') == ''
+    assert process.stop() == 0
+    first, second = sorted((tmp_path / 'process_0' / 'runs').iterdir())
+    for directory, seen in ((first, [robot_description(rig), wide, controlled]), (second, [wide])):
+        bag = Bag(directory)
+        assert [message.data for message in bag.messages(topic)] == seen
+        assert (directory / 'rig.urdf').read_text(encoding='utf-8') == seen[0]
+        assert bag.order == sorted(bag.order, key=lambda entry: entry[1])
+        reader = RunReader(directory)
+        assert (reader.complete, list(reader.faults())) == (True, [])
+        assert reader.custom['robot_description'] == topic
+        # It is offered as it was, and no tool takes it for a snapshot.
+        replay_findings = Replay(RunHistory(directory)).run()
+        assert replay_findings.difference_count == 0
 
 
 def test_a_killed_run_is_recovered(client, launch, namespace, tmp_path):

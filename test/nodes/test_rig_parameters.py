@@ -1,8 +1,11 @@
 """How parameters are read, judged and described, without a running node."""
 
 import math
+import re
 
 import pytest
+from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from impact_damper_ros.nodes.live_parameters import LiveParameters
@@ -15,7 +18,14 @@ from impact_damper_ros.nodes.rig_parameters import (
     promoted,
 )
 from impact_damper_ros.recording.run_writer import SHORTEST_FILE, SMALLEST_FILE
-from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, ParameterError, RigParameters
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    ParameterError,
+    ParametersFileError,
+    RigParameters,
+    load_parameters,
+)
 
 Type = Parameter.Type
 
@@ -272,3 +282,40 @@ def test_directories_that_nobody_means(text):
         NodeParameters.from_values({'bag_directory': text})
     assert str(refused.value).isprintable()
     assert len(str(refused.value)) < 300
+
+
+#: Entries of a parameters file in which the order, the namespace or a wildcard decides.
+ENTRIES = {
+    'two rigs': '/rig1/sim_node: {gap: 2.0}\n/rig2/sim_node: {gap: 3.0}',
+    'in common': '/**: {gap: 1.0, friction: 0.1}\n/rig1/sim_node: {gap: 2.0}',
+    'in common, last': '/rig1/sim_node: {gap: 2.0}\n/**: {gap: 1.0, friction: 0.1}',
+    'bare name': 'sim_node: {gap: 4.0}\n/rig2/other: {gap: 5.0}',
+    'nested': 'rig2:\n  sim_node: {gap: 3.0}\n/a:\n  b:\n    sim_node: {angle: 0.9}',
+    'nested with a slash': '/rig2/:\n  sim_node: {gap: 3.0}',
+    'one part': '/*/sim_node: {damping: 0.5}\n/rig2/*: {angle: 0.5}\n/*: {gap: 6.0}',
+    'any parts': '/**/sim_node: {gap: 0.5}\n/a/**: {gap: 7.0}\n/*/*: {friction: 0.3}',
+}
+NAMESPACES = ('', '/rig1', '/rig2', '/a/b')
+
+
+@pytest.mark.parametrize('entries', ENTRIES.values(), ids=ENTRIES)
+def test_the_rig_of_a_file_is_that_which_ros_gives_the_node(entries, tmp_path):
+    text = re.sub(r'\{(.+)\}', r'{ros__parameters: {\1}}', entries)
+    path = tmp_path / 'rigs.yaml'
+    path.write_text(text, encoding='utf-8')
+    context = Context()
+    context.init(['--ros-args', '--params-file', str(path)])
+    try:
+        for namespace in NAMESPACES:
+            node = Node('sim_node', namespace=namespace, context=context, enable_rosout=False)
+            name = node.get_fully_qualified_name()
+            given = {p: value.value for p, value in node._parameter_overrides.items()}
+            node.destroy_node()
+            if given:
+                rig, _, _ = load_parameters(path, node=name)
+                assert rig == RigParameters(**given), name
+            else:
+                with pytest.raises(ParametersFileError, match=f'no parameters for {name} among'):
+                    load_parameters(path, node=name)
+    finally:
+        context.try_shutdown()

@@ -2,6 +2,11 @@
 
 import ast
 import math
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,10 +15,11 @@ import yaml
 
 from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, RigParameters, Simulator
 from impact_damper_ros.rig import load_parameters as load
+from impact_damper_ros.rig.published import JOINTS
+from impact_damper_ros.rig.urdf import picture_size, robot_description, rviz_setup
 
 ROOT = Path(__file__).parents[2]
 PRESETS = sorted((ROOT / 'config').glob('*.yaml'))
-JOINTS = ['primary', 'damper', 'stop_1', 'stop_2']
 
 
 @pytest.fixture(scope='module')
@@ -87,42 +93,202 @@ def test_bench_rig_with_a_wide_gap_loses_the_rhythm(bench):
     assert x_max > 7e-3
 
 
-@pytest.fixture(scope='module')
-def urdf():
-    xacro = pytest.importorskip('xacro')
-    path = str(ROOT / 'urdf' / 'rig.urdf.xacro')
-    document = xacro.process_file(path, mappings={'angle': '0.25', 'gap': '0.04'})
-    return ElementTree.fromstring(document.toxml())
+#: Rigs whose pictures differ: by size, gap to swing, incline, control, and number of stops.
+RIGS = {
+    'bench': ({}, 0.0),
+    'inclined': ({'angle': 0.25, 'gap': 0.04}, 0.0),
+    'wide': ({'gap': 0.3}, 0.0),
+    'narrow': ({'gap': 1e-4}, 0.0),
+    'kilometres': ({'gap': 1e3, 'force_amplitudes': [1e6]}, 0.0),
+    'hanging': ({'angle': math.pi / 2, 'one_sided': True, 'stiffness': 10.0}, 0.0),
+    'up the incline': ({'angle': -0.5}, 0.0),
+    'controlled': ({}, 0.3),
+    'limited': ({'gap': 0.1}, 0.3),
+    'undamped': (
+        {'damping': 0.0, 'primary_mass': 1.0, 'stiffness': 900.0, 'force_frequencies': [30.0]},
+        0.0,
+    ),
+    'swept': ({'sweep_mode': 'up', 'sweep_low': 3.0, 'sweep_high': 60.0}, 0.0),
+    'broadband': ({'force_amplitudes': [0.0], 'multisine_level': 0.5}, 0.0),
+}
 
 
-def test_urdf_has_the_joints_of_joint_states(urdf):
+@pytest.fixture(params=RIGS.values(), ids=RIGS)
+def drawn(request, bench):
+    """Return a rig, the largest gap of its control, and its URDF."""
+    changes, gap_max = request.param
+    rig = bench.replace(**changes)
+    return rig, gap_max, ElementTree.fromstring(robot_description(rig, gap_max))
+
+
+def extent(urdf, link, place=0.0):
+    """Return from where to where a link's largest box reaches along the axis, its joint there."""
+    boxes = []
+    for visual in urdf.findall(f"link[@name='{link}']/visual"):
+        middle = float(visual.find('origin').get('xyz').split()[0]) + place
+        half = float(visual.find('geometry/box').get('size').split()[0]) / 2
+        boxes.append((middle - half, middle + half))
+    return max(boxes, key=lambda box: box[1] - box[0])
+
+
+def test_urdf_has_the_joints_of_joint_states(drawn):
+    _, _, urdf = drawn
     prismatic = [joint for joint in urdf.findall('joint') if joint.get('type') == 'prismatic']
-    assert [joint.get('name') for joint in prismatic] == JOINTS
+    assert [joint.get('name') for joint in prismatic] == list(JOINTS)
     # All from the same frame, since the positions are absolute, and along the same axis.
     assert {joint.find('parent').get('link') for joint in prismatic} == {'axis'}
     assert {joint.find('axis').get('xyz') for joint in prismatic} == {'1 0 0'}
     # Frames carry the names of the joints: the topic impacts has them as frame_id.
-    assert [joint.find('child').get('link') for joint in prismatic] == JOINTS
+    assert [joint.find('child').get('link') for joint in prismatic] == list(JOINTS)
 
 
-def test_urdf_axis_points_down_the_incline(urdf):
+def test_urdf_is_one_tree_of_links(drawn):
+    """As every reader of URDF asks; each name once, each material known."""
+    _, _, urdf = drawn
+    links = [link.get('name') for link in urdf.findall('link')]
+    children = [joint.find('child').get('link') for joint in urdf.findall('joint')]
+    parents = [joint.find('parent').get('link') for joint in urdf.findall('joint')]
+    assert len(set(links)) == len(links)
+    assert sorted(children) == sorted(set(links) - {'base_link'})
+    assert set(parents) <= set(links)
+    materials = {material.get('name') for material in urdf.findall('material')}
+    assert {m.get('name') for m in urdf.iterfind('link/visual/material')} == materials
+    for box in urdf.iterfind('.//box'):
+        assert all(0.0 < float(side) < math.inf for side in box.get('size').split())
+    for limit in urdf.iterfind('joint/limit'):
+        assert float(limit.get('lower')) < 0.0 < float(limit.get('upper'))
+
+
+def test_urdf_axis_points_down_the_incline(drawn):
+    rig, _, urdf = drawn
     (incline,) = urdf.findall("joint[@name='incline']")
     roll, pitch, yaw = map(float, incline.find('origin').get('rpy').split())
-    assert (roll, yaw) == (0.0, 0.0)
     # The x axis turned by the pitch about y: (cos, 0, -sin).
-    assert -math.sin(pitch) == pytest.approx(-math.sin(0.25))
+    assert (roll, pitch, yaw) == (0.0, rig.angle, 0.0)
 
 
-def test_urdf_damper_touches_the_stops_at_half_the_gap(urdf):
-    def extent(link: str) -> tuple[float, float]:
-        visual = urdf.find(f"link[@name='{link}']/visual")
-        middle = float(visual.find('origin').get('xyz').split()[0])
-        half = float(visual.find('geometry/box').get('size').split()[0]) / 2
-        return middle - half, middle + half
-
+def test_urdf_damper_touches_the_stops_at_half_the_gap(drawn):
+    rig, _, urdf = drawn
     # With the damper at the position of a stop, its face lies on the stop's.
-    assert extent('damper')[1] == pytest.approx(extent('stop_1')[0])
-    assert extent('damper')[0] == pytest.approx(extent('stop_2')[1])
+    assert extent(urdf, 'damper')[1] == pytest.approx(extent(urdf, 'stop_1')[0])
+    if rig.one_sided:
+        assert urdf.find("link[@name='stop_2']/visual") is None
+    else:
+        assert extent(urdf, 'damper')[0] == pytest.approx(extent(urdf, 'stop_2')[1])
+
+
+def test_urdf_parts_are_on_one_another_wherever_they_move(drawn):
+    """The stops stand on the deck at any gap that there may be, and the deck on the rail."""
+    rig, gap_max, urdf = drawn
+    swing = math.hypot(*responses(rig))
+    if not rig.damping:
+        # At resonance without end, of which only so much is drawn.
+        swing = 100.0 * rig.force_amplitudes[0] / rig.stiffness
+    for x in (-0.999 * swing, 0.0, 0.999 * swing):
+        place = rig.static_deflection + x
+        deck = extent(urdf, 'primary', place)
+        for gap in (rig.gap, min(max(rig.gap, gap_max), 8.0 * rig.gap)):
+            stop_1 = extent(urdf, 'stop_1', place + gap / 2)
+            assert deck[0] < stop_1[0] < stop_1[1] < deck[1]
+            damper = extent(urdf, 'damper', place + gap / 2)
+            assert deck[0] < damper[0]
+            assert damper[1] <= stop_1[0] + 1e-6 * (deck[1] - deck[0])
+            if not rig.one_sided:
+                stop_2 = extent(urdf, 'stop_2', place - gap / 2)
+                assert deck[0] < stop_2[0] < stop_2[1] < deck[1]
+        rail = extent(urdf, 'axis')
+        assert rail[0] < deck[0] < deck[1] < rail[1]
+        # Seen beside one another: no part vanishes, the damper least of all.
+        assert damper[1] - damper[0] > 0.03 * (rail[1] - rail[0] - abs(rig.static_deflection))
+
+
+def responses(rig):
+    """Return the amplitude of each harmonic's motion, of M alone, by the transfer function."""
+    for amplitude, frequency, _ in zip(*rig.harmonics, strict=True):
+        stiffness = complex(rig.stiffness - rig.primary_mass * frequency**2)
+        dynamic = stiffness + 1j * rig.damping * frequency
+        yield abs(amplitude / dynamic) if dynamic else math.inf
+
+
+def test_urdf_swing_is_that_of_the_resonance_in_a_sweep(bench):
+    at = bench.replace(force_frequencies=[bench.omega])
+    swept = bench.replace(
+        sweep_mode='up', sweep_low=0.5 * bench.omega, sweep_high=2.0 * bench.omega
+    )
+    assert robot_description(swept) == robot_description(at)
+    past = swept.replace(sweep_low=1.5 * bench.omega, sweep_high=3.0 * bench.omega)
+    best = bench.replace(force_frequencies=[1.5 * bench.omega])
+    assert robot_description(past) == robot_description(best)
+
+
+def numbers(text):
+    """Return the numbers of an attribute; another text as it is."""
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return text
+
+
+def test_xacro_gives_the_same_description(drawn):
+    xacro = pytest.importorskip('xacro')
+    rig, gap_max, urdf = drawn
+    size = picture_size(rig, gap_max)
+    given = {
+        'angle': rig.angle,
+        'gap': rig.gap,
+        'widest': min(gap_max, 8.0 * rig.gap),
+        'swing': size.rail - size.deck,
+        'rest': rig.static_deflection,
+        'one_sided': str(rig.one_sided).lower(),
+    }
+    document = xacro.process_file(
+        str(ROOT / 'urdf' / 'rig.urdf.xacro'), mappings={n: str(v) for n, v in given.items()}
+    )
+
+    other = ElementTree.fromstring(document.toxml())
+    for kind in ('material', 'link', 'joint'):
+        # In any order; a number of each as far as the URDF has digits.
+        here, there = ({e.get('name'): e for e in tree.findall(kind)} for tree in (urdf, other))
+        assert here.keys() == there.keys()
+        for name in here:
+            for one, another in zip(here[name].iter(), there[name].iter(), strict=True):
+                assert (one.tag, sorted(one.keys())) == (another.tag, sorted(another.keys()))
+                for key, text in one.items():
+                    ours, theirs = numbers(text), numbers(another.get(key))
+                    if isinstance(ours, list):
+                        theirs = pytest.approx(theirs, rel=1e-7, abs=1e-9 * size.damper)
+                    assert ours == theirs
+
+
+@pytest.mark.parametrize('name', ['bench', 'wide', 'kilometres', 'hanging', 'controlled'])
+def test_rviz_view_shows_the_whole_rig(name, bench):
+    changes, gap_max = RIGS[name]
+    rig = bench.replace(**changes)
+    text = (ROOT / 'rviz' / 'rig.rviz').read_text(encoding='utf-8')
+    setup = yaml.safe_load(rviz_setup(text, rig, gap_max))
+    view = setup['Visualization Manager']['Views']['Current']
+    urdf = ElementTree.fromstring(robot_description(rig, gap_max))
+    deck = extent(urdf, 'primary', rig.static_deflection)
+    # What the eye sees to each side of the focal point: RViz opens at 45 degrees.
+    focus = math.copysign(math.hypot(*view['Focal Point'].values()), rig.static_deflection)
+    seen = view['Distance'] * math.tan(math.pi / 8)
+    assert focus - seen < deck[0] < deck[1] < focus + seen
+    # And large enough to be seen.
+    assert deck[1] - deck[0] > 0.15 * 2.0 * seen
+    assert 0.0 < view['Near Clip Distance'] < 0.01 * view['Distance']
+    # Nothing else is changed.
+    before = yaml.safe_load(text)
+    for tree in (setup, before):
+        manager = tree['Visualization Manager']
+        for field in ('Distance', 'Near Clip Distance', 'Focal Shape Size', 'Focal Point'):
+            del manager['Views']['Current'][field]
+        (grid,) = (d for d in manager['Displays'] if d['Name'] == 'Grid')
+        assert 6 <= grid['Plane Cell Count'] <= 150
+        for field in ('Cell Size', 'Plane Cell Count', 'Offset'):
+            del grid[field]
+        (frames,) = (d for d in manager['Displays'] if d['Name'] == 'Frames')
+        del frames['Marker Scale']
+    assert setup == before
 
 
 def test_rviz_shows_the_robot_from_its_base():
@@ -145,6 +311,7 @@ def test_launch_file_starts_what_it_says():
         'namespace',
         'record',
         'bag_directory',
+        'real_time_factor',
         'use_robot_state_publisher',
         'use_rviz',
         'use_sim_time',
@@ -154,3 +321,180 @@ def test_launch_file_starts_what_it_says():
 def test_launch_file_is_python():
     """Also where there is no launch to load it with."""
     ast.parse((ROOT / 'launch' / 'rig.launch.py').read_text(encoding='utf-8'))
+
+
+LAUNCH = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+source = PythonLaunchDescriptionSource(sys.argv[1])
+arguments = [argument.split(':=', 1) for argument in sys.argv[2:]]
+service = LaunchService(noninteractive=True)
+rig = IncludeLaunchDescription(source, launch_arguments=arguments)
+service.include_launch_description(LaunchDescription([rig]))
+sys.exit(service.run())
+"""
+#: In place of each executable: shows its arguments and parameters, and that it has ended.
+STAND_IN = """#!/bin/sh
+here={here}
+trap 'echo ended >> $here.ended; exit 0' INT TERM
+echo "$@" > $here.arguments
+for file in "$@"; do
+    case "$file" in *launch_params_*) cat "$file" >> $here.parameters ;; esac
+done
+touch $here.started
+while true; do sleep 0.1; done
+"""
+
+
+class Launched:
+    """A real launch of the file, in a prefix with stand-ins for some packages."""
+
+    def __init__(self, directory, *packages):
+        for module in ('launch', 'launch_ros'):
+            pytest.importorskip(module)
+        self.directory = directory
+        index = directory / 'share' / 'ament_index' / 'resource_index' / 'packages'
+        index.mkdir(parents=True)
+        for package in packages:
+            name = 'sim_node' if package == 'impact_damper_ros' else package
+            (index / package).touch()
+            (directory / 'lib' / package).mkdir(parents=True)
+            program = directory / 'lib' / package / name
+            program.write_text(STAND_IN.format(here=directory / name), encoding='utf-8')
+            program.chmod(0o755)
+        (directory / 'share' / 'impact_damper_ros').mkdir()
+        for folder in ('config', 'rviz'):
+            (directory / 'share' / 'impact_damper_ros' / folder).symlink_to(ROOT / folder)
+        self.file = directory / 'rig.launch.py'
+        self.file.symlink_to(ROOT / 'launch' / 'rig.launch.py')
+
+    def start(self, *arguments):
+        """Start it, and return the process once what it starts is there, or it has ended."""
+        log = (self.directory / 'said.txt').open('wb')
+        path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
+        given = {'AMENT_PREFIX_PATH': str(self.directory), 'PYTHONPATH': path}
+        process = subprocess.Popen(
+            [sys.executable, '-c', LAUNCH, str(self.file), *arguments],
+            env={**os.environ, **given, 'ROS_LOG_DIR': str(self.directory / 'log')},
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        log.close()
+        expected = 1 + ('use_rviz:=true' in arguments)
+        expected += 'use_robot_state_publisher:=false' not in arguments
+        deadline = time.monotonic() + 100.0
+        while process.poll() is None and len(self.started()) < expected:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        return process
+
+    @property
+    def said(self):
+        return (self.directory / 'said.txt').read_text(encoding='utf-8')
+
+    def started(self):
+        return sorted(path.stem for path in self.directory.glob('*.started'))
+
+    def ended(self):
+        return sorted(path.stem for path in self.directory.glob('*.ended'))
+
+    def parameters(self, name):
+        """Return the parameters that launch gives a node beside those of the file."""
+        document = yaml.safe_load((self.directory / f'{name}.parameters').read_text('utf-8'))
+        (entry,) = document.items()
+        return entry[0], entry[1]['ros__parameters']
+
+
+@pytest.mark.parametrize(
+    ('missing', 'arguments', 'remedy'),
+    [
+        ('robot_state_publisher', (), 'or give use_robot_state_publisher:=false'),
+        ('rviz2', ('use_rviz:=true',), 'or leave use_rviz:=true out'),
+    ],
+)
+def test_launch_starts_nothing_if_a_package_is_missing(missing, arguments, remedy, tmp_path):
+    packages = {'impact_damper_ros', 'robot_state_publisher', 'rviz2'} - {missing}
+    launched = Launched(tmp_path, *packages)
+    assert launched.start(*arguments).wait(100.0) == 1
+    assert f'nothing was started, {missing} is not installed' in launched.said
+    assert remedy in launched.said
+    assert launched.started() == []
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_launch_leaves_nothing_behind(number, tmp_path):
+    launched = Launched(tmp_path, 'impact_damper_ros', 'robot_state_publisher')
+    process = launched.start()
+    process.send_signal(number)
+    process.wait(100.0)
+    deadline = time.monotonic() + 100.0
+    while launched.ended() != ['robot_state_publisher', 'sim_node']:
+        assert time.monotonic() < deadline, launched.said
+        time.sleep(0.05)
+
+
+def test_launch_draws_the_rig_that_the_node_runs(tmp_path):
+    rigs = tmp_path / 'rigs.yaml'
+    rigs.write_text(
+        '/rig1/sim_node: {ros__parameters: {gap: 0.3, angle: 0.25}}\n'
+        '/rig2/sim_node: {ros__parameters: {gap: 0.01, gap_control: timed, gap_max: 0.05}}\n',
+        encoding='utf-8',
+    )
+    drawn = {
+        'rig1': robot_description(RigParameters(gap=0.3, angle=0.25)),
+        '/rig2': robot_description(RigParameters(gap=0.01), 0.05),
+    }
+    for namespace, description in drawn.items():
+        launched = Launched(
+            tmp_path / namespace.strip('/'), 'impact_damper_ros', 'robot_state_publisher'
+        )
+        process = launched.start(f'params_file:={rigs}', f'namespace:={namespace}')
+        process.send_signal(signal.SIGINT)
+        assert process.wait(100.0) == 0, launched.said
+        _, given = launched.parameters('robot_state_publisher')
+        assert given == {'robot_description': description, 'use_sim_time': False}
+    launched = Launched(tmp_path / 'rig3', 'impact_damper_ros', 'robot_state_publisher')
+    assert launched.start(f'params_file:={rigs}', 'namespace:=rig3').wait(100.0) == 1
+    assert 'no parameters for /rig3/sim_node among' in launched.said
+    assert launched.started() == []
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'of_the_node', 'simulated'),
+    [
+        (('use_sim_time:=true',), {'publish_clock': True}, True),
+        (('use_sim_time:=false', 'record:=true'), {'publish_clock': False, 'record': True}, False),
+        (('real_time_factor:=0.5',), {'real_time_factor': 0.5}, True),
+        (('real_time_factor:=1',), {'real_time_factor': 1.0}, False),
+    ],
+)
+def test_launch_has_one_switch_for_the_clock(arguments, of_the_node, simulated, tmp_path):
+    launched = Launched(tmp_path, 'impact_damper_ros', 'robot_state_publisher', 'rviz2')
+    process = launched.start('params_file:=bench_rig', 'use_rviz:=true', *arguments)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(100.0) == 0, launched.said
+    # Under the node's own name, so that they count after what the file gives it by that name.
+    assert launched.parameters('sim_node') == ('/sim_node', of_the_node)
+    for name in ('robot_state_publisher', 'rviz2'):
+        assert launched.parameters(name)[1]['use_sim_time'] is simulated
+    preset = ROOT / 'config' / 'bench_rig.yaml'
+    words = (tmp_path / 'sim_node.arguments').read_text(encoding='utf-8').split()
+    assert Path(words[words.index('--params-file') + 1]).resolve() == preset
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (('real_time_factor:=2.0', 'use_sim_time:=false'), 'leave use_sim_time out'),
+        (('real_time_factor:=fast',), "real_time_factor is 'fast': give a number"),
+    ],
+)
+def test_launch_refuses_what_cannot_be(arguments, words, tmp_path):
+    launched = Launched(tmp_path, 'impact_damper_ros', 'robot_state_publisher')
+    assert launched.start(*arguments).wait(100.0) == 1
+    assert words in launched.said
+    assert launched.started() == []

@@ -5,12 +5,20 @@ import json
 import pytest
 from recording import samples
 from recording.recorded_rig import LIVELY, RecordedRig
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 
+from impact_damper_ros.commands.compare_run import main as compare_run
+from impact_damper_ros.commands.replay_run import main as replay_run
 from impact_damper_ros.commands.simulate_rig import main
-from impact_damper_ros.recording import RunReader
+from impact_damper_ros.recording import RunReader, recover_run
 from impact_damper_ros.recording.messages import decode
 from impact_damper_ros.recording.rig_messages import parameter_event
 from impact_damper_ros.rig import InitialConditions
+from impact_damper_ros.rig.urdf import robot_description
+
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+PICTURE = '/robot_description'
 
 
 def simulated(tmp_path, initial, *arguments, rig=LIVELY):
@@ -35,9 +43,41 @@ def test_the_same_messages_in_the_same_order(tmp_path, rate):
     assert reader.complete
     assert reader.custom['joint_states'] == '/joint_states'
     recorded = [(r.topic, r.content, r.stamp_ns) for r in reader.records()]
-    assert recorded == driver.messages
+    (description,) = (m for m in recorded if m[0] == PICTURE)
+    assert description[2] == 0
+    assert [m for m in recorded if m is not description] == driver.messages
     assert reader.topics['/impacts'].message_count > 20
     assert {t.name for t in samples.TOPICS} - set(reader.topics) == {'/diagnostics'}
+
+
+def test_viewers_can_draw_the_recording(tmp_path, capsys):
+    """The robot description is a latched topic, anew for a wider gap, and a file."""
+    changes = ('--change', '0.5:gap=0.3', '--change', '0.7:restitution_1=0.5')
+    simulated(tmp_path, InitialConditions(), '--duration', '1', *changes)
+    with AnyReader([tmp_path / 'bag'], default_typestore=JAZZY) as reader:
+        (connection,) = (c for c in reader.connections if c.topic == PICTURE)
+        messages = [
+            (stamp, reader.deserialize(raw, connection.msgtype).data)
+            for _, stamp, raw in reader.messages([connection])
+        ]
+    (qos,) = connection.ext.offered_qos_profiles
+    assert qos.durability.name == 'TRANSIENT_LOCAL'
+    assert messages == [
+        (0, robot_description(LIVELY)),
+        (500_000_000, robot_description(LIVELY.replace(gap=0.3))),
+    ]
+    assert (tmp_path / 'bag' / 'rig.urdf').read_text(encoding='utf-8') == messages[0][1]
+    # No command takes it for a fault, nor for a snapshot.
+    bag = RunReader(tmp_path / 'bag')
+    assert (bag.complete, list(bag.faults())) == (True, [])
+    assert replay_run([str(tmp_path / 'bag')]) == 0
+    compare_run([str(tmp_path / 'bag'), '--json', str(tmp_path / 'found.json'), '--quiet'])
+    log = json.loads((tmp_path / 'found.json').read_text(encoding='utf-8'))['log']
+    assert (log['replayed'], log['differences'], log['unchecked'][0]) == (True, 0, PICTURE)
+    recovered = recover_run(tmp_path / 'bag')
+    assert recovered.was_complete
+    assert PICTURE in {topic.name for topic in recovered.topics}
+    assert 'Traceback' not in capsys.readouterr().err
 
 
 def test_parameters_of_all_types():
