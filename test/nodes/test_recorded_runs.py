@@ -62,11 +62,17 @@ def replay(bag, namespace='', cut=False):
     snapshots = [json.loads(m.data) for m in bag.messages(f'{namespace}/snapshot')]
     first = snapshots[0]
     assert first['reason'] == 'record'
-    offset = first['stamp_offset_ns']
+    # A machine that stalls moves the stamps on, with a snapshot.
+    offsets = [(s['stamp_offset_ns'] + s['time_ns'], s['stamp_offset_ns']) for s in snapshots]
+
+    def rig_ns(stamp):
+        stamp_ns = stamp_of(stamp)
+        return stamp_ns - max((o for at, o in offsets if at <= stamp_ns), default=offsets[0][1])
+
     rig = Simulator.restore(first['state'])
     changes = [
         (
-            stamp_of(event.stamp) - offset,
+            rig_ns(event.stamp),
             {p.name: value_of(p) for p in event.changed_parameters},
         )
         for event in bag.messages('/parameter_events')[1:]
@@ -80,7 +86,7 @@ def replay(bag, namespace='', cut=False):
 
     states = bag.messages(f'{namespace}/joint_states')
     for message in states:
-        t_ns = stamp_of(message.header.stamp) - offset
+        t_ns = rig_ns(message.header.stamp)
         # A change is shown by the states of the tick at which it took effect.
         note(rig.advance(t_ns / 1e9))
         while changes and changes[0][0] <= t_ns:
@@ -96,9 +102,9 @@ def replay(bag, namespace='', cut=False):
         last_ns = stamp_of(states[-1].header.stamp)
         recorded = [m for m in recorded if stamp_of(m.header.stamp) <= last_ns]
     for (event, rest), message in zip(impacts, recorded, strict=True):
-        assert stamp_of(message.header.stamp) == offset + round(event.time * 1e9)
+        assert rig_ns(message.header.stamp) == round(event.time * 1e9)
         assert list(message.position) == [event.x + rest, event.x + event.y + rest]
-    assert {stamp_of(b.header.stamp) - stamp_of(a.header.stamp) for a, b in pairwise(states)} == {
+    assert {rig_ns(b.header.stamp) - rig_ns(a.header.stamp) for a, b in pairwise(states)} == {
         5_000_000
     }
     return rig, impacts
