@@ -22,6 +22,8 @@ __all__ = ['log_findings', 'repaired_impacts']
 
 #: Share of the intervals that disobey the equations of motion if a parameter is wrong.
 _MOST_DISOBEY = 0.1
+#: Topics that name the parameters.
+_OF_PARAMETERS = ('/parameter_events', '/snapshot')
 #: Faults told one by one, and share of the impacts that may be repaired.
 _TOLD = 3
 _FEW = 0.01
@@ -133,6 +135,10 @@ def log_findings(
     if replayed is not None and not replayed:
         return []
     found = _motion_findings(stretch, search, controlled=controlled)
+    if found and replayed:
+        # A log that contradicts itself says what is wrong with it.
+        own = [finding for finding in replayed if finding.quantity.endswith(_OF_PARAMETERS)]
+        return [*own, *sorted(found, key=lambda finding: finding.time)]
     return sorted(found or list(replayed or ()), key=lambda finding: finding.time)
 
 

@@ -100,6 +100,8 @@ class Prediction:
         What is to be said of the choice, or why there is none.
     complete : bool
         Whether no better answer is to come.
+    applies : bool
+        Whether the theory is for such a rig at all.
     """
 
     orbits: tuple[PeriodicOrbit, ...] = ()
@@ -107,6 +109,7 @@ class Prediction:
     basis: Basis = ''
     reason: str = ''
     complete: bool = False
+    applies: bool = True
 
 
 def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
@@ -249,12 +252,12 @@ def predictions(rig: AnyRig, measured: Course | None = None) -> Iterator[Predict
     """
     if isinstance(rig, ControlledRig) and rig.control.active:
         reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'
-        yield Prediction(reason=reason, complete=True)
+        yield Prediction(reason=reason, complete=True, applies=False)
         return
     try:
         period = _period_of_force(rig.parameters)
     except OrbitError as error:
-        yield Prediction(reason=str(error), complete=True)
+        yield Prediction(reason=str(error), complete=True, applies=False)
         return
     clock = _clock_of(rig)
     parameters = clock.counted_from_zero()

@@ -30,18 +30,35 @@ class Response:
         self.samples = 0
         self.impacts = 0
         self.energy = 0.0
-        self._squares = 0.0
+        self._squares = self._covered = 0.0
+        # The last instant, X and X' just after it
+        self._last: tuple[float, float, float] | None = None
         self._swing = Swing()
 
     def look(self, sample: Sample, events: Sequence[Event]) -> None:
         """Take the next sample, and the events since the one before."""
         self.samples += 1
-        self._squares += sample.x * sample.x
         self._swing.look(sample, events)
         for event in events:
+            self._reach(event.time, event.x, event.primary_velocity_before)
+            self._last = event.time, event.x, event.primary_velocity_after
             if event.kind is EventKind.IMPACT:
                 self.impacts += 1
                 self.energy += lost_energy(event)
+        self._reach(sample.time, sample.x, sample.primary_velocity)
+        self._last = sample.time, sample.x, sample.primary_velocity
+
+    def _reach(self, time: float, x: float, velocity: float) -> None:
+        """Add the integral of X squared along the cubic from the last instant to this one."""
+        if self._last is None or time <= self._last[0]:
+            return
+        start, x0, velocity0 = self._last
+        step = time - start
+        u, v = velocity0 * step, velocity * step
+        squares = 156.0 * (x0 * x0 + x * x) + 4.0 * (u * u + v * v) + 108.0 * x0 * x
+        squares += 44.0 * (x0 * u - x * v) + 26.0 * (x * u - x0 * v) - 6.0 * u * v
+        self._squares += squares * step / 420.0
+        self._covered += step
 
     @property
     def largest(self) -> float:
@@ -50,8 +67,8 @@ class Response:
 
     @property
     def rms(self) -> float:
-        """Root mean square of X over the samples, m; NaN without any."""
-        return math.sqrt(self._squares / self.samples) if self.samples else math.nan
+        """Root mean square of X over time, m, also between the samples; NaN without any."""
+        return math.sqrt(self._squares / self._covered) if self._covered > 0.0 else math.nan
 
 
 def lost_energy(event: Event) -> float:

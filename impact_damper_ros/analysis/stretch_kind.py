@@ -95,7 +95,7 @@ def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:
         f'{recurrence.factor:.3g}, to {level:.1e} at the end'
     )
     if not recurrence.shrinks:
-        evidence = f'repeats after {text} to within {level:.1e}, without settling'
+        evidence = f'repeats after {text} to within {level:.1e}, which no longer shrinks'
         return StretchKind(MotionKind.PERIODIC, evidence, measures, recurrence, impacts)
     return StretchKind(MotionKind.TRANSIENT, evidence, measures, recurrence, impacts)
 

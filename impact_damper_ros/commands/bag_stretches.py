@@ -70,9 +70,9 @@ class BagStretches:
         Rig times of the first and last joint state, ns.
     faults : list of str
         What was done to the rig and could not be understood.
-    pauses, unlogged, early : int
-        Pauses; changes that no parameter event tells of; messages from before the parameters are
-        known.
+    pauses, slips, unlogged, early : int
+        Pauses; stalls of the machine; changes without a parameter event; messages from before the
+        parameters are known.
     states_rows, impact_rows : BagRows
         The messages, with what was wrong with them.
 
@@ -92,7 +92,8 @@ class BagStretches:
         self.samples = self.impacts = 0
         self.start_ns: int | None = None
         self.end_ns: int | None = None
-        self.pauses = self.unlogged = self.early = 0
+        self.pauses = self.slips = self.unlogged = self.early = 0
+        self._given, self._snapshots = parameters, 0
         self.faults: list[str] = []
         self.states_rows = BagRows(JointStateColumns(JOINTS, (4, 4, 0)))
         self.impact_rows = BagRows(JointStateColumns(IMPACT_JOINTS, (2, 2, 2)))
@@ -169,8 +170,14 @@ class BagStretches:
         found = self.history.remarks()
         if not self.history.topics.impacts:
             found.append('the topic of the impacts was not recorded: there are only samples')
-        if self.pauses:
-            found.append(f'the rig was paused {self.pauses} times; rig time stood still meanwhile')
+        for count, what in (
+            (self.pauses, 'the rig was paused {}; rig time stood still meanwhile'),
+            (self.slips, 'the machine stalled {}, and the stamps were moved on'),
+        ):
+            if count:
+                found.append(what.format('once' if count == 1 else f'{count} times'))
+        if self._given is not None and self._snapshots:
+            found.append('the bag holds the parameters of its rig: --params was not used')
         if self.early:
             found.append(
                 f'{self.early} messages from before the parameters are known were left out'
@@ -206,11 +213,15 @@ class BagStretches:
             except ParameterError as error:
                 self.faults.append(f'the change at rig time {at_ns / 1e9:.9g} s: {error}')
                 continue
+            if not changed_names(self._rig, rig):
+                continue
             yield from self._cut(at_ns, Beginning.CHANGE, rig)
 
     def _take_snapshot(self, snapshot: Snapshot) -> Iterator[MeteredStretch]:
         rig = self._rig_of(snapshot)
+        self._snapshots += 1
         self.pauses += snapshot.reason == 'resume'
+        self.slips += snapshot.reason == 'slip'
         if not self._pending:
             self._hand_on()
         self._pending = []

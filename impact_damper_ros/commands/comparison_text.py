@@ -93,7 +93,7 @@ def _motion_lines(stretch: StretchComparison) -> Iterator[str]:
 def _overall_lines(overall: Overall) -> Iterator[str]:
     stops = f'{overall.impacts_on_stop_1} on stop 1, {overall.impacts_on_stop_2} on stop 2'
     span = f'{overall.duration:.9g} s'
-    if overall.covered < 0.999 * overall.duration:
+    if overall.covered < (1.0 - 1e-9) * overall.duration:
         span += f' (samples cover {overall.covered:.6g} s)'
     yield (
         f'  overall    largest |X| {overall.x_max:.7g} m, rms X {overall.x_rms:.6g} m in {span}; '

@@ -136,13 +136,14 @@ def replayed_log(
     elif not findings.samples:
         why = 'no sample could be compared'
     else:
-        said = f'replayed bit for bit: {findings.samples} samples, {findings.impacts} impacts'
+        count = findings.difference_count
+        how = f'replayed, with {count} difference{"" if count == 1 else "s"}'
+        said = f'{how if count else "replayed bit for bit"}: {findings.samples} samples, '
+        said += f'{findings.impacts} impacts'
         if findings.control:
             said += f', {findings.control} acts of the gap control'
         said += f', {findings.snapshots} snapshots'
-        if findings.difference_count:
-            said += f'; {findings.difference_count} differences'
-        check = LogCheck(True, said, findings.difference_count, _unchecked(replay))
+        check = LogCheck(True, said, count, _unchecked(replay))
         return LogReplay(check, tuple(findings.kept), tuple(findings.faults))
     check = LogCheck(False, f'{_FROM_MOTION}; not bit for bit, since {why}')
     return LogReplay(check, faults=tuple(findings.faults))

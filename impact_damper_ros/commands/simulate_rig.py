@@ -6,6 +6,7 @@ import argparse
 import heapq
 import itertools
 import math
+import os
 import sys
 import time
 from collections import Counter, deque
@@ -384,6 +385,14 @@ def _run(
     return _summary(rig, counts, impacts_last, swing.largest, spent, commands)
 
 
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    """Refuse two tables in one file."""
+    named = [path for path in (arguments.impacts, arguments.events, arguments.states) if path]
+    for place, path in enumerate(named):
+        if path.resolve() in [other.resolve() for other in named[:place]]:
+            raise ValueError(f'{path}: two tables go to this file; give each one of its own')
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """
     Run the command.
@@ -402,6 +411,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         settings, control = overridden_control(arguments.set, control)
         parameters, initial = overridden(settings, parameters, initial)
+        _check_outputs(arguments)
         changes = timed_changes(arguments.change, parameters, control, arguments.duration)
     except ValueError as error:
         say('simulate_rig', error)
@@ -414,7 +424,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print('simulate_rig: interrupted; what was simulated is written', file=sys.stderr)
         return 130
     except BrokenPipeError:
-        sys.stderr.close()
+        # What is left in the buffer cannot be written either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (RecordingError, RunawayError) as error:
         say('simulate_rig', error)

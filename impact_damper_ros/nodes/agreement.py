@@ -61,7 +61,7 @@ def compare(measured: MeasuredMotion, answer: Answer) -> Agreement:
     near = answer.nearest(rhythm) if rhythm is not None else None
     if rhythm is None or near is None:
         verdict = ''
-        if measured.settled and answer.complete:
+        if measured.settled and answer.complete and answer.applies:
             verdict = 'disagrees'
         elif answer.expected is not None and measured.kind in MOVING:
             verdict = 'not settled'

@@ -65,6 +65,8 @@ class Answer:
         Time since the worker took the request, s.
     error : str
         What went wrong.
+    applies : bool
+        Whether the theory is for such a rig at all.
     """
 
     request: int = 0
@@ -75,6 +77,7 @@ class Answer:
     complete: bool = False
     seconds: float = 0.0
     error: str = ''
+    applies: bool = True
 
     @classmethod
     def from_line(cls, line: bytes) -> Answer:
@@ -91,6 +94,7 @@ class Answer:
             stored['complete'],
             stored['seconds'],
             stored.get('error', ''),
+            stored.get('applies', True),
         )
 
     def nearest(self, measured: Rhythm) -> tuple[PredictedMotion, Apart] | None:

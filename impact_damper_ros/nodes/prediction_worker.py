@@ -74,6 +74,7 @@ def _answer(prediction: Prediction) -> dict[str, Any]:
         'basis': prediction.basis,
         'reason': prediction.reason,
         'complete': prediction.complete,
+        'applies': prediction.applies,
     }
 
 

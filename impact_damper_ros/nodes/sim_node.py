@@ -60,6 +60,7 @@ from impact_damper_ros.nodes.scheduling import (
 )
 from impact_damper_ros.nodes.serialisation import serialised
 from impact_damper_ros.nodes.start_message import Namesakes, start_message
+from impact_damper_ros.rig.description import frequency_hint
 from impact_damper_ros.rig.urdf import robot_description
 
 __all__ = ['SimNode', 'main']
@@ -257,6 +258,9 @@ class SimNode(Node):
         listing = self._dump() if self._recorder.splits else b''
         self.engine.change(rig, serialised(event), control, listing)
         self._describe(after)
+        turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
+        if turned and (hint := frequency_hint(after.rig)):
+            self.get_logger().warning(hint)
         if after.predict_motion != before.predict_motion:
             self._predictor.enable(after.predict_motion)
         if after.record and not before.record:

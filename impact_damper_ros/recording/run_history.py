@@ -219,7 +219,10 @@ class RunHistory:
         found += self.reader.faults()
         if not self.reader.complete:
             cut = self.reader.unusable
-            cause = self.reader.missing or 'its recording was cut short, or a file is missing'
+            cause = self.reader.missing or (
+                'its recording was cut short, or a file is missing (recover_run makes a whole bag '
+                'of what is there)'
+            )
             found.append(
                 f'the bag is not complete: {cause}'
                 + (f' ({cut} bytes at its end belong to no whole message)' if cut else '')

@@ -13,8 +13,10 @@ from recording.test_replay import with_arrival_times
 
 from impact_damper_ros.commands.compare_run import main
 from impact_damper_ros.commands.outcome import outcome
+from impact_damper_ros.commands.replay_run import main as replay_run
 from impact_damper_ros.commands.simulate_rig import main as simulate_rig
 from impact_damper_ros.recording import recover_run
+from impact_damper_ros.recording.messages import decode
 
 
 def run(bag, tmp_path, *arguments):
@@ -441,3 +443,40 @@ def test_interrupted(capsys):
 
     assert outcome('compare_run', work) == 130
     assert 'compare_run: interrupted' in capsys.readouterr().err
+
+
+def test_a_log_that_contradicts_itself_is_said_to(tmp_path):
+    """A mass that is another one in the snapshots than in the parameter events."""
+    messages = RecordedRig(BENCH).start().run(1000).messages
+    for place in places(messages, '/snapshot'):
+        topic, content, stamp = messages[place]
+        held = json.loads(decode('std_msgs/msg/String', content).data)
+        held['state']['parameters']['damper_mass'] *= 2.0
+        text = samples.serialise(samples.STRING, samples.make(samples.STRING, json.dumps(held)))
+        messages[place] = topic, text, stamp
+    code, result = run(samples.record(tmp_path / 'bag', messages, custom=NOTES), tmp_path)
+    assert code == 1
+    (stretch,) = result['stretches']
+    assert stretch['sentence'].startswith('damper_mass on /parameter_events at 0 s is 0.1')
+
+
+def test_a_change_to_the_same_value_is_no_cut(tmp_path):
+    rig = RecordedRig(BENCH).start().run(500)
+    rig.run(500, ('change', {'force_frequencies': BENCH.force_frequencies}))
+    code, result = run(rig.save(tmp_path / 'bag'), tmp_path)
+    assert (code, len(result['stretches'])) == (0, 1)
+
+
+def test_a_rig_that_is_given_to_a_bag_that_names_its_own(bag, tmp_path):
+    code, result = run(bag, tmp_path, '--params', 'paper')
+    assert code == 0
+    assert 'the bag holds the parameters of its rig: --params was not used' in result['remarks']
+
+
+def test_the_same_rms_as_in_a_replay(tmp_path):
+    """Both are integrals along the motion, also between the samples."""
+    bag = RecordedRig(BENCH, rate=100.0).start().run(1500).save(tmp_path / 'bag')
+    result = tmp_path / 'replay.json'
+    assert replay_run([str(bag), '--set', 'gap=0.02', '--json', str(result), '--quiet']) == 0
+    replayed = json.loads(result.read_text())['what_if']['recorded']['rms_x']
+    assert run(bag, tmp_path)[1]['overall']['x_rms'] == pytest.approx(replayed, rel=1e-5)

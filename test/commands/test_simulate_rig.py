@@ -378,3 +378,10 @@ def test_changes_are_recorded(tmp_path, capsys):
 def test_inadmissible_changes(tmp_path, capsys, change, reason):
     assert run(tmp_path, '--duration', '80', '--change', change) == (2, [])
     assert reason in capsys.readouterr().err
+
+
+def test_two_tables_do_not_share_a_file(tmp_path, capsys):
+    path = str(tmp_path / 'a.csv')
+    assert main(['paper', '--duration', '5', '--states', path, '--impacts', path]) == 2
+    assert 'two tables go to this file' in capsys.readouterr().err
+    assert not Path(path).exists()

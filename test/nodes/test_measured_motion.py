@@ -229,6 +229,14 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
             'two incommensurate harmonics',
         ),
         (MEASURED, Answer(1, complete=True), {}, 'none', True, 'theory has none like it'),
+        (
+            MEASURED,
+            Answer(1, reason='gap_control is timed', complete=True, applies=False),
+            {},
+            'none',
+            False,
+            'gap_control is timed',
+        ),
     ],
 )
 def test_what_is_reported_and_when_it_is_a_warning(
