@@ -301,7 +301,9 @@ class Replay:
             return
         self._on_grid += 1
         tick = round(self._time_ns * self._rate / 1e9)
-        if abs(round(tick * 1e9 / self._rate) - self._time_ns) > _OFF_GRID_NS:
+        # Of stamps on whole nanoseconds there are no more than that.
+        wrong = self._rate > 1e9
+        if wrong or abs(round(tick * 1e9 / self._rate) - self._time_ns) > _OFF_GRID_NS:
             topic = self.history.topics.parameter_events
             self._differ(stamp_ns, topic, 'state_rate', self._rate, None)
             self._on_grid = _LOOKED_AT
