@@ -32,7 +32,7 @@ from impact_damper_ros.recording.bag_file import BagFile
 from impact_damper_ros.recording.replay_findings import Verdict
 
 CHANGES = ('--change', '2.4:gap=0.012', '--change', '2.4:angle=0.2', '--change', '5:gap=0.009')
-HEAD = ('/snapshot', '/parameter_events')
+HEAD = ('/snapshot', '/parameter_events', '/robot_description')
 NOTE = Topic('/note', samples.STRING)
 
 
@@ -86,16 +86,16 @@ def test_the_files_together_are_the_run(one, split):
     together, before = [], [()]
     for number, path in enumerate(files_of(split)):
         held = contents(path)
-        assert tuple(topic for topic, *_ in held[:2]) == HEAD
+        assert tuple(topic for topic, *_ in held[:3]) == HEAD
         # A file begins at the tick with which the one before ends.
-        assert {stamp for _, _, stamp, _ in held[:2]} == {number * 2 * 10**9}
-        together += held[2:] if number else held
+        assert {stamp for _, _, stamp, _ in held[:3]} == {number * 2 * 10**9}
+        together += held[3:] if number else held
         if number > 0:
             assert before[-1][::2] == ('/joint_states', held[0][2])
         before = held
     (path,) = files_of(one)
     assert [(t, s, d) for t, _, s, d in together] == [(t, s, d) for t, _, s, d in contents(path)]
-    assert {path.name for path in split.iterdir()} == {*names, 'metadata.yaml'}
+    assert {path.name for path in split.iterdir()} == {*names, 'metadata.yaml', 'rig.urdf'}
 
 
 def test_independent_readers_take_each_file_and_the_bag(split):
@@ -114,7 +114,7 @@ def test_independent_readers_take_each_file_and_the_bag(split):
             min(stamps),
             max(stamps),
         )
-        assert (statistics.message_count, statistics.channel_count) == (len(held), 5)
+        assert (statistics.message_count, statistics.channel_count) == (len(held), 6)
         assert listed == {
             'path': path.name,
             'starting_time': {'nanoseconds_since_epoch': min(stamps)},
