@@ -185,7 +185,8 @@ def timed_changes(
         timed.append((round(time * 1e9), change))
     changes = []
     for time_ns, group in groupby(sorted(timed, key=lambda t: t[0]), key=lambda t: t[0]):
-        given = _values([c for _, c in group], [*PARAMETER_SPECS, *GAP_CONTROL_SPECS], '--change')
+        option = f'--change at {time_ns / 1e9:.9g} s:'
+        given = _values([c for _, c in group], [*PARAMETER_SPECS, *GAP_CONTROL_SPECS], option)
         try:
             parameters = parameters.replace(**_among(given, PARAMETER_SPECS))
             control = control.replace(**_among(given, GAP_CONTROL_SPECS))
