@@ -118,7 +118,6 @@ def replayed_log(
         replay = Replay(RunHistory(path, node, purpose='compare'), adopt=True)
     except RecordingError as error:
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; it could not be replayed: {error}'))
-    findings = replay.run(progress)
     arithmetic = replay.history.start.arithmetic
     if arithmetic > ARITHMETIC:
         newer = (
@@ -126,6 +125,7 @@ def replayed_log(
             f'{ARITHMETIC}: use the version of impact_damper_ros that recorded it'
         )
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; {newer}'), faults=(newer,))
+    findings = replay.run(progress)
     if arithmetic != ARITHMETIC and findings.by_topic.keys() & {
         replay.history.topics.joint_states,
         replay.history.topics.impacts,

@@ -207,25 +207,6 @@ class RigRecorder:
         """Yield the instants of the ticks after the start, s: the rig must stop at each."""
         return (self._instant_ns(tick) / 1e9 for tick in range(1, self._last + 1))
 
-    def look(self, instant: float, events: Iterable[Event]) -> None:
-        """
-        Record what happened up to an instant, at which the rig stands.
-
-        Parameters
-        ----------
-        instant : float
-            The instant, s: a tick, or one between two.
-        events : iterable of Event
-            Everything since the last instant.
-
-        Raises
-        ------
-        RecordingError
-            If the recording has failed.
-        """
-        self.happened(events)
-        self.reached(instant)
-
     def reached(self, instant: float) -> None:
         """Record the joint states if a tick is due at an instant, s, at which the rig stands."""
         if self._due <= self._last and instant == self._instant_ns(self._due) / 1e9:

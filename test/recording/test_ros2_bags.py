@@ -28,7 +28,8 @@ def bag(tmp_path_factory):
     values = {name: v for part in parts for name, v in part.as_dict().items()}
     recorder = RigRecorder(directory, rig, values, 200.0, 7.0)
     for instant in recorder.ticks():
-        recorder.look(instant, rig.advance(instant))
+        recorder.happened(rig.advance(instant))
+        recorder.reached(instant)
     recorder.close()
     return directory
 
