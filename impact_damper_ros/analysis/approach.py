@@ -21,7 +21,7 @@ __all__ = ['DecayRate', 'decay_rate', 'distances_to', 'period_states']
 
 #: Differences of successive periods between which the decay is measured: the linear regime.
 _LINEAR = 5e-3
-_FLOORS = 300.0
+_NOISE_FLOORS = 300.0
 _LEAST_PERIODS = 8
 _PERIODS_PER_RANK = 4
 _MOST_RANK = 4
@@ -100,7 +100,7 @@ def decay_rate(states: Array, floor: float) -> DecayRate:
     large = np.flatnonzero(sizes > _LINEAR)
     start = int(large[-1]) + 1 if len(large) else 0
     largest_later = np.maximum.accumulate(sizes[::-1])[::-1]
-    small = np.flatnonzero(largest_later < _FLOORS * floor)
+    small = np.flatnonzero(largest_later < _NOISE_FLOORS * floor)
     stop = int(small[0]) if len(small) else len(sizes)
     count = stop - start
     if count < _LEAST_PERIODS:

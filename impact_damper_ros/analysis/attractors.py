@@ -18,7 +18,7 @@ __all__ = ['FAILED', 'identified']
 _SAME = 1e-3
 #: Stands for the attractor of a rig that could not be simulated.
 FAILED = -1
-_SECTION = ('section_x', 'section_velocity', 'section_offset', 'section_relative_velocity')
+_SECTION_NAMES = ('section_x', 'section_velocity', 'section_offset', 'section_relative_velocity')
 
 
 class _Known(NamedTuple):
@@ -35,7 +35,7 @@ def _kind(row: Row) -> Hashable:
 
 def _section(row: Row) -> NDArray[np.float64]:
     """Return the section of a motion that repeats, relative to its size; shape (4, k)."""
-    section = np.array([row[name] for name in _SECTION], dtype=float)
+    section = np.array([row[name] for name in _SECTION_NAMES], dtype=float)
     size = row['x_max'] + float(np.ptp(section[2])) or 1.0
     section /= size * np.array([[1.0], [math.tau / row['cycle']]] * 2).reshape(4, 1)
     if row['impacts'] == 0:

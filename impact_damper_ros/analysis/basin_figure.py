@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .attractors import FAILED
-from .paper_drawing import blank_figure
+from .drawing import blank_figure
 from .sweep_drawing import axis_label, edges, fixed_text
 from .sweep_summary import attractor_text, attractors_of
 from .sweep_table import SweepTable

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .paper_drawing import BLUE, ORANGE, blank_figure, finish_panel
+from .drawing import BLUE, ORANGE, blank_figure, finish_panel
 from .sweep_drawing import axis_label, fixed_text, grid_of, measure_label, times
 from .sweep_optimum import Optimum
 from .sweep_table import SweepTable

@@ -17,7 +17,7 @@ from .run_curves import Array
 __all__ = ['FollowedRig']
 
 #: A stamp is rounded to the nanosecond; an impact is looked for so much later.
-_STAMP_S = 2e-9
+_ROUNDED_S = 2e-9
 _ROUND_OFF = 1e-14
 _WEAK = 1e-3
 _RELATIVE = np.array(
@@ -107,7 +107,7 @@ class FollowedRig:
         last = first + 1
         duration = float(knots.time[last] - knots.time[first])
         at_impact = knots.stop[last] > 0.0
-        course = self.course(knots, first, duration + (_STAMP_S if at_impact else 0.0))
+        course = self.course(knots, first, duration + (_ROUNDED_S if at_impact else 0.0))
         if course is None:
             return None
         hits = [i for i in course.incidents if i.kind is EventKind.IMPACT]
@@ -116,8 +116,8 @@ class FollowedRig:
         strong = [hit for hit in hits if abs(hit.relative_before) > _WEAK * speed]
         if not at_impact:
             return None if strong else _state_of(course)
-        there = [hit for hit in hits if hit.time >= duration - _STAMP_S]
-        if any(hit.time < duration - _STAMP_S for hit in strong) or not there:
+        there = [hit for hit in hits if hit.time >= duration - _ROUNDED_S]
+        if any(hit.time < duration - _ROUNDED_S for hit in strong) or not there:
             return None
         hit = there[0]
         if hit.stop != int(knots.stop[last]):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
+from .drawing import BLUE, ORANGE, blank_figure, finish_panel
 from .gap_study_findings import LevelSweep, Results, broadband, level_sweep
 from .gap_study_ideal import ideal_ratio
 from .gap_study_plan import (
@@ -18,7 +19,6 @@ from .gap_study_plan import (
     sensitivity_values,
     sweep_frequencies,
 )
-from .paper_drawing import BLUE, ORANGE, blank_figure, finish_panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from statistics import fmean
 
+from .drawing import save_figure
 from .gap_study_figures import FIGURES
 from .gap_study_findings import Results, broadband, level_sweep, targets
 from .gap_study_ideal import ideal_ratio
@@ -20,7 +21,6 @@ from .gap_study_plan import (
     sweep_frequencies,
 )
 from .gap_study_text import CAPTIONS, INTRODUCTION, LAW_TEXT, LIMITS
-from .paper_drawing import save_figure
 
 __all__ = ['report_text', 'write_study']
 

@@ -7,17 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.orbits.optimum import Limit
 
-from .paper_drawing import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    blank_figure,
-    draw_curves,
-    draw_marks,
-    finish_panel,
-    legend_below,
-)
+from .drawing import BLUE, GREEN, ORANGE, PURPLE, blank_figure, finish_panel
+from .paper_drawing import draw_curves, draw_marks, legend_below
 from .paper_optimal_gap import OptimumPoint
 from .paper_plan import Series
 from .paper_rigs import CASES, VARIABLES

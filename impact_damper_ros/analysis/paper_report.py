@@ -7,6 +7,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from .drawing import save_figure
 from .paper_claims import Claim, claims_table
 from .paper_claims_gap import agreement_claims, gap_claims, vertical_claims
 from .paper_claims_response import (
@@ -15,7 +16,6 @@ from .paper_claims_response import (
     optimum_claims,
     response_claims,
 )
-from .paper_drawing import save_figure
 from .paper_figures import (
     draw_figure_2,
     draw_figure_3,

@@ -17,7 +17,7 @@ __all__ = ['Side', 'draw_what_if']
 
 RECORDED = '#0b3c5d'
 WHAT_IF = '#d1495b'
-DAMPER = '#6d6875'
+REPLAY_DAMPER = '#6d6875'
 STOP = '#8d99ae'
 IMPACT = 'gold'
 #: Changes that are written out; more of them are only marked.
@@ -55,7 +55,7 @@ def _scale(sides: Sequence[Side]) -> tuple[float, str]:
     return 1e6, 'µm'
 
 
-def _overview(
+def _replay_overview(
     axes: Any,
     sides: Sequence[Side],
     changes: Sequence[tuple[float, str]],
@@ -120,7 +120,7 @@ def _closeup(axes: Any, side: Side, other: Side, color: str, scale: tuple[float,
         alpha=0.8,
     )
     axes.plot(motion.time, factor * motion.x, color=color, linewidth=1.9)
-    axes.plot(motion.time, factor * motion.z, color=DAMPER, linewidth=1.2)
+    axes.plot(motion.time, factor * motion.z, color=REPLAY_DAMPER, linewidth=1.2)
     for stop, marker in ((1, '^'), (2, 'v')):
         chosen = motion.impact_stop == stop
         axes.plot(
@@ -142,7 +142,7 @@ def _closeup(axes: Any, side: Side, other: Side, color: str, scale: tuple[float,
         axes.set_xlim(motion.time[0], motion.time[-1])
 
 
-def _legend(figure: Figure) -> None:
+def _replay_legend(figure: Figure) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -154,7 +154,7 @@ def _legend(figure: Figure) -> None:
     handles = [
         Line2D([], [], color=RECORDED, linewidth=1.9, label='X recorded'),
         Line2D([], [], color=WHAT_IF, linewidth=1.9, label='X what if'),
-        Line2D([], [], color=DAMPER, linewidth=1.2, label='loose mass Z'),
+        Line2D([], [], color=REPLAY_DAMPER, linewidth=1.2, label='loose mass Z'),
         Patch(facecolor=STOP, alpha=0.5, label='stops'),
         Line2D([], [], marker='^', label='impact on stop 1', **mark),
         Line2D([], [], marker='v', label='impact on stop 2', **mark),
@@ -191,14 +191,14 @@ def draw_what_if(
     scale = _scale(sides)
     figure = Figure(figsize=(11, 7.2), layout='constrained')
     grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.5))
-    _overview(figure.add_subplot(grid[0, :]), sides, changes, scale)
+    _replay_overview(figure.add_subplot(grid[0, :]), sides, changes, scale)
     left = figure.add_subplot(grid[1, 0])
     right = figure.add_subplot(grid[1, 1], sharey=left)
     _closeup(left, recorded, what_if, RECORDED, scale)
     _closeup(right, what_if, recorded, WHAT_IF, scale)
     left.set_ylabel(f'position along the axis [{scale[1]}]')
     right.tick_params(labelleft=False)
-    _legend(figure)
+    _replay_legend(figure)
     if title:
         figure.suptitle(title, fontsize=12)
     return figure

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .drawing import ORANGE, blank_figure
 from .motion_kind import MotionKind
-from .paper_drawing import ORANGE, blank_figure
 from .sweep_axes import Axis
 from .sweep_drawing import axis_label, edges, fixed_text, grid_of, measure_label, times
 from .sweep_optimum import Optimum

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .basin_figure import basin_figure
 from .bifurcation_figure import bifurcation_figure
-from .paper_drawing import save_figure
+from .drawing import save_figure
 from .surface_figure import surface_figure
 from .sweep_optimum import Optimum
 from .sweep_table import SweepTable

@@ -19,7 +19,9 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
-    Channel,
+    Channel as McapChannel,
+)
+from mcap.records import (
     Chunk,
     ChunkIndex,
     DataEnd,
@@ -89,7 +91,7 @@ class ChunkWriter:
         # Kept: making one anew for each chunk would take and touch a megabyte of memory each time.
         self._compressor = zstandard.ZstdCompressor()
         self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._channels: list[McapChannel] = []
         # Records for the summary, as bytes: there are thousands in a long run.
         self._chunks: list[bytes] = []
         self._metadata: list[MetadataIndex] = []
@@ -124,7 +126,7 @@ class ChunkWriter:
         self, topic: str, message_encoding: str, schema: int, metadata: Mapping[str, str]
     ) -> int:
         """Put a channel with the schema of a number into the present chunk; return its own."""
-        channel = Channel(
+        channel = McapChannel(
             id=len(self._channels) + 1,
             topic=topic,
             message_encoding=message_encoding,

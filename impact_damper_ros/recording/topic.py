@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from . import interface
+from .interface import definition, type_hash
 
 __all__ = ['LATCHED', 'LONGEST_YAML', 'Channel', 'QosProfile', 'Topic', 'dump_yaml', 'load_yaml']
 
@@ -101,8 +101,8 @@ class Topic:
         return Channel(
             topic=self.name,
             type=self.type,
-            schema=interface.definition(self.type).encode(),
-            type_hash=interface.type_hash(self.type),
+            schema=definition(self.type).encode(),
+            type_hash=type_hash(self.type),
             qos_profiles=(self.qos.as_mapping(),),
         )
 

@@ -24,7 +24,7 @@ from .stretch import EVENT_TYPE
 __all__ = ['AccountedSimulator', 'ModeAccount']
 
 #: Most events that are gone through for samples ahead.
-_MOST_AHEAD = 1000
+_MOST_INSTANTS = 1000
 
 
 class ModeAccount(NamedTuple):
@@ -116,7 +116,7 @@ class AccountedSimulator(Simulator):
         rows = np.empty((len(instants), len(Sample._fields)))
         progress = self._loop.run(
             Progress(DONE, self._loop.packed(self._origin), self._time, 0, 0, 0),
-            *(float(instants[-1]), instants, rows, np.empty(0, EVENT_TYPE), _MOST_AHEAD),
+            *(float(instants[-1]), instants, rows, np.empty(0, EVENT_TYPE), _MOST_INSTANTS),
             np.zeros(len(Mode)),
         )
         self._ahead = rows[: progress.sampled][::-1].tolist()
