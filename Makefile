@@ -21,7 +21,7 @@ help:  ## this list
 
 demo:  ## run the live rig for half a minute, record it, hold it against theory: see demo_run/
 	@$(VENV) ros,plot
-	@$(PY) -u -m impact_damper_ros.commands.demo
+	@$(PY) -u -m impact_damper_ros.cli.demo
 
 test:  ## run all tests
 	@$(VENV) ros,plot,test
@@ -49,7 +49,7 @@ bench:  ## measure speed, accuracy and jitter against general tools (some minute
 	@$(VENV) ros,plot,test
 	@$(PY) benchmarks/simulator.py $(ARGS)
 	@$(PY) benchmarks/orbits.py $(ARGS)
-	@$(PY) benchmarks/compare.py
+	@$(PY) benchmarks/compare_run.py
 	@$(PY) benchmarks/node.py $(ARGS)
 
 env:  ## only make .venv, with all tools for development

@@ -30,7 +30,7 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={
-        NAME: ['py.typed', 'analysis/report_template/*', 'recording/definitions/**/*'],
+        NAME: ['py.typed', 'report/template/*', 'bag/definitions/**/*'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),

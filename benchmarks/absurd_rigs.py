@@ -30,7 +30,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from impact_damper_ros.recording import RunReader
+from impact_damper_ros.bag import RunReader
 
 #: How long each rig is left at it before it is asked.
 AT_IT_S = 2.0
@@ -138,7 +138,7 @@ def bag_states(directory: Path) -> dict[str, Any]:
         'messages': reader.message_count,
     }
     for tool in TOOLS:
-        command = [sys.executable, '-m', f'impact_damper_ros.commands.{tool}', str(bag)]
+        command = [sys.executable, '-m', f'impact_damper_ros.cli.{tool}', str(bag)]
         if tool == 'recover_run':
             command += ['--output', str(directory / 'recovered')]
         try:

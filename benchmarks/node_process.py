@@ -95,7 +95,7 @@ def node_command(rate: int, **parameters: object) -> list[str]:
     given = {'state_rate': float(rate), **parameters}
     texts = {n: str(v).lower() if isinstance(v, bool) else str(v) for n, v in given.items()}
     return [
-        *(sys.executable, '-m', 'impact_damper_ros.nodes.sim_node'),
+        *(sys.executable, '-m', 'impact_damper_ros.node.sim_node'),
         *('--ros-args', '--params-file', str(RIG)),
         *(word for name, text in texts.items() for word in ('-p', f'{name}:={text}')),
     ]

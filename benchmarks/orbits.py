@@ -14,11 +14,10 @@ import sys
 import time
 from pathlib import Path
 
-from impact_damper_ros.analysis.paper_plan import sweeps_of
-from impact_damper_ros.analysis.paper_settled import settle
-from impact_damper_ros.analysis.paper_sweep import enumerated_curves, followed_curves
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import RigParameters, Simulator
+from impact_damper_ros.studies.paper.curves import enumerated_curves, followed_curves, settle
+from impact_damper_ros.studies.paper.plan import sweeps_of
 
 GOLDEN = {
     'horizontal, r=1': RigParameters(gravity=0.0),

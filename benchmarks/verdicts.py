@@ -35,9 +35,9 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from impact_damper_ros.commands import compare_run, replay_run, simulate_rig
-from impact_damper_ros.commands.bag_stretches import BagStretches
-from impact_damper_ros.commands.log_replay import replayed_log
+from impact_damper_ros.cli import compare_run, replay_run, simulate_rig
+from impact_damper_ros.compare.bag_stretches import BagStretches
+from impact_damper_ros.compare.log_replay import replayed_log
 
 ROOT = Path(__file__).parents[1]
 BENCH, PAPER = (str(ROOT / 'config' / f'{name}.yaml') for name in ('bench_rig', 'paper'))

@@ -63,7 +63,7 @@ def begin(command: str) -> None:
 def begin_module() -> None:
     """Do `begin` for a command that ``python -m`` is just looking for, if it is one of these."""
     named = [word.split('.') for word in sys.orig_argv if word.startswith(f'{_PACKAGE}.')]
-    if named and named[0][1:-1] in (['commands'], ['nodes']):
+    if named and named[0][1:-1] in (['cli'], ['node']):
         begin(named[0][-1])
 
 
@@ -126,7 +126,7 @@ def _end(command: str, *_: object) -> None:
     os._exit(EXIT_INTERRUPTED)
 
 
-def _command(name: str, package: str = 'commands') -> int:
+def _command(name: str, package: str = 'cli') -> int:
     """Import a command and run it."""
     begin(name)
     return run(name, import_module(f'{_PACKAGE}.{package}.{name}').main)
@@ -136,7 +136,7 @@ compare_run = partial(_command, 'compare_run')
 recover_run = partial(_command, 'recover_run')
 replay_run = partial(_command, 'replay_run')
 reproduce_paper = partial(_command, 'reproduce_paper')
-sim_node = partial(_command, _NODE, 'nodes')
+sim_node = partial(_command, _NODE, 'node')
 simulate_rig = partial(_command, 'simulate_rig')
 solve_periodic = partial(_command, 'solve_periodic')
 study_gap_control = partial(_command, 'study_gap_control')

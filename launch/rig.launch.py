@@ -27,8 +27,8 @@ from launch_ros.utilities import make_namespace_absolute, prefix_namespace
 
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import load_parameters
-from impact_damper_ros.rig.presets import preset_file
-from impact_damper_ros.rig.urdf import robot_description, rviz_setup
+from impact_damper_ros.rig.description import robot_description, rviz_setup
+from impact_damper_ros.rig.parameters_file import preset_file
 
 SHARE = FindPackageShare('impact_damper_ros')
 

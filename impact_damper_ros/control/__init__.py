@@ -6,9 +6,9 @@ What is known of the published law, and what is reconstruction or extension, sta
 """
 
 from .controlled_rig import ControlledRig, completed
-from .damper import Damper, damper_of
+from .controller import CONTROL_JOINTS, Action, ControlRecord
+from .law import Damper, damper_of
 from .parameters import GAP_CONTROL_SPECS, GapControlParameters
-from .record import CONTROL_JOINTS, Action, ControlRecord
 
 __all__ = [
     'CONTROL_JOINTS',

@@ -14,11 +14,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .damper import Damper
-from .measurement import Measurement
-from .observer import Observer
+from .law import Damper, Search
 from .parameters import GapControlParameters
-from .search import Search
+from .sensors import Measurement, Observer
 
 __all__ = ['StopTiming', 'symmetric_gap']
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from impact_damper_ros.rig import ParameterError, ParameterSpec
-from impact_damper_ros.rig.parameter_spec import (
+from impact_damper_ros.rig.parameters import (
     Value,
     check_fields,
     double_field,
@@ -21,6 +21,7 @@ from impact_damper_ros.rig.parameter_spec import (
 )
 
 __all__ = ['GAP_CONTROL_SPECS', 'GapControlParameters']
+
 
 _SLOWEST_STOP = 1e-6
 

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
-from .damper import Damper
-from .measurement import Measurement
-from .observer import Observer, Passage
+from .law import Damper
 from .parameters import GapControlParameters
+from .sensors import Measurement, Observer, Passage
 
 __all__ = ['Closing', 'TimedLaw', 'stop_to_close']
+
 
 #: Least approach speed with independent stops, over |X'|.
 _LEAST_APPROACH = 0.5

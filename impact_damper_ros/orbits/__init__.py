@@ -4,16 +4,13 @@ Periodic motions of the rig: found, followed, judged for stability and viability
 Importable without ROS; needs numpy.
 """
 
-from .continuation import Branch, continue_orbit, switch_branch
-from .equations import ImpactEquations
-from .error import OrbitError, plausible_stops
-from .nearby import orbit_near
+from .continuation import Branch, SpecialKind, SpecialPoint, continue_orbit, switch_branch
+from .equations import ImpactEquations, OrbitError, plausible_stops
+from .impact_solver import StartReport
 from .optimum import OptimalGap, optimal_gap
 from .orbit import Node, PeriodicOrbit
-from .report import StartReport
 from .search import OrbitSearch, find_orbits
-from .shooting import Section, section_on, shoot
-from .special_points import SpecialKind, SpecialPoint
+from .shooting import Section, orbit_near, section_on, shoot
 
 __all__ = [
     'Branch',

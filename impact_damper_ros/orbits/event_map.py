@@ -44,6 +44,7 @@ from .floquet import flight_matrix, impact_matrix, joint_matrix, saltation
 
 __all__ = ['Course', 'Incident', 'Stretch', 'origin_at', 'run_course']
 
+
 #: More events in one period than any motion that is sought.
 MOST_EVENTS = 2000
 

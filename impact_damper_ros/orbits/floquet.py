@@ -39,6 +39,7 @@ __all__ = [
     'section_monodromy',
 ]
 
+
 _RELATIVE_PLACE = np.array([-1.0, 0.0, 1.0, 0.0])
 
 

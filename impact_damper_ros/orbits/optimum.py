@@ -19,11 +19,12 @@ import numpy as np
 
 from impact_damper_ros.rig import RigParameters
 
-from .error import OrbitError, check_forcing
+from .equations import OrbitError, check_forcing
 from .orbit import PeriodicOrbit
 from .search import find_orbits
 
 __all__ = ['Limit', 'OptimalGap', 'gap_range', 'optimal_gap', 'smallest_motion']
+
 
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _MOST_STEPS = 80

@@ -10,18 +10,15 @@ import numpy as np
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.mode import make_machine
 
-from .enumeration import one_impact_roots, two_impact_roots
-from .equations import Array, ImpactEquations
-from .error import check_forcing, check_stops, single_harmonic
+from .equations import Array, ImpactEquations, check_forcing, check_stops, single_harmonic
 from .floquet import monodromy, multipliers_of
-from .many_impacts import many_impact_roots
-from .newton import Root
+from .impact_solver import Root, StartReport, many_impact_roots, one_impact_roots, two_impact_roots
 from .orbit import PeriodicOrbit
-from .report import StartReport
-from .shooting_starts import shot_orbits
+from .shooting import shot_orbits
 from .viability import assumed_flights, largest_displacement, why_not_viable
 
 __all__ = ['OrbitSearch', 'counted_as', 'find_orbits', 'orbit_of', 'within_theory']
+
 
 #: Motions closer than this, relative to their size, are the same.
 SAME = 1e-7

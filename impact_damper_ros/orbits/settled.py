@@ -16,6 +16,7 @@ from impact_damper_ros.rig import (
 
 __all__ = ['repeated_impacts', 'settled_impacts', 'starting_points', 'windows']
 
+
 # Far more events than the motions sought have; a rig that chatters all the time is left early.
 _EVENTS_PER_CYCLE = 60
 

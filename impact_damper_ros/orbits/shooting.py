@@ -1,5 +1,5 @@
 """
-Shooting: periodic motions as fixed points of the event map.
+Shooting: periodic motions as fixed points of the event map, and the starts for it.
 
 For what the impact equations leave out: flights that return to the stop they came from against
 friction, where friction reverses within the flight, and motions with sticking or rest. The period
@@ -11,21 +11,35 @@ gap and (X, X') where it rests on a stop, instead of (X, X', Y, Y').
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, Machine, Origin, make_machine
 
-from .equations import Array
-from .error import check_forcing
+from .equations import Array, check_forcing
 from .event_map import Course, Stretch, origin_at, run_course
 from .floquet import multipliers_of
+from .impact_solver import StartReport
 from .orbit import Node, PeriodicOrbit
-from .turning import swing_extremes
+from .settled import starting_points
+from .viability import swing_extremes
 
-__all__ = ['Section', 'follow_section', 'orbit_on', 'section_of', 'section_on', 'shoot']
+__all__ = [
+    'Section',
+    'carried_over',
+    'follow_section',
+    'orbit_near',
+    'orbit_on',
+    'section_of',
+    'section_on',
+    'settled_sections',
+    'shoot',
+    'shot_orbits',
+]
+
 
 #: Largest change of the state over a period, relative to its size.
 RESIDUAL_TOLERANCE = 1e-11
@@ -343,3 +357,202 @@ def _orbit(
             if i.kind is not EventKind.IMPACT
         ),
     )
+
+
+_SETTLING_CYCLES = 120
+_STARTS_PER_RUN = 3
+_MOST_EVENTS = 200
+_BUSY_PERIODS = 8
+_FIRST_SHARE = 0.25
+_LEAST_SHARE = 1.0 / 64.0
+
+
+def settled_sections(
+    parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
+) -> Iterator[Section]:
+    """
+    Yield states of simulated motion, after it has had time to settle.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    cycles : int
+        Period looked for, in cycles of the force.
+    most_events : int, optional
+        A run is left once several periods in a row have more events than this.
+
+    Yields
+    ------
+    Section
+        Several from each of several initial conditions.
+    """
+    machine = make_machine(parameters)
+    period = cycles * math.tau / parameters.force_frequencies[0]
+    for initial in starting_points(parameters):
+        origin = origin_at(
+            machine,
+            0.0,
+            initial.initial_primary_position,
+            initial.initial_primary_velocity,
+            initial.initial_damper_offset - machine.stop,
+            initial.initial_damper_velocity - initial.initial_primary_velocity or 1e-9,
+            0,
+            0,
+        )
+        busy = 0
+        periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
+        for i in range(periods):
+            course = run_course(machine, origin, period, differentiate=False)
+            if course is None:
+                break
+            busy = busy + 1 if len(course.incidents) > most_events else 0
+            if busy > _BUSY_PERIODS:
+                break
+            origin = course.end
+            if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
+                yield section_of(machine, course, 0.0)
+
+
+def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
+    """
+    Follow a motion from a simpler rig to another one.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        A viable motion of the rig without friction, or with the first harmonic only, or both.
+    parameters : RigParameters
+        The rig with friction and all harmonics.
+
+    Returns
+    -------
+    PeriodicOrbit or None
+        The motion with the same stops there; None if it is lost on the way.
+    """
+    section = section_on(orbit)
+    simple = orbit.parameters.friction
+    done, share = 0.0, _FIRST_SHARE
+    found: PeriodicOrbit | None = None
+    while done < 1.0:
+        if section is None or share < _LEAST_SHARE:
+            return None
+        ahead = min(1.0, done + share)
+        first, *others = parameters.force_amplitudes
+        rig = parameters.replace(
+            friction=simple + ahead * (parameters.friction - simple),
+            force_amplitudes=(first, *(ahead * other for other in others)),
+        )
+        shot = shoot(rig, section, orbit.cycles)
+        if shot is None or shot[0].stops not in _turns(orbit.stops):
+            share *= 0.5
+            continue
+        found = shot[0]
+        section = section_on(found) or shot[1]
+        done, share = ahead, 1.5 * share
+    return found
+
+
+def _turns(stops: tuple[int, ...]) -> list[tuple[int, ...]]:
+    return [stops[i:] + stops[:i] for i in range(len(stops))]
+
+
+def shot_orbits(
+    parameters: RigParameters,
+    stops: tuple[int, ...],
+    cycles: int,
+    simpler: Sequence[PeriodicOrbit],
+    *,
+    simulate: bool = True,
+) -> tuple[list[PeriodicOrbit], StartReport]:
+    """
+    Find motions of one stop sequence with the shooting solver.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    stops : tuple of int
+        Stops hit in one period.
+    cycles : int
+        Period in cycles of the force.
+    simpler : sequence of PeriodicOrbit
+        Viable motions with these stops of the rig without friction or further harmonics.
+    simulate : bool, optional
+        Whether simulated motion gives starts too.
+
+    Returns
+    -------
+    orbits : list of PeriodicOrbit
+        What was found; the same may be there more than once, and counted from any impact.
+    report : StartReport
+        How many starts converged.
+    """
+    carried = [carried_over(orbit, parameters) for orbit in simpler]
+    orbits = [orbit for orbit in carried if orbit is not None]
+    converged = len(orbits)
+    simulated = simulated_converged = 0
+    if simulate:
+        # Impacts, as many reversals, and room for sticking
+        most_events = 4 * len(stops) + 8
+        for section in settled_sections(parameters, cycles, most_events):
+            simulated += 1
+            shot = shoot(parameters, section, cycles)
+            if shot is not None:
+                simulated_converged += 1
+                if shot[0].stops in _turns(stops):
+                    orbits.append(shot[0])
+    return orbits, StartReport(
+        stops=stops,
+        method='shooting',
+        starts=len(simpler),
+        converged=converged,
+        simulated=simulated,
+        simulated_converged=simulated_converged,
+        distinct=len(orbits),
+    )
+
+
+def orbit_near(
+    parameters: RigParameters, impact: Event, phase: float, cycles: int
+) -> PeriodicOrbit | None:
+    """
+    Shoot for a periodic motion from the state just after an impact.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    impact : Event
+        The impact.
+    phase : float
+        Its instant in cycles of the force since its zero angle.
+    cycles : int
+        Period looked for, in cycles of the force.
+
+    Returns
+    -------
+    PeriodicOrbit or None
+        The motion that Newton's method leads to; None if it does not converge.
+    """
+    guess = PeriodicOrbit(
+        parameters=parameters,
+        stops=(impact.stop,),
+        cycles=cycles,
+        phases=(phase % cycles,),
+        x=(impact.x,),
+        primary_velocity_before=(impact.primary_velocity_before,),
+        primary_velocity_after=(impact.primary_velocity_after,),
+        damper_velocity_before=(impact.damper_velocity_before,),
+        damper_velocity_after=(impact.damper_velocity_after,),
+        x_max=math.nan,
+        multipliers=(),
+        stable=False,
+        viable=False,
+        reason='a guess',
+        residual=math.inf,
+        residual_history=(),
+    )
+    section = section_on(guess)
+    shot = None if section is None else shoot(parameters, section, cycles)
+    return None if shot is None else shot[0]

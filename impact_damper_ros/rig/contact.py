@@ -1,5 +1,12 @@
 """
-The certified first event of a flight.
+The certified first event of a flight: the quick search along a grid, and the certificate.
+
+Between two nodes of a grid (`grid`) a function and its first derivative are known at both ends,
+and its fourth derivative is bounded. So it lies within bound step^4/384 of the Hermite cubic, and
+far closer near the nodes, which tells whether m has just left a stop or comes back to it. As long
+as that leaves no doubt of what happens between the nodes, the search goes on; where a function
+falls to zero for the first time, it does not matter how its root is found. In doubt the search
+says so, and certified steps take over (`contact`).
 
 Each flight watches a few functions: clearances, the relative speed, the support that is left. A
 stop that moves adds a constant to the first derivative of its clearance, and nothing else.
@@ -14,10 +21,10 @@ is. A flight that begins with a release has neither, and is led by its jerk.
 
 from __future__ import annotations
 
-from math import inf
+from math import copysign, inf
 
 from .certificate import ROUND_OFF, least_step, look_ahead, look_past, safe_step
-from .event_codes import (
+from .event import (
     ARRIVAL,
     CONTACT_1,
     CONTACT_2,
@@ -29,9 +36,19 @@ from .event_codes import (
     STOP_ARRIVED_2,
 )
 from .flight import Flight, FlightEnd, Motion, end_at, motion_at, unfinished
-from .grid_search import search_contact, search_release
 from .kernels import kernel
 from .oscillator import Oscillator, derivative_bound
+from .roots import (
+    Node,
+    Relative,
+    acceleration_of,
+    base_node,
+    contact_root,
+    falling_root,
+    jerk_of,
+    next_node,
+    polished,
+)
 
 __all__ = [
     'ARRIVAL',
@@ -46,7 +63,353 @@ __all__ = [
     'chatter_end',
     'first_event',
     'flight_end',
+    'keeps_sign',
+    'search_contact',
+    'search_release',
 ]
+
+
+#: What positions, velocities and accelerations at the nodes may be wrong by, as a part of their
+#: terms.
+_NODE_ERROR = 1e-13
+
+# What `_in_doubt` has found
+_CLOSING, _CLEAR, _ENDED = range(3)
+
+
+@kernel(inline=True)
+def keeps_sign(
+    f_a: float, d_a: float, f_b: float, d_b: float, step: float, bound: float, error: float
+) -> bool:
+    """
+    Return whether a function is certain to be positive between two nodes.
+
+    Parameters
+    ----------
+    f_a, d_a, f_b, d_b : float
+        The function and its first derivative at the nodes; `f_a` may be zero.
+    step : float
+        Time between the nodes.
+    bound : float
+        Bound of the fourth derivative's modulus between them.
+    error : float
+        Bound of the round-off in the values.
+
+    Notes
+    -----
+    With s = (t - t_a)/step the function is no less than
+
+        f_a (1-s)^3 + 3 c_1 s (1-s)^2 + 3 c_2 s^2 (1-s) + f_b s^3 - bound step^4/24 s^2 (1-s)^2
+
+    where c_1 and c_2 are the inner Bernstein coefficients of the Hermite cubic; either inner term
+    outweighs the last one, if its coefficient is at least bound step^4/72.
+    """
+    third = step * (1.0 / 3.0)
+    c_1 = f_a + third * d_a
+    c_2 = f_b - third * d_b
+    least = bound * (step * step) * (step * step) * (1.0 / 72.0) + error
+    return f_a >= 0.0 and f_b > error and c_1 >= error and c_2 >= error and max(c_1, c_2) >= least
+
+
+@kernel
+def _turn(
+    flight: Flight,
+    side: float,
+    node: Node,
+    start: Relative,
+    rate: float,
+    t_b: float,
+    speed_b: float,
+    rate_b: float,
+    bound_5: float,
+    error: float,
+) -> FlightEnd:
+    """
+    Return the reversal between two nodes, or the contact that comes before it.
+
+    Parameters
+    ----------
+    flight : Flight
+        The flight.
+    side : float
+        Direction of the motion, +1 or -1.
+    node, start, rate : Node, Relative, float
+        The first node, and the relative acceleration there.
+    t_b, speed_b, rate_b : float
+        Time, speed and acceleration at the second one, the latter two in that direction.
+    bound_5 : float
+        Bound of the fourth derivative of the speed.
+    error : float
+        Bound of the round-off in the speeds.
+    """
+    t_a = start.tau
+    speed_a = side * start.speed
+    rate_a = side * rate
+    if not (speed_a > error and speed_b < -error):
+        return unfinished(NO_EVENT, t_a)
+    guess = falling_root(speed_a, rate_a, speed_b, rate_b, t_b - t_a)
+    end: FlightEnd = polished(flight, REVERSAL, int(side), t_a + guess, t_a, t_b)
+    if end.kind == NO_EVENT:
+        return end
+    # Backwards from there the speed only grows from zero: it is the first reversal.
+    span = end.tau - t_a
+    if not keeps_sign(0.0, -end.slope, speed_a, -rate_a, span, bound_5, error):
+        return unfinished(NO_EVENT, t_a)
+    clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
+    left = clearance - side * end.travel
+    if left > _NODE_ERROR * (abs(end.x) + abs(flight.x) + abs(end.travel)):
+        return end
+    if left >= 0.0:
+        return unfinished(NO_EVENT, t_a)
+    guess = falling_root(clearance - side * start.travel, -speed_a, left, 0.0, span)
+    return contact_root(flight, side, node, start, rate, guess, t_a, end.tau)
+
+
+@kernel
+def _in_doubt(
+    flight: Flight,
+    motion: Motion,
+    node_a: Node,
+    a: Relative,
+    rate_a: float,
+    node_b: Node,
+    b: Relative,
+    error: float,
+) -> tuple[int, float, FlightEnd]:
+    """
+    Look closer at a step in which the speeds alone do not tell that m closes in on a stop.
+
+    Parameters
+    ----------
+    flight, motion : Flight, Motion
+        The flight, and its motion where the grid begins, for the bounds.
+    node_a, a, rate_a : Node, Relative, float
+        The first node, and the relative acceleration there.
+    node_b, b : Node, Relative
+        The second one.
+    error : float
+        Bound of the round-off in the speeds.
+
+    Returns
+    -------
+    verdict : int
+        `_CLOSING`: m closes in on one stop all the way; `_CLEAR`: it reaches neither, and does not
+        turn where that is an event; `_ENDED`: the flight ends, or what happens is in doubt.
+    side : float
+        That stop, +1 for stop 1 and -1 for stop 2.
+    end : FlightEnd
+        The end, if it has ended; without event in doubt.
+    """
+    oscillator = flight.oscillator
+    step = oscillator.grid.step
+    fall = flight.relative_acceleration + flight.acceleration
+    side = float(flight.direction)
+    if side == 0.0:
+        side = 1.0 if a.speed > 0.0 or (a.speed == 0.0 and rate_a > 0.0) else -1.0
+    bound_5 = derivative_bound(oscillator, motion.x_5, motion.x_6, oscillator.grid.bound_5)
+    rate_b = fall - acceleration_of(oscillator, node_b)
+    if keeps_sign(
+        side * a.speed, side * rate_a, side * b.speed, side * rate_b, step, bound_5, error
+    ):
+        return _CLOSING, side, unfinished(NO_EVENT, a.tau)
+    if flight.direction != 0:
+        speed_b = side * b.speed
+        end: FlightEnd = _turn(
+            flight, side, node_a, a, rate_a, b.tau, speed_b, side * rate_b, bound_5, error
+        )
+        return _ENDED, side, end
+    error = _NODE_ERROR * (abs(b.x) + abs(flight.x) + abs(a.travel) + abs(b.travel))
+    bound_4 = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.grid.bound_4)
+    for side in (1.0, -1.0):
+        clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
+        if clearance < inf and not keeps_sign(
+            clearance - side * a.travel,
+            -side * a.speed,
+            clearance - side * b.travel,
+            -side * b.speed,
+            step,
+            bound_4,
+            error,
+        ):
+            return _ENDED, side, unfinished(NO_EVENT, a.tau)
+    return _CLEAR, 0.0, unfinished(NO_EVENT, a.tau)
+
+
+@kernel(inline=True)
+def _relative(
+    first: Relative,
+    rest: float,
+    step: float,
+    node: Node,
+    reached: float,
+    travel: float,
+    speed: float,
+) -> Relative:
+    """Put together what is known of a node, which is so many steps from the first one."""
+    x = first.x if reached == 0.0 else rest + node.offset
+    return Relative(first.tau + step * reached, x, travel, speed)
+
+
+@kernel(inline=True)
+def _rate(oscillator: Oscillator, first: float, fall: float, node: Node, reached: float) -> float:
+    """Return the relative acceleration at a node, as known already at the first one."""
+    return first if reached == 0.0 else fall - acceleration_of(oscillator, node)
+
+
+@kernel(inline=True)
+def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
+    """
+    Search relative motion along the grid.
+
+    Parameters
+    ----------
+    flight : Flight
+        A flight with relative motion, its stops at rest where they should be.
+    tau : float
+        Time since the flight's origin up to which there is no event, s.
+    motion : Motion
+        The motion then.
+
+    Returns
+    -------
+    FlightEnd
+        The first event; or without one the time up to which there is none, which is `tau` if what
+        comes then is already in doubt.
+    """
+    oscillator = flight.oscillator
+    grid = oscillator.grid
+    step = grid.step
+    rest = flight.constant / oscillator.omega_squared
+    # The damper mass alone
+    fall = flight.relative_acceleration + flight.acceleration
+    launched = flight.relative_velocity + flight.velocity
+    # How far the speed may fall below both its values at two nodes
+    bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, grid.bound_3)
+    sag = 0.125 * step * step * bound_3
+    leading = float(flight.direction)
+    node_a: Node = base_node(flight, tau, motion)
+    first = Relative(tau, motion.x, motion.travel, motion.relative_velocity)
+    travel_a = first.travel
+    speed_a = first.speed
+    reached = 0.0
+    while reached < grid.nodes:
+        node_b: Node = next_node(oscillator, node_a)
+        t_b = tau + step * (reached + 1.0)
+        x_b = rest + node_b.offset
+        travel_b = t_b * (launched + 0.5 * fall * t_b) - (x_b - flight.x)
+        speed_b = launched + fall * t_b - node_b.velocity
+        # The stop that m closes in on, as long as the speeds leave no doubt of it
+        side = leading if leading != 0.0 else copysign(1.0, speed_a)
+        error = _NODE_ERROR * (abs(node_b.velocity) + abs(speed_b) + abs(speed_a))
+        clear = False
+        if not min(side * speed_a, side * speed_b) > sag + error:
+            a = _relative(first, rest, step, node_a, reached, travel_a, speed_a)
+            rate = _rate(oscillator, motion.relative_2, fall, node_a, reached)
+            b = Relative(t_b, x_b, travel_b, speed_b)
+            verdict, side, end = _in_doubt(flight, motion, node_a, a, rate, node_b, b, error)
+            if verdict == _ENDED:
+                return end
+            clear = verdict == _CLEAR
+        clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
+        left = clearance - side * travel_b
+        if left <= 0.0 and not clear:
+            guess = falling_root(
+                clearance - side * travel_a, -side * speed_a, left, -side * speed_b, step
+            )
+            low = tau + step * reached
+            if guess > 0.5 * step:
+                node_a = node_b
+                travel_a = travel_b
+                speed_a = speed_b
+                reached += 1.0
+                guess -= step
+            a = _relative(first, rest, step, node_a, reached, travel_a, speed_a)
+            rate = _rate(oscillator, motion.relative_2, fall, node_a, reached)
+            return contact_root(flight, side, node_a, a, rate, guess, low, t_b)
+        node_a = node_b
+        travel_a = travel_b
+        speed_a = speed_b
+        reached += 1.0
+    return unfinished(NO_EVENT, tau + step * reached)
+
+
+@kernel
+def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
+    """
+    Search joint motion along the grid for the support to give way.
+
+    Parameters
+    ----------
+    flight : Flight
+        A flight of both masses as one.
+    tau, motion : float, Motion
+        As for `search_contact`.
+
+    Returns
+    -------
+    FlightEnd
+        As of `search_contact`.
+    """
+    oscillator = flight.oscillator
+    grid = oscillator.grid
+    node = base_node(flight, tau, motion)
+    drive_5 = 0.0
+    for j in range(len(node.sines)):
+        frequency = oscillator.frequencies[j]
+        square = frequency * frequency
+        drive_5 += oscillator.forces[j] * (square * square * frequency) * node.cosines[j]
+    x_7 = drive_5 - 2.0 * oscillator.decay * motion.x_6 - oscillator.omega_squared * motion.x_5
+    bound_6 = derivative_bound(oscillator, motion.x_6, x_7, grid.bound_6)
+    t_a = tau
+    x_2 = motion.x_2
+    x_3 = motion.x_3
+    for k in range(grid.nodes):
+        node = next_node(oscillator, node)
+        t_b = tau + grid.step * (k + 1)
+        x_2_b = acceleration_of(oscillator, node)
+        x_3_b = jerk_of(oscillator, node, x_2_b)
+        error = _NODE_ERROR * (
+            oscillator.omega_squared * abs(node.offset)
+            + abs(node.velocity * oscillator.decay)
+            + abs(x_2_b)
+            + abs(flight.constant)
+            + abs(flight.slope)
+        )
+        failing = 0
+        for side in (1, -1):
+            most = flight.support_high if side > 0 else -flight.support_low
+            if most < inf and not keeps_sign(
+                most - side * (x_2 - flight.slope),
+                -side * x_3,
+                most - side * (x_2_b - flight.slope),
+                -side * x_3_b,
+                grid.step,
+                bound_6,
+                error,
+            ):
+                if failing != 0:
+                    return unfinished(NO_EVENT, t_a)
+                failing = side
+        if failing != 0:
+            most = flight.support_high if failing > 0 else -flight.support_low
+            left_a = most - failing * (x_2 - flight.slope)
+            left_b = most - failing * (x_2_b - flight.slope)
+            if not (left_a > error and left_b < -error):
+                return unfinished(NO_EVENT, t_a)
+            guess = falling_root(left_a, -failing * x_3, left_b, -failing * x_3_b, grid.step)
+            kind = RELEASE_UP if failing > 0 else RELEASE_DOWN
+            end: FlightEnd = polished(flight, kind, failing, t_a + guess, t_a, t_b)
+            # Backwards from there what is left only grows from zero: it is the first release.
+            if end.kind != NO_EVENT and keeps_sign(
+                0.0, -end.slope, left_a, failing * x_3, end.tau - t_a, bound_6, error
+            ):
+                return end
+            return unfinished(NO_EVENT, t_a)
+        t_a = t_b
+        x_2 = x_2_b
+        x_3 = x_3_b
+    return unfinished(NO_EVENT, t_a)
+
 
 _EPSILON = 2.220446049250313e-16
 #: More steps than any search takes.

@@ -31,6 +31,7 @@ __all__ = [
     'starting_side',
 ]
 
+
 _EPSILON = 2.220446049250313e-16
 # Where X is smaller than this part of its scale, it is left to the watch to tell its side.
 _NEAR_ZERO = 1e-9

@@ -1,11 +1,11 @@
-"""Events as rows of a table, written by kernels."""
+"""Events as rows of a table, written by kernels, and the `Event` objects made of them."""
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import Any
 
-from .event import EventKind
-from .event_codes import (
+from .event import (
     ARRIVAL,
     CONTACT_1,
     CONTACT_2,
@@ -14,6 +14,8 @@ from .event_codes import (
     REVERSAL,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
+    Event,
+    EventKind,
 )
 from .kernels import kernel
 from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine
@@ -23,11 +25,17 @@ from .transition import Transition, impulse_of
 __all__ = [
     'IMPACT',
     'MOST_ROWS',
+    'impact_events',
+    'make_event',
+    'quiet',
     'stop_under',
     'support_code',
+    'support_events',
+    'transition_events',
     'write_event',
     'write_transition',
 ]
+
 
 #: Rows that one transition may take.
 MOST_ROWS = 3
@@ -202,3 +210,92 @@ def write_transition(
             numbers, codes, row, _REST, stop, origin, after, after, after, damper_after, 0.0
         )
     return row
+
+
+# The table that the kernels write into, by row and column: floats and codes together
+_Table = dict[tuple[int, int], Any]
+# The fields of `Event` in a row
+_ROWS = [
+    itemgetter(*[(row, column) for column in (0, 8, 9, 1, 2, 3, 4, 5, 6, 7)])
+    for row in range(MOST_ROWS)
+]
+_KINDS = {int(kind): kind for kind in EventKind}
+
+
+def _event(table: _Table, row: int) -> Event:
+    """Return a row of the table as an event."""
+    time, kind, *others = _ROWS[row](table)
+    return Event(time, _KINDS[kind], *others)
+
+
+def quiet(origin: Origin, stop: int = 0) -> Transition:
+    """Return a transition that leaves all velocities as they are."""
+    velocity, relative_velocity = origin.velocity, origin.relative_velocity
+    return Transition(origin, stop, velocity, relative_velocity, velocity, relative_velocity)
+
+
+def make_event(kind: EventKind, stop: int, transition: Transition) -> Event:
+    """Return an event without impulse, of a transition."""
+    table: _Table = {}
+    before, after = transition.velocity_before, transition.velocity_after
+    write_event(
+        table,
+        table,
+        0,
+        kind,
+        stop,
+        transition.origin,
+        before,
+        after,
+        before + transition.relative_velocity_before,
+        after + transition.relative_velocity_after,
+        0.0,
+    )
+    return _event(table, 0)
+
+
+def impact_events(machine: Machine, damper_mass: float, transition: Transition) -> list[Event]:
+    """Report an impact on a standing stop, and the rest that a plastic one leads to."""
+    standing = transition.origin._replace(stop_velocity_1=0.0, stop_velocity_2=0.0)
+    kind = CONTACT_1 if transition.stop == 1 else CONTACT_2
+    return transition_events(machine, damper_mass, kind, standing, transition)
+
+
+def support_events(mode_before: int, transition: Transition) -> list[Event]:
+    """Report what a stop that has come up to m at rest, or left it, makes of its rest."""
+    mode = transition.origin.mode
+    code = support_code(mode_before, mode)
+    if code == 0:
+        return []
+    kind = EventKind(code)
+    rested = mode if kind is EventKind.REST else mode_before
+    return [make_event(kind, stop_under(rested), transition)]
+
+
+def transition_events(
+    machine: Machine, damper_mass: float, kind: int, before: Origin, transition: Transition
+) -> list[Event]:
+    """
+    Report the event that ended a flight.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    damper_mass : float
+        Its loose mass, kg.
+    kind : int
+        The event, as `contact.first_event` names it.
+    before : Origin
+        Origin of the flight that it ended.
+    transition : Transition
+        What it did.
+
+    Returns
+    -------
+    list of Event
+        None to three of them.
+    """
+    table: _Table = {}
+    rows = write_transition(machine, damper_mass, kind, before, transition, table, table, 0)
+    return [_event(table, row) for row in range(rows)]

@@ -24,10 +24,18 @@ from math import cos, inf, sin
 from typing import NamedTuple
 
 from .kernels import kernel
-from .oscillator import Oscillator
-from .response import Driven, Free, driven_response, free_response
+from .oscillator import Driven, Free, Oscillator, driven_response, free_response
 
-__all__ = ['Flight', 'FlightEnd', 'Motion', 'end_at', 'motion_at', 'starting_motion', 'unfinished']
+__all__ = [
+    'Flight',
+    'FlightEnd',
+    'Motion',
+    'end_at',
+    'motion_at',
+    'starting_motion',
+    'unfinished',
+]
+
 
 _TAYLOR_TERMS = 17
 

@@ -12,21 +12,21 @@ from copy import copy
 from math import inf, nextafter, ulp
 from typing import Any
 
+from .changes import supports
 from .contact import NO_EVENT, chatter_end, flight_end
 from .crossing import CrossingWatch, SearchInterruptedError, sided
 from .event import Event, EventKind, Sample
+from .event_rows import impact_events, make_event, quiet, transition_events
 from .flight import FlightEnd, end_at, motion_at
-from .frequency_step import origin_at_step, step_event
 from .mode import CHATTER_1, Machine, Mode, launch, make_machine
 from .origin import Origin, carried, offset_of, placed, stop_rates
 from .parameters import RigParameters
 from .phase import advance_time
-from .report import impact_events, make_event, quiet, transition_events
-from .stops import supports
-from .sweep import Sweep, frequency_at
+from .stepped_sine import Sweep, frequency_at, origin_at_step, step_event
 from .transition import at_rest, moving_mode, resolve, struck
 
 __all__ = ['HybridMotion', 'RunawayError']
+
 
 # Far more events than any chatter has, in this part of a radian of the natural vibration.
 _MOST_EVENTS_AT_ONCE = 10_000

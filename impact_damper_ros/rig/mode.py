@@ -40,6 +40,7 @@ __all__ = [
     'support_need',
 ]
 
+
 FREE = 0
 SLIDE_DOWN = 1
 SLIDE_UP = 2

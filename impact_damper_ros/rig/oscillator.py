@@ -1,5 +1,14 @@
 """
-The primary mass as a driven oscillator: its constants, and bounds of what its drive can do.
+The primary mass as a driven damped oscillator: response, constants, grid of steps.
+
+    X'' + 2 a X' + w^2 X = sin(W tau) or cos(W tau),     l = -a + i b,  w^2 = a^2 + b^2
+
+The response *from rest* is the divided difference of exp over the two eigenvalues and iW. Its
+factor (exp(iW tau) - exp(l tau))/(iW - l) is written with expm1 and half angles, so that nothing
+cancels at resonance, where the particular and the homogeneous part of the textbook form do. Far
+above resonance that form is the better one, and is used.
+
+From one node to the next X, X' and the drive go by constants, without a sine.
 
     X'' + 2 a X' + w^2 X = c + sum_j f_j sin(phase_j + W_j tau),     a = zeta w,  b = eta w
 
@@ -8,15 +17,354 @@ The primary mass as a driven oscillator: its constants, and bounds of what its d
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
-from math import sqrt
+from math import cos, expm1, inf, sin, sqrt
 from typing import NamedTuple
 
-from .grid import Grid, drive_bound, make_grid
 from .kernels import kernel
-from .response import make_harmonic
 
-__all__ = ['Oscillator', 'acceleration_at', 'derivative_bound', 'make_oscillator']
+__all__ = [
+    'Driven',
+    'Free',
+    'Grid',
+    'Harmonic',
+    'Oscillator',
+    'acceleration_at',
+    'derivative_bound',
+    'drive_bound',
+    'driven_response',
+    'free_response',
+    'make_grid',
+    'make_harmonic',
+    'make_oscillator',
+]
+
+
+class Free(NamedTuple):
+    """
+    Free vibration at one instant.
+
+    `step` and `impulse` are X from unit X and from unit X' at the start, `rate` is X' from unit
+    X'; `envelope` is exp(-a tau), `less` what it lacks to 1, with full relative accuracy.
+    """
+
+    sine: float
+    cosine: float
+    envelope: float
+    less: float
+    impulse: float
+    step: float
+    rate: float
+
+
+class Driven(NamedTuple):
+    """
+    Response from rest to a harmonic of unit amplitude at one instant.
+
+    X and X' as driven by its cosine and by its sine; and the cosine and sine of the angle that
+    the harmonic has turned.
+    """
+
+    cosine: float
+    sine: float
+    rate_cosine: float
+    rate_sine: float
+    turned_cosine: float
+    turned_sine: float
+
+
+class Harmonic(NamedTuple):
+    """
+    Constants of the response to one harmonic.
+
+    `detuning` is W - b; the `near` factor is 1/(iW - l), and the `far` one 1/(iW - conj(l)), both
+    conjugated. Far above resonance `near` holds 1/((w^2 - W^2) + 2 i a W), conjugated.
+    """
+
+    detuning: float
+    near_re: float
+    near_im: float
+    far_re: float
+    far_im: float
+
+
+def make_harmonic(decay: float, frequency: float, circular: float) -> Harmonic:
+    """
+    Return the constants of a harmonic.
+
+    Parameters
+    ----------
+    decay, frequency : float
+        The oscillator's a and b.
+    circular : float
+        Circular frequency W of the harmonic, rad/s.
+    """
+    detuning = circular - frequency
+    total = circular + frequency
+    if circular > 2.0 * frequency:
+        real = decay * decay + frequency * frequency - circular * circular
+        imaginary = 2.0 * decay * circular
+    else:
+        real, imaginary = decay, detuning
+    near = real * real + imaginary * imaginary
+    if near > 0.0:
+        real, imaginary = real / near, imaginary / near
+    far = decay * decay + total * total
+    return Harmonic(detuning, real, imaginary, decay / far, total / far)
+
+
+@kernel(inline=True)
+def free_response(decay: float, frequency: float, inverse: float, tau: float) -> Free:
+    """
+    Return the free vibration after a time.
+
+    Parameters
+    ----------
+    decay, frequency, inverse : float
+        The oscillator's a, b and 1/b.
+    tau : float
+        The time, s.
+    """
+    phase = frequency * tau
+    sine = sin(phase)
+    cosine = cos(phase)
+    less = expm1(-decay * tau)
+    envelope = 1.0 + less
+    impulse = envelope * sine * inverse
+    damped = decay * impulse
+    return Free(
+        sine,
+        cosine,
+        envelope,
+        less,
+        impulse,
+        envelope * cosine + damped,
+        envelope * cosine - damped,
+    )
+
+
+@kernel(inline=True)
+def driven_response(
+    decay: float,
+    frequency: float,
+    inverse: float,
+    omega_squared: float,
+    circular: float,
+    detuning: float,
+    near_re: float,
+    near_im: float,
+    far_re: float,
+    far_im: float,
+    free: Free,
+    tau: float,
+) -> Driven:
+    """
+    Return the response from rest to one harmonic after a time.
+
+    Parameters
+    ----------
+    decay, frequency, inverse, omega_squared : float
+        The oscillator's a, b, 1/b and w^2.
+    circular : float
+        Circular frequency W of the harmonic.
+    detuning, near_re, near_im, far_re, far_im : float
+        Its constants, see `Harmonic`.
+    free : Free
+        The free vibration at that time.
+    tau : float
+        The time, s.
+    """
+    # exp(i W tau) as exp(i b tau) exp(i beta tau), the latter from the half angle.
+    half = 0.5 * detuning * tau
+    sin_half = sin(half)
+    cos_half = cos(half)
+    sin_beta = 2.0 * sin_half * cos_half
+    versine = 2.0 * sin_half * sin_half
+    cos_beta = 1.0 - versine
+    cos_w = free.cosine * cos_beta - free.sine * sin_beta
+    sin_w = free.sine * cos_beta + free.cosine * sin_beta
+    if circular > 2.0 * frequency:
+        # Steady vibration and the free one that starts it from rest
+        top_re = cos_w - free.step
+        top_im = sin_w - circular * free.impulse
+        response_re = top_re * near_re + top_im * near_im
+        response_im = top_im * near_re - top_re * near_im
+        top_re = omega_squared * free.impulse - circular * sin_w
+        top_im = circular * (cos_w - free.rate)
+        rate_re = top_re * near_re + top_im * near_im
+        rate_im = top_im * near_re - top_re * near_im
+        return Driven(response_re, response_im, rate_re, rate_im, cos_w, sin_w)
+    # first = (exp(iW tau) - exp(l tau)) / (iW - l)
+    ratio_re = tau
+    ratio_im = 0.0
+    if near_re != 0.0 or near_im != 0.0:
+        top_re = free.envelope * versine - free.less
+        top_im = free.envelope * sin_beta
+        ratio_re = top_re * near_re + top_im * near_im
+        ratio_im = top_im * near_re - top_re * near_im
+    first_re = cos_w * ratio_re - sin_w * ratio_im
+    first_im = sin_w * ratio_re + cos_w * ratio_im
+    # second = (exp(iW tau) - exp(conj(l) tau)) / (iW - conj(l))
+    top_re = cos_w - free.envelope * free.cosine
+    top_im = sin_w + free.envelope * free.sine
+    second_re = top_re * far_re + top_im * far_im
+    second_im = top_im * far_re - top_re * far_im
+    # Divided difference over l, conj(l), iW, and its time derivative
+    scale = 0.5 * inverse
+    response_re = (first_im - second_im) * scale
+    response_im = (second_re - first_re) * scale
+    rate_re = 0.5 * (first_re + second_re) - decay * response_re
+    rate_im = 0.5 * (first_im + second_im) - decay * response_im
+    return Driven(response_re, response_im, rate_re, rate_im, cos_w, sin_w)
+
+
+#: Length of a step, as a phase of the fastest of spring and harmonics, rad.
+_STEP = 1.2
+#: Nodes reached from one base. The bounds grow with their number, round-off with its square root.
+_NODES = 5
+
+
+class Grid(NamedTuple):
+    """
+    Constants of one step.
+
+    Attributes
+    ----------
+    step, inverse : float
+        Time from node to node, s, and its inverse.
+    nodes : int
+        Number of nodes for which the bounds hold.
+    x_x, v_x, x_v, v_v : float
+        X and X' after a step from unit X, and from unit X', without drive.
+    x_cosine, x_sine, v_cosine, v_sine : tuple of float
+        X and X' after a step from rest under each harmonic, for unit cosine and for unit sine of
+        its phase at the start.
+    turn_cosine, turn_sine : tuple of float
+        Cosine and sine of the angle that each harmonic turns.
+    bound_3, bound_4, bound_5, bound_6 : float
+        As the oscillator's bounds, over all nodes.
+    spring, dashpot : float
+        Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
+    pushes, turns : tuple of float
+        Amplitude f step^2 and angle turned in a step W step of each harmonic.
+    """
+
+    step: float
+    inverse: float
+    nodes: int
+    x_x: float
+    v_x: float
+    x_v: float
+    v_v: float
+    x_cosine: tuple[float, ...]
+    x_sine: tuple[float, ...]
+    v_cosine: tuple[float, ...]
+    v_sine: tuple[float, ...]
+    turn_cosine: tuple[float, ...]
+    turn_sine: tuple[float, ...]
+    bound_3: float
+    bound_4: float
+    bound_5: float
+    bound_6: float
+    spring: float
+    dashpot: float
+    pushes: tuple[float, ...]
+    turns: tuple[float, ...]
+
+
+def drive_bound(
+    omega: float,
+    decay: float,
+    drive: Sequence[tuple[float, float]],
+    order: int,
+    horizon: float,
+) -> float:
+    """
+    Bound what the drive adds to a derivative of X beyond its free vibration.
+
+    Parameters
+    ----------
+    omega, decay : float
+        Natural circular frequency w and decay a.
+    drive : sequence of (float, float)
+        Amplitude, m/s^2, and circular frequency, rad/s, of each harmonic.
+    order : int
+        Which derivative.
+    horizon : float
+        For how long, s.
+    """
+    total = 0.0
+    for force, frequency in drive:
+        push = abs(force) * frequency**order
+        if push == 0.0:
+            continue
+        # Response from rest, by Duhamel's integral with |impulse response| <= min(1/w, t) ...
+        from_rest = push * horizon * min(1.0 / omega, horizon / 2.0)
+        # ... or the steady response and the free vibration that starts it from rest.
+        gain = sqrt((omega**2 - frequency**2) ** 2 + (2.0 * decay * frequency) ** 2)
+        steady = inf
+        if gain > 0.0:
+            steady = push / gain * (1.0 + sqrt(1.0 + frequency**2 / omega**2))
+        total += min(from_rest, steady)
+    return total
+
+
+def make_grid(
+    omega: float,
+    decay: float,
+    drive: Sequence[tuple[float, float]],
+    harmonics: Sequence[Harmonic],
+    fastest: float,
+) -> Grid:
+    """
+    Return the grid of an oscillator.
+
+    Parameters
+    ----------
+    omega, decay : float
+        Natural circular frequency w and decay a.
+    drive : sequence of (float, float)
+        Amplitude, m/s^2, and circular frequency, rad/s, of each harmonic.
+    harmonics : sequence of Harmonic
+        Constants of the responses to them.
+    fastest : float
+        The fastest of all circular frequencies that act, rad/s.
+    """
+    step = _STEP / fastest
+    frequency = sqrt((omega - decay) * (omega + decay))
+    inverse = 1.0 / frequency
+    free = free_response(decay, frequency, inverse, step)
+    responses = [
+        driven_response(decay, frequency, inverse, omega**2, circular, *harmonic, free, step)
+        for (_, circular), harmonic in zip(drive, harmonics, strict=True)
+    ]
+    scaled = [(force, r) for (force, _), r in zip(drive, responses, strict=True)]
+    bounds = [drive_bound(omega, decay, drive, order, _NODES * step) for order in (3, 4, 5, 6)]
+    return Grid(
+        step=step,
+        inverse=1.0 / step,
+        nodes=_NODES,
+        x_x=free.step,
+        v_x=-(omega * omega) * free.impulse,
+        x_v=free.impulse,
+        v_v=free.rate,
+        x_cosine=tuple(force * r.sine for force, r in scaled),
+        x_sine=tuple(force * r.cosine for force, r in scaled),
+        v_cosine=tuple(force * r.rate_sine for force, r in scaled),
+        v_sine=tuple(force * r.rate_cosine for force, r in scaled),
+        turn_cosine=tuple(r.turned_cosine for r in responses),
+        turn_sine=tuple(r.turned_sine for r in responses),
+        bound_3=bounds[0],
+        bound_4=bounds[1],
+        bound_5=bounds[2],
+        bound_6=bounds[3],
+        spring=(omega * step) * (omega * step),
+        dashpot=2.0 * decay * step,
+        pushes=tuple(force * step * step for force, _ in drive),
+        turns=tuple(circular * step for _, circular in drive),
+    )
+
 
 #: Largest phase, of the fastest of spring and harmonics, at which the Taylor series is summed.
 _TAYLOR_REACH = 0.25

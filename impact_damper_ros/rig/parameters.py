@@ -1,6 +1,14 @@
 """
 Parameters of the rig: names, units, ranges, defaults and derived quantities.
 
+A frozen dataclass declares its parameters with the field makers of this module and calls
+`check_fields` in its `__post_init__`; `specs_of` then gives the table from which ROS descriptors,
+parameters files, error messages and the documentation are made.
+
+The phases come from SplitMix64 (Steele, Lea and Flood, 2014, OOPSLA, "Fast splittable pseudorandom
+number generators"), which is a few lines in any language: the same seed gives the same force on
+every machine and with every version.
+
 The field names are the ROS parameter names. `PARAMETER_SPECS` and `INITIAL_SPECS` are the only
 place where descriptions, units and ranges stand; ROS descriptors, the parameters-file reader and
 the documentation take them from here.
@@ -9,28 +17,20 @@ the documentation take them from here.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any, cast
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from itertools import islice
+from math import isfinite, sqrt, tau
+from typing import Any, Literal, NamedTuple, TypeAlias, cast
 
-from .multisine import multisine
-from .parameter_spec import (
-    MAX_HARMONICS,
-    ParameterError,
-    ParameterSpec,
-    Value,
-    array_field,
-    bool_field,
-    check_fields,
-    double_field,
-    integer_field,
-    specs_of,
-    string_field,
-)
+from .shown import shown
 
 __all__ = [
     'INITIAL_SPECS',
     'MAX_HARMONICS',
     'MOST_STEPS',
+    'NUMBER_KINDS',
     'PARAMETER_SPECS',
     'SWEEP_MODES',
     'InitialConditions',
@@ -38,7 +38,266 @@ __all__ = [
     'ParameterSpec',
     'RigParameters',
     'Value',
+    'array_field',
+    'bool_field',
+    'check_fields',
+    'double_field',
+    'integer_field',
+    'multisine',
+    'specs_of',
+    'split_mix',
+    'string_field',
 ]
+
+
+Value: TypeAlias = float | bool | int | str | tuple[float, ...]
+Kind: TypeAlias = Literal['double', 'bool', 'double_array', 'integer', 'string']
+
+#: Kinds whose values are numbers, with a range.
+NUMBER_KINDS = ('double', 'double_array', 'integer')
+#: Most harmonics the force may have.
+MAX_HARMONICS = 1024
+
+
+class ParameterError(ValueError):
+    """
+    A parameter value that the rig cannot take.
+
+    Attributes
+    ----------
+    name : str
+        Name of the offending parameter.
+    """
+
+    def __init__(self, name: str, message: str) -> None:
+        """Keep the name apart, so that callers can point at the parameter."""
+        super().__init__(message)
+        self.name = name
+
+
+class ParameterSpec(NamedTuple):
+    """
+    What a parameter is: its meaning, unit and closed range.
+
+    `low` and `high` are finite for a number, and None for a bool or a text; for an array they hold
+    for each entry. `choices` are the texts that a string may be; without any it may be every text
+    but an empty one.
+    """
+
+    name: str
+    description: str
+    unit: str
+    low: float | None
+    high: float | None
+    kind: Kind
+    default: Value
+    choices: tuple[str, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """Name with unit, for messages, tables and plots."""
+        return f'{self.name} [{self.unit}]' if self.unit else self.name
+
+    @property
+    def span(self) -> str:
+        """What values it may have, in words."""
+        if self.kind == 'bool':
+            return 'true, false'
+        if self.kind == 'string':
+            return ', '.join(self.choices) or 'a text'
+        if self.kind == 'integer' and self.low is not None and self.high is not None:
+            return f'{int(self.low)} to {int(self.high)}'
+        return f'{self.low:g} to {self.high:g}'
+
+    def checked(self, value: Any) -> Value:
+        """
+        Return the value as the kind asks: a float, a bool, an int, a text or a tuple of floats.
+
+        Parameters
+        ----------
+        value : Any
+            A number, a bool, a text or a sequence of numbers. Integers become floats for a
+            double, and whole floats integers for an integer.
+
+        Returns
+        -------
+        Value
+            The value, of the type that the kind names.
+
+        Raises
+        ------
+        ParameterError
+            If the type is wrong, or a number is outside the range, NaN or infinite.
+        """
+        if self.kind == 'bool':
+            if not isinstance(value, bool):
+                raise ParameterError(
+                    self.name, f'{self.name} is {shown(value)}: give true or false'
+                )
+            return value
+        if self.kind == 'string':
+            return self._text(value)
+        if self.kind == 'integer':
+            number = self._number(value, self.name)
+            if number != int(number):
+                raise ParameterError(self.name, f'{self.name} is {number!r}: {self._remedy}')
+            return int(number)
+        if self.kind == 'double':
+            return self._number(value, self.name)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            value = (value,)
+        if isinstance(value, str | bytes) or not hasattr(value, '__iter__'):
+            raise ParameterError(
+                self.name, f'{self.name} is {shown(value)}: give a list of numbers, such as [1.0]'
+            )
+        entries = tuple(value)
+        if not 1 <= len(entries) <= MAX_HARMONICS:
+            raise ParameterError(
+                self.name,
+                f'{self.name} has {len(entries)} entries: give 1 to {MAX_HARMONICS}, one for each '
+                'harmonic (amplitude 0 switches the force off)',
+            )
+        return tuple(self._number(v, f'{self.name}[{i}]') for i, v in enumerate(entries))
+
+    @property
+    def _remedy(self) -> str:
+        unit = f' {self.unit}' if self.unit else ''
+        number = 'a whole number' if self.kind == 'integer' else 'a number'
+        degrees = ' (10° = 0.1745 rad)' if self.unit == 'rad' else ''
+        return f'give {number} from {self.span}{unit}{degrees}'
+
+    def _text(self, value: Any) -> str:
+        if isinstance(value, bool):
+            # YAML 1.1 takes an unquoted off for false.
+            value = {False: 'off', True: 'on'}[value] if self.choices else value
+        if not isinstance(value, str) or not value.strip():
+            remedy = f'give one of {self.span}' if self.choices else 'give a text'
+            raise ParameterError(self.name, f'{self.name} is {shown(value)}: {remedy}')
+        if self.choices and value not in self.choices:
+            raise ParameterError(
+                self.name, f'{self.name} is {shown(value)}: give one of {", ".join(self.choices)}'
+            )
+        return value
+
+    def _number(self, value: Any, where: str) -> float:
+        assert self.low is not None
+        assert self.high is not None
+        unit = f' {self.unit}' if self.unit else ''
+        if isinstance(value, bool) or not hasattr(value, '__float__'):
+            raise ParameterError(self.name, f'{where} is {shown(value)}: {self._remedy}')
+        try:
+            number = float(value)
+        except (TypeError, ValueError, OverflowError):
+            raise ParameterError(self.name, f'{where} is {shown(value)}: {self._remedy}') from None
+        if not isfinite(number) or not self.low <= number <= self.high:
+            raise ParameterError(self.name, f'{where} is {number!r}{unit}: {self._remedy}')
+        return number
+
+
+def double_field(default: float, low: float, high: float, unit: str, description: str) -> Any:
+    """Declare a number."""
+    return field(
+        default=default,
+        metadata={'spec': (description, unit, low, high, 'double', default)},
+    )
+
+
+def integer_field(default: int, low: int, high: int, unit: str, description: str) -> Any:
+    """Declare a whole number."""
+    return field(
+        default=default,
+        metadata={'spec': (description, unit, low, high, 'integer', default)},
+    )
+
+
+def bool_field(default: bool, description: str) -> Any:
+    """Declare a yes or no."""
+    return field(
+        default=default, metadata={'spec': (description, '', None, None, 'bool', default)}
+    )
+
+
+def string_field(default: str, choices: tuple[str, ...], description: str) -> Any:
+    """Declare a choice between texts."""
+    return field(
+        default=default,
+        metadata={'spec': (description, '', None, None, 'string', default, choices)},
+    )
+
+
+def array_field(default: float, low: float, high: float, unit: str, description: str) -> Any:
+    """Declare a list of numbers; by default it has one."""
+    return field(
+        default=(default,),
+        metadata={'spec': (description, unit, low, high, 'double_array', (default,))},
+    )
+
+
+def specs_of(cls: type) -> dict[str, ParameterSpec]:
+    """Return the parameters that a dataclass declares, by name."""
+    return {f.name: ParameterSpec(f.name, *f.metadata['spec']) for f in fields(cls)}
+
+
+def check_fields(instance: Any, specs: dict[str, ParameterSpec]) -> None:
+    """
+    Replace every field of a frozen dataclass by its checked value, in its `__post_init__`.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not admissible.
+    """
+    for name, spec in specs.items():
+        object.__setattr__(instance, name, spec.checked(getattr(instance, name)))
+
+
+_MASK = (1 << 64) - 1
+
+
+def split_mix(seed: int) -> Iterator[int]:
+    """Yield the endless sequence of SplitMix64, whole numbers of 64 bits."""
+    state = seed & _MASK
+    while True:
+        state = (state + 0x9E3779B97F4A7C15) & _MASK
+        mixed = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+        mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) & _MASK
+        yield mixed ^ (mixed >> 31)
+
+
+@lru_cache(maxsize=64)
+def multisine(
+    level: float, low: float, high: float, lines: int, seed: int
+) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+    """
+    Return the harmonics of a random-phase multisine.
+
+    Parameters
+    ----------
+    level : float
+        Effective (rms) value of their sum.
+    low, high : float
+        Band; the lines are evenly spaced, the first and the last on its ends. A single line is in
+        the middle.
+    lines : int
+        Number of lines.
+    seed : int
+        Seed of the phases.
+
+    Returns
+    -------
+    amplitudes, frequencies, phases : tuple of float
+        One entry per line: the amplitude level sqrt(2/lines), and the phase 2 pi u with u the
+        upper 53 bits of the line's number in the sequence of SplitMix64, as a fraction.
+    """
+    amplitude = level * sqrt(2.0 / lines)
+    if lines == 1:
+        frequencies: tuple[float, ...] = (0.5 * (low + high),)
+    else:
+        spacing = (high - low) / (lines - 1)
+        frequencies = (*(low + j * spacing for j in range(lines - 1)), high)
+    phases = tuple(tau * ((bits >> 11) * 2.0**-53) for bits in islice(split_mix(seed), lines))
+    return (amplitude,) * lines, frequencies, phases
+
 
 SWEEP_MODES = ('off', 'up', 'down', 'up_down')
 #: Most steps that a sweep may have from one end to the other.

@@ -23,6 +23,7 @@ __all__ = [
     'state_numbers',
 ]
 
+
 JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 IMPACT_JOINTS = JOINTS[:2]
 #: Format of the messages, which their snapshots name. Up to 1 all positions counted from the

@@ -1,6 +1,10 @@
 """
 The run loop as a kernel: from flight to flight through a series of instants.
 
+What `contact`, `transition` and `mode` do with any flight and event comes down to little here. The
+kernels are theirs and so are all the digits; it only takes a fraction of the time. Whatever is not
+plain, or might not be, is left to them.
+
 It goes the way of `Simulator.advance`, writes samples and events into arrays, and stops where an
 array is full or the rig has had as many events as it may. What it reaches depends on the origin
 alone, so that it may stop and be called again anywhere.
@@ -12,18 +16,131 @@ from math import inf
 from typing import Any, NamedTuple
 
 from .certificate import least_step
-from .contact import NO_EVENT, chatter_end, flight_end
-from .crossing import sided
-from .event_rows import MOST_ROWS, write_transition
-from .flight import Flight, FlightEnd, Motion, motion_at, unfinished
+from .contact import NO_EVENT, chatter_end, flight_end, search_contact
+from .crossing import has_side, sided
+from .event import CONTACT_1, CONTACT_2
+from .event_rows import IMPACT, MOST_ROWS, write_event, write_transition
+from .flight import Flight, FlightEnd, Motion, motion_at, starting_motion, unfinished
 from .kernels import kernel
-from .mode import CHATTER_1, Machine, launch
-from .origin import Origin, offset_of, placed, stop_rates
+from .mode import CHATTER_1, STICK, Machine, launch, moving_flight
+from .origin import Origin, carried, offset_of, on_stop, placed, stop_rates, with_motion
 from .phase import advance_time
-from .plain_impacts import flies_plainly, plain_impacts
-from .transition import Transition, resolve
+from .transition import Transition, impulse, is_no_chatter, moving_mode, rebounded, resolve
 
-__all__ = ['DONE', 'FULL', 'RUNAWAY', 'SPENT', 'Progress', 'run_through']
+__all__ = [
+    'DONE',
+    'FULL',
+    'RUNAWAY',
+    'SPENT',
+    'Progress',
+    'flies_plainly',
+    'plain_impacts',
+    'run_through',
+]
+
+
+@kernel(inline=True)
+def flies_plainly(origin: Origin) -> bool:
+    """Return whether m moves between two stops that stand where they should be."""
+    return (
+        origin.mode < STICK
+        and not origin.released
+        and origin.relative_velocity != 0.0
+        and origin.stop_velocity_1 == 0.0
+        and origin.stop_velocity_2 == 0.0
+        and origin.stop_1 <= origin.target_1
+        and origin.stop_2 >= origin.target_2
+    )
+
+
+@kernel(inline=True)
+def plain_impacts(
+    machine: Machine,
+    damper_mass: float,
+    origin: Origin,
+    begun: float,
+    target: float,
+    numbers: Any,
+    codes: Any,
+    written: int,
+    happened: int,
+    most: int,
+    in_mode: Any,
+    instant: float,
+    span: float,
+) -> tuple[Origin, float, int, int, FlightEnd]:
+    """
+    Go from impact to impact as long as they are plain.
+
+    Parameters
+    ----------
+    machine, damper_mass, origin : Machine, float, Origin
+        As for `run_loop.run_through`; m flies plainly.
+    begun : float
+        How much of the present flight belongs to the time before, s.
+    target : float
+        Time not to pass, s.
+    numbers, codes, most, in_mode : array, array, int, array
+        As for `run_loop.run_through`.
+    written, happened : int
+        Rows written, and transitions made so far.
+    instant, span : float
+        Instant of the last event, and how long after an event the next one must be, s.
+
+    Returns
+    -------
+    origin, instant, written, happened : Origin, float, int, int
+        The same after the last plain impact.
+    ending : FlightEnd
+        How the present flight ends, or how far it is known to go on.
+    """
+    writing = len(codes) > 0
+    ending: FlightEnd = unfinished(NO_EVENT, 0.0)
+    while happened < most and not (writing and written + MOST_ROWS > len(codes)):
+        flight: Flight = moving_flight(machine, origin)
+        motion: Motion = starting_motion(flight)
+        ending = search_contact(flight, 0.0, motion)
+        if ending.kind not in (CONTACT_1, CONTACT_2):
+            break
+        stop = 1 if ending.kind == CONTACT_1 else 2
+        there = carried(origin, flight, ending)
+        if there.time > target or there.time <= instant + span:
+            break
+        there = on_stop(machine.one_sided, there, stop, there.stop_1, there.stop_2)
+        restitution, relative_before, after, relative_after = rebounded(machine, there, stop)
+        hit = with_motion(
+            there, moving_mode(machine, relative_after), after, relative_after, stop, False, 0.0
+        )
+        if (
+            relative_after == 0.0
+            or not is_no_chatter(machine, hit, stop)
+            or not has_side(machine.free, hit)
+        ):
+            break
+        in_mode[origin.mode] += ending.tau - begun
+        if writing:
+            push = impulse(damper_mass, machine.mass_ratio, restitution, relative_before)
+            before = there.velocity
+            written = write_event(
+                numbers,
+                codes,
+                written,
+                IMPACT,
+                stop,
+                hit,
+                before,
+                after,
+                before + relative_before,
+                after + relative_after,
+                push,
+            )
+        origin = hit
+        instant = origin.time
+        begun = 0.0
+        happened += 1
+        ending = unfinished(NO_EVENT, 0.0)
+    return origin, instant, written, happened, ending
+
 
 #: All instants were reached.
 DONE = 0

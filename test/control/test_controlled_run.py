@@ -8,11 +8,9 @@ from rig.random_rigs import random_rig
 
 from control.controlled_rigs import TRIAL, control, random_controlled_rig
 from impact_damper_ros.control import ControlledRig
-from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control.controlled_run import AccountedSimulator, ControlledRun
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
-from impact_damper_ros.rig.accounted_simulator import AccountedSimulator
-from impact_damper_ros.rig.long_run import EVENT_TYPE, LongRun, Outcome
-from impact_damper_ros.rig.loop import has_numba
+from impact_damper_ros.rig.long_run import EVENT_TYPE, LongRun, Outcome, has_numba
 
 #: Bounces on elastic stops under gravity, ever faster.
 ENDLESS = (

@@ -5,12 +5,7 @@ import json
 import pytest
 
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
-from impact_damper_ros.rig import (
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-    ParameterError,
-    load_parameters,
-)
+from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, ParameterError, load_parameters
 
 
 def test_off_by_default():

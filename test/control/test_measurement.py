@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.control import GapControlParameters
-from impact_damper_ros.control.measurement import measured, noise
+from impact_damper_ros.control.sensors import measured, noise
 from impact_damper_ros.rig import Sample
 
 SAMPLE = Sample(2.5, 1.0, -2.0, 1.75, 0.5, 3.0, -2.0, -2.0, -2.0)

@@ -7,8 +7,7 @@ import pytest
 from control.controlled_rigs import TRIAL, control
 from impact_damper_ros.control import ControlledRig, GapControlParameters, damper_of
 from impact_damper_ros.control.actuator import Actuators
-from impact_damper_ros.control.measurement import Measurement
-from impact_damper_ros.control.observer import Observer
+from impact_damper_ros.control.sensors import Measurement, Observer
 from impact_damper_ros.rig import EventKind
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from control.controlled_rigs import TRIAL, control
 from impact_damper_ros.control import Action, ControlledRig
-from impact_damper_ros.control.damper import damper_of
-from impact_damper_ros.control.observer import Passage
+from impact_damper_ros.control.law import damper_of
+from impact_damper_ros.control.sensors import Passage
 from impact_damper_ros.control.timed_law import stop_to_close
 from impact_damper_ros.rig import EventKind, RigParameters
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
-from impact_damper_ros.orbits.turning import relative_extremes, swing_extremes
-from impact_damper_ros.orbits.viability import assumed_flights
+from impact_damper_ros.orbits.viability import assumed_flights, relative_extremes, swing_extremes
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 from impact_damper_ros.rig.flight import motion_at
 

@@ -15,8 +15,8 @@ import yaml
 
 from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, RigParameters, Simulator
 from impact_damper_ros.rig import load_parameters as load
+from impact_damper_ros.rig.description import picture_size, robot_description, rviz_setup
 from impact_damper_ros.rig.published import JOINTS
-from impact_damper_ros.rig.urdf import picture_size, robot_description, rviz_setup
 
 ROOT = Path(__file__).parents[2]
 PRESETS = sorted((ROOT / 'config').glob('*.yaml'))

@@ -16,14 +16,19 @@ PACKAGE = Path(impact_damper_ros.__file__).parent
 # A module may import from its own subpackage and from those with a smaller number.
 LEVEL = {
     'rig': 0,
-    'orbits': 1,
     'control': 1,
-    'recording': 2,
-    'analysis': 2,
-    'nodes': 3,
-    'commands': 3,
+    'orbits': 2,
+    'bag': 2,
+    'replay': 3,
+    'compare': 4,
+    'report': 5,
+    'sweep': 6,
+    'studies': 7,
+    'node': 7,
+    'page': 7,
+    'cli': 8,
 }
-WITHOUT_ROS = [name for name in LEVEL if LEVEL[name] < 3 and (PACKAGE / name).is_dir()]
+WITHOUT_ROS = [name for name in LEVEL if LEVEL[name] < 7 and (PACKAGE / name).is_dir()]
 ROS = (
     'builtin_interfaces',
     'diagnostic_msgs',
@@ -58,7 +63,7 @@ def imports(path: Path) -> Iterator[str]:
 def test_every_subpackage_has_a_layer():
     found = {path.parent.name for path in PACKAGE.glob('*/__init__.py')}
     assert found <= set(LEVEL)
-    assert {'rig', 'recording', 'nodes', 'commands'} <= found
+    assert {'rig', 'bag', 'node', 'cli'} <= found
 
 
 @pytest.mark.parametrize('path', modules(*LEVEL), ids=lambda path: str(path.relative_to(PACKAGE)))
@@ -78,7 +83,7 @@ def test_only_nodes_and_the_demo_import_ros():
         for path in modules(*LEVEL)
         if any(name.split('.')[0] in ROS for name in imports(path))
     }
-    assert {path for path in users if path.parts[0] != 'nodes'} <= {Path('commands', 'demo.py')}
+    assert {path for path in users if path.parts[0] != 'node'} <= {Path('cli', 'demo.py')}
 
 
 IMPORT_WITHOUT_ROS = """

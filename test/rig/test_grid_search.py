@@ -5,12 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig.contact import NO_EVENT, flight_end
-from impact_damper_ros.rig.contact_root import Relative, contact_root
+from impact_damper_ros.rig.contact import NO_EVENT, flight_end, keeps_sign
 from impact_damper_ros.rig.flight import motion_at
-from impact_damper_ros.rig.grid_search import keeps_sign
-from impact_damper_ros.rig.node import acceleration_of, base_node, jerk_of, next_node
-from impact_damper_ros.rig.polish import falling_root, last_step
+from impact_damper_ros.rig.roots import (
+    Relative,
+    acceleration_of,
+    base_node,
+    contact_root,
+    falling_root,
+    jerk_of,
+    last_step,
+    next_node,
+)
 from oracle.flight_generators import near_grazing_flights, random_flights
 from rig.break_contact import flight_of, launchable
 

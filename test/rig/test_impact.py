@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig.impact import CHATTER_TOLERANCE, chatter_duration, rebound
+from impact_damper_ros.rig.transition import CHATTER_TOLERANCE, chatter_duration, rebound
 
 mp = mpmath.mp.clone()
 mp.dps = 60

@@ -11,14 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig import (
-    EventKind,
-    InitialConditions,
-    Mode,
-    RigParameters,
-    Simulator,
-    kernel_cache,
-)
+from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.rig import kernels as kernel_cache
 from impact_damper_ros.rig.long_run import SAMPLE_TYPE, LongRun, Outcome
 from rig.long_run_events import rows, without_mode
 from rig.random_rigs import random_command, random_rig
@@ -172,7 +166,7 @@ def test_without_recording_it_goes_the_same_way(compiled):
 
 def test_more_events_than_one_array_takes(compiled, monkeypatch):
     """A gap this small has thousands of impacts, which take several arrays."""
-    monkeypatch.setattr('impact_damper_ros.rig.stretch._ROWS', 500)
+    monkeypatch.setattr('impact_damper_ros.rig.long_run._ROWS', 500)
     parameters = RigParameters(gap=0.02, gravity=0.0, restitution_1=0.95, restitution_2=0.95)
     run, rig = LongRun(parameters, compiled=compiled), Simulator(parameters)
     stretch = assert_same(run, rig, np.array([30.0]))

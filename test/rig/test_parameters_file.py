@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 import impact_damper_ros
-from impact_damper_ros.commands.simulate_rig import main as simulate_rig
-from impact_damper_ros.commands.solve_periodic import main as solve_periodic
-from impact_damper_ros.commands.sweep_rig import main as sweep_rig
-from impact_damper_ros.rig import ParametersFileError, load_parameters, presets
-from impact_damper_ros.rig.guarded_yaml import MOST_BYTES, MOST_ENTRIES, YamlError, check_yaml
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.cli.solve_periodic import main as solve_periodic
+from impact_damper_ros.cli.sweep_rig import main as sweep_rig
+from impact_damper_ros.rig import ParametersFileError, load_parameters
+from impact_damper_ros.rig import parameters_file as presets
+from impact_damper_ros.rig.parameters_file import MOST_BYTES, MOST_ENTRIES, YamlError, check_yaml
 from rig.fuzz_parameters_file import run
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -175,7 +176,7 @@ def test_presets_of_an_installation(layout, tmp_path):
     share = tmp_path / 'share' / 'impact_damper_ros' / 'config'
     shutil.copytree(ROOT / 'config', share)
     code = (
-        'from impact_damper_ros.rig.presets import presets\n'
+        'from impact_damper_ros.rig.parameters_file import presets\n'
         'for name, path in presets().items(): print(name, path)'
     )
     done = subprocess.run(

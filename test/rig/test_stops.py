@@ -15,7 +15,7 @@ from impact_damper_ros.rig import (
     RigParameters,
     Simulator,
 )
-from impact_damper_ros.rig.snapshot import ARITHMETIC
+from impact_damper_ros.rig.simulator import ARITHMETIC
 from oracle.hybrid_oracle import DEFAULTS
 from oracle.moving_stops import first_meeting
 from rig.energy import Account

@@ -1,1 +1,0 @@
-"""What runs of the rig show; works on arrays, without ROS."""

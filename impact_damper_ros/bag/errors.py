@@ -1,0 +1,75 @@
+"""The one error of this subpackage, and how a failed system call becomes one."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+from impact_damper_ros.rig.shown import as_line
+
+__all__ = ['RecordingError']
+
+
+_SPACE = 'free some space there, or record to another file system (parameter bag_directory)'
+_RIGHTS = 'give yourself write permission there, or choose another directory'
+
+#: Cause and remedy in words, for the failures a user can do something about.
+_KNOWN: dict[int, tuple[str, str]] = {
+    errno.ENOSPC: ('the disk is full', _SPACE),
+    errno.EDQUOT: ('the disk quota is used up', _SPACE),
+    errno.EFBIG: ('the file has reached the largest size allowed', _SPACE),
+    errno.EACCES: ('permission is denied', _RIGHTS),
+    errno.EPERM: ('the operation is not permitted', _RIGHTS),
+    errno.EROFS: ('the file system is read-only', 'choose a directory on a writable one'),
+    errno.ENOTDIR: (
+        'a part of the path is a file, not a directory',
+        'move that file away, or choose another directory',
+    ),
+    errno.EISDIR: ('it is a directory', 'name a file'),
+    errno.EEXIST: ('it exists already', 'choose another name; nothing is ever overwritten'),
+    errno.ENOTEMPTY: ('it exists already', 'choose another name; nothing is ever overwritten'),
+    errno.ENOENT: ('there is no such file or directory', 'check the path'),
+    errno.ENAMETOOLONG: ('the name is too long', 'choose a shorter one'),
+    errno.EMFILE: ('too many files are open', 'close some, or raise the limit (ulimit -n)'),
+    errno.EIO: ('the device reports an input/output error', 'check the disk and its cable'),
+}
+
+
+class RecordingError(Exception):
+    """
+    A recording cannot be written, read or recovered.
+
+    Parameters
+    ----------
+    attempt : str
+        What was attempted, as an infinitive without 'to': ``'write'``.
+    path : Path or str
+        The file or directory concerned.
+    cause : str
+        Why it failed.
+    remedy : str, optional
+        What the user can do about it.
+
+    Attributes
+    ----------
+    path : Path
+        The file or directory concerned.
+    cause, remedy : str
+        As above.
+    """
+
+    def __init__(self, attempt: str, path: Path | str, cause: str, remedy: str = '') -> None:
+        self.path = Path(path)
+        self.cause = as_line(cause)
+        self.remedy = remedy
+        text = f"cannot {attempt} '{path}': {cause}"
+        super().__init__(as_line(text) + (f'; {as_line(remedy)}' if remedy else ''))
+
+    @classmethod
+    def from_os_error(cls, attempt: str, path: Path | str, error: OSError) -> RecordingError:
+        """Say in words what the operating system reports as a number."""
+        cause = error.strerror or str(error)
+        remedy = ''
+        if error.errno in _KNOWN:
+            cause, remedy = _KNOWN[error.errno]
+        return cls(attempt, path, cause, remedy)

@@ -1,0 +1,208 @@
+"""Saving what can be saved of a recording that was cut short."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from impact_damper_ros.rig.shown import as_line
+
+from .bag_file import BagFile
+from .errors import RecordingError
+from .mcap_scan import Scan, open_file, plain_content, read_block
+from .run_reader import RecordedTopic, RunReader
+from .topics import Channel, load_yaml
+
+__all__ = ['Recovery', 'recover_run']
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """
+    What a recovery saved.
+
+    Attributes
+    ----------
+    source, output : Path
+        The recording as it was found, and the new bag.
+    topics : tuple of RecordedTopic
+        What the new bag holds.
+    start_ns, end_ns : int
+        Earliest and latest stamp.
+    unusable : int
+        Bytes of the source that could not be used.
+    was_complete : bool
+        Whether the source was complete already; the new bag is then a plain copy.
+    faults : tuple of str
+        In what the source is not what it says of itself.
+    """
+
+    source: Path
+    output: Path
+    topics: tuple[RecordedTopic, ...]
+    start_ns: int
+    end_ns: int
+    unusable: int
+    was_complete: bool
+    faults: tuple[str, ...] = ()
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages saved."""
+        return sum(topic.message_count for topic in self.topics)
+
+
+def recover_run(source: Path | str, output: Path | str | None = None) -> Recovery:
+    """
+    Make a complete bag of what is whole in a recording; the recording itself stays untouched.
+
+    The new bag is built under a temporary name and renamed when it is complete, so that there is
+    never half of one.
+
+    Parameters
+    ----------
+    source : Path or str
+        A bag directory, with or without ``metadata.yaml``, or an ``.mcap`` file.
+    output : Path or str, optional
+        Directory of the new bag; beside the source with ``_recovered`` appended if not given.
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing to save, the output exists already or it cannot be written.
+    """
+    source = Path(source).absolute()
+    output = (
+        Path(output).absolute()
+        if output is not None
+        else source.with_name(f'{source.stem if source.is_file() else source.name}_recovered')
+    )
+    if output.exists() or output.is_symlink():
+        cause = 'it exists already'
+        raise RecordingError('recover to', output, cause, 'give another directory with --output')
+    reader = RunReader(source)
+    if not reader.message_count:
+        cause = 'it holds no whole message; it was cut before its first flush'
+        raise RecordingError('recover', source, cause)
+    draft = output.with_name(f'.{output.name}.{secrets.token_hex(4)}.tmp')
+    try:
+        draft.mkdir()
+    except OSError as error:
+        raise RecordingError.from_os_error('recover to', output, error) from error
+    try:
+        recovery = _copy(reader, source, draft, output)
+        if not recovery.message_count:
+            raise RecordingError('recover', source, 'every message in it is damaged')
+        draft.rename(output)
+    except OSError as error:
+        raise RecordingError.from_os_error('recover to', output, error) from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    return recovery
+
+
+def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recovery:
+    channels, places = _channels(reader)
+    bag = BagFile(draft, channels, reader.custom, name=output.name)
+    unusable = reader.unusable
+    numbers: dict[int, int] = {}
+    try:
+        for scan in reader.scans:
+            bases: dict[int, int] = {}
+            with open_file(scan.path) as stream:
+                for block in scan.blocks:
+                    try:
+                        messages = read_block(scan, stream, block)
+                    except RecordingError:
+                        unusable += block.length
+                        continue
+                    for message in messages:
+                        place = places.get((scan.path, message.channel))
+                        content = _plain(message.content)
+                        if place is None or content is None or message.stamp_ns >= 2**63:
+                            unusable += len(message.content)
+                            continue
+                        number = message.sequence
+                        if scan.own:
+                            # Each file may count anew; the bag counts through, from 0.
+                            if place not in bases:
+                                anew = number == 0 and place in numbers
+                                bases[place] = numbers[place] + 1 if anew else 0
+                                if reader.begins_later:
+                                    bases[place] = -number
+                            number += bases[place]
+                            numbers[place] = number
+                        bag.add(place, content, message.stamp_ns, number & 0xFFFFFFFF)
+        faults = (*reader.faults(), *filter(None, [reader.missing]))
+        whole = reader.complete and not faults and not unusable
+        if not whole:
+            bag.custom['recovered_from'] = as_line(source.name)
+        bag.finish()
+    finally:
+        bag.abandon()
+    return Recovery(
+        source=source,
+        output=output,
+        topics=tuple(
+            RecordedTopic(channel.topic, channel.type, count)
+            for channel, count in zip(bag.channels, bag.counts, strict=True)
+        ),
+        start_ns=bag.start_ns or 0,
+        end_ns=bag.end_ns or 0,
+        unusable=unusable,
+        was_complete=whole,
+        faults=faults,
+    )
+
+
+def _plain(content: bytes) -> bytes | None:
+    """Return a message as it was sent; None if it cannot be expanded."""
+    try:
+        return plain_content(content)
+    except ValueError:
+        return None
+
+
+def _channels(reader: RunReader) -> tuple[list[Channel], dict[tuple[Path, int], int]]:
+    """Return the channels of all files, one per topic, and the place of each file's ids there."""
+    channels: list[Channel] = []
+    places: dict[tuple[Path, int], int] = {}
+    topics: dict[str, int] = {}
+    for scan in reader.scans:
+        for number, channel in scan.channels.items():
+            if channel.topic not in topics:
+                topics[channel.topic] = len(channels)
+                channels.append(_channel(scan, number))
+            places[scan.path, number] = topics[channel.topic]
+    return channels, places
+
+
+def _channel(scan: Scan, number: int) -> Channel:
+    channel = scan.channels[number]
+    schema = scan.schemas.get(channel.schema_id)
+    return Channel(
+        topic=channel.topic,
+        type=schema.name if schema else '',
+        schema=schema.data if schema else b'',
+        type_hash=channel.metadata.get('topic_type_hash', ''),
+        qos_profiles=_qos_profiles(channel.metadata.get('offered_qos_profiles', '')),
+        schema_encoding=schema.encoding if schema else '',
+        message_encoding=channel.message_encoding,
+    )
+
+
+def _qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
+    """Return the profiles that are such, of a text that may be any."""
+    try:
+        profiles = load_yaml(text) if text else None
+    except yaml.YAMLError:
+        return ()
+    if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
+        return ()
+    return tuple(profiles)

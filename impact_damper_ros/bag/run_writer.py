@@ -1,0 +1,498 @@
+"""Recording a run while it goes on, without ever holding it up."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from .bag_file import BagFile, BagSummary
+from .errors import RecordingError
+from .topics import Topic
+
+__all__ = ['SHORTEST_FILE', 'SMALLEST_FILE', 'RunWriter', 'create_run_directory']
+
+
+#: Names tried within one second before giving up.
+_ATTEMPTS = 1000
+
+
+def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
+    """
+    Make a new directory ``run_<YYYYmmdd_HHMMSS>`` and return its path.
+
+    A name that is taken gets a number (``run_20250131_120000_2``). The directory is made by a call
+    that fails if it exists, so two recorders that start in the same second never share one.
+
+    Parameters
+    ----------
+    parent : Path or str
+        Directory of all runs; made if absent.
+    when : float, optional
+        Seconds since the epoch; now if not given. Written in local time.
+
+    Returns
+    -------
+    Path
+        The new, empty directory.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be made.
+    """
+    parent = Path(parent)
+    stem = time.strftime('run_%Y%m%d_%H%M%S', time.localtime(when))
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        cause = 'it is a file, not a directory'
+        remedy = 'move that file away, or set bag_directory to another path'
+        raise RecordingError('record to', parent, cause, remedy) from None
+    except OSError as error:
+        raise RecordingError.from_os_error('record to', parent, error) from error
+    for number in range(1, _ATTEMPTS + 1):
+        directory = parent / (stem if number == 1 else f'{stem}_{number}')
+        try:
+            directory.mkdir()
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise RecordingError.from_os_error('record to', directory, error) from error
+        return directory
+    cause = f'{_ATTEMPTS} recordings were started there within one second'
+    raise RecordingError('record to', parent / stem, cause, 'record again a second later')
+
+
+#: Least limits to the files of a bag, bytes and s: each begins with a description of its topics.
+SMALLEST_FILE = 100_000
+SHORTEST_FILE = 1.0
+_SHORTEST_NS = round(SHORTEST_FILE * 1e9)
+#: Times per flush period that the writer thread looks at the queue while much comes in.
+_POLLS = 10
+#: Messages found at once that are much. A thread that wakes up seldom costs less.
+_MUCH = 1000
+#: Messages taken from the queue between two looks at the clock.
+_BATCH = 500
+_LATEST_STAMP = 2**63 - 1
+#: Places in the queue that must be free for what a file begins with.
+_ROOM = 100
+
+
+class _Split:
+    """What stands in the queue, in place of a topic, where a new file begins."""
+
+
+_SPLIT = _Split()
+
+
+class RunWriter:
+    """
+    Writes a run to a rosbag2 bag, in a thread of its own.
+
+    `write` only appends to a queue. The writer thread empties it and hands whole chunks to the
+    operating system, so that a process killed at any instant loses at most the last
+    `flush_period` of the run; a second thread forces them to the disk every `sync_period`, so that
+    a power cut loses little more, and a slow disk delays neither the flushes nor the run.
+
+    A long run goes to several files. Where one ends is up to whoever writes, since each is to
+    begin with what a reader of it alone needs: `split_due` says when, `split` does it.
+
+    Parameters
+    ----------
+    directory : Path or str
+        Of the bag; made if absent, must not hold a bag already. See `create_run_directory`.
+    topics : sequence of Topic
+        What is recorded.
+    flush_period : float, default 0.5
+        Longest time, in seconds, that a message may stay in memory.
+    sync_period : float, default 5.0
+        Time, in seconds, between two forced writes to the disk.
+    custom : mapping of str to str, optional
+        Notes for the bag's ``custom_data``.
+    queue_limit : int, default 200000
+        Messages that may wait; more are dropped and counted. A run that is simulated as fast as
+        possible should pause while `backlog` is large.
+    on_error : callable, optional
+        Called, from any thread, once `error` is set; what it raises is ignored.
+    max_size : int, default 0
+        Bytes of a file after which `split_due` asks for the next one, though not within
+        `SHORTEST_FILE`; 0 for no limit. What is not in the file yet is taken to be compressed as
+        what is.
+    max_duration : float, default 0.0
+        Time from the first stamp of a file, in seconds, after which it does so; 0 for no limit.
+
+    Raises
+    ------
+    RecordingError
+        If the bag cannot be made: no permission, disk full, a file in the way. Later failures are
+        never raised, see `error`.
+    ValueError
+        If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE`, and not 0.
+    KeyError
+        If no definition of a topic's type is shipped.
+    """
+
+    def __init__(
+        self,
+        directory: Path | str,
+        topics: Sequence[Topic],
+        *,
+        flush_period: float = 0.5,
+        sync_period: float = 5.0,
+        custom: Mapping[str, str] | None = None,
+        queue_limit: int = 200_000,
+        on_error: Callable[[], object] = lambda: None,
+        max_size: int = 0,
+        max_duration: float = 0.0,
+    ) -> None:
+        for name, limit, least in (
+            ('max_size', max_size, SMALLEST_FILE),
+            ('max_duration', max_duration, SHORTEST_FILE),
+        ):
+            if limit and not limit >= least:
+                raise ValueError(f'{name} is {limit}: it must be 0 (no limit) or at least {least}')
+        if len({topic.name for topic in topics}) < len(topics):
+            raise ValueError('two topics have the same name; each may be given once')
+        if not flush_period > 0 or not sync_period > 0:
+            raise ValueError('flush_period and sync_period must be positive')
+        self._file = BagFile(
+            Path(directory), [topic.channel() for topic in topics], dict(custom or {})
+        )
+        self._channels: dict[int | str | _Split, int] = {}
+        for index, topic in enumerate(topics):
+            self._channels[index] = self._channels[topic.name] = index
+        self._poll_period = flush_period / _POLLS
+        # A message waits for the rest of a flush interval; two looks at the queue are kept in
+        # reserve for a busy machine.
+        self._flush_interval = flush_period - 2 * self._poll_period
+        self._sync_period = sync_period
+        self._queue: deque[tuple[int | str | _Split, bytes, int]] = deque()
+        self._queue_limit = queue_limit
+        self._max_size = max_size
+        self._max_duration_ns = round(max_duration * 1e9)
+        # Of the file that is written to, for those who write; it may still be in the queue
+        self._begun_ns: int | None = None
+        # How many files were asked for, and have been begun
+        self._asked = self._begun = 0
+        self._accepting = True
+        self._lock = threading.Lock()
+        self._dropped = 0
+        self._drop_reason: str | None = None
+        self._on_error = on_error
+        self._error: RecordingError | None = None
+        self._summary: BagSummary | None = None
+        self._closing = threading.RLock()
+        self._stop = threading.Event()
+        # Set to have the queue looked at now
+        self._wake = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._write_loop, name='run_writer', daemon=True),
+            threading.Thread(target=self._sync_loop, name='run_sync', daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @classmethod
+    def new_run(
+        cls,
+        parent: Path | str,
+        topics: Sequence[Topic],
+        *,
+        custom: Mapping[str, str] | None = None,
+        on_error: Callable[[], object] = lambda: None,
+        max_size: int = 0,
+        max_duration: float = 0.0,
+    ) -> Self:
+        """
+        Start recording to a new directory ``parent/run_<date>_<time>``.
+
+        Raises
+        ------
+        RecordingError
+            If it cannot be made; then no empty directory is left behind.
+        """
+        directory = create_run_directory(parent)
+        try:
+            return cls(
+                directory,
+                topics,
+                custom=custom,
+                on_error=on_error,
+                max_size=max_size,
+                max_duration=max_duration,
+            )
+        except Exception:
+            with suppress(OSError):
+                directory.rmdir()
+            raise
+
+    @property
+    def directory(self) -> Path:
+        """The bag."""
+        return self._file.directory
+
+    @property
+    def path(self) -> Path:
+        """The MCAP file being written."""
+        return self._file.path
+
+    @property
+    def error(self) -> RecordingError | None:
+        """Why the recording ended early; None as long as it goes well."""
+        return self._error
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages offered that are not in the bag."""
+        return self._dropped
+
+    @property
+    def drop_reason(self) -> str | None:
+        """Why the first of the dropped messages was dropped."""
+        return self._drop_reason
+
+    @property
+    def splits(self) -> bool:
+        """Whether there is a limit to a file."""
+        return bool(self._max_size or self._max_duration_ns)
+
+    @property
+    def splitting(self) -> bool:
+        """Whether a file that was asked for has not been begun yet."""
+        return self._asked > self._begun and self._error is None
+
+    @property
+    def backlog(self) -> int:
+        """Number of messages that wait to be written."""
+        return len(self._queue)
+
+    def write(self, topic: int | str, content: bytes, stamp_ns: int) -> bool:
+        """
+        Queue a message; never blocks, never raises.
+
+        Parameters
+        ----------
+        topic : int or str
+            Index or name of one of the topics.
+        content : bytes
+            The message, serialised in CDR.
+        stamp_ns : int
+            Its stamp in nanoseconds.
+
+        Returns
+        -------
+        bool
+            False if the message was dropped (recording ended, or too many waiting).
+        """
+        queue = self._queue
+        if self._accepting and len(queue) < self._queue_limit:
+            queue.append((topic, content, stamp_ns))
+            return True
+        if self._accepting:
+            self._drop(f'more than {self._queue_limit} messages waited for the disk')
+        else:
+            self._drop('the recording had ended')
+        return False
+
+    def split_due(self, stamp_ns: int) -> bool:
+        """
+        Return whether the present file has reached a limit; never blocks, never raises.
+
+        To be called, and `split`, by the one thread that writes.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp of the last message; that of the first call is where the first file begins.
+        """
+        if self._begun_ns is None:
+            self._begun_ns = stamp_ns
+        if self._max_duration_ns and stamp_ns - self._begun_ns >= self._max_duration_ns:
+            return True
+        # As long as a file waits to be begun, nothing is known of its size. What it begins with
+        # may be larger than the limit.
+        return (
+            self._max_size > 0
+            and self._asked == self._begun
+            and stamp_ns - self._begun_ns >= _SHORTEST_NS
+            and self._file.expected_size(len(self._queue)) >= self._max_size
+        )
+
+    def split(self, stamp_ns: int) -> bool:
+        """
+        Let what is written from now on go to a new file; never blocks, never raises.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp with which the new file begins.
+
+        Returns
+        -------
+        bool
+            False if that is not possible at present (recording ended, or too many waiting).
+        """
+        if not self._accepting or len(self._queue) > self._queue_limit - _ROOM:
+            return False
+        self._begun_ns = stamp_ns
+        self._asked += 1
+        self._queue.append((_SPLIT, b'', stamp_ns))
+        self._wake.set()
+        return True
+
+    def close(self) -> BagSummary:
+        """
+        Write what is queued, finish the bag and say what it holds.
+
+        May be called more than once, from any thread, and after an error; raises nothing.
+        """
+        with self._closing:
+            if self._summary is None:
+                self._accepting = False
+                self._end()
+                for thread in self._threads:
+                    thread.join()
+                self._finish()
+                self._summary = BagSummary(
+                    directory=self._file.directory,
+                    file=self._file.path,
+                    counts={
+                        channel.topic: count
+                        for channel, count in zip(
+                            self._file.channels, self._file.counts, strict=True
+                        )
+                    },
+                    start_ns=self._file.start_ns,
+                    end_ns=self._file.end_ns,
+                    dropped=self._dropped,
+                    error=self._error,
+                )
+            return self._summary
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _drop(self, reason: str, count: int = 1) -> None:
+        if count:
+            with self._lock:
+                self._dropped += count
+                self._drop_reason = self._drop_reason or reason
+
+    def _end(self) -> None:
+        self._stop.set()
+        self._wake.set()
+
+    def _fail(self, error: Exception) -> None:
+        """Keep the first error and stop accepting messages."""
+        self._accepting = False
+        if self._error is None:
+            if isinstance(error, OSError):
+                error = RecordingError.from_os_error('go on recording to', self.path, error)
+            elif not isinstance(error, RecordingError):
+                cause = f'{type(error).__name__}: {error}'
+                error = RecordingError('go on recording to', self.path, cause)
+            self._error = error
+            with suppress(Exception):
+                self._on_error()
+        self._end()
+
+    def _finish(self) -> None:
+        try:
+            if self._error is None:
+                self._note_dropped()
+                self._file.finish()
+        except Exception as error:
+            self._fail(error)
+        if self._error is not None:
+            self._drop('the recording had ended', self._file.abandon())
+        self._discard()
+
+    def _note_dropped(self) -> None:
+        """Let whoever reads the bag account for what is missing."""
+        if self._dropped:
+            self._file.custom['dropped'] = str(self._dropped)
+
+    def _discard(self) -> None:
+        count = 0
+        while self._queue:
+            count += self._queue.popleft()[0] is not _SPLIT
+        self._drop('the recording had ended', count)
+
+    def _write_loop(self) -> None:
+        try:
+            # The first messages go out at the next look: what a process killed soon after its
+            # start has recorded must not be nothing.
+            flushed = time.monotonic() - self._flush_interval
+            dirty = begun = False
+            pause = self._poll_period
+            while True:
+                self._wake.wait(pause)
+                self._wake.clear()
+                stopping = self._stop.is_set()
+                if self._error is not None:
+                    break
+                found = len(self._queue)
+                while self._queue:
+                    dirty = self._take(min(len(self._queue), _BATCH)) or dirty
+                    if dirty and time.monotonic() - flushed >= self._flush_interval:
+                        self._file.flush()
+                        flushed, dirty = time.monotonic(), False
+                left = flushed + self._flush_interval - time.monotonic()
+                if left <= 0.0:
+                    begun = begun or dirty
+                    if dirty:
+                        self._file.flush()
+                    if begun:
+                        flushed, dirty = time.monotonic(), False
+                        left = self._flush_interval
+                if stopping:
+                    break
+                pause = self._poll_period if found > _MUCH or not begun else left
+        except Exception as error:
+            self._fail(error)
+
+    def _take(self, count: int) -> bool:
+        """Move messages from the queue to the file; return whether there was any."""
+        added = False
+        for _ in range(count):
+            topic, content, stamp_ns = self._queue.popleft()
+            channel = self._channels.get(topic)
+            if channel is None:
+                if topic is _SPLIT:
+                    self._note_dropped()
+                    self._file.next_file()
+                    self._begun += 1
+                else:
+                    self._drop(f'topic {topic!r} is not one of the recorded ones')
+            elif not isinstance(stamp_ns, int) or not 0 <= stamp_ns <= _LATEST_STAMP:
+                self._drop(f'stamp {stamp_ns!r} is not an integer of 0 .. 2**63 - 1 (ns)')
+            elif not isinstance(content, bytes):
+                self._drop(f'content is {type(content).__name__}, not bytes')
+            else:
+                self._file.add(channel, content, stamp_ns)
+                added = True
+        return added
+
+    def _sync_loop(self) -> None:
+        synced = self._file.path, self._file.size
+        while not self._stop.wait(self._sync_period):
+            try:
+                if (self._file.path, self._file.size) != synced:
+                    synced = self._file.path, self._file.size
+                    self._file.sync()
+            except Exception as error:
+                self._fail(error)

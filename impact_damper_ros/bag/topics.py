@@ -1,0 +1,273 @@
+"""
+The topics that are recorded: message definitions and quality of service.
+
+A bag describes its own messages: the schema of an MCAP file holds the text of the definition, its
+dependencies included, and each channel the hash of the type (REP 2016). Both are shipped beside
+this module, as ROS 2 Jazzy installs them, so that a bag can be written where no ROS is installed.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import yaml
+
+__all__ = [
+    'LATCHED',
+    'LONGEST_YAML',
+    'Channel',
+    'QosProfile',
+    'Topic',
+    'definition',
+    'definition_file',
+    'dump_yaml',
+    'load_yaml',
+    'type_hash',
+    'type_hashes',
+]
+
+
+_DEFINITIONS = files('impact_damper_ros.bag') / 'definitions'
+_SEPARATOR = '=' * 80
+_FIELD = re.compile(r'^\s*([A-Za-z]\w*/)?([A-Z]\w*)(?:\[[^\]]*\])?\s+\w+', re.MULTILINE)
+
+
+@cache
+def type_hashes() -> dict[str, str]:
+    """Return the REP 2016 hash of each shipped type, by full name (``pkg/msg/Type``)."""
+    hashes: dict[str, str] = json.loads((_DEFINITIONS / 'type_hashes.json').read_text('utf-8'))
+    return hashes
+
+
+def type_hash(interface: str) -> str:
+    """
+    Return the hash of one type, such as ``RIHS01_...``.
+
+    Raises
+    ------
+    KeyError
+        If no definition of this type is shipped.
+    """
+    try:
+        return type_hashes()[interface]
+    except KeyError:
+        known = ', '.join(type_hashes())
+        raise KeyError(
+            f'no definition of {interface!r} is shipped; known types: {known}'
+        ) from None
+
+
+def definition_file(interface: str) -> str:
+    """Return the text of the type's own ``.msg`` file."""
+    type_hash(interface)
+    package, _, name = interface.split('/')
+    return (_DEFINITIONS / package / 'msg' / f'{name}.msg').read_text('utf-8')
+
+
+@cache
+def definition(interface: str) -> str:
+    """
+    Return the definition with all it depends on, as the ``ros2msg`` encoding asks.
+
+    The dependencies follow depth first, in alphabetical order and once each, every one after a
+    line of 80 equals signs and a line ``MSG: pkg/Type``: the order in which rosbag2 writes them.
+    """
+    seen: set[str] = set()
+
+    def expand(name: str) -> str:
+        text = definition_file(name)
+        package = name.split('/')[0]
+        matches = _FIELD.finditer(text)
+        for dependency in sorted({f'{m[1] or package + "/"}{m[2]}' for m in matches}):
+            if dependency not in seen:
+                seen.add(dependency)
+                head = f'\n{_SEPARATOR}\nMSG: {dependency}\n'
+                text += head + expand('/msg/'.join(dependency.split('/')))
+        return text
+
+    return expand(interface)
+
+
+#: How rosbag2 writes an unlimited duration.
+_INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+#: Limits to the YAML of a bag. A bag of 500 topics and 5,000 files has some 2 MB of it.
+LONGEST_YAML = 8 * 1024 * 1024
+_MOST_YAML_EVENTS = 300_000
+_DEEPEST_YAML = 20
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+
+@dataclass(frozen=True)
+class QosProfile:
+    """
+    Quality of service of a publisher, in the words of rosbag2's metadata version 9.
+
+    Attributes
+    ----------
+    reliability : str
+        ``'reliable'`` or ``'best_effort'``.
+    durability : str
+        ``'volatile'`` or ``'transient_local'`` (a latched topic).
+    depth : int
+        Length of the history kept (``keep_last``).
+    """
+
+    reliability: str = 'reliable'
+    durability: str = 'volatile'
+    depth: int = 10
+
+    def __post_init__(self) -> None:
+        allowed = {
+            'reliability': ('reliable', 'best_effort'),
+            'durability': ('volatile', 'transient_local'),
+        }
+        for name, values in allowed.items():
+            if (value := getattr(self, name)) not in values:
+                raise ValueError(f'{name} is {value!r}; it must be one of {", ".join(values)}')
+        if self.depth < 1:
+            raise ValueError(f'depth is {self.depth}; it must be at least 1')
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the profile with all the fields that rosbag2 reads, in its order."""
+        return {
+            'history': 'keep_last',
+            'depth': self.depth,
+            'reliability': self.reliability,
+            'durability': self.durability,
+            'deadline': dict(_INFINITE),
+            'lifespan': dict(_INFINITE),
+            'liveliness': 'automatic',
+            'liveliness_lease_duration': dict(_INFINITE),
+            'avoid_ros_namespace_conventions': False,
+        }
+
+
+#: The quality of service of a latched topic: a late subscriber gets the last message.
+LATCHED = QosProfile(durability='transient_local', depth=1)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """
+    A topic to record.
+
+    Attributes
+    ----------
+    name : str
+        Fully qualified: ``'/joint_states'``.
+    type : str
+        Full name of its type: ``'sensor_msgs/msg/JointState'``.
+    qos : QosProfile
+        With which it is offered; `ros2 bag play` offers it likewise.
+    """
+
+    name: str
+    type: str
+    qos: QosProfile = field(default_factory=QosProfile)
+
+    def channel(self) -> Channel:
+        """
+        Return the topic as an MCAP file describes it.
+
+        Raises
+        ------
+        KeyError
+            If no definition of the type is shipped with this package.
+        """
+        return Channel(
+            topic=self.name,
+            type=self.type,
+            schema=definition(self.type).encode(),
+            type_hash=type_hash(self.type),
+            qos_profiles=(self.qos.as_mapping(),),
+        )
+
+
+@dataclass(frozen=True)
+class Channel:
+    """
+    A topic with all that makes it readable on its own; also of a bag not written here.
+
+    Attributes
+    ----------
+    topic, type : str
+        Names of the topic and of its type.
+    schema : bytes
+        Definition of the type with its dependencies.
+    type_hash : str
+        As of REP 2016; empty if unknown.
+    qos_profiles : tuple of mappings
+        One per publisher.
+    schema_encoding, message_encoding : str
+        As of the MCAP registry of well-known encodings.
+    """
+
+    topic: str
+    type: str
+    schema: bytes
+    type_hash: str
+    qos_profiles: tuple[Mapping[str, Any], ...] = ()
+    schema_encoding: str = 'ros2msg'
+    message_encoding: str = 'cdr'
+
+    def metadata(self) -> dict[str, str]:
+        """Return the metadata of the MCAP channel, as rosbag2 writes it."""
+        profiles = [dict(profile) for profile in self.qos_profiles]
+        return {
+            'offered_qos_profiles': dump_yaml(profiles) if profiles else '',
+            'topic_type_hash': self.type_hash,
+        }
+
+
+def load_yaml(text: str) -> Any:
+    """
+    Return what a YAML text of a bag says, read by libyaml if PyYAML has it (ten times faster).
+
+    The text is looked through before anything is built of it: libyaml goes as deep into the stack
+    as the text is nested, and an alias may stand for any amount of text.
+
+    Raises
+    ------
+    yaml.YAMLError
+        If it is no YAML, or longer, deeper or of more parts than any bag's metadata.
+    """
+    if len(text) > LONGEST_YAML:
+        raise yaml.YAMLError(f'it is {len(text)} characters long; at most {LONGEST_YAML} are read')
+    depth = 0
+    for number, event in enumerate(yaml.parse(text, Loader=_LOADER), 1):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        elif isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError('it has an alias (*name), which no bag has')
+        if depth > _DEEPEST_YAML:
+            raise yaml.YAMLError(f'it is nested more than {_DEEPEST_YAML} deep')
+        if number > _MOST_YAML_EVENTS:
+            raise yaml.YAMLError(f'it has more than {_MOST_YAML_EVENTS} parts')
+    try:
+        return yaml.load(text, Loader=_LOADER)
+    except yaml.YAMLError:
+        raise
+    except Exception as error:  # whatever a tag such as !!timestamp makes the constructor raise
+        raise yaml.YAMLError(f'{type(error).__name__}: {error}') from error
+
+
+def dump_yaml(value: object) -> str:
+    """Return block-style YAML with the keys in the order given, without a final newline."""
+    # No aliases: readers of metadata.yaml need not know them.
+    text: str = yaml.dump(
+        value, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True, width=2**20
+    )
+    return text.removesuffix('\n')
+
+
+class _PlainDumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+        return True

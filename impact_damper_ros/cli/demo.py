@@ -1,0 +1,368 @@
+"""
+The demonstration: run the node, turn its knobs, record, and hold the recording against theory.
+
+Run by ``make demo``, or ``python -m impact_damper_ros.cli.demo [DIRECTORY]``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from impact_damper_ros.bag import JointState, ParameterEvent, RunReader, String
+from impact_damper_ros.entry_points import run
+from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
+from impact_damper_ros.rig import RigParameters, load_parameters
+
+from .command_line import add_version_option, check_directory, in_words, say
+
+__all__ = ['main']
+
+
+PATIENCE_S = 30.0
+CLOSEUP_CYCLES = 3
+#: Seconds of the rig per second of the demonstration, so that each stage has time to settle.
+SPEED = 3.0
+
+
+class Stage(NamedTuple):
+    """What is set at the start of a stage of the demonstration."""
+
+    parameter: str
+    value: float
+    text: str
+
+
+STAGES = (
+    Stage('gap', 0.0145, 'gap 14.5 mm: too narrow'),
+    Stage('gap', 0.024, 'gap 24 mm: as it should be'),
+    Stage('angle', 0.2, 'inclined by 0.2 rad (11°)'),
+)
+
+
+class Row(NamedTuple):
+    """
+    One stage, as `compare_run` measures it.
+
+    Attributes
+    ----------
+    stage : Stage
+        What was set.
+    measured : mapping of str to Any
+        The motion measured, as in ``report.json``; see `MeasuredMotion`.
+    """
+
+    stage: Stage
+    measured: Mapping[str, Any]
+
+
+def _environment() -> None:
+    """Keep to this machine, and out of the way of other ROS systems on it."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
+    if (Path(sys.prefix) / 'share' / 'ament_index').is_dir():
+        # ROS 2 from wheels, with no workspace sourced
+        os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
+
+
+def _start_node(preset: Path, directory: Path) -> subprocess.Popen[bytes]:
+    first = STAGES[0]
+    return subprocess.Popen(
+        [
+            sys.executable,
+            *('-m', 'impact_damper_ros.node.sim_node', '--ros-args'),
+            *('--params-file', str(preset)),
+            *('-p', f'{first.parameter}:={first.value}'),
+            *('-p', f'real_time_factor:={SPEED}'),
+            *('-p', f'bag_directory:={directory}'),
+            *('-p', 'record:=true'),
+        ]
+    )
+
+
+class _Client:
+    """A plain rclpy client of the node: it counts what arrives and sets parameters."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from rclpy.parameter_client import AsyncParameterClient
+        from rclpy.signals import SignalHandlerOptions
+        from sensor_msgs.msg import JointState as JointStateMessage
+
+        # Ctrl-C is Python's here: it ends the waiting, which is never long.
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self._rclpy = rclpy
+        self._node = rclpy.create_node('demo')
+        self.states = self.impacts = 0
+        # Stamp of the newest joint states, s
+        self.time = 0.0
+        self._node.create_subscription(JointStateMessage, 'joint_states', self._on_state, 100)
+        self._node.create_subscription(JointStateMessage, 'impacts', self._on_impact, 1000)
+        self._parameters = AsyncParameterClient(self._node, 'sim_node')
+
+    def _on_state(self, message: Any) -> None:
+        self.states += 1
+        stamp = message.header.stamp
+        self.time = stamp.sec + 1e-9 * stamp.nanosec
+
+    def _on_impact(self, _message: Any) -> None:
+        self.impacts += 1
+
+    def until(self, condition: Callable[[], bool], patience: float) -> bool:
+        """Listen until a condition holds or patience ends."""
+        deadline = time.monotonic() + patience
+        while not condition() and time.monotonic() < deadline:
+            self._rclpy.spin_once(self._node, timeout_sec=0.02)
+        return condition()
+
+    def set(self, name: str, value: Any) -> None:
+        """Set a parameter of the node, or say why it will not have it."""
+        from rclpy.parameter import Parameter
+
+        if not self._parameters.wait_for_services(PATIENCE_S):
+            raise RuntimeError('the node does not offer its parameter services')
+        future = self._parameters.set_parameters([Parameter(name, value=value)])
+        if not self.until(future.done, PATIENCE_S):
+            raise RuntimeError(f'the node does not answer to setting {name}')
+        result = future.result().results[0]
+        if not result.successful:
+            raise RuntimeError(f'the node rejected {name} = {value}: {result.reason}')
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._node.destroy_node()
+        self._rclpy.try_shutdown()
+
+
+def _has_reached(node: subprocess.Popen[bytes], client: _Client, time: float) -> bool:
+    return client.time >= time or node.poll() is not None
+
+
+def _perform(node: subprocess.Popen[bytes], duration: float) -> tuple[int, int]:
+    """Turn the knobs while the node runs; return the messages that arrived meanwhile."""
+    client = _Client()
+    try:
+        if not client.until(lambda: client.states > 0 or node.poll() is not None, PATIENCE_S):
+            raise RuntimeError('no joint_states arrived from the node')
+        # In the time of the rig, which may lag behind the clock on a busy machine
+        share = SPEED * duration / len(STAGES)
+        bar = tqdm(
+            total=duration,
+            bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s  {postfix}',
+            disable=None,
+        )
+        with bar:
+            for number, stage in enumerate(STAGES):
+                if number:
+                    client.set(stage.parameter, stage.value)
+                bar.write(
+                    f'  {stage.text}   (ros2 param set /sim_node '
+                    f'{stage.parameter} {stage.value:g})'
+                )
+                end = client.time + share
+                while (before := client.time) < end:
+                    reached = partial(_has_reached, node, client, min(before + 0.25 * SPEED, end))
+                    client.until(reached, PATIENCE_S)
+                    if node.poll() is not None:
+                        raise RuntimeError(f'the node ended with exit code {node.returncode}')
+                    if client.time == before:
+                        raise RuntimeError(f'no joint_states arrived for {PATIENCE_S:g} s')
+                    bar.set_postfix_str(f'{client.impacts} impacts', refresh=False)
+                    bar.update((client.time - before) / SPEED)
+        client.set('record', False)
+        return client.states, client.impacts
+    finally:
+        client.close()
+
+
+def _end(node: subprocess.Popen[bytes]) -> None:
+    if node.poll() is None:
+        node.send_signal(signal.SIGINT)
+        try:
+            node.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            node.kill()
+            node.wait()
+
+
+def _read(bag: Path) -> tuple[Motion, list[float]]:
+    """
+    Read the motion back from the bag, and the instants at which parameters changed.
+
+    Positions of the motion count from the static equilibrium of each stage.
+    """
+    reader = RunReader(bag)
+    states: list[tuple[float, ...]] = []
+    impacts: list[tuple[float, ...]] = []
+    changes: list[float] = []
+    start = reader.start_ns or 0
+    topics = ('snapshot', 'joint_states', 'impacts', 'parameter_events')
+    wanted = [reader.topic(name) for name in topics]
+    rest = 0.0
+    for _, stamp_ns, message in reader.messages([t for t in wanted if t in reader.topics]):
+        instant = (stamp_ns - start) * 1e-9
+        if isinstance(message, String):
+            rig = RigParameters(**json.loads(message.data)['state']['parameters'])
+            rest = rig.static_deflection
+        elif isinstance(message, ParameterEvent):
+            names = {parameter.name for parameter in message.changed_parameters}
+            if names & {stage.parameter for stage in STAGES}:
+                changes.append(instant)
+        elif isinstance(message, JointState) and message.effort:
+            stop = int(message.frame_id[-1])
+            impacts.append((instant, message.position[1] - rest, stop, message.effort[1]))
+        elif isinstance(message, JointState):
+            states.append((instant, *(place - rest for place in message.position)))
+    time_, x, z, stop_1, stop_2 = np.array(states).T
+    hit, where, stops, impulse = np.array(impacts).reshape(-1, 4).T
+    motion = Motion(
+        time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64), np.abs(impulse)
+    )
+    return motion, changes
+
+
+def _table(rows: Sequence[Row], without: float) -> str:
+    lines = [
+        '                              impacts    largest   of the motion    mean      measured',
+        'stage                         per cycle  |X|       without damper   impulse   from, to',
+    ]
+    lines.extend(
+        f'{stage.text:<29} {measured["impacts_per_cycle"]:<10.2f} '
+        f'{1e3 * measured["x_max"]:4.1f} mm   {measured["x_max"] / without:<16.3f} '
+        f'{1e3 * measured["mean_impulse"]:.0f} mN s   '
+        f'{measured["start"]:.1f} s, {measured["end"]:.1f} s'
+        for stage, measured in rows
+    )
+    return '\n'.join(
+        [
+            *lines,
+            '',
+            'Measured are the last periods of a motion that has settled, up to 20, or else the',
+            'second half of the stage, as in the report; |X| is counted from the equilibrium.',
+        ]
+    )
+
+
+def _rows(report: Path) -> list[Row]:
+    """Return the stages as the report has them."""
+    result = json.loads((report / 'report.json').read_text(encoding='utf-8'))
+    pairs = zip(STAGES, result['stretches'], strict=False)
+    return [Row(stage, stretch['measured']) for stage, stretch in pairs if stretch['measured']]
+
+
+def _draw(bag: Path, preset: Path, picture: Path, rows: Sequence[Row]) -> None:
+    parameters, _, _ = load_parameters(preset)
+    cycle = math.tau / parameters.force_frequencies[0]
+    motion, changes = _read(bag)
+    ends = [*changes, float(motion.time[-1])]
+    closeups = [
+        Closeup(
+            end - CLOSEUP_CYCLES * cycle,
+            end,
+            f'{stage.text}\n{measured["impacts_per_cycle"]:.2f} impacts per cycle, '
+            f'|X| up to {1e3 * measured["x_max"]:.1f} mm',
+        )
+        for (stage, measured), end in zip(rows, ends, strict=False)
+    ]
+    labels = [(0.0, STAGES[0].text)]
+    labels += [(at, stage.text) for at, stage in zip(changes, STAGES[1:], strict=True)]
+    figure = draw_motion(
+        motion, closeups, labels, 'Impact damper, 5 Hz bench rig, recorded live from ROS 2'
+    )
+    figure.savefig(picture, dpi=110)
+
+
+def _compare(bag: Path, directory: Path) -> int:
+    """Hold the recording against theory; return the exit code."""
+    from .compare_run import main as compare_run
+
+    return compare_run(['--quiet', os.path.relpath(bag), '--report', os.path.relpath(directory)])
+
+
+def _print_verdicts(directory: Path) -> None:
+    print('\nheld against the exact periodic theory (compare_run):\n')
+    result = json.loads((directory / 'report.json').read_text(encoding='utf-8'))
+    for stretch in result['stretches']:
+        text = f'{stretch["cause"]}: {stretch["verdict"]}. {stretch["sentence"]}'
+        print(textwrap.fill(text, 96, initial_indent='  ', subsequent_indent='      '))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the demonstration.
+
+    Returns
+    -------
+    int
+        0, or 1 with a message if something did not work.
+    """
+    parser = argparse.ArgumentParser('demo', description=__doc__.split('\n\n')[0])
+    parser.add_argument('directory', nargs='?', type=Path, default=Path('demo_run'))
+    parser.add_argument('--duration', type=float, default=30.0, help='seconds, at least 15 [30]')
+    add_version_option(parser)
+    arguments = parser.parse_args(argv)
+    duration = max(15.0, arguments.duration)
+    directory: Path = arguments.directory.resolve()
+    try:
+        check_directory(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        say('demo', in_words(error))
+        return 1
+    _environment()
+    from ament_index_python.packages import get_package_share_directory
+
+    preset = Path(get_package_share_directory('impact_damper_ros')) / 'config' / 'bench_rig.yaml'
+    known = set(directory.iterdir())
+    print(
+        f'A 5 Hz bench rig runs live on ROS 2 for {duration:.0f} s, at {SPEED:g} times its speed, '
+        'and is recorded to MCAP.'
+    )
+    node = _start_node(preset, directory)
+    try:
+        states, impacts = _perform(node, duration)
+    except RuntimeError as error:
+        say('demo', error)
+        return 1
+    except KeyboardInterrupt:
+        print('demo: interrupted; the recording so far is kept', file=sys.stderr)
+        return 130
+    finally:
+        _end(node)
+    bags = sorted(path for path in set(directory.iterdir()) - known if path.is_dir())
+    if not bags:
+        print(f'demo: the node left no recording in {directory}', file=sys.stderr)
+        return 1
+    picture, report = directory / 'motion.png', directory / 'report'
+    print(f'\n{states} joint_states and {impacts} impacts arrived over DDS.')
+    code = _compare(bags[-1], report)
+    compared = (report / 'report.json').is_file()
+    rows = _rows(report) if compared else []
+    _draw(bags[-1], preset, picture, rows)
+    if compared:
+        print('From the recording:\n')
+        print(_table(rows, load_parameters(preset)[0].response_amplitude))
+        _print_verdicts(report)
+    print(f'\nrecording  {os.path.relpath(bags[-1])}   (ros2 bag play, or any MCAP reader)')
+    print(f'picture    {os.path.relpath(picture)}')
+    if compared:
+        print(f'report     {os.path.relpath(report / "report.html")}   (any browser)')
+    return code
+
+
+if __name__ == '__main__':
+    sys.exit(run('demo', main))

@@ -1,0 +1,78 @@
+"""Console script ``recover_run``: make a complete bag of a recording that was cut short."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from impact_damper_ros.bag import RecordingError, Recovery, recover_run
+from impact_damper_ros.entry_points import run
+from impact_damper_ros.rig.shown import as_line, printable
+
+from .command_line import add_version_option, say
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='recover_run',
+        description='Save what is whole in a recording that was cut short (kill -9, power cut, '
+        'full disk) into a complete bag. The recording itself stays untouched.',
+        epilog='Exit status: 0 if messages were saved, 1 if not, 2 for wrong arguments.',
+    )
+    parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
+    parser.add_argument(
+        '--output',
+        metavar='DIR',
+        type=Path,
+        help='directory of the new bag, which must not exist (default: BAG_recovered beside BAG)',
+    )
+    add_version_option(parser)
+    return parser
+
+
+#: Characters of a name from a file that are shown.
+_MOST_SHOWN = 100
+
+
+def _short(name: str) -> str:
+    return printable(name if len(name) <= _MOST_SHOWN else f'{name[:_MOST_SHOWN]}...')
+
+
+def report(recovery: Recovery) -> str:
+    """Say what was saved, topic by topic."""
+    seconds = (recovery.end_ns - recovery.start_ns) / 1e9
+    count = f'{recovery.message_count} message{"s" if recovery.message_count != 1 else ""}'
+    lines = []
+    if recovery.was_complete:
+        name = printable(recovery.source.name)
+        lines.append(f'{name} is complete: nothing was lost; this is a copy of it')
+    lines.append(f'saved {count} over {seconds:.3f} s to {printable(str(recovery.output))}')
+    lines.append(f'  stamps {recovery.start_ns} to {recovery.end_ns} ns')
+    topics = [replace(t, name=_short(t.name), type=_short(t.type)) for t in recovery.topics]
+    width = max(len(topic.name) for topic in topics)
+    lines += [
+        f'  {topic.name:<{width}}  {topic.message_count:>8}  {topic.type}' for topic in topics
+    ]
+    if not recovery.was_complete:
+        lines.append(f'bytes not usable: {recovery.unusable}')
+    lines += [f'fault: {as_line(fault)}' for fault in recovery.faults]
+    return '\n'.join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit status."""
+    arguments = _parser().parse_args(argv)
+    try:
+        recovery = recover_run(arguments.bag, arguments.output)
+    except RecordingError as error:
+        say('recover_run', error)
+        return 1
+    print(printable(report(recovery)))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(run('recover_run', main))

@@ -1,0 +1,432 @@
+"""`simulate_rig`: run a rig without ROS; impacts, events and states as CSV, or all as a bag."""
+
+from __future__ import annotations
+
+import argparse
+import heapq
+import itertools
+import math
+import os
+import sys
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO
+
+from tqdm import tqdm
+
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.bag.rig_recorder import RigRecorder
+from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
+from impact_damper_ros.control import (
+    GAP_CONTROL_SPECS,
+    Action,
+    ControlledRig,
+    GapControlParameters,
+)
+from impact_damper_ros.entry_points import run
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    Event,
+    EventKind,
+    InitialConditions,
+    ParameterSpec,
+    RigParameters,
+    Sample,
+    load_parameters,
+)
+from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, frequency_at
+from impact_damper_ros.rig.swing import Swing
+
+from .command_line import add_params_argument, add_version_option, announce, in_words, say
+from .csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
+from .overrides import TimedChange, add_set_option, overridden, overridden_control, timed_changes
+
+__all__ = ['main', 'parameter_table']
+
+
+EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:], 'force_frequency')
+
+# The end of a run that its summary describes, and how closely it looks for the largest X.
+_WATCHED_CYCLES = 20
+_LOOKS_PER_CYCLE = 256
+
+_DESCRIPTION = """\
+Run an impact damper exactly, without ROS, from the same parameters file as sim_node. The rig
+starts at rest with the loose mass in the middle of the gap, unless the file gives initial_*.
+All quantities are in SI units; velocities are absolute, along the axis, positive downwards.
+"""
+_EPILOG = """\
+A chatter (ever smaller impacts that end in finite time) is written impact by impact up to its
+cut, and then once as rest: a row whose velocities before and after are all the same.
+Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --set gap=30
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        'simulate_rig',
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_params_argument(parser)
+    parser.add_argument(
+        '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
+    )
+    parser.add_argument(
+        '--duration', type=_positive, required=True, metavar='T', help='time to simulate [s]'
+    )
+    parser.add_argument(
+        '--impacts', type=Path, metavar='FILE', help='write the impacts as CSV (- : stdout)'
+    )
+    parser.add_argument(
+        '--events',
+        type=Path,
+        metavar='FILE',
+        help='write every event: impacts, rest, stick, release, reversals, steps of a sweep, and '
+        'under gap control what the stops do; the last column, force_frequency, is the circular '
+        'frequency of the first harmonic from then on [rad/s] (- : stdout)',
+    )
+    parser.add_argument(
+        '--states', type=Path, metavar='FILE', help='write sampled states as CSV (- : stdout)'
+    )
+    parser.add_argument(
+        '--bag', type=Path, metavar='DIR', help='record to MCAP what sim_node would; DIR is new'
+    )
+    parser.add_argument(
+        '--max-bag-size',
+        type=_limit(int, SMALLEST_FILE, 'bytes'),
+        default=0,
+        metavar='BYTES',
+        help='go on to another file of the bag when one has so many bytes [0: one file]',
+    )
+    parser.add_argument(
+        '--max-bag-duration',
+        type=_limit(float, SHORTEST_FILE, 's'),
+        default=0.0,
+        metavar='T',
+        help='go on to another file of the bag after so much time [s] [0: one file]',
+    )
+    parser.add_argument(
+        '--rate',
+        type=_positive,
+        default=200.0,
+        metavar='HZ',
+        help='rate of --states and of the joint states in --bag [200]',
+    )
+    add_set_option(parser)
+    parser.add_argument(
+        '--change',
+        action='append',
+        default=[],
+        metavar='TIME:NAME=VALUE',
+        help='change a parameter during the run, for example --change 20:gap=0.03; may be '
+        'repeated; changes at one time take effect together',
+    )
+    parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
+    add_version_option(parser)
+    return parser
+
+
+class _ListParameters(argparse.Action):
+    """Print what a rig can be, as a Markdown table, and exit."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:  # noqa: A002
+        super().__init__(option_strings, dest, nargs=0, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(parameter_table(PARAMETER_SPECS, INITIAL_SPECS))
+        print(parameter_table(GAP_CONTROL_SPECS), end='')
+        parser.exit()
+
+
+def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
+    """Return name, unit, range, default and meaning of every parameter, in Markdown."""
+    lines = ['| parameter | unit | range | default | meaning |', '| --- | --- | --- | --- | --- |']
+    for spec in (spec for group in groups for spec in group.values()):
+        default = spec.default
+        if isinstance(default, tuple):
+            shown = f'[{", ".join(f"{v:g}" for v in default)}]'
+        elif isinstance(default, bool):
+            shown = str(default).lower()
+        else:
+            shown = default if isinstance(default, str) else f'{default:g}'
+        lines.append(
+            f'| `{spec.name}` | {spec.unit} | {spec.span} | {shown} | {spec.description} |'
+        )
+    return '\n'.join(lines) + '\n'
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text!r}: give a positive, finite number')
+    return value
+
+
+def _limit(kind: type[float], least: float, unit: str) -> Callable[[str], float]:
+    """Return what reads a limit to the files of a bag."""
+
+    def read(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = -1
+        if value != 0 and not least <= value < math.inf:
+            whole = ' whole' if kind is int else ''
+            raise argparse.ArgumentTypeError(
+                f'{text!r}: give 0 (no limit) or a{whole} number of at least {least:g} {unit}'
+            )
+        return value
+
+    return read
+
+
+def _instants(
+    duration: float,
+    rate: float | None,
+    cycle: float,
+    watched_from: float,
+    ticks: Iterator[float],
+    changes: Iterator[float],
+) -> Iterator[float]:
+    """
+    Yield the instants to advance to, in order; the motion does not depend on them.
+
+    They are the sampling grid, if there is one, else one per cycle; the ticks of the recording;
+    the changes of parameters; and in the end of the run that is watched for its largest
+    displacement as many as that takes.
+    """
+    grid = rate if rate is not None else 1.0 / cycle
+    last = math.floor(duration * grid * (1.0 + 1e-15))
+    regular = (k / grid for k in range(1, last + 1))
+    close = cycle / _LOOKS_PER_CYCLE
+    looks = math.floor((duration - watched_from) / close)
+    watched = (watched_from + k * close for k in range(looks + 1))
+    for instant in heapq.merge(regular, watched, ticks, changes):
+        if instant < duration:
+            yield instant
+    yield duration
+
+
+def _event_row(event: Event, frequency: float) -> str:
+    return row((event.kind.name.lower(), event.time, *event[2:], frequency))
+
+
+def _open(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
+    if path is None:
+        return None
+    if str(path) != '-':
+        return open_table(path, columns, stack)
+    sys.stdout.write(row(columns))
+    return sys.stdout
+
+
+def _cycle(parameters: RigParameters) -> float:
+    """Return the period of the first harmonic; of a rig that has none that lasts, its own one."""
+    frequency = parameters.force_frequencies[0]
+    if frequency == 0.0 or parameters.force_amplitudes[0] == 0.0:
+        frequency = parameters.omega
+    if parameters.sweep_mode != 'off':
+        frequency = parameters.omega
+    return math.tau / frequency
+
+
+def _summary(
+    rig: ControlledRig,
+    counts: Counter[EventKind],
+    last: Sequence[Event],
+    largest: float,
+    spent: float,
+    commands: int,
+) -> str:
+    parameters = rig.parameters
+    cycle = _cycle(parameters)
+    mode = rig.mode.name.lower().replace('_', ' ')
+    events = ', '.join(f'{n} {kind.name.lower()}' for kind, n in counts.items()) or 'none'
+    lines = [
+        f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
+        f'events      {events}',
+        f'largest |X| {largest:.7g} m in the last {_WATCHED_CYCLES} cycles',
+    ]
+    amplitude = parameters.response_amplitude
+    if parameters.periodic_force and math.isfinite(amplitude):
+        lines[-1] += f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
+    if rig.control.active:
+        spent_1, spent_2 = rig.energies
+        lines.append(
+            f'gap control {rig.control.gap_control}: {commands} commands; stop 1 spent '
+            f'{spent_1:.6g} J, stop 2 {spent_2:.6g} J; they are at Y = {rig.stops[0]:.6g} m and '
+            f'{rig.stops[1]:.6g} m'
+        )
+    lines.extend(
+        f'last impact on stop {event.stop}: t = {event.time:.9f} s, '
+        + (f'phase {event.time / cycle % 1.0:.7f} cycles, ' if parameters.periodic_force else '')
+        + f'X = {event.x:.7f} m; just after it '
+        f"X' = {event.primary_velocity_after:.7f} m/s, "
+        f"Z' = {event.damper_velocity_after:.7f} m/s"
+        for event in last
+    )
+    return '\n'.join(lines)
+
+
+def _run(
+    arguments: argparse.Namespace,
+    parameters: RigParameters,
+    initial: InitialConditions,
+    control: GapControlParameters,
+    changes: Sequence[TimedChange],
+) -> str:
+    """Simulate, write the files, and return the summary."""
+    rig = ControlledRig(parameters, initial, control=control)
+    commands = 0
+    counts: Counter[EventKind] = Counter()
+    last: dict[int, Event] = {}
+    swing = Swing()
+    duration = arguments.duration
+    cycle = _cycle(parameters)
+    watched_from = max(0.0, duration - _WATCHED_CYCLES * cycle)
+    started = time.perf_counter()
+    with ExitStack() as stack:
+        impacts = _open(arguments.impacts, IMPACT_COLUMNS, stack)
+        others = _open(arguments.events, EVENT_COLUMNS, stack)
+        states = _open(arguments.states, Sample._fields, stack)
+        recording = None
+        if arguments.bag is not None:
+            listed = {**parameters.as_dict(), **initial.as_dict(), **control.as_dict()}
+            recording = RigRecorder(
+                arguments.bag,
+                rig,
+                listed,
+                arguments.rate,
+                duration,
+                max_size=arguments.max_bag_size,
+                max_duration=arguments.max_bag_duration,
+            )
+            stack.callback(recording.close)
+        bar = stack.enter_context(
+            tqdm(
+                total=duration,
+                desc='simulated',
+                delay=1.0,
+                leave=False,
+                disable=True if arguments.quiet else None,
+                bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]',
+            )
+        )
+        rate = arguments.rate if states is not None else None
+        ticks = recording.ticks() if recording is not None else iter(())
+        changed_at = (change.time_ns / 1e9 for change in changes)
+        instants = _instants(duration, rate, cycle, watched_from, ticks, changed_at)
+        waiting = deque(changes)
+        due = 0
+        # Of the present sweep the steps count as events.
+        steps_before = 0
+
+        def report(events: Sequence[Event]) -> None:
+            nonlocal commands
+            commands += sum(record.action is Action.COMMAND for record in rig.records)
+            for event in events:
+                counts[event.kind] += 1
+                if event.kind is EventKind.IMPACT:
+                    last[event.stop] = event
+                if others is not None:
+                    step = counts[EventKind.FREQUENCY_STEP] - steps_before
+                    others.write(_event_row(event, frequency_at(rig.parameters, step)))
+            if impacts is not None:
+                impacts.write(impact_rows(events))
+
+        for instant in itertools.chain([0.0], instants):
+            before = rig.time
+            events = rig.advance(instant)
+            report(events)
+            if recording is not None:
+                recording.happened(events)
+            if waiting and waiting[0].time_ns / 1e9 == instant:
+                change = waiting.popleft()
+                if any(
+                    getattr(change.parameters, name) != getattr(rig.parameters, name)
+                    for name in SWEEP_FIELDS
+                ):
+                    steps_before = counts[EventKind.FREQUENCY_STEP]
+                caused = rig.change(change.parameters, change.control)
+                report(caused)
+                if recording is not None:
+                    recording.changed(change.time_ns, change.values, caused)
+                events += caused
+            if recording is not None:
+                recording.reached(instant)
+            if instant >= watched_from:
+                swing.look(rig.sample(), events)
+            if states is not None and instant == due / arguments.rate:
+                states.write(row(rig.sample()))
+                due += 1
+            bar.update(rig.time - before)
+    spent = time.perf_counter() - started
+    impacts_last = [last[s] for s in sorted(last)]
+    return _summary(rig, counts, impacts_last, swing.largest, spent, commands)
+
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    """Refuse two tables in one file."""
+    named = [path for path in (arguments.impacts, arguments.events, arguments.states) if path]
+    for place, path in enumerate(named):
+        if path.resolve() in [other.resolve() for other in named[:place]]:
+            raise ValueError(f'{path}: two tables go to this file; give each one of its own')
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the command.
+
+    Returns
+    -------
+    int
+        0; 1 if the files could not be written, or the rig has events without end; 2 if the input
+        is not usable; 130 on Ctrl-C, with everything simulated so far written.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        parameters, initial, other = load_parameters(arguments.params)
+        control = GapControlParameters(
+            **{name: value for name, value in other.items() if name in GAP_CONTROL_SPECS}
+        )
+        settings, control = overridden_control(arguments.set, control)
+        parameters, initial = overridden(settings, parameters, initial)
+        _check_outputs(arguments)
+        changes = timed_changes(arguments.change, parameters, control, arguments.duration)
+    except ValueError as error:
+        say('simulate_rig', error)
+        return 2
+    if not arguments.quiet:
+        announce('simulate_rig', parameters, control)
+    try:
+        summary = _run(arguments, parameters, initial, control, changes)
+    except KeyboardInterrupt:
+        print('simulate_rig: interrupted; what was simulated is written', file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # What is left in the buffer cannot be written either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (RecordingError, RunawayError) as error:
+        say('simulate_rig', error)
+        return 1
+    except OSError as error:
+        say('simulate_rig', in_words(error))
+        return 1
+    if not arguments.quiet:
+        print(summary, file=sys.stderr)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(run('simulate_rig', main))

@@ -1,0 +1,1 @@
+"""Recorded runs compared with the periodic theory; without ROS."""

@@ -1,0 +1,242 @@
+"""
+The node's report on /diagnostics: pacing, rig, recording, gap control and motion.
+
+As REP 107 asks, the topic is absolute: one aggregator hears every node of the system, whatever
+namespace the node is in (`-r /diagnostics:=...` still moves it). The status names begin with the
+fully qualified node name, so that two rigs are told apart.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from .engine import ControlStatus, EngineStatus, Load
+from .motion_report import MotionReport
+from .pacing import CATCH_UP_NS
+from .publishing import time_from_ns
+
+__all__ = ['Diagnostics', 'RecordingStatus']
+
+
+HARDWARE_ID = 'impact damper rig'
+#: Computing time per time of the rig from which it is the rig that keeps the engine from its pace,
+#: and per wall time from which there was any to speak of.
+BUSY, AT_WORK = 0.5, 0.05
+#: Events per computing second from which it is they that take the time, and not the search.
+EVENTFUL = 200.0
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class RecordingStatus(NamedTuple):
+    """How the recording is doing; `error` stays until the next one begins."""
+
+    path: str = ''
+    messages: int = 0
+    size: int = 0
+    backlog: int = 0
+    dropped: int = 0
+    error: str = ''
+
+
+class Diagnostics:
+    """
+    Turn what the engine and the recording have counted into reports.
+
+    Parameters
+    ----------
+    node_name : str
+        Fully qualified.
+    state_rate, real_time_factor : float
+        What the pacing is measured against.
+    clock : callable
+        Monotonic clock in seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        node_name: str,
+        state_rate: float,
+        real_time_factor: float,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin to count from now."""
+        self._node_name = node_name.removeprefix('/')
+        self._state_rate = state_rate
+        self._factor = real_time_factor
+        self._clock = clock
+        self._last_report = clock()
+        self._last: EngineStatus | None = None
+
+    def report(
+        self,
+        stamp_ns: int,
+        engine: EngineStatus,
+        recording: RecordingStatus,
+        motion: Iterable[MotionReport] = (),
+    ) -> DiagnosticArray:
+        """Return the report since the last one."""
+        now = self._clock()
+        elapsed = max(now - self._last_report, 1e-9)
+        statuses = [
+            self._pacing(engine, elapsed),
+            self._rig(engine, elapsed),
+            self._recording(recording),
+            self._control(engine.control),
+        ]
+        self._last_report, self._last = now, engine
+        array = self.motion_report(stamp_ns, motion)
+        array.status = [*statuses, *array.status]
+        return array
+
+    def motion_report(self, stamp_ns: int, motion: Iterable[MotionReport]) -> DiagnosticArray:
+        """Return a report on the motion alone."""
+        array = DiagnosticArray()
+        array.header.stamp = time_from_ns(stamp_ns)
+        array.status = [
+            self._status(task, WARN if warning else OK, message, values)
+            for task, warning, message, values in motion
+        ]
+        return array
+
+    def _pacing(self, engine: EngineStatus, elapsed: float) -> Any:
+        counts = engine.pacing
+        last = self._last
+        ticks, overruns, slips, slipped_ns = (
+            (new - old)
+            for new, old in zip(counts[:4], last.pacing[:4] if last else (0,) * 4, strict=True)
+        )
+        rig_time = (engine.time_ns - (last.time_ns if last else 0)) * 1e-9
+        asked = self._state_rate * self._factor
+        worst_ms = counts.worst_lateness_ns * 1e-6
+        burden = self._burden(engine, rig_time, elapsed)
+        if engine.held:
+            level, message = ERROR, 'held: the rig cannot go on'
+        elif engine.paused:
+            level, message = OK, 'paused'
+        elif ticks == 0 and asked * elapsed > 2.0:
+            level, message = ERROR, f'no tick for {elapsed:.1f} s'
+            if burden:
+                message += f': {burden}'
+        elif slips:
+            level = ERROR
+            message = f'cannot hold {asked:g} Hz: gave {slipped_ns * 1e-9:.3f} s of wall time up; '
+            message += burden or 'lower state_rate or real_time_factor'
+        elif overruns:
+            level = WARN
+            message = f'{overruns} of {ticks} ticks late by more than a period; no sample lost'
+        elif not self._factor:
+            level, message = OK, f'runs {rig_time / elapsed:.3g} times as fast as real time'
+            if burden and rig_time < elapsed:
+                level, message = WARN, f'{message}: {burden}'
+        else:
+            level, message = OK, f'holds {asked:g} Hz'
+        return self._status(
+            'pacing',
+            level,
+            message,
+            {
+                'State rate [Hz]': f'{self._state_rate:g}',
+                'Achieved rate [Hz]': f'{ticks / elapsed:.2f}',
+                'Real-time factor': f'{self._factor:g}',
+                'Achieved real-time factor': f'{rig_time / elapsed:.4f}',
+                'Ticks': counts.ticks,
+                'Overruns': counts.overruns,
+                'Overruns since the last report': overruns,
+                'Worst lateness since the last report [ms]': f'{worst_ms:.3f}',
+                f'Slips (late by more than {CATCH_UP_NS * 1e-6:g} ms)': counts.slips,
+                'Wall time given up in slips [s]': f'{counts.slipped_ns * 1e-9:.3f}',
+                'Scheduling': engine.scheduling,
+            },
+        )
+
+    def _burden(self, engine: EngineStatus, rig_time: float, elapsed: float) -> str:
+        """Return what in the rig takes the time, and what helps; empty if it is not the rig."""
+        now, before = engine.load, self._last.load if self._last else Load()
+        events, busy = now.events - before.events, (now.busy_ns - before.busy_ns) * 1e-9
+        if busy < AT_WORK * elapsed or busy * (self._factor or 1.0) < BUSY * rig_time:
+            return ''
+        if events > EVENTFUL * busy:
+            impacts = engine.impacts - (self._last.impacts if self._last else 0)
+            kind = 'impacts' if 2 * impacts > events else 'events'
+            # Rig time goes by whole nanoseconds.
+            often = f'{events / max(rig_time, 1e-9):.2g} {kind} per second of rig time'
+            remedy = 'lower the restitution, give a wider gap or less force'
+        else:
+            often = f'the fastest of spring and force has {now.fastest / math.tau:.3g} Hz'
+            if now.harmonics > 1:
+                often = f'the force has {now.harmonics} harmonics, and {often}'
+            remedy = 'give less stiffness, a heavier mass, or a slower force of fewer harmonics'
+        return f'the rig is behind: {often}; {remedy}, or lower real_time_factor'
+
+    def _rig(self, engine: EngineStatus, elapsed: float) -> Any:
+        impacts = engine.impacts - (self._last.impacts if self._last else 0)
+        mode = engine.mode.lower().replace('_', ' ')
+        return self._status(
+            'rig',
+            ERROR if engine.held else OK,
+            f'held: {engine.held}; it waits for a changed parameter or ~/reset'
+            if engine.held
+            else f'{"paused, " if engine.paused else ""}{mode}',
+            {
+                'Mode': engine.mode,
+                'Time [s]': f'{engine.time_ns * 1e-9:.3f}',
+                'Paused': engine.paused,
+                'Held': bool(engine.held),
+                'Events': engine.load.events,
+                'Impacts': engine.impacts,
+                'Impacts per wall second': f'{impacts / elapsed:.2f}',
+            },
+        )
+
+    def _control(self, control: ControlStatus) -> Any:
+        law, last = control.parameters.gap_control, control.last
+        return self._status(
+            'gap control',
+            OK,
+            law,
+            {
+                'Law': law,
+                'Stops': control.parameters.gap_control_stops,
+                'Amplitude of X [m]': f'{last.amplitude:.6g}' if last else '',
+                'Stop 1 to Y [m]': f'{last.target_1:.6g}' if last else '',
+                'Stop 2 to Y [m]': f'{last.target_2:.6g}' if last else '',
+                'Energy spent on stop 1 [J]': f'{last.energy_1:.6g}' if last else '',
+                'Energy spent on stop 2 [J]': f'{last.energy_2:.6g}' if last else '',
+                'Commands': control.commands,
+            },
+        )
+
+    def _recording(self, recording: RecordingStatus) -> Any:
+        if recording.error:
+            level, message = ERROR, f'stopped: {recording.error}'
+        elif recording.dropped:
+            level, message = WARN, f'{recording.dropped} messages dropped'
+        else:
+            level, message = OK, 'recording' if recording.path else 'off'
+        return self._status(
+            'recording',
+            level,
+            message,
+            {
+                'File': recording.path,
+                'Messages': recording.messages,
+                'Bytes': recording.size,
+                'Messages waiting': recording.backlog,
+                'Messages dropped': recording.dropped,
+                'Error': recording.error,
+            },
+        )
+
+    def _status(self, task: str, level: bytes, message: str, values: dict[str, object]) -> Any:
+        return DiagnosticStatus(
+            level=level,
+            name=f'{self._node_name}: {task}',
+            message=message,
+            hardware_id=HARDWARE_ID,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )

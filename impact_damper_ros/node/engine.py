@@ -1,0 +1,627 @@
+"""
+The engine: one thread that moves the rig from tick to tick and hands out what happens.
+
+As soon as a tick has gone out, the rig is moved to the next one and the messages are made: the
+search for the next impact, which takes many times as long as a sample, is no reason for a tick to
+be late. What is left for the tick is to send them. The impacts on the way go out at their own
+instants, if the clock allows. When the tick is due, what was asked for since is carried out, and
+the joint states are published. So the joint states of a tick already show a change that took
+effect at it.
+
+Everything asked of the engine goes through a queue and takes effect at the tick the rig stands at,
+an exact number of nanoseconds. A rig that takes long from one tick to the next is moved in slices
+(`motion_ahead`), and requests take effect between these, at exact nanoseconds, too. One that
+cannot go on at all is held until a change or a reset gives it another motion. All that a recording
+holds is written from this thread, in order.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from std_msgs.msg import String
+
+from impact_damper_ros.control import ControlledRig, ControlRecord, GapControlParameters
+from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
+from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.published import snapshot_text
+
+from .measured_motion import MotionTrace
+from .motion_ahead import RIG_FAILURES, MotionAhead, ticks_ahead
+from .pacing import (
+    CATCH_UP_NS,
+    ORDINARY,
+    Pacer,
+    PacingCounts,
+    Scheduling,
+    StampClock,
+    TickGrid,
+    sleep_first_in_line,
+)
+from .publishing import (
+    ClockTemplate,
+    Emitter,
+    Happening,
+    Log,
+    Outlets,
+    TickMessages,
+    restamped,
+    serialised,
+)
+
+__all__ = ['ControlStatus', 'Engine', 'EngineStatus', 'Load', 'RequestQueue', 'Ticket']
+
+
+class ControlStatus(NamedTuple):
+    """What the gap control is about: its parameters, acts so far, and the last one of them."""
+
+    parameters: GapControlParameters = GapControlParameters()
+    commands: int = 0
+    last: ControlRecord | None = None
+
+
+class Load(NamedTuple):
+    """
+    What the rig has the engine do.
+
+    Attributes
+    ----------
+    events : int
+        Events so far, impacts among them.
+    busy_ns : int
+        Computing time of the engine's thread so far.
+    fastest : float
+        Circular frequency of the fastest of spring and harmonics, rad/s.
+    harmonics : int
+        How many the force has.
+    """
+
+    events: int = 0
+    busy_ns: int = 0
+    fastest: float = 0.0
+    harmonics: int = 1
+
+
+class EngineStatus(NamedTuple):
+    """A look at the engine from another thread; `held` says why the rig cannot go on."""
+
+    time_ns: int
+    paused: bool
+    mode: str
+    impacts: int
+    recorded: int
+    pacing: PacingCounts
+    control: ControlStatus = ControlStatus()
+    scheduling: str = ORDINARY
+    held: str = ''
+    load: Load = Load()
+
+
+class Ticket:
+    """
+    A request: done once it has taken effect, or failed with an error.
+
+    Attributes
+    ----------
+    time_ns : int
+        Rig time at which it took effect.
+    result : object
+        What the action returned.
+    error : Exception or None
+        Why it had no effect.
+    """
+
+    def __init__(self, action: Callable[[], Any]) -> None:
+        """Keep the action for the engine's thread."""
+        self.time_ns = 0
+        self.result: Any = None
+        self.error: Exception | None = None
+        self._action = action
+        self._done = threading.Event()
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until the request is done; False if it is not within the time-out."""
+        return self._done.wait(timeout)
+
+    def carry_out(self, time_ns: int) -> None:
+        """Act; what the rig refuses is no fault of the engine, any other error is."""
+        self.time_ns = time_ns
+        try:
+            self.result = self._action()
+        except ParameterError as error:
+            self.error = error
+        except Exception as error:
+            self.error = error
+            raise
+        finally:
+            self._done.set()
+
+    def turn_away(self) -> None:
+        """Fail the request, because the engine has ended."""
+        self.error = RuntimeError('the rig is shutting down')
+        self._done.set()
+
+
+class RequestQueue:
+    """Requests in the order in which they were made."""
+
+    def __init__(self) -> None:
+        """Begin empty and open."""
+        self._tickets: deque[Ticket] = deque()
+        self._closed = threading.Event()
+
+    def submit(self, action: Callable[[], Any]) -> Ticket:
+        """Ask for an action, from any thread."""
+        ticket = Ticket(action)
+        self._tickets.append(ticket)
+        if self._closed.is_set():
+            self._turn_away()
+        return ticket
+
+    @property
+    def waiting(self) -> bool:
+        """Whether there is anything to carry out."""
+        return bool(self._tickets)
+
+    def serve(self, time_ns: int) -> None:
+        """Carry out all requests made so far, at an instant of rig time."""
+        # Not those that come in meanwhile: a flood of them must not stop the rig.
+        for _ in range(len(self._tickets)):
+            self._tickets.popleft().carry_out(time_ns)
+
+    def close(self) -> None:
+        """Turn away what waits, and whatever comes."""
+        self._closed.set()
+        self._turn_away()
+
+    def _turn_away(self) -> None:
+        while self._tickets:
+            try:
+                ticket = self._tickets.popleft()
+            except IndexError:
+                # Two threads turn away; the other one was quicker.
+                break
+            ticket.turn_away()
+
+
+PAUSED_NAP_S = 0.02
+PAUSED_PERIOD_NS = 100_000_000
+#: How long the pace must have been held before the thread has its priority again.
+STEADY_AGAIN_NS = 10_000_000_000
+#: Messages a recording may be behind a free-running rig before the rig waits for it.
+LOG_BACKLOG = 20_000
+
+
+class Engine:
+    """
+    Run a rig in a thread of its own.
+
+    Parameters
+    ----------
+    parameters, initial : RigParameters, InitialConditions
+        The rig and where it starts.
+    outlets : Outlets
+        Where to publish.
+    state_rate : float
+        Ticks per second of rig time.
+    real_time_factor : float
+        Rig seconds per wall second; 0 runs as fast as possible.
+    publish_clock : bool
+        Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from
+        the system time at the start, and a pause or a slip moves them on with the wall clock.
+    control : GapControlParameters, optional
+        The control of the gap; off, if not given.
+    alive : callable
+        Whether ROS still runs; publishing fails once it does not.
+    on_failure : callable
+        Called from the engine's thread if the engine fails; `failure` is set then.
+    on_course : callable, optional
+        Called from the engine's thread at the start and after every change and reset, with the
+        snapshot of the rig as JSON; must return at once.
+    on_trouble : callable, optional
+        Called from the engine's thread with a text if the rig falls behind the wall clock or
+        cannot go on.
+    real_time_priority : int, optional
+        Of the thread, if it is permitted; 0, as for a rig that runs as fast as possible, for
+        ordinary scheduling.
+
+    Raises
+    ------
+    ParameterError
+        If the rig cannot start where it is put.
+    """
+
+    def __init__(
+        self,
+        parameters: RigParameters,
+        initial: InitialConditions,
+        outlets: Outlets,
+        *,
+        state_rate: float,
+        real_time_factor: float,
+        publish_clock: bool,
+        alive: Callable[[], bool],
+        on_failure: Callable[[], None],
+        control: GapControlParameters | None = None,
+        on_course: Callable[[str], object] = lambda _: None,
+        on_trouble: Callable[[str], object] = lambda _: None,
+        real_time_priority: int = 0,
+    ) -> None:
+        """Set the rig up; `start` sets it going."""
+        self.failure: Exception | None = None
+        self._simulator = ControlledRig(parameters, initial, control=control)
+        self._outlets = outlets
+        self._on_failure = on_failure
+        self._on_course = on_course
+        self._on_trouble = on_trouble
+        self._messages = TickMessages(outlets)
+        self._clock = ClockTemplate()
+        self._grid = TickGrid(state_rate)
+        self._scheduling = Scheduling(real_time_priority)
+        self._pacer = Pacer(
+            self._grid.instant(1),
+            real_time_factor,
+            sleep=sleep_first_in_line,
+            on_slip=self._slip,
+        )
+        self._free_running = not real_time_factor
+        self._stamps = StampClock(simulated=publish_clock)
+        self._time_ns = 0
+        self._tick = 0
+        # Between a tick and its joint states
+        self._within_tick = True
+        self._paused = False
+        # Why the rig cannot go on
+        self._held = ''
+        self._slipped = False
+        self._news = 'start'
+        self._motion = MotionAhead(
+            self._simulator,
+            self._messages,
+            self._grid,
+            MotionTrace.at(parameters, self._simulator.snapshot()),
+            ticks_ahead(self._grid.instant(1), real_time_factor),
+        )
+        # The start is the first change of course.
+        self._new_course = True
+        # All parameters, as a serialised ParameterEvent, while there is a recording
+        self._listing = b''
+        self._requests = RequestQueue()
+        self._stopping = threading.Event()
+        self._out = Emitter(alive, self._stopping.set)
+        self._thread = threading.Thread(target=self._run, name='engine', daemon=True)
+
+    # Called from other threads
+
+    def start(self) -> None:
+        """Set the rig going."""
+        self._thread.start()
+
+    def stop(self, timeout: float = 5.0) -> None:
+        """End the thread after its present tick; safe to call twice, or before `start`."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout)
+
+    def trace(self) -> MotionTrace:
+        """Return what the rig has done since it was last changed or reset."""
+        return self._motion.trace
+
+    def stamp_ns(self) -> int:
+        """Return the stamp of the tick the rig stands at."""
+        return self._stamps.offset_ns + self._time_ns
+
+    def status(self) -> EngineStatus:
+        """Return how the engine is doing, and begin to look for the worst lateness anew."""
+        return EngineStatus(
+            self._time_ns,
+            self._paused,
+            self._simulator.mode.name,
+            self._messages.impacts,
+            self._out.recorded,
+            self._pacer.counts(),
+            ControlStatus(
+                self._simulator.control, self._messages.commands, self._messages.last_act
+            ),
+            self._scheduling.text,
+            self._held,
+            self._load(),
+        )
+
+    def _busy_ns(self) -> int:
+        """Return the computing time of the engine's thread so far."""
+        if self._thread.ident is None or not self._thread.is_alive():
+            return 0
+        return time.clock_gettime_ns(time.pthread_getcpuclockid(self._thread.ident))
+
+    def _load(self) -> Load:
+        parameters = self._simulator.parameters
+        amplitudes, frequencies, _ = parameters.harmonics
+        acting = [w for f, w in zip(amplitudes, frequencies, strict=True) if f != 0.0]
+        return Load(
+            self._motion.events,
+            self._busy_ns(),
+            max([parameters.omega, *acting]),
+            len(acting),
+        )
+
+    def change(
+        self,
+        parameters: RigParameters | None,
+        event: bytes,
+        control: GapControlParameters | None = None,
+        listing: bytes = b'',
+    ) -> Ticket:
+        """
+        Change the rig or its control, if parameters of them are given, and record the event.
+
+        Parameters
+        ----------
+        parameters : RigParameters or None
+            The rig from then on.
+        event : bytes
+            A serialised rcl_interfaces/ParameterEvent; stamped with the instant of the change.
+        control : GapControlParameters or None
+            The control from then on.
+        listing : bytes
+            A serialised ParameterEvent with all parameters from then on, with which a further
+            file of the recording begins; empty to leave it as it was.
+        """
+        return self._requests.submit(lambda: self._change(parameters, event, control, listing))
+
+    def reset(self, initial: InitialConditions) -> Ticket:
+        """Put the rig to initial conditions; time goes on."""
+        return self._requests.submit(lambda: self._reset(initial))
+
+    def pause(self, paused: bool) -> Ticket:
+        """Hold the rig, or let it run on; the result tells whether that changed anything."""
+        return self._requests.submit(lambda: self._pause(paused))
+
+    def record_to(self, log: Log, event: bytes) -> Ticket:
+        """
+        Record from now on; `event` is a serialised ParameterEvent with all parameters.
+
+        The log may ask for a new file. That begins with a tick, as the recording did.
+        """
+        return self._requests.submit(lambda: self._record_to(log, event))
+
+    def stop_recording(self) -> Ticket:
+        """Record no more; the result is the log that was written to, if any."""
+        return self._requests.submit(self._stop_recording)
+
+    def record(self, topic: str, data: bytes) -> Ticket:
+        """Record a serialised message that another thread has published."""
+        return self._requests.submit(lambda: self._out.record(topic, data, self.stamp_ns()))
+
+    # The engine's thread
+
+    def _run(self) -> None:
+        try:
+            self._scheduling.take()
+            self._run_ticks()
+        except Exception as error:
+            self.failure = error
+        finally:
+            self._requests.close()
+        if self.failure is not None:
+            self._on_failure()
+
+    def _run_ticks(self) -> None:
+        self._stamps.begin()
+        self._pacer.anchor(0)
+        self._serve()
+        self._publish_states()
+        while not self._stopping.is_set():
+            if self._paused or self._held:
+                self._hold()
+                continue
+            due_ns = self._grid.instant(self._tick + 1)
+            if not self._motion.known and not self._move_to(due_ns):
+                continue
+            # From here on nothing is asked of the rig before the tick.
+            self._tick += 1
+            self._pacer.wait(due_ns)
+            self._time_ns, self._within_tick = due_ns, True
+            if self._slipped:
+                self._catch_up()
+            elif self._scheduling.given_up and self._pacer.steady_ns > STEADY_AGAIN_NS:
+                self._scheduling.take()
+            self._serve()
+            self._publish_states()
+            if self._free_running:
+                self._wait_for_log()
+
+    def _move_to(self, due_ns: int) -> bool:
+        """
+        Move the rig to the next tick and send what happens on the way.
+
+        It may stop before, because something is asked, or because that takes long; false then.
+        """
+        if not self._pacer.approach(due_ns, self._interrupted):
+            return False
+        try:
+            moved = self._motion.move_to(self._time_ns, self._tick + 1, self._stamps.offset_ns)
+        except RIG_FAILURES as error:
+            self._give_up(error)
+            return False
+        if moved.happenings:
+            last_ns = max(happening.stamp_ns for happening in moved.happenings)
+            self._pacer.pause_until(last_ns - self._stamps.offset_ns)
+            self._emit_all(moved.happenings)
+        if moved.time_ns == due_ns:
+            return True
+        self._time_ns = moved.time_ns
+        if self._pacer.lateness(due_ns) > CATCH_UP_NS:
+            self._scheduling.give_up()
+        self._serve()
+        return False
+
+    def _interrupted(self) -> bool:
+        self._serve()
+        return self._paused or self._stopping.is_set()
+
+    def _hold(self) -> None:
+        """
+        Stand still until told otherwise.
+
+        Clock and joint states go on, for those who join meanwhile, and for transforms that are
+        looked up now. These are no samples of the motion, and not recorded.
+        """
+        due_ns = time.monotonic_ns()
+        while (self._paused or self._held) and not self._stopping.is_set():
+            if time.monotonic_ns() >= due_ns:
+                self._publish_clock()
+                data = self._motion.paused_states(self._stamps.now(self._time_ns))
+                self._out.publish(self._outlets.joint_states, data)
+                due_ns += PAUSED_PERIOD_NS
+            time.sleep(PAUSED_NAP_S)
+            self._serve()
+
+    def _give_up(self, error: Exception) -> None:
+        """Hold a rig that cannot go on, where it stands."""
+        kind = '' if isinstance(error, RunawayError) else f'{type(error).__name__}: '
+        self._held = f'{kind}{error}'
+        self._motion.stand_at(self._time_ns)
+        self._on_trouble(f'the rig is held: {self._held}; it waits for a change or a reset')
+
+    def _go_on(self) -> None:
+        """Let a rig run on that has stood still: its stamps and deadlines begin anew."""
+        self._stamps.catch_up(self._time_ns)
+        self._pacer.anchor(self._time_ns)
+
+    def _release(self) -> None:
+        """Let a rig that was held run on, since it has another motion now."""
+        if self._held:
+            self._held = ''
+            if not self._paused:
+                self._go_on()
+
+    def _slip(self) -> None:
+        self._scheduling.give_up()
+        self._slipped = True
+
+    def _catch_up(self) -> None:
+        """Let the tick that the rig stands at be now, after wall time was given up."""
+        self._slipped = False
+        before_ns = self._stamps.offset_ns
+        if self._stamps.catch_up(self._time_ns):
+            # They have other stamps.
+            self._motion.stand_at(self._time_ns)
+            self._motion.discard()
+            self._news = self._news or 'slip'
+            late_s = (self._stamps.offset_ns - before_ns) * 1e-9
+            self._on_trouble(
+                f'the rig was {late_s:.3f} s late and has given them up: its stamps are moved on '
+                'by as much'
+            )
+
+    def _wait_for_log(self) -> None:
+        while self._out.log is not None and self._out.log.backlog > LOG_BACKLOG:
+            time.sleep(PAUSED_NAP_S)
+            if self._interrupted():
+                break
+
+    def _serve(self) -> None:
+        if self._requests.waiting:
+            self._motion.stand_at(self._time_ns)
+            self._requests.serve(self._time_ns)
+        if self._news:
+            self._announce(self._news)
+            self._news = ''
+
+    def _change(
+        self,
+        parameters: RigParameters | None,
+        event: bytes,
+        control: GapControlParameters | None,
+        listing: bytes,
+    ) -> None:
+        self._listing = listing or self._listing
+        # First the cause, then what it does.
+        self._record_event(event)
+        if parameters is not None or control is not None:
+            rig = self._simulator
+            self._motion.discard()
+            events = rig.change(parameters or rig.parameters, control)
+            self._emit_all(self._motion.passed(events, rig.records, self._stamps.offset_ns))
+            self._release()
+            self._news = self._news or 'change'
+            self._new_course = True
+
+    def _reset(self, initial: InitialConditions) -> None:
+        initial.check_within(self._simulator.parameters)
+        self._motion.discard()
+        self._simulator.reset(initial)
+        self._messages.last_act = None
+        self._release()
+        self._news = 'reset'
+        self._new_course = True
+
+    def _pause(self, paused: bool) -> bool:
+        if paused == self._paused:
+            return False
+        # They have other stamps.
+        self._motion.discard()
+        self._paused = paused
+        if not paused:
+            if not self._held:
+                self._go_on()
+            self._news = 'resume'
+        return True
+
+    def _record_to(self, log: Log, event: bytes) -> None:
+        self._out.log, self._out.recorded, self._listing = log, 0, event
+        self._announce('record')
+        self._record_event(event)
+
+    def _split(self, log: Log) -> None:
+        """Let a new file of the recording begin here, with what a reader of it alone needs."""
+        if log.split(self.stamp_ns()):
+            self._motion.stand_at(self._time_ns)
+            self._announce('record')
+            self._record_event(self._listing)
+
+    def _stop_recording(self) -> Log | None:
+        if self._within_tick:
+            # A bag ends with a whole tick.
+            data = self._motion.states(self._time_ns, self._stamps.offset_ns)
+            self._out.record(self._outlets.joint_states.topic, data, self.stamp_ns())
+        log, self._out.log = self._out.log, None
+        return log
+
+    # What goes out
+
+    def _emit_all(self, happenings: Sequence[Happening]) -> None:
+        for happening in happenings:
+            self._out.emit(*happening)
+
+    def _publish_states(self) -> None:
+        data = self._motion.take_states(self._time_ns, self._stamps.offset_ns)
+        self._within_tick = False
+        self._publish_clock()
+        stamp_ns = self.stamp_ns()
+        self._out.emit(self._outlets.joint_states, data, stamp_ns)
+        if (log := self._out.log) is not None and log.split_due(stamp_ns):
+            self._split(log)
+
+    def _publish_clock(self) -> None:
+        if self._outlets.clock is not None:
+            self._out.publish(self._outlets.clock, self._clock.of(self.stamp_ns()))
+
+    def _announce(self, reason: str) -> None:
+        """Publish all that is needed to run on from here, bit for bit."""
+        state = self._simulator.snapshot()
+        text = snapshot_text(self._stamps.offset_ns, self._time_ns, reason, state)
+        self._out.emit(self._outlets.snapshot, serialised(String(data=text)), self.stamp_ns())
+        if self._new_course:
+            self._new_course = False
+            self._motion.trace = MotionTrace.at(self._simulator.parameters, state)
+            self._on_course(text)
+
+    def _record_event(self, event: bytes) -> None:
+        stamp_ns = self.stamp_ns()
+        self._out.record(self._outlets.parameter_events, restamped(event, stamp_ns), stamp_ns)

@@ -1,0 +1,406 @@
+"""
+Pacing: the instants of ticks, the priority of their thread, and the request to end.
+
+Policy for lateness. Deadlines are absolute, so a late tick does not delay the next one. As long
+as the rig is less than `CATCH_UP` behind, it makes up for it: the missed ticks are computed and
+published back to back, none is left out. Further behind, it gives the lost wall time up and takes
+its deadlines from there (a slip): rig time then lags wall time by so much more, but the samples
+stay on their grid without a hole. Stamps that count from the system time are moved on by as much,
+so that they stay with the time of the other nodes. Both are counted, and reported in the
+diagnostics.
+
+Under the ordinary scheduler whoever else runs may hold the thread up for some milliseconds. With a
+real-time priority it is given a processor as soon as a tick is due; the lowest ones are enough,
+since ordinary threads have none. They take a permission: root's, the capability CAP_SYS_NICE, or a
+limit RTPRIO (`ulimit -r`). Without, the rig runs on as it did before.
+
+The other threads of the node, the executor, the writer of a recording and those that speak with
+the process that predicts, have a priority too, one less: if one of them lost its processor to
+another program while it holds the interpreter's lock, the rig would wait for that program. What
+they do takes little time.
+
+The interpreter's lock knows no priorities: a thread that wants it asks for it after the switch
+interval, whoever it is. A short one would let the others interrupt the rig all the time, which
+costs both sides more than they have to do; with a long one the rig would wait for it. So it is
+short only while the rig sleeps, see `sleep_first_in_line`.
+
+A thread that never sleeps would leave others nothing of its processor. So a rig that cannot hold
+its pace has ordinary scheduling until it has held it for some time, and one that runs as fast as
+possible has it for good.
+
+rclpy's own signal handler wakes executors and shuts ROS down from a thread of its own, for each
+signal anew. A second signal, while the node is being taken apart after the first, finds guard
+conditions that are just being freed, and the process crashes. Here a signal only writes a byte
+into a socket, whatever the process is doing, and the node takes itself apart in its own order.
+A SIGHUP, of a terminal that is gone, is ignored if the process was started so, as nohup does.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+__all__ = [
+    'ORDINARY',
+    'SWITCH_INTERVAL_S',
+    'WAKING_INTERVAL_S',
+    'EndRequest',
+    'Pacer',
+    'PacingCounts',
+    'Scheduling',
+    'StampClock',
+    'TickGrid',
+    'priority_of_others',
+    'sleep_first_in_line',
+]
+
+
+NS_PER_S = 1_000_000_000
+#: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
+CATCH_UP_NS = 250_000_000
+# Longest sleep at a stretch: what has to be answered between two ticks far apart waits no longer.
+NAP_NS = 20_000_000
+#: Lateness, in wall time, up to which the pace is held.
+STEADY_NS = 50_000_000
+# A free-running rig leaves the processor for a moment this often, so that parameter calls and the
+# log's writer are served.
+FREE_RUN_STRETCH_NS = 10_000_000
+FREE_RUN_REST_S = 0.0005
+
+
+class TickGrid:
+    """
+    Instants of the ticks in whole nanoseconds, each rounded from its exact value k / rate.
+
+    Parameters
+    ----------
+    rate : float
+        Ticks per second of rig time.
+    """
+
+    def __init__(self, rate: float) -> None:
+        """Take the rate as the exact fraction that the float is."""
+        self._numerator, self._denominator = float(rate).as_integer_ratio()
+
+    def instant(self, tick: int) -> int:
+        """Return the instant of a tick in nanoseconds; tick 0 is at 0."""
+        scaled = 2 * tick * NS_PER_S * self._denominator
+        return (scaled + self._numerator) // (2 * self._numerator)
+
+
+class StampClock:
+    """
+    Stamps of rig time.
+
+    Parameters
+    ----------
+    simulated : bool
+        Stamps count from 0, as those of a simulator do. Otherwise from the system time at the
+        start, and a pause or a slip moves them on with the wall clock.
+
+    Attributes
+    ----------
+    offset_ns : int
+        Stamp of rig time 0.
+    """
+
+    def __init__(self, *, simulated: bool) -> None:
+        """Begin at 0."""
+        self.offset_ns = 0
+        self._simulated = simulated
+        # Of the monotonic clock's zero
+        self._zero_ns = 0
+
+    def begin(self) -> None:
+        """Let rig time 0 be now."""
+        if not self._simulated:
+            self._zero_ns = time.time_ns() - time.monotonic_ns()
+            self.catch_up(0)
+
+    def now(self, time_ns: int) -> int:
+        """Return the stamp of what is said now of a rig that stands at a rig time."""
+        stamp_ns = self.offset_ns + time_ns
+        if self._simulated:
+            return stamp_ns
+        return max(stamp_ns, self._zero_ns + time.monotonic_ns())
+
+    def catch_up(self, time_ns: int) -> bool:
+        """Let a rig time be now, after a pause or a slip; return whether that moves stamps."""
+        before, self.offset_ns = self.offset_ns, self.now(time_ns) - time_ns
+        return self.offset_ns != before
+
+
+class PacingCounts(NamedTuple):
+    """What the pacer has counted; totals, but for the worst lateness since the last report."""
+
+    ticks: int
+    overruns: int
+    slips: int
+    slipped_ns: int
+    worst_lateness_ns: int
+
+
+@dataclass
+class _Worst:
+    lateness_ns: int = 0
+
+
+class Pacer:
+    """
+    Wait for the ticks of one rig.
+
+    Parameters
+    ----------
+    period_ns : int
+        Rig time between two ticks.
+    real_time_factor : float
+        Rig seconds per wall second; 0 runs as fast as possible.
+    clock, sleep : callable
+        Monotonic clock in nanoseconds and sleep in seconds, for tests.
+    on_slip : callable
+        Called at each slip, in the waiting thread.
+    """
+
+    def __init__(
+        self,
+        period_ns: int,
+        real_time_factor: float,
+        *,
+        clock: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+        on_slip: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Start counting from nothing; `anchor` sets the first deadline."""
+        self._factor = real_time_factor
+        self._late_after_ns = round(period_ns / real_time_factor) if real_time_factor else 0
+        self._clock = clock
+        self._sleep = sleep
+        self._on_slip = on_slip
+        self._anchor_ns = self._anchor_rig_ns = 0
+        self._stretch_began_ns = self._unsteady_ns = clock()
+        self._ticks = self._overruns = self._slips = self._slipped_ns = 0
+        self._worst = _Worst()
+
+    def anchor(self, rig_ns: int) -> None:
+        """Let rig time run on from `rig_ns` now."""
+        self._anchor_ns = self._clock()
+        self._anchor_rig_ns = rig_ns
+
+    def lateness(self, rig_ns: int) -> int:
+        """Return by how much wall time an instant of rig time is late by now, ns."""
+        return self._clock() - self._deadline(rig_ns) if self._factor else 0
+
+    @property
+    def steady_ns(self) -> int:
+        """For how long the pace has been held so far, in wall time."""
+        return self._clock() - self._unsteady_ns
+
+    def approach(self, rig_ns: int, interrupted: Callable[[], bool]) -> bool:
+        """
+        Sleep until an instant is no more than a nap away.
+
+        Parameters
+        ----------
+        rig_ns : int
+            The instant in rig time.
+        interrupted : callable
+            Called between naps; true ends the wait.
+
+        Returns
+        -------
+        bool
+            False if the wait was interrupted.
+        """
+        if self._factor:
+            deadline = self._deadline(rig_ns)
+            while deadline - self._clock() > NAP_NS:
+                self._sleep(NAP_NS * 1e-9)
+                if interrupted():
+                    return False
+        return True
+
+    def pause_until(self, rig_ns: int) -> None:
+        """Sleep until an instant of rig time, which is not that of a tick."""
+        if self._factor:
+            self._sleep_until(self._deadline(rig_ns))
+
+    def wait(self, rig_ns: int) -> None:
+        """Sleep until the tick at `rig_ns`, in rig time, is due, and count how late it is."""
+        self._ticks += 1
+        if self._factor:
+            self._count_lateness(self._sleep_until(self._deadline(rig_ns)))
+        else:
+            self._rest_at_times()
+
+    def counts(self) -> PacingCounts:
+        """Return what was counted; called from another thread, at a report."""
+        worst, self._worst = self._worst, _Worst()
+        return PacingCounts(
+            self._ticks, self._overruns, self._slips, self._slipped_ns, worst.lateness_ns
+        )
+
+    def _deadline(self, rig_ns: int) -> int:
+        """Return the instant on the monotonic clock at which an instant of rig time is due."""
+        elapsed = rig_ns - self._anchor_rig_ns
+        if self._factor != 1.0:
+            elapsed = round(elapsed / self._factor)
+        return self._anchor_ns + elapsed
+
+    def _sleep_until(self, deadline: int) -> int:
+        """Return how late it is then, ns."""
+        while (left := deadline - self._clock()) > 0:
+            self._sleep(left * 1e-9)
+        return -left
+
+    def _count_lateness(self, late_ns: int) -> None:
+        worst = self._worst
+        if late_ns > worst.lateness_ns:
+            worst.lateness_ns = late_ns
+        if late_ns > self._late_after_ns:
+            self._overruns += 1
+        if late_ns > STEADY_NS:
+            self._unsteady_ns = self._clock()
+        if late_ns > CATCH_UP_NS:
+            self._anchor_ns += late_ns
+            self._slips += 1
+            self._slipped_ns += late_ns
+            self._on_slip()
+
+    def _rest_at_times(self) -> None:
+        if self._clock() - self._stretch_began_ns > FREE_RUN_STRETCH_NS:
+            self._sleep(FREE_RUN_REST_S)
+            self._stretch_began_ns = self._clock()
+
+
+ORDINARY = 'ordinary'
+#: The interpreter's switch interval, and the same while the rig sleeps.
+SWITCH_INTERVAL_S = 2e-4
+WAKING_INTERVAL_S = 2e-5
+
+
+def sleep_first_in_line(seconds: float) -> None:
+    """
+    Sleep, and get the interpreter back at once when that is over.
+
+    For one thread of the process. Another one that has the lock then is asked for it some
+    microseconds later, while it has to wait for the switch interval itself if it wants it back.
+    """
+    sys.setswitchinterval(WAKING_INTERVAL_S)
+    time.sleep(seconds)
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+
+
+def priority_of_others(priority: int) -> int:
+    """Return the priority of the other threads, beside that of the thread that moves the rig."""
+    return max(1, priority - 1) if priority else 0
+
+
+class Scheduling:
+    """
+    The scheduling of one thread.
+
+    Parameters
+    ----------
+    priority : int
+        Real-time priority asked for, 1 to 99; 0 for ordinary scheduling.
+    inherited : bool, optional
+        Whether threads and processes that the thread starts have it, too.
+
+    Attributes
+    ----------
+    text : str
+        What it has: ``'SCHED_FIFO 1'``, or ``'ordinary'``, with the reason if more was asked for.
+    given_up : bool
+        Whether it has ordinary scheduling until it holds its pace again.
+    """
+
+    def __init__(self, priority: int, *, inherited: bool = True) -> None:
+        """Change nothing yet."""
+        self.text = ORDINARY
+        self.given_up = False
+        self._inherited = inherited
+        self._priority = priority
+
+    def take(self) -> None:
+        """Give the calling thread the priority, if that is permitted."""
+        self.given_up = False
+        if not self._priority:
+            return
+        try:
+            policy = os.SCHED_FIFO | (0 if self._inherited else os.SCHED_RESET_ON_FORK)
+            os.sched_setscheduler(0, policy, os.sched_param(self._priority))
+        except PermissionError:
+            self.text = f'{ORDINARY}: no permission for SCHED_FIFO {self._priority}'
+        except (AttributeError, OSError) as error:
+            self.text = f'{ORDINARY}: {error}'
+        else:
+            self.text = f'SCHED_FIFO {self._priority}'
+
+    def give_up(self) -> None:
+        """Give the calling thread ordinary scheduling until `take`: it cannot hold its pace."""
+        if self.text.startswith('SCHED_FIFO'):
+            self.given_up = True
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            self.text = f'{ORDINARY}: the pace could not be held'
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class EndRequest:
+    """
+    Take the signals that end a process, and note that one has come; from the main thread only.
+
+    There is one in a process. What the signals did before does not come back: they are ignored
+    from `close` on, since an impatient one must not spoil the exit code.
+    """
+
+    def __init__(self) -> None:
+        """Take the signals from now on."""
+        self._received = threading.Event()
+        self._wake: Callable[[], object] | None = None
+        self._waking = threading.Lock()
+        self._reading, self._writing = socket.socketpair()
+        self._writing.setblocking(False)
+        # Python writes to the socket at once, also while the main thread waits in foreign code;
+        # the handler itself comes later and has nothing left to do. Of a signal without any
+        # handler of Python nothing would be written.
+        signal.set_wakeup_fd(self._writing.fileno(), warn_on_full_buffer=False)
+        for number in SIGNALS:
+            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, lambda *_: None)
+        self._thread = threading.Thread(target=self._listen, name='signals', daemon=True)
+        self._thread.start()
+
+    @property
+    def received(self) -> bool:
+        """Whether the process has been told to end."""
+        return self._received.is_set()
+
+    def wake_with(self, wake: Callable[[], object] | None) -> None:
+        """Call this from another thread when a signal comes; once returned, nothing else."""
+        with self._waking:
+            self._wake = wake
+
+    def close(self) -> None:
+        """Ignore the signals from now on."""
+        signal.set_wakeup_fd(-1)
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        self._writing.close()
+        self._thread.join()
+        self._reading.close()
+
+    def _listen(self) -> None:
+        while self._reading.recv(64):
+            self._received.set()
+            with self._waking:
+                if self._wake is not None:
+                    self._wake()

@@ -1,0 +1,523 @@
+"""
+ROS parameters and the rig: descriptors, tolerant reading, validation of whole requests.
+
+The names, units and ranges of the rig are those of `PARAMETER_SPECS` and `INITIAL_SPECS`; here
+stand only the node's own settings. What people write is read as they mean it: `37` for a double,
+`5` or `[1, 0.5]` or `1e-3` as the command line hands them over, one force array at a time.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.parameter import Parameter
+
+from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    ParameterError,
+    ParameterSpec,
+    RigParameters,
+)
+from impact_damper_ros.rig.shown import named, printable, shown
+
+__all__ = [
+    'ALL_SPECS',
+    'READ_ONLY',
+    'SETTING_SPECS',
+    'LiveParameters',
+    'NodeParameters',
+    'descriptor',
+    'nearest_name',
+    'parameters_from_overrides',
+    'promoted',
+    'resized_force',
+]
+
+
+FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
+READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_priority')
+SLOWEST_FACTOR = 1e-3
+#: As of `RunWriter`, which is not loaded unless something is recorded.
+SMALLEST_FILE = 100_000
+SHORTEST_FILE = 1.0
+#: Parameters that are 0 or at least something, and what 0 stands for.
+_LEAST = {
+    'real_time_factor': (SLOWEST_FACTOR, 'as fast as possible'),
+    'max_bag_size': (SMALLEST_FILE, 'no limit'),
+    'max_bag_duration': (SHORTEST_FILE, 'no limit'),
+}
+#: No name as long as this is a slip of the pen.
+_LONGEST_NAME = 80
+#: Of `bag_directory`; a recording adds to it, and the system has 4096.
+_LONGEST_PATH = 1000
+#: Most warnings of one kind.
+_MOST_WARNINGS = 8
+# A name this similar to a known one is a slip of the pen, not meant for another node.
+SLIP_OF_THE_PEN = 0.75
+
+
+SETTING_SPECS: dict[str, ParameterSpec] = {
+    spec.name: spec
+    for spec in (
+        ParameterSpec(
+            'state_rate',
+            'Joint states per second of rig time.',
+            'Hz',
+            1.0,
+            2000.0,
+            'double',
+            200.0,
+        ),
+        ParameterSpec(
+            'real_time_factor',
+            'Rig seconds per wall second; 0 runs as fast as possible.',
+            '',
+            0.0,
+            1000.0,
+            'double',
+            1.0,
+        ),
+        ParameterSpec(
+            'publish_clock',
+            'Publish /clock, and count stamps from 0 instead of from the system time. So it is in '
+            'any case if real_time_factor is not 1.',
+            '',
+            None,
+            None,
+            'bool',
+            False,
+        ),
+        ParameterSpec(
+            'real_time_priority',
+            'Real-time priority of the thread that moves the rig, where the system permits it; '
+            'that of the others is one less. 0 for ordinary scheduling.',
+            '',
+            0,
+            99,
+            'integer',
+            2,
+        ),
+        ParameterSpec(
+            'predict_motion',
+            'Predict the periodic motion, in a process of its own, for the diagnostics.',
+            '',
+            None,
+            None,
+            'bool',
+            True,
+        ),
+        ParameterSpec('record', 'Record the run to MCAP.', '', None, None, 'bool', False),
+        ParameterSpec(
+            'bag_directory',
+            'Directory in which every recording makes its own; ~ is the home directory.',
+            '',
+            None,
+            None,
+            'string',
+            'runs',
+        ),
+        ParameterSpec(
+            'max_bag_size',
+            'Size of a file at which a recording goes on to the next one; 0 for no limit.',
+            'B',
+            0,
+            10**15,
+            'integer',
+            0,
+        ),
+        ParameterSpec(
+            'max_bag_duration',
+            'Time after which a recording goes on to the next file; 0 for no limit.',
+            's',
+            0.0,
+            1e9,
+            'double',
+            0.0,
+        ),
+    )
+}
+ALL_SPECS: dict[str, ParameterSpec] = {
+    **PARAMETER_SPECS,
+    **INITIAL_SPECS,
+    **GAP_CONTROL_SPECS,
+    **SETTING_SPECS,
+}
+
+_TYPES = {
+    'bool': Parameter.Type.BOOL,
+    'double': Parameter.Type.DOUBLE,
+    'double_array': Parameter.Type.DOUBLE_ARRAY,
+    'integer': Parameter.Type.INTEGER,
+    'string': Parameter.Type.STRING,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeParameters:
+    """All parameters of the node."""
+
+    rig: RigParameters
+    initial: InitialConditions
+    control: GapControlParameters
+    state_rate: float
+    real_time_factor: float
+    publish_clock: bool
+    real_time_priority: int
+    predict_motion: bool
+    record: bool
+    bag_directory: str
+    max_bag_size: int
+    max_bag_duration: float
+
+    @property
+    def simulated_time(self) -> bool:
+        """Whether stamps count from 0 and /clock is published: rig time is no wall time."""
+        return self.publish_clock or self.real_time_factor != 1.0
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> NodeParameters:
+        """
+        Check values and fill in the defaults.
+
+        Raises
+        ------
+        ParameterError
+            If a value or a combination of them is not admissible.
+        """
+        start = cls(
+            rig=RigParameters(),
+            initial=InitialConditions(),
+            control=GapControlParameters(),
+            **{name: spec.default for name, spec in SETTING_SPECS.items()},  # type: ignore[arg-type]
+        )
+        changed = start.changed(values)
+        changed.initial.check_within(changed.rig)
+        return changed
+
+    def changed(self, values: Mapping[str, Any]) -> NodeParameters:
+        """
+        Return the parameters with some of them changed, all at once.
+
+        Raises
+        ------
+        ParameterError
+            If that is not admissible.
+        """
+        rig_values = {name: v for name, v in values.items() if name in PARAMETER_SPECS}
+        initial_values = {name: v for name, v in values.items() if name in INITIAL_SPECS}
+        settings: dict[str, Any] = {
+            name: SETTING_SPECS[name].checked(v)
+            for name, v in values.items()
+            if name in SETTING_SPECS
+        }
+        if 'bag_directory' in settings:
+            settings['bag_directory'] = _directory(settings['bag_directory'])
+        for name, (least, meaning) in _LEAST.items():
+            if 0 < settings.get(name, 0) < least:
+                highest = SETTING_SPECS[name].high
+                raise ParameterError(
+                    name,
+                    f'{name} is {settings[name]!r}: give 0 ({meaning}) or a number from '
+                    f'{least:g} to {highest:g}',
+                )
+        rig = self.rig.replace(**rig_values) if rig_values else self.rig
+        initial = self.initial
+        if initial_values:
+            initial = InitialConditions(**{**initial.as_dict(), **initial_values})
+            initial.check_within(rig)
+        control_values = {name: v for name, v in values.items() if name in GAP_CONTROL_SPECS}
+        control = self.control.replace(**control_values) if control_values else self.control
+        return replace(self, rig=rig, initial=initial, control=control, **settings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return name and value of every parameter."""
+        settings = {name: getattr(self, name) for name in SETTING_SPECS}
+        parts = (self.rig, self.initial, self.control)
+        return {name: v for part in parts for name, v in part.as_dict().items()} | settings
+
+
+def _directory(text: str) -> str:
+    """
+    Return where recordings go, with the home directory in place of ~.
+
+    Raises
+    ------
+    ParameterError
+        If the text is no path that anybody would mean.
+    """
+    if len(text) > _LONGEST_PATH or printable(text) != text or {'\n', '\t'} & set(text):
+        raise ParameterError(
+            'bag_directory',
+            f'bag_directory is {shown(text)}: give a path of at most {_LONGEST_PATH} characters, '
+            'without newlines and other control characters',
+        )
+    if not text.startswith('~'):
+        return text
+    try:
+        return str(Path(text).expanduser())
+    except RuntimeError:
+        raise ParameterError(
+            'bag_directory',
+            f'bag_directory is {shown(text)}: there is no such home directory, write it out (or '
+            './~ for a directory of that name)',
+        ) from None
+
+
+def descriptor(spec: ParameterSpec) -> Any:
+    """Return the ROS descriptor of a parameter."""
+    ranges, whole_ranges = [], []
+    if spec.low is not None and spec.high is not None:
+        if spec.kind == 'integer':
+            limits = {'from_value': int(spec.low), 'to_value': int(spec.high), 'step': 1}
+            whole_ranges.append(IntegerRange(**limits))
+        else:
+            ranges.append(FloatingPointRange(from_value=spec.low, to_value=spec.high, step=0.0))
+    constraints = f'One of {", ".join(spec.choices)}.' if spec.choices else ''
+    if spec.name in FORCE_ARRAYS:
+        others = ' and '.join(name for name in FORCE_ARRAYS if name != spec.name)
+        constraints = (
+            f'The range holds for each entry. As long as {others}, which are cut, or filled up '
+            'with zeros, to a new length.'
+        )
+    elif spec.name in INITIAL_SPECS:
+        constraints = 'Used by the next reset.'
+    elif spec.name == 'real_time_factor':
+        constraints = f'0, or at least {SLOWEST_FACTOR:g}.'
+    elif spec.name in _LEAST:
+        constraints = f'0, or at least {_LEAST[spec.name][0]:g}. Used by the next recording.'
+    elif spec.name == 'bag_directory':
+        constraints = 'Used by the next recording.'
+    return ParameterDescriptor(
+        name=spec.name,
+        type=_TYPES[spec.kind].value,
+        description=f'{spec.description} Unit: {spec.unit}.' if spec.unit else spec.description,
+        additional_constraints=constraints,
+        read_only=spec.name in READ_ONLY,
+        floating_point_range=ranges,
+        integer_range=whole_ranges,
+    )
+
+
+def _numbers_in(text: str) -> float | list[float] | str:
+    """Read `1e-3` and `[1, 0.5]`, which YAML and `ros2 param set` take for texts."""
+    entries = text.strip()
+    try:
+        if entries.startswith('[') and entries.endswith(']'):
+            return [float(entry) for entry in entries[1:-1].split(',')]
+        return float(entries)
+    except ValueError:
+        return text
+
+
+def _as_meant(spec: ParameterSpec, value: Any) -> Any:
+    """Return the value as the kind of the parameter, if it can be read so, or unchanged."""
+    if spec.kind == 'string':
+        if isinstance(value, bool) and spec.choices:
+            # YAML 1.1 and `ros2 param set` take an unquoted off for false.
+            return 'on' if value else 'off'
+        return str(value) if type(value) is int else value
+    if spec.kind == 'bool' or isinstance(value, bool):
+        return value
+    if isinstance(value, str):
+        value = _numbers_in(value)
+    if spec.kind == 'integer':
+        return int(value) if isinstance(value, float) and value.is_integer() else value
+    if isinstance(value, int):
+        value = float(value)
+    if spec.kind == 'double_array':
+        if isinstance(value, float):
+            return [value]
+        if value is None:
+            return []
+        if not isinstance(value, str):
+            entries = list(value)
+            if all(isinstance(v, int | float) and not isinstance(v, bool) for v in entries):
+                return [float(v) for v in entries]
+    return value
+
+
+def promoted(parameter: Parameter) -> Parameter:
+    """Return a parameter with its value as the declared type, if it can be read so."""
+    spec = ALL_SPECS.get(parameter.name)
+    if spec is None or parameter.type_ in (Parameter.Type.NOT_SET, _TYPES[spec.kind]):
+        return parameter
+    value = _as_meant(spec, parameter.value)
+    if not _TYPES[spec.kind].check(value):
+        return parameter
+    return Parameter(parameter.name, _TYPES[spec.kind], value)
+
+
+def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, list[float]]:
+    """
+    Return what a new number of harmonics makes of the force arrays that were not given.
+
+    Surplus entries are dropped; new ones are zero, and a harmonic with a zero amplitude, or with
+    frequency and phase zero, exerts no force.
+
+    Parameters
+    ----------
+    values : mapping
+        What is to be set.
+    rig : RigParameters
+        The rig so far.
+    """
+    given = {name: values[name] for name in FORCE_ARRAYS if name in values}
+    if not all(hasattr(value, '__len__') for value in given.values()):
+        return {}
+    lengths = {len(value) for value in given.values()}
+    # Contradictory lengths are left for the validation to reject.
+    if len(lengths) != 1 or (count := lengths.pop()) in (0, len(rig.force_amplitudes)):
+        return {}
+    return {
+        name: [*getattr(rig, name), *[0.0] * count][:count]
+        for name in FORCE_ARRAYS
+        if name not in given
+    }
+
+
+def nearest_name(name: str, cutoff: float = 0.5) -> str:
+    """Return the known parameter that is written most like this one, or an empty text."""
+    if len(name) > _LONGEST_NAME:
+        return ''
+    return ''.join(difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=cutoff))
+
+
+def parameters_from_overrides(
+    overrides: Mapping[str, Any], declared: Iterable[str], warn: Callable[[str], None]
+) -> NodeParameters:
+    """
+    Read what the command line and the parameters files give at start.
+
+    Parameters
+    ----------
+    overrides : mapping
+        Name and value of every parameter given.
+    declared : iterable of str
+        Names that ROS itself has declared.
+    warn : callable
+        Takes a warning about parameters that the node does not have. Files for several nodes
+        hold such; a name that is nearly one of the rig's is an error.
+
+    Raises
+    ------
+    ParameterError
+        If a value is bad, or a name misspelt.
+    """
+    strange = [n for n in overrides if n not in ALL_SPECS and n not in set(declared)]
+    foreign = [name for name in strange if not name.startswith('qos_overrides.')]
+    for name in foreign:
+        if near := nearest_name(name, SLIP_OF_THE_PEN):
+            raise ParameterError(
+                name, f'{named(name)} is not a parameter of this node: write {near}'
+            )
+    for name in foreign[:_MOST_WARNINGS]:
+        warn(f'parameter {named(name)} is not one of this node; it is ignored')
+    if len(foreign) > _MOST_WARNINGS:
+        warn(f'{len(foreign) - _MOST_WARNINGS} parameters more are ignored as well')
+    values = {
+        name: _as_meant(spec, overrides[name])
+        for name, spec in ALL_SPECS.items()
+        if name in overrides
+    }
+    values.update(resized_force(values, RigParameters()))
+    return NodeParameters.from_values(values)
+
+
+class LiveParameters:
+    """
+    The parameters while the node runs: callbacks for rclpy that never raise.
+
+    Parameters
+    ----------
+    start : NodeParameters
+        As declared.
+    prepare : callable
+        Called with a valid request as a whole before it is accepted; what it raises rejects it.
+    apply : callable
+        Called with the accepted parameters before and after, and what was set.
+    """
+
+    def __init__(
+        self,
+        start: NodeParameters,
+        *,
+        prepare: Callable[[NodeParameters, NodeParameters], None],
+        apply: Callable[[NodeParameters, NodeParameters, Sequence[Parameter]], None],
+    ) -> None:
+        """Hold the parameters; `attach` connects them."""
+        self.now = start
+        self._prepare = prepare
+        self._apply = apply
+
+    def attach(self, node: Any) -> None:
+        """Register the callbacks; all parameters must be declared already."""
+        node.add_pre_set_parameters_callback(self.promote)
+        node.add_on_set_parameters_callback(self.validate)
+        node.add_post_set_parameters_callback(self.accept)
+
+    def promote(self, parameters: Sequence[Parameter]) -> list[Parameter]:
+        """Read values as they are meant, and resize the force arrays that were not given."""
+        meant = [promoted(parameter) for parameter in parameters]
+        values = {p.name: p.value for p in meant if p.type_ is Parameter.Type.DOUBLE_ARRAY}
+        resized = resized_force(values, self.now.rig)
+        return meant + [
+            Parameter(name, Parameter.Type.DOUBLE_ARRAY, value) for name, value in resized.items()
+        ]
+
+    def objection(self, parameters: Sequence[Parameter], has: Callable[[str], bool]) -> str:
+        """
+        Say why a request cannot be met, or return an empty text.
+
+        rclpy checks names, types and ranges itself, but its reasons do not name the remedy.
+        """
+        values = {}
+        for parameter in self.promote(parameters):
+            name = parameter.name
+            if not has(name):
+                near = nearest_name(name)
+                hint = f'did you mean {near}?' if near else 'see: ros2 param list'
+                return f'{named(name)} is not a parameter of this node: {hint}'
+            if name not in ALL_SPECS:
+                continue
+            if name in READ_ONLY:
+                return (
+                    f'{name} is fixed while the node runs: start it with '
+                    f'--ros-args -p {name}:={shown(parameter.value)}'
+                )
+            values[name] = parameter.value
+        try:
+            self.now.changed(values)
+        except ParameterError as error:
+            return str(error)
+        return ''
+
+    def validate(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Accept or reject a request as a whole."""
+        try:
+            self._prepare(self.now, self.now.changed(_known_values(parameters)))
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def accept(self, parameters: Sequence[Parameter]) -> None:
+        """Take over what has been set."""
+        before = self.now
+        self.now = before.changed(_known_values(parameters))
+        self._apply(before, self.now, parameters)
+
+
+def _known_values(parameters: Iterable[Parameter]) -> dict[str, Any]:
+    return {p.name: p.value for p in parameters if p.name in ALL_SPECS}

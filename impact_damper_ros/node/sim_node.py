@@ -1,0 +1,590 @@
+"""
+The node `sim_node`: the rig on a ROS 2 network.
+
+The engine's thread moves the rig and publishes; the executor serves parameters and services and
+makes the reports. Whatever the executor does, the rig keeps its pace.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import math
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterEvent, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from impact_damper_ros import __version__
+from impact_damper_ros.entry_points import run
+from impact_damper_ros.rig.description import described, frequency_hint, robot_description
+from impact_damper_ros.rig.parameters_file import YamlError, check_yaml
+from impact_damper_ros.rig.shown import printable, shown
+
+from .diagnostics import Diagnostics
+from .engine import Engine, Ticket
+from .motion_report import MotionMonitor
+from .pacing import SWITCH_INTERVAL_S, EndRequest, Scheduling, priority_of_others
+from .parameters import (
+    ALL_SPECS,
+    LiveParameters,
+    NodeParameters,
+    descriptor,
+    parameters_from_overrides,
+)
+from .prediction import Predictor
+from .publishing import Outlet, Outlets, serialised
+from .recorder import Recorder
+
+__all__ = [
+    'Namesakes',
+    'SimNode',
+    'answer_foreign',
+    'check_params_files',
+    'in_words',
+    'main',
+    'refuse',
+    'start_message',
+]
+
+
+USAGE = """usage: sim_node [-h] [--version]
+                [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
+
+The digital rig of an impact damper as a ROS 2 node. For instance:
+  sim_node --ros-args -p gap:=30 -p record:=true -r __ns:=/rig1
+Parameters, with unit and range: ros2 param describe /sim_node NAME"""
+
+
+def refuse(reason: object) -> int:
+    """Say why the node does not start, and return the exit code."""
+    print(printable(f'sim_node: cannot start: {reason}'), file=sys.stderr)
+    return 1
+
+
+def answer_foreign(arguments: Sequence[str]) -> int | None:
+    """Answer arguments that are not for ROS; None if there are none."""
+    if not arguments:
+        return None
+    if arguments[0] in ('-h', '--help'):
+        print(USAGE)
+        return 0
+    if arguments[0] == '--version':
+        print(f'sim_node (impact_damper_ros) {__version__}')
+        return 0
+    return refuse(
+        f'unknown argument {shown(arguments[0])}; parameters and remappings follow --ros-args, as '
+        'in: sim_node --ros-args -p gap:=30'
+    )
+
+
+def check_params_files(arguments: Sequence[str]) -> None:
+    """
+    Check the files that follow ``--params-file``, before ROS reads them.
+
+    Its parser refuses aliases by itself, but takes a minute for some ten thousand entries, and of
+    a name that stands there twice the last value.
+
+    Raises
+    ------
+    ValueError
+        If one of them is not sensible; the message names it, the line and the remedy.
+    """
+    for option, name in pairwise(arguments):
+        if option == '--params-file':
+            with suppress(OSError):  # ROS says so
+                try:
+                    check_yaml(Path(name))
+                except YamlError as error:
+                    raise ValueError(f'{name}: {error}') from None
+
+
+def in_words(error: Exception) -> str:
+    """Shorten what rcl says about arguments it cannot parse to its two telling parts."""
+    text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
+    if 'Sequence should be of same type' in text:
+        text += ' (write [1.0, 0.5], not [1, 0.5])'
+    return text
+
+
+def start_message(parameters: NodeParameters, outlets: Outlets, node: str, recording: str) -> str:
+    """
+    Return what runs, in a few lines.
+
+    Parameters
+    ----------
+    parameters : NodeParameters
+        As declared.
+    outlets : Outlets
+        The topics.
+    node : str
+        Fully qualified name of the node.
+    recording : str
+        Directory of the recording; empty if there is none.
+    """
+    control = parameters.control.gap_control if parameters.control.active else 'off'
+    states = f'{outlets.joint_states.topic} at {parameters.state_rate:g} Hz'
+    topics = [states, outlets.impacts.topic, outlets.gap_control.topic, outlets.snapshot.topic]
+    topics.append(outlets.diagnostics)
+    if outlets.clock is not None:
+        topics.append(outlets.clock.topic)
+    runs = Path(os.path.abspath(parameters.bag_directory))  # noqa: PTH100 - need not exist
+    lines = [
+        f'{node} runs {_pace(parameters.real_time_factor)}',
+        f'rig        {described(parameters.rig)}',
+        f'control    {control}',
+        f'topics     {", ".join(topics)}',
+        f'services   {node}/reset, {node}/pause',
+        f'recording  to {recording}'
+        if recording
+        else f'recording  off; into {runs} with: ros2 param set {node} record true',
+    ]
+    if hint := frequency_hint(parameters.rig):
+        lines.append(f'note       {hint}')
+    return '\n  '.join(lines)
+
+
+def _pace(factor: float) -> str:
+    if factor == 0.0:
+        return 'as fast as possible'
+    return 'in real time' if factor == 1.0 else f'at {factor:g} times real time'
+
+
+class Namesakes:
+    """
+    Other nodes of the same name, which answer in the place of this one.
+
+    Parameters
+    ----------
+    node : str
+        Fully qualified name of this node.
+    names : callable
+        Returns name and namespace of every node on the network, this one included.
+    warn : callable
+        Takes a warning.
+    """
+
+    #: Looks after which a namesake is the newcomer, and says so itself.
+    LOOKS = 30
+
+    def __init__(
+        self,
+        node: str,
+        names: Callable[[], list[tuple[str, str]]],
+        warn: Callable[[str], object],
+    ) -> None:
+        """Know of none."""
+        self._node = node
+        self._names = names
+        self._warn = warn
+        self._left = self.LOOKS
+
+    @property
+    def done(self) -> bool:
+        """Whether there is nothing more to look for."""
+        return self._left == 0
+
+    def look(self) -> None:
+        """Warn once if there is one."""
+        if self.done:
+            return
+        self._left -= 1
+        count = sum(f'{space.rstrip("/")}/{name}' == self._node for name, space in self._names())
+        if count > 1:
+            self._left = 0
+            self._warn(
+                f'there are {count} nodes with the name {self._node}: their messages are mixed on '
+                'the same topics, and which one answers is left to chance; stop the others, or '
+                'start this one with --ros-args -r __ns:=/rig1'
+            )
+
+
+REPORT_PERIOD_S = 1.0
+#: Least time between reports that new predictions set off.
+MOTION_PERIOD_S = 0.25
+#: Longest wait of a service call for the engine.
+ANSWER_TIMEOUT_S = 2.0
+#: Least time between two warnings of a rig that falls behind.
+WARNING_PERIOD_S = 5.0
+
+
+class SimNode(Node):
+    """
+    The rig as a node: publishers, parameters, services and reports around an engine.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter given at start is bad.
+    RecordingError
+        If `record` is set at start and the recording cannot begin.
+    """
+
+    def __init__(self) -> None:
+        """Declare, advertise, and be ready to `start`."""
+        super().__init__('sim_node')
+        # There is no public way to ask what was given for parameters not declared yet; declaring
+        # from overrides would fix the type of `37` to an integer.
+        overrides = {name: p.value for name, p in self._parameter_overrides.items()}
+        declared = self.list_parameters([], 0).names
+        parameters = parameters_from_overrides(overrides, declared, self.get_logger().warning)
+        self._declare(parameters)
+        if parameters.simulated_time and not parameters.publish_clock:
+            self.get_logger().info(
+                f'real_time_factor is {parameters.real_time_factor:g}: stamps count from 0, and '
+                '/clock is published; give the other nodes use_sim_time'
+            )
+        self._warned_s = -math.inf
+        outlets = self._outlets = self._advertise(parameters)
+        self._woken = self.create_guard_condition(lambda: None)
+        self._predicted = self.create_guard_condition(self._report_motion)
+        priority = parameters.real_time_priority if parameters.real_time_factor else 0
+        of_others = priority_of_others(priority)
+        self._predictor = Predictor(
+            self._predicted.trigger,
+            self.get_logger().warning,
+            enabled=parameters.predict_motion,
+            # Not for the process that predicts
+            on_thread=Scheduling(of_others, inherited=False).take,
+        )
+        Scheduling(of_others).take()
+        self.engine = Engine(
+            parameters.rig,
+            parameters.initial,
+            outlets,
+            state_rate=parameters.state_rate,
+            real_time_factor=parameters.real_time_factor,
+            publish_clock=parameters.simulated_time,
+            alive=self.context.ok,
+            on_failure=self.wake,
+            control=parameters.control,
+            on_course=self._predictor.ask,
+            on_trouble=self._warn_of_trouble,
+            real_time_priority=priority,
+        )
+        self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
+        broken = self.create_guard_condition(self._end_broken_recording)
+        self._recorder = Recorder(
+            self.engine, outlets, self.get_fully_qualified_name(), broken.trigger
+        )
+        self._description = String()
+        self._describe(parameters)
+        self._live = LiveParameters(parameters, prepare=self._prepare, apply=self._apply)
+        self._live.attach(self)
+        self._diagnostics = Diagnostics(
+            self.get_fully_qualified_name(), parameters.state_rate, parameters.real_time_factor
+        )
+        # Reports come in wall time, also when the node's clock is a simulated or stopped one.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(REPORT_PERIOD_S, self._report, clock=steady)
+        # Runs while a report is overdue. The executor takes half a millisecond of the interpreter
+        # each time that it wakes up, which the rig may have to wait for.
+        self._overdue = self.create_timer(MOTION_PERIOD_S, self._report_motion, clock=steady)
+        self._overdue.cancel()
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        if parameters.record:
+            self._open_recording(parameters)
+            self._recorder.begin(self._dump(), serialised(self._description))
+
+    def _warn_of_trouble(self, text: str) -> None:
+        """Warn, from the engine's thread; now and then is enough."""
+        if time.monotonic() >= self._warned_s + WARNING_PERIOD_S:
+            self._warned_s = time.monotonic()
+            self.get_logger().warning(text)
+
+    def start(self) -> None:
+        """Set the rig going, and say what runs."""
+        self.engine.start()
+        name, log = self.get_fully_qualified_name(), self.get_logger()
+        log.info(start_message(self._live.now, self._outlets, name, self._recorder.path))
+        self._namesakes = Namesakes(name, self.get_node_names_and_namespaces, log.warning)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._looking = self.create_timer(REPORT_PERIOD_S, self._look_for_namesakes, clock=steady)
+
+    def _look_for_namesakes(self) -> None:
+        self._namesakes.look()
+        if self._namesakes.done:
+            self._looking.cancel()
+
+    def wake(self) -> None:
+        """Let the executor look whether it is to go on; from any thread."""
+        self._woken.trigger()
+
+    def finish(self) -> str:
+        """Stop the rig and finish the bag, without ROS; return what was recorded, in words."""
+        self.engine.stop()
+        summary = self._recorder.finish()
+        self._predictor.close()
+        return summary
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters, all or none; a rejection says what would be accepted instead."""
+        try:
+            reason = self._live.objection(parameter_list, self.has_parameter)
+        except Exception as error:
+            reason = f'cannot be understood: {error}'
+        if reason:
+            return SetParametersResult(successful=False, reason=reason)
+        return super().set_parameters_atomically(parameter_list)
+
+    # At start
+
+    def _declare(self, parameters: NodeParameters) -> None:
+        for name, value in parameters.as_dict().items():
+            self.declare_parameter(
+                name,
+                list(value) if isinstance(value, tuple) else value,
+                descriptor(ALL_SPECS[name]),
+                ignore_override=True,
+            )
+
+    def _advertise(self, parameters: NodeParameters) -> Outlets:
+        # Reliable, as joint_state_publisher and joint_state_broadcaster offer it: best-effort
+        # subscribers (robot_state_publisher) match too. Deep, for a subscriber that stalls.
+        states = QoSProfile(depth=100)
+        impacts = QoSProfile(depth=1000)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        clock = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._description_publisher = self.create_publisher(String, 'robot_description', latched)
+        return Outlets(
+            joint_states=self._outlet(JointState, 'joint_states', states),
+            impacts=self._outlet(JointState, 'impacts', impacts),
+            gap_control=self._outlet(JointState, 'gap_control', impacts),
+            snapshot=self._outlet(String, 'snapshot', latched),
+            clock=(
+                self._outlet(ClockMessage, '/clock', clock) if parameters.simulated_time else None
+            ),
+            parameter_events=self.resolve_topic_name('/parameter_events'),
+            diagnostics=self._diagnostics_publisher.topic_name,
+            robot_description=self._description_publisher.topic_name,
+        )
+
+    def _outlet(self, message_type: Any, topic: str, qos: QoSProfile) -> Outlet:
+        publisher = self.create_publisher(message_type, topic, qos)
+        return Outlet(publisher.topic_name, publisher.publish)
+
+    # Parameters
+
+    def _prepare(self, before: NodeParameters, after: NodeParameters) -> None:
+        # Only trying shows whether a recording can begin; a request is rejected if not.
+        if after.record and not before.record:
+            self._open_recording(after)
+
+    def _open_recording(self, parameters: NodeParameters) -> None:
+        self._recorder.open(
+            parameters.bag_directory,
+            _description_of(parameters),
+            parameters.max_bag_size,
+            parameters.max_bag_duration,
+        )
+
+    def _apply(
+        self, before: NodeParameters, after: NodeParameters, changed: Sequence[Parameter]
+    ) -> None:
+        event = ParameterEvent(
+            node=self.get_fully_qualified_name(),
+            changed_parameters=[p.to_parameter_msg() for p in changed],
+        )
+        rig = after.rig if after.rig != before.rig else None
+        control = after.control if after.control != before.control else None
+        listing = self._dump() if self._recorder.splits else b''
+        self.engine.change(rig, serialised(event), control, listing)
+        self._describe(after)
+        turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
+        if turned and (hint := frequency_hint(after.rig)):
+            self.get_logger().warning(hint)
+        if after.predict_motion != before.predict_motion:
+            self._predictor.enable(after.predict_motion)
+        if after.record and not before.record:
+            self._recorder.begin(self._dump(), serialised(self._description))
+            self.get_logger().info(f'recording to {self._recorder.path}')
+        elif before.record and not after.record:
+            self.get_logger().info(self._recorder.finish())
+
+    def _describe(self, parameters: NodeParameters) -> None:
+        """Publish how the rig looks, and record it, if that has changed."""
+        text = _description_of(parameters)
+        if text != self._description.data:
+            self._description = String(data=text)
+            message = serialised(self._description)
+            self._description_publisher.publish(message)
+            self.engine.record(self._outlets.robot_description, message)
+
+    def _dump(self) -> bytes:
+        """Return the event that names all parameters with their values."""
+        names = self.list_parameters([], 0).names
+        event = ParameterEvent(
+            node=self.get_fully_qualified_name(),
+            new_parameters=[p.to_parameter_msg() for p in self.get_parameters(names)],
+        )
+        return serialised(event)
+
+    # Services
+
+    def _on_reset(self, _request: Any, response: Any) -> Any:
+        initial = self._live.now.initial
+        where = (
+            f'primary at {initial.initial_primary_position:g} m with '
+            f'{initial.initial_primary_velocity:g} m/s, damper at '
+            f'{initial.initial_damper_offset:g} m in the gap with '
+            f'{initial.initial_damper_velocity:g} m/s'
+        )
+        return self._answer(response, self.engine.reset(initial), f'reset to {where}')
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        ticket = self.engine.pause(request.data)
+        self._answer(response, ticket, 'paused' if request.data else 'running on')
+        if response.success and ticket.result is False:
+            state = 'paused' if request.data else 'running'
+            response.message = f'was {state} already'
+        return response
+
+    def _answer(self, response: Any, ticket: Ticket, text: str) -> Any:
+        if not ticket.wait(ANSWER_TIMEOUT_S):
+            response.success = False
+            response.message = f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s'
+        elif ticket.error is not None:
+            response.success = False
+            response.message = str(ticket.error)
+        else:
+            response.success = True
+            response.message = f'{text}, at rig time {ticket.time_ns * 1e-9:.9g} s'
+        return response
+
+    # Reports
+
+    def _report(self) -> None:
+        engine = self.engine.status()
+        recording = self._recorder.status(engine.recorded)
+        motion = self._monitor.look()
+        self._overdue.cancel()
+        self._publish_report(
+            self._diagnostics.report(self.engine.stamp_ns(), engine, recording, motion)
+        )
+
+    def _report_motion(self) -> None:
+        """Report what has been predicted at once, or a little later than the last report."""
+        if self._monitor.may_look(MOTION_PERIOD_S):
+            self._overdue.cancel()
+            self._publish_report(
+                self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
+            )
+        else:
+            self._overdue.reset()
+
+    def _publish_report(self, array: DiagnosticArray) -> None:
+        report = serialised(array)
+        self._diagnostics_publisher.publish(report)
+        self.engine.record(self._outlets.diagnostics, report)
+
+    def _end_broken_recording(self) -> None:
+        if self._live.now.record and (error := self._recorder.failure()):
+            self.get_logger().error(f'{error}; the rig runs on, record is false again')
+            self.set_parameters([Parameter('record', Parameter.Type.BOOL, False)])
+
+
+def _description_of(parameters: NodeParameters) -> str:
+    return robot_description(parameters.rig, parameters.control.widest_gap)
+
+
+def _spin(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> None:
+    executor.add_node(node)
+    while rclpy.ok() and not end.received and node.engine.failure is None:
+        try:
+            executor.spin_once()
+        except Exception:
+            # A malformed request, say; it must not take the rig down.
+            node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
+
+
+def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> int:
+    """Run the node until it is told to end, or its engine fails."""
+    end.wake_with(node.wake)
+    try:
+        # What exists by now stays: the garbage collector need not look through it again.
+        gc.freeze()
+        node.start()
+        _spin(node, executor, end)
+    finally:
+        end.wake_with(None)
+        # There may be no terminal any more to say it to.
+        if summary := node.finish():
+            with contextlib.suppress(OSError):
+                print(f'sim_node: {summary}', file=sys.stderr)
+    if (failure := node.engine.failure) is not None:
+        print('sim_node: the engine failed, the rig is stopped:', file=sys.stderr)
+        traceback.print_exception(failure)
+        return 1
+    return 0
+
+
+def _serve(arguments: Sequence[str], end: EndRequest) -> int:
+    """Run the node on ROS, and leave it; return the exit code."""
+    try:
+        check_params_files(arguments)
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:
+        return refuse(in_words(error))
+    node = None
+    try:
+        if (code := answer_foreign(remove_ros_args(arguments)[1:])) is not None:
+            return code
+        try:
+            executor = SingleThreadedExecutor()
+            node = SimNode()
+        except Exception as error:
+            return refuse(error)
+        return _run(node, executor, end)
+    finally:
+        with contextlib.suppress(Exception):
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the node.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Command line with the program's name first; that of the process if not given.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after SIGINT, SIGTERM and SIGHUP, 1 if the node could not start or has failed.
+    """
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    end = EndRequest()
+    try:
+        return _serve(sys.argv if argv is None else argv, end)
+    finally:
+        end.close()
+
+
+if __name__ == '__main__':
+    sys.exit(run('sim_node', main))

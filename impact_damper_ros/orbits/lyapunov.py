@@ -1,0 +1,573 @@
+"""
+How deviations grow along a run: multipliers and the largest Lyapunov exponent.
+
+The state (X, X', Z, Z') at a fixed instant is carried by the free vibration of each flight and by
+the saltation matrix of each event, as in `orbits.floquet`; here for all flights and events of a
+run at once, from nothing but the list of its events. The many impacts that a complete chatter
+has after its cut act together as one plastic impact. Müller, Chaos Solitons Fractals 5 (1995),
+gives the method for impacts; Parker and Chua, Practical Numerical Algorithms for Chaotic Systems
+(1989), the estimate from renormalised growth.
+
+The matrices of `lyapunov` do not hold what the control does with a deviation. Here two whole rigs
+are run, which differ by a little in the motion, and from then on in all that the control knows and
+does about it: its samples, estimates, the places of the stops, the commands that wait.
+
+What the control decides is not differentiable: whether a stop is sent off now or at the next
+sample, whether a change is worth a command. A finite, small separation is therefore taken anew at
+the same instant of each cycle (Benettin, Galgani, Giorgilli and Strelcyn, Meccanica 15, 1980), and
+no linearisation at the jump, where there is none. Two rigs that have decided differently are not
+neighbours any more; such cycles are left out, and another neighbour is taken. That they are the
+fewer the smaller the separation is what lets an exponent exist at all with such jumps (Katok and
+Strelcyn, Lecture Notes in Mathematics 1222, 1986); where they are not few, there is none here.
+Balcerzak and others, Mech. Syst. Signal Process. 141 (2020) 106734, compare such methods.
+
+Deviations begin in the motion. Stops that stand, as they do while what the control wants is within
+its dead band, do not deviate then, and have no part in the exponent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.control.controlled_rig import NearbyRig, RigState, Scales
+from impact_damper_ros.rig import Event, EventKind, Mode
+from impact_damper_ros.rig.long_run import Events
+from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, Machine
+from impact_damper_ros.rig.oscillator import Oscillator
+
+__all__ = [
+    'BATCHES',
+    'Deviations',
+    'Exponent',
+    'batched_exponent',
+    'deviations',
+    'growth_exponent',
+    'monodromy_of',
+    'parting_exponent',
+    'period_exponent',
+]
+
+
+Array = NDArray[np.float64]
+
+#: Parts of a run whose mean growths are compared, for the uncertainty of the exponent.
+BATCHES = 20
+#: 97.5 % point of Student's distribution with BATCHES - 1 degrees of freedom.
+_STUDENT = 2.093
+
+_PLACE = np.array([-1.0, 0.0, 1.0, 0.0])
+_SPEED = np.array([0.0, -1.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """
+    The matrices that carry deviations of (X, X', Z, Z') through a stretch of a run.
+
+    Attributes
+    ----------
+    start, end : float
+        The stretch, s.
+    instants : ndarray, shape (n,)
+        The events in it, s.
+    events : ndarray, shape (n, 4, 4)
+        Their saltation matrices.
+    modes : ndarray of int, shape (n + 1,)
+        The mode before each event, and after the last.
+    machine : Machine
+        The rig.
+    """
+
+    start: float
+    end: float
+    instants: Array
+    events: Array
+    modes: NDArray[np.int64]
+    machine: Machine
+
+    def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
+        """
+        Cut the stretch at instants.
+
+        Parameters
+        ----------
+        ends : ndarray, shape (m,)
+            Where a part ends, s; rising, the last one at the end of the stretch.
+
+        Returns
+        -------
+        matrices : ndarray, shape (n + m, 4, 4)
+            A matrix for each flight with the event after it, if there is one.
+        parts : ndarray of int, shape (n + m,)
+            The part each of them belongs to.
+        """
+        order = np.searchsorted(self.instants, ends, side='right')
+        nodes = np.insert(self.instants, order, ends)
+        # Events at the end of a part come before it, as in `searchsorted`
+        cut = np.zeros(len(nodes), dtype=bool)
+        cut[order + np.arange(len(ends))] = True
+        before = np.concatenate([[self.start], nodes[:-1]])
+        flight = np.cumsum(~cut) - ~cut
+        matrices = _flight_matrices(self.machine, self.modes[flight], nodes - before)
+        matrices[~cut] = self.events @ matrices[~cut]
+        return matrices, np.cumsum(cut) - cut
+
+
+@dataclass(frozen=True)
+class Exponent:
+    """
+    A largest Lyapunov exponent.
+
+    Attributes
+    ----------
+    value : float
+        Mean rate of growth of a deviation, 1/s.
+    uncertainty : float
+        Half of a 95 % interval, 1/s.
+    """
+
+    value: float
+    uncertainty: float
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean growth of the parts, 1/s."""
+        return self.uncertainty / _STUDENT
+
+
+def _vibrations(oscillator: Oscillator, spans: Array) -> Array:
+    envelope = np.exp(-oscillator.decay * spans)
+    impulse = envelope * np.sin(oscillator.frequency * spans) / oscillator.frequency
+    cosine = envelope * np.cos(oscillator.frequency * spans)
+    matrices = np.empty((len(spans), 2, 2))
+    matrices[:, 0, 0] = cosine + oscillator.decay * impulse
+    matrices[:, 0, 1] = impulse
+    matrices[:, 1, 0] = -oscillator.omega_squared * impulse
+    matrices[:, 1, 1] = cosine - oscillator.decay * impulse
+    return matrices
+
+
+def _flight_matrices(machine: Machine, modes: NDArray[np.int64], spans: Array) -> Array:
+    """Return the matrix of each flight, by its mode and duration."""
+    matrices = np.zeros((len(spans), 4, 4))
+    apart, stuck, on_stop = modes < STICK, modes == STICK, modes > STICK
+    matrices[apart, :2, :2] = _vibrations(machine.free, spans[apart])
+    matrices[apart, 2, 2] = matrices[apart, 3, 3] = 1.0
+    matrices[apart, 2, 3] = spans[apart]
+    matrices[~apart, :2, :2] = _vibrations(machine.joint, spans[~apart])
+    # Friction holds m wherever it is; a stop leaves it no deviation
+    matrices[stuck, 2] = matrices[stuck, 0] + _PLACE
+    matrices[on_stop, 2] = matrices[on_stop, 0]
+    matrices[~apart, 3] = matrices[~apart, 1]
+    return matrices
+
+
+def deviations(
+    machine: Machine,
+    angles: tuple[float, ...],
+    events: Events,
+    mode: int,
+    last_stop: int,
+    start: float,
+    end: float,
+) -> Deviations:
+    """
+    Return the matrices of a stretch of a run.
+
+    Parameters
+    ----------
+    machine : Machine
+        The rig.
+    angles : tuple of float
+        Angle turned by each harmonic at time 0, rad.
+    events : ndarray of EVENT_TYPE
+        Events in a row; they may begin before the stretch and reach beyond it.
+    mode : int
+        The mode before the first of these events.
+    last_stop : int
+        The stop hit last before them, or 0.
+    start, end : float
+        The stretch, s.
+    """
+    count, time, x = len(events), events['time'], events['x']
+    kind, stop = events['kind'], events['stop']
+    impact = kind == EventKind.IMPACT
+    modes = np.concatenate([[mode], events['mode']]).astype(np.int64)
+    joint = modes >= STICK
+    direction = np.where(modes == SLIDE_DOWN, 1.0, np.where(modes == SLIDE_UP, -1.0, 0.0))
+    hit = np.concatenate([[last_stop], np.where(impact, stop, 0)])
+    hit = hit[np.maximum.accumulate(np.where(hit > 0, np.arange(count + 1), 0))]
+    air = machine.air * np.choose(hit, [0.0, -1.0, 1.0])
+
+    drive = np.zeros(count)
+    for force, rate, phase, angle in zip(
+        machine.free.forces, machine.free.frequencies, machine.phases, angles, strict=True
+    ):
+        drive += force * np.sin(rate * time + (phase + angle))
+    mu = machine.mass_ratio
+
+    def rates(flight: slice, velocity: Array, damper: Array) -> Array:
+        """Return (X', X'', Z', Z'') at the events, in the flights before or after them."""
+        free, both = machine.free, machine.joint
+        way, push, together = direction[flight], air[flight], joint[flight]
+        common = (velocity + mu * damper) / (1.0 + mu)
+        apart = (
+            drive
+            + mu * (way * machine.grip - push)
+            - 2.0 * free.decay * velocity
+            - free.omega_squared * x
+        )
+        one = (
+            drive / (1.0 + mu)
+            + mu / (1.0 + mu) * machine.slope
+            - 2.0 * both.decay * common
+            - both.omega_squared * x
+        )
+        slide = machine.slope - way * machine.grip + push
+        return np.where(
+            together[:, None],
+            np.stack([common, one, common, one], axis=-1),
+            np.stack([velocity, apart, damper, slide], axis=-1),
+        )
+
+    before = rates(
+        slice(0, count), events['primary_velocity_before'], events['damper_velocity_before']
+    )
+    after = rates(
+        slice(1, count + 1), events['primary_velocity_after'], events['damper_velocity_after']
+    )
+    restitution = np.where(stop == 1, machine.restitution_1, machine.restitution_2)
+    # Plastic, or the cut of a chatter: all the impacts to come are one
+    jump = _jumps(mu, np.where(joint[1:], 0.0, restitution), impact)
+    normal = np.where(impact[:, None], _PLACE, _SPEED)
+    across = np.einsum('ij,ij->i', normal, before)
+    # A release changes nothing, since the relative acceleration is zero there
+    apart = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST)) & ~joint[:-1]
+    crosses = (impact | apart) & (across != 0.0)
+    rise = (after - np.einsum('ijk,ik->ij', jump, before)) / np.where(crosses, across, 1.0)[
+        :, None
+    ]
+    matrices = jump + np.where(crosses[:, None, None], rise[:, :, None] * normal[:, None, :], 0.0)
+    inside = (time > start) & (time <= end)
+    first = int(np.count_nonzero(time <= start))
+    return Deviations(
+        start=start,
+        end=end,
+        instants=time[inside],
+        events=matrices[inside],
+        modes=modes[first : first + int(inside.sum()) + 1],
+        machine=machine,
+    )
+
+
+def _jumps(mass_ratio: float, restitution: Array, impact: NDArray[np.bool_]) -> Array:
+    """Return the derivative of the state after each event by the one before it."""
+    total = 1.0 + mass_ratio
+    jump = np.zeros((len(restitution), 4, 4))
+    jump[:, range(4), range(4)] = 1.0
+    hit = np.zeros((len(restitution), 4, 4))
+    hit[:, 0, 0] = hit[:, 2, 2] = 1.0
+    hit[:, 1, 1] = (1.0 - mass_ratio * restitution) / total
+    hit[:, 1, 3] = mass_ratio * (1.0 + restitution) / total
+    hit[:, 3, 1] = (1.0 + restitution) / total
+    hit[:, 3, 3] = (mass_ratio - restitution) / total
+    return np.where(impact[:, None, None], hit, jump)
+
+
+def monodromy_of(along: Deviations, ends: Array) -> list[Array]:
+    """
+    Return the product of the matrices over each part of a stretch.
+
+    Parameters
+    ----------
+    along : Deviations
+        The stretch.
+    ends : ndarray
+        Where each part ends, s; rising, the last one at the end of the stretch.
+    """
+    matrices, parts = along.steps(ends)
+    products: list[Array] = [np.eye(4) for _ in ends]
+    for matrix, part in zip(matrices, parts, strict=True):
+        products[part] = matrix @ products[part]
+    return products
+
+
+def growth_exponent(along: Deviations, omega: float) -> Exponent:
+    """
+    Return the largest Lyapunov exponent from the growth of one deviation.
+
+    Parameters
+    ----------
+    along : Deviations
+        The stretch.
+    omega : float
+        Natural circular frequency, rad/s, which makes velocities comparable with displacements.
+
+    Returns
+    -------
+    Exponent
+        The mean growth of the logarithm over the last 20 of 21 parts of the stretch (the first
+        one turns the deviation into the direction that grows most), and by Student's distribution
+        the 95 % interval of the mean of these parts.
+    """
+    ends = np.linspace(along.start, along.end, BATCHES + 2)[1:]
+    ends[-1] = along.end
+    matrices, parts = along.steps(ends)
+    scale = np.array([omega, 1.0, omega, 1.0])
+    matrices = scale[:, None] * matrices / scale
+    # Neither symmetric nor along an axis, so that it has a part in every direction
+    vector = np.array([0.6, 0.3, -0.5, 0.55])
+    growth = np.zeros(len(ends))
+    for matrix, part in zip(matrices, parts, strict=True):
+        vector = matrix @ vector
+        norm = math.sqrt(float(vector @ vector))
+        if norm == 0.0:
+            return Exponent(-math.inf, 0.0)
+        growth[part] += math.log(norm)
+        vector /= norm
+    return batched_exponent(growth, np.diff(ends, prepend=along.start))
+
+
+def batched_exponent(growth: Array, spans: Array) -> Exponent:
+    """
+    Return the exponent from the growth in each part of a time.
+
+    Parameters
+    ----------
+    growth : ndarray, shape (BATCHES + 1,)
+        Growth of the logarithm of a deviation in each part; that in the first is left out.
+    spans : ndarray, shape (BATCHES + 1,)
+        How long each part is, s.
+    """
+    rates: Any = growth[1:] / spans[1:]
+    return Exponent(float(rates.mean()), _STUDENT * float(rates.std(ddof=1)) / math.sqrt(BATCHES))
+
+
+#: Separation of neighbours, relative to the size of the motion, and at least so many times the
+#: round-off of the time; for a multiplier it is wider, since that has fewer tries.
+_NEAR, _CLEAR, _WIDER = 1e-7, 1e4, 10.0
+#: Separation from which on neighbours are taken to have parted.
+_PARTED = 1e-2
+#: Cycles in which neighbours may come to agree again, one of them having had an event earlier.
+_PATIENCE = 3
+#: Share of the cycles in which they may not.
+_MOST_LEFT_OUT = 0.05
+#: Most periods for a multiplier, how exact it is to be, and what of a deviation is nothing new.
+_MOST_STEPS, _EXACT, _NOTHING = 24, 1e-5, 1e-6
+#: Error of a deviation after a period, relative to it, at least.
+_ROUND_OFF = 1e-8
+
+
+def _rig(snapshot: dict[str, Any]) -> NearbyRig:
+    """Return a rig from where neighbours are watched: where it samples, round-off decides."""
+    rig = NearbyRig.restore(snapshot)
+    rig.go_between_samples()
+    return rig
+
+
+def _course(events: Iterable[Event]) -> list[tuple[int, int]]:
+    """Return what neighbours have in common: their events, but for instants and numbers."""
+    return [(int(event.kind), event.stop) for event in events]
+
+
+def _near(rig: NearbyRig, scales: Scales) -> float:
+    """Return how far apart neighbours are at first."""
+    return max(_NEAR, _CLEAR * scales.rate * math.ulp(rig.time))
+
+
+def _first_deviation(state: RigState) -> Array:
+    """Return a deviation of the motion, in all the ways in which it can deviate."""
+    ways = {'x': 0.6, 'velocity': 0.3}
+    if state.mode <= Mode.STICK:
+        ways |= {'clearance_1': -0.5, 'clearance_2': 0.5}
+    if state.mode < Mode.STICK:
+        ways |= {'relative_velocity': 0.55}
+    deviation = np.array(
+        [ways.get(str(p[-1]), 0.0) if p[0] == 'origin' else 0.0 for p in state.places]
+    )
+    return deviation / float(np.linalg.norm(deviation))
+
+
+class _Period:
+    """A period of a motion under control, through which deviations are carried."""
+
+    def __init__(self, rig: NearbyRig, period: float, scales: Scales, side: float) -> None:
+        self.rig = rig
+        self.begun = rig.state()
+        self.end = rig.time + period
+        self.near = _WIDER * _near(rig, scales)
+        self.step = side * self.near * scales.of(self.begun)
+        #: Error of a deviation, relative to it: instants are the coarsest numbers of a state.
+        self.round_off = max(_ROUND_OFF, scales.rate * math.ulp(self.end) / self.near)
+        self.last = NearbyRig.restore(rig.snapshot())
+        self.course = _course(self.last.advance(self.end))
+        self.reached = self.last.state()
+
+    def carried(self, deviation: Array) -> Array | None:
+        """Return what becomes of a deviation; None if neighbours on either side part."""
+        for side in (1.0, -1.0):
+            step = side * self.step
+            other = self.rig.at(self.begun, self.begun.numbers + step * deviation)
+            if other is None or _course(other.advance(self.end)) != self.course:
+                continue
+            there = other.state()
+            if not there.alike(self.reached):
+                continue
+            image: Array = (there.numbers - self.reached.numbers) / step
+            if self.near * float(np.linalg.norm(image)) < _PARTED:
+                return image
+        return None
+
+    def multiplier(self) -> tuple[float, float]:
+        """
+        Return the modulus of the largest multiplier, and its error; NaN if neighbours part.
+
+        Notes
+        -----
+        A deviation is carried through the period, made orthogonal to those before, and carried
+        through it again (Arnoldi, Quart. Appl. Math. 9, 1951), until nothing new comes or the
+        largest multiplier of what has come stays as it is. The error is what is left then, and
+        what the round-off of a deviation makes of a multiplier, its root if that is double.
+        """
+        if self.reached.places != self.begun.places:
+            return math.nan, math.nan
+        basis = [_first_deviation(self.begun)]
+        matrix = np.zeros((_MOST_STEPS + 1, _MOST_STEPS))
+        for k in range(_MOST_STEPS):
+            image = self.carried(basis[k])
+            if image is None:
+                return math.nan, math.nan
+            size = max(1.0, float(np.linalg.norm(image)))
+            # Twice, since once leaves a part of the order of round-off over what is left
+            for _ in range(2):
+                parts = np.array([float(one @ image) for one in basis])
+                matrix[: k + 1, k] += parts
+                image = image - parts @ np.array(basis)
+            left = float(np.linalg.norm(image))
+            values, vectors = np.linalg.eig(matrix[: k + 1, : k + 1])
+            first = int(np.argmax(np.abs(values)))
+            largest = float(abs(values[first]))
+            error = left * float(abs(vectors[-1, first]))
+            if left <= _NOTHING * size or error <= _EXACT * largest:
+                break
+            matrix[k + 1, k] = left
+            basis.append(image / left)
+        condition = float(np.linalg.norm(np.linalg.pinv(vectors)[first]))
+        astray = self.round_off * size
+        return largest, error + min(condition * astray, math.sqrt(astray))
+
+
+def period_exponent(
+    snapshot: dict[str, Any], period: float, scales: Scales
+) -> tuple[Exponent, float]:
+    """
+    Return the largest Lyapunov exponent of a periodic motion under control, and its multiplier.
+
+    Parameters
+    ----------
+    snapshot : dict
+        The rig, of a `ControlledRig`.
+    period : float
+        The period, s.
+    scales : Scales
+        What makes the numbers of its state comparable.
+
+    Returns
+    -------
+    Exponent
+        The mean of ln(largest multiplier)/period of two periods in a row, with neighbours on
+        either side; the uncertainty is the difference and the error of the multiplier. NaN if
+        neighbours decide differently.
+    float
+        The modulus of the largest multiplier.
+    """
+    first = _Period(_rig(snapshot), period, scales, 1.0)
+    second = _Period(first.last, period, scales, -1.0)
+    (one, error), (other, its_error) = first.multiplier(), second.multiplier()
+    if one == 0.0 or other == 0.0:
+        return Exponent(-math.inf, 0.0), 0.0
+    rates = math.log(one) / period, math.log(other) / period
+    mean = 0.5 * (rates[0] + rates[1])
+    inexact = max(error / one, its_error / other) / period
+    return Exponent(mean, abs(rates[1] - rates[0]) + inexact), math.exp(mean * period)
+
+
+def parting_exponent(
+    snapshot: dict[str, Any], cycle: float, cycles: int, scales: Scales
+) -> Exponent:
+    """
+    Return the largest Lyapunov exponent of any motion under control.
+
+    Parameters
+    ----------
+    snapshot : dict
+        The rig, of a `ControlledRig`.
+    cycle : float
+        Cycle of the force, s.
+    cycles : int
+        For how many of them neighbours are watched, at least 21.
+    scales : Scales
+        What makes the numbers of its state comparable.
+
+    Returns
+    -------
+    Exponent
+        Mean growth of the separation of two neighbours and its uncertainty, as of
+        `lyapunov.growth_exponent`; NaN if they decide differently in more than one of twenty
+        cycles.
+    """
+    rig = _rig(snapshot)
+    begun, state = rig.time, rig.state()
+    near = _near(rig, scales)
+    growth, spans = np.zeros(cycles), np.zeros(cycles)
+    other: NearbyRig | None = None
+    size, done = near, 0
+    while done < cycles:
+        if other is None:
+            deviation = near * scales.of(state) * _first_deviation(state)
+            other, size = rig.at(state, state.numbers + deviation), near
+            other = other or rig.at(state, state.numbers - deviation)
+        first, apart = done, None
+        events: tuple[list[Event], list[Event]] = ([], [])
+        while apart is None and done < min(cycles, first + _PATIENCE):
+            done += 1
+            events[0].extend(rig.advance(begun + done * cycle))
+            state = rig.state()
+            if other is not None:
+                events[1].extend(other.advance(rig.time))
+                apart = _separation(state, other, events, scales)
+        if apart is None or other is None:
+            other = None
+            continue
+        there = float(np.linalg.norm(apart))
+        if there == 0.0:
+            return Exponent(-math.inf, 0.0)
+        growth[first:done] = math.log(there / size) / (done - first)
+        spans[first:done] = cycle
+        nearer = rig.at(state, state.numbers + near / there * scales.of(state) * apart)
+        # Where m would be beyond a stop or turned round, they stay as far apart as they are
+        other, size = (other, there) if nearer is None else (nearer, near)
+    if np.count_nonzero(spans) < (1.0 - _MOST_LEFT_OUT) * cycles:
+        return Exponent(math.nan, math.nan)
+    parts = np.array_split(np.arange(cycles), BATCHES + 1)
+    return batched_exponent(
+        np.array([growth[part].sum() for part in parts]),
+        np.array([spans[part].sum() for part in parts]),
+    )
+
+
+def _separation(
+    state: RigState, other: NearbyRig, events: tuple[list[Event], list[Event]], scales: Scales
+) -> Array | None:
+    """Return how far a neighbour is, scaled; None if it is none any more, or not at present."""
+    there = other.state()
+    if not there.alike(state) or _course(events[0]) != _course(events[1]):
+        return None
+    apart = (there.numbers - state.numbers) / scales.of(state)
+    return apart if float(np.linalg.norm(apart)) < _PARTED else None

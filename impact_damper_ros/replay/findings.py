@@ -1,0 +1,253 @@
+"""What a replay finds: what was compared, where it differs, and how the difference grows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from math import inf, nan, ulp
+from typing import Any
+
+__all__ = ['Difference', 'Divergence', 'Findings', 'SampleGap', 'Verdict']
+
+
+#: Differences kept one by one.
+_MOST_KEPT = 20
+#: Differences kept after each change of the rig.
+_KEPT_EACH = 20
+#: Differing samples after which the difference is noted.
+_MARKS = tuple(m * 10**k for k in range(8) for m in (1, 2, 5))
+#: Differences of so many units in the last place are those of another library of mathematics.
+_LIBRARY_ULPS = 8
+#: Such differences grow slowly: the first samples that differ do so by no more than this.
+_EARLY, _ROUND_OFF = 10, 1e-9
+
+
+class Verdict(Enum):
+    """What a replay comes to, and the exit code that says so."""
+
+    IDENTICAL = 0
+    DIFFERENT = 1
+    #: Identical as far as the bag can be compared.
+    PARTIAL = 3
+
+
+@dataclass(frozen=True)
+class Difference:
+    """
+    A recorded value that is not the replayed one.
+
+    Attributes
+    ----------
+    time : float
+        Rig time, s.
+    stamp_ns : int
+        Stamp of the message.
+    topic, quantity, unit : str
+        What differs.
+    recorded, replayed : object
+        Both values; None where there is none.
+    after : str
+        What was done to the rig last before.
+    """
+
+    time: float
+    stamp_ns: int
+    topic: str
+    quantity: str
+    unit: str
+    recorded: Any
+    replayed: Any
+    after: str
+
+    @property
+    def amount(self) -> float:
+        """Recorded minus replayed value; NaN where these are no numbers."""
+        if isinstance(self.recorded, int | float) and isinstance(self.replayed, int | float):
+            return self.recorded - self.replayed
+        return nan
+
+    @property
+    def ulps(self) -> float:
+        """The same in units of the last place of the replayed value."""
+        if isinstance(self.replayed, float) and isinstance(self.recorded, float):
+            return abs(self.amount) / ulp(self.replayed)
+        return inf
+
+
+@dataclass(frozen=True)
+class SampleGap:
+    """A stretch without samples: their stamps before and after it, and how many are missing."""
+
+    time: float
+    from_ns: int
+    to_ns: int
+    missing: int
+
+
+@dataclass
+class Divergence:
+    """
+    How the joint states part.
+
+    Attributes
+    ----------
+    first, last : float
+        Rig times of the first and the last sample that differs, s.
+    samples : int
+        How many do.
+    largest_x, largest_z : float
+        Largest differences of X and Z, m.
+    marks : list of (int, float, float, float)
+        Number of differing samples, rig time, s, and the differences of X and Z there, m.
+    early : float
+        Largest difference among the first samples that differ, as a part of the positions.
+    """
+
+    first: float = nan
+    last: float = nan
+    samples: int = 0
+    largest_x: float = 0.0
+    largest_z: float = 0.0
+    marks: list[tuple[int, float, float, float]] = field(default_factory=list)
+    early: float = 0.0
+
+    def look(self, time: float, x: float, z: float, size: float) -> None:
+        """Take a sample that differs, by `x` and `z`, of positions of some size, m."""
+        if not self.samples:
+            self.first = time
+        self.samples += 1
+        if self.samples <= _EARLY:
+            difference = max(abs(x), abs(z))
+            self.early = max(self.early, difference / size if size else difference)
+        self.last = time
+        self.largest_x = max(self.largest_x, abs(x))
+        self.largest_z = max(self.largest_z, abs(z))
+        if self.samples in _MARKS:
+            self.marks.append((self.samples, time, x, z))
+
+
+@dataclass
+class Findings:
+    """
+    What a replay compared and found.
+
+    Attributes
+    ----------
+    samples, impacts : int
+        How many were compared.
+    recorded_impacts : int
+        How many the bag holds, from its start on.
+    control, recorded_control, missing_control : int
+        The same, and `missing_impacts`, for what the gap control did.
+    changes, resets, pauses, slips, snapshots : int
+        What else happened.
+    start_ns, end_ns : int or None
+        Rig times of the first and last sample, in nanoseconds.
+    differences : list of Difference
+        The first ones.
+    kept : list of Difference
+        The first ones after each change of the rig.
+    difference_count : int
+        How many there are.
+    by_topic : dict of str to int
+        The same for each topic.
+    divergence : Divergence
+        Of the joint states.
+    gaps : list of SampleGap
+        The first stretches without samples.
+    missing_samples, gap_count : int
+        Samples missing in all of them, and their number.
+    missing_impacts : int
+        Impacts of the replay that are not in the bag, where the recorder has dropped messages.
+    remarks : list of str
+        What else is to be known, such as initial conditions taken from a snapshot.
+    faults : list of str
+        Why the bag cannot be compared wholly.
+    after : str
+        What was done to the rig last.
+    offset_ns : int
+        Present stamp at rig time 0, in nanoseconds.
+    """
+
+    samples: int = 0
+    impacts: int = 0
+    recorded_impacts: int = 0
+    control: int = 0
+    recorded_control: int = 0
+    missing_control: int = 0
+    changes: int = 0
+    resets: int = 0
+    pauses: int = 0
+    slips: int = 0
+    snapshots: int = 0
+    start_ns: int | None = None
+    end_ns: int | None = None
+    differences: list[Difference] = field(default_factory=list)
+    kept: list[Difference] = field(default_factory=list)
+    difference_count: int = 0
+    by_topic: dict[str, int] = field(default_factory=dict)
+    divergence: Divergence = field(default_factory=Divergence)
+    gaps: list[SampleGap] = field(default_factory=list)
+    gap_count: int = 0
+    missing_samples: int = 0
+    missing_impacts: int = 0
+    remarks: list[str] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+    after: str = 'the start of the bag'
+    offset_ns: int = 0
+    _kept_after: str = ''
+    _kept_count: int = 0
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether all that was recorded comes out again."""
+        if self.difference_count:
+            return Verdict.DIFFERENT
+        return Verdict.PARTIAL if self.faults else Verdict.IDENTICAL
+
+    @property
+    def first(self) -> Difference | None:
+        """The earliest difference."""
+        return min(self.differences, key=lambda d: d.time, default=None)
+
+    @property
+    def by_another_library(self) -> bool:
+        """Whether it looks as if the bag was recorded with another library of mathematics."""
+        return (
+            self.first is not None
+            and self.first.ulps <= _LIBRARY_ULPS
+            and self.divergence.samples > 1
+            and self.divergence.early <= _ROUND_OFF
+            and not self.faults
+        )
+
+    def differ(self, difference: Difference) -> None:
+        """Take in a difference."""
+        self.difference_count += 1
+        topic = difference.topic
+        self.by_topic[topic] = self.by_topic.get(topic, 0) + 1
+        if self.after != self._kept_after:
+            self._kept_after, self._kept_count = self.after, 0
+        self._kept_count += 1
+        if self._kept_count <= _KEPT_EACH:
+            self.kept.append(difference)
+        # The first of every topic is kept in any case.
+        if len(self.differences) < _MOST_KEPT or self.by_topic[topic] == 1:
+            self.differences.append(difference)
+
+    def fault(self, text: str) -> None:
+        """Take in a reason why the bag cannot be compared wholly."""
+        if len(self.faults) < _MOST_KEPT:
+            self.faults.append(text)
+
+    def remark(self, text: str) -> None:
+        """Take in what is to be known besides."""
+        if len(self.remarks) < _MOST_KEPT:
+            self.remarks.append(text)
+
+    def miss(self, gap: SampleGap) -> None:
+        """Take in a stretch without samples."""
+        self.gap_count += 1
+        self.missing_samples += gap.missing
+        if len(self.gaps) < _MOST_KEPT:
+            self.gaps.append(gap)

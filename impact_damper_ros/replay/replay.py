@@ -1,0 +1,671 @@
+"""
+Replaying a run from its log: every recorded sample and impact is computed anew and compared.
+
+Only whether all of them come out bit for bit is found out here; what differs, and where, is left
+to `replay`, which goes through them one by one.
+
+The rig is restored from the first snapshot, and what was done to it is done again at the same
+instants. The simulator's motion does not depend on how it is cut into pieces, so that everything
+must come out as recorded, to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.bag.errors import RecordingError
+from impact_damper_ros.bag.messages import CdrError
+from impact_damper_ros.bag.rig_messages import JointStateColumns
+from impact_damper_ros.bag.run_history import Change, Item, RunHistory, SnapshotRecord, StateRecord
+from impact_damper_ros.control import ControlRecord
+from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample, Simulator
+from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, has_numba
+from impact_damper_ros.rig.published import IMPACT_JOINTS, JOINTS, impact_numbers, state_numbers
+from impact_damper_ros.rig.simulator import ARITHMETIC, Snapshot
+
+from .checks import ControlLedger, ImpactLedger, SampleCheck, SampleSpacing
+from .findings import Difference, Findings, SampleGap
+from .replayed_rig import Batch, ReplayedRig, Step
+
+__all__ = ['BatchReplay', 'Recorded', 'Replay', 'Tick']
+
+
+_Ints = NDArray[np.int64]
+
+
+class Recorded(NamedTuple):
+    """Serialised messages of one topic, and the stamp of each, ns."""
+
+    stamps_ns: list[int]
+    contents: list[bytes]
+
+
+class BatchReplay:
+    """
+    Replays batches of messages.
+
+    Parameters
+    ----------
+    version : int
+        Format of the messages, see `rig.published.FORMAT`.
+    compiled : bool
+        Whether to run compiled code, which takes some seconds to load or longer to compile.
+    """
+
+    def __init__(self, version: int, *, compiled: bool) -> None:
+        self._version = version
+        self._compiled = compiled
+        self._states = JointStateColumns(JOINTS, (4, 4, 0))
+        self._impacts = JointStateColumns(IMPACT_JOINTS, (2, 2, 2))
+
+    def reproduces(
+        self, state: Snapshot, offset_ns: int, states: Recorded, impacts: Recorded | None
+    ) -> Simulator | None:
+        """
+        Run a rig through recorded joint states.
+
+        Parameters
+        ----------
+        state : Snapshot
+            The rig before them.
+        offset_ns : int
+            Stamp of rig time 0.
+        states : Recorded
+            The joint states, in the order of time.
+        impacts : Recorded or None
+            All impacts up to the last of them; None if impacts are not recorded.
+
+        Returns
+        -------
+        Simulator or None
+            The rig at the last joint state; None if anything differs, or cannot be read.
+        """
+        stamps_ns = np.array(states.stamps_ns, dtype=np.int64)
+        instants = (stamps_ns - offset_ns) / 1e9
+        if not (np.diff(stamps_ns) > 0).all() or instants[0] <= state.time:
+            return None
+        run = LongRun.restore(state.as_dict(), compiled=self._compiled)
+        stretch = run.advance(float(instants[-1]), instants)
+        rest = state.parameters.static_deflection
+        if stretch.outcome is not Outcome.COMPLETE:
+            return None
+        columns: list[Any] = [stretch.samples[name] for name in Sample._fields]
+        parts = state_numbers(Sample(*columns), rest, self._version)
+        numbers = np.column_stack([column for part in parts for column in part])
+        if not _all_equal(self._states, states, ('',), stamps_ns, numbers):
+            return None
+        if impacts is not None and not self._hit(stretch.impacts(), impacts, offset_ns, rest):
+            return None
+        return run.simulator()
+
+    def _hit(self, rows: Events, impacts: Recorded, offset_ns: int, rest: float) -> bool:
+        """Return whether the impacts are those recorded."""
+        events = [_event(row) for row in rows]
+        if len(events) != len(impacts.contents):
+            return False
+        if not events:
+            return True
+        stamps_ns = np.array([offset_ns + round(e.time * 1e9) for e in events], dtype=np.int64)
+        if stamps_ns.tolist() != impacts.stamps_ns:
+            return False
+        numbers = np.array(
+            [sum(impact_numbers(event, rest, self._version), ()) for event in events]
+        )
+        frames = tuple(f'stop_{event.stop}' for event in events)
+        return _all_equal(self._impacts, impacts, frames, stamps_ns, numbers)
+
+
+def _event(row: np.void) -> Event:
+    values = row.item()
+    return Event(values[0], EventKind(values[8]), values[9], *values[1:8])
+
+
+def _all_equal(
+    columns: JointStateColumns,
+    recorded: Recorded,
+    frames: Sequence[str],
+    stamps_ns: _Ints,
+    numbers: NDArray[np.float64],
+) -> bool:
+    """Return whether messages hold these frames, one or one each, stamps and numbers."""
+    table = columns.read(recorded.contents)
+    if table.unreadable or not np.array_equal(table.stamps_ns, stamps_ns):
+        return False
+    found = [columns.frames[number] for number in table.frames]
+    if found != list(frames) * (len(found) // len(frames)):
+        return False
+    # As integers, in which 0.0 and -0.0 differ
+    return np.array_equal(table.numbers.view(np.int64), numbers.view(np.int64))
+
+
+#: A stretch without samples longer than this is taken for a wrong stamp.
+_LONGEST_GAP_NS = 6 * 3600 * 10**9
+#: The same from the snapshot that a recorder gets when it joins.
+_LONGEST_WAIT_NS = 10 * 86_400 * 10**9
+#: Joint states that are held against `state_rate`, and by how many ns they may be off.
+_LOOKED_AT, _OFF_GRID_NS = 100, 2
+#: Messages replayed at once, at most and at least.
+_BATCH, _LEAST_BATCH = 8192, 64
+#: Joint states for which compiled code is worth its loading.
+_COMPILED_FROM = 100_000
+_REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it'
+
+
+class Tick(NamedTuple):
+    """
+    A recorded sample, and what happened since the one before.
+
+    Attributes
+    ----------
+    time_ns : int
+        Its rig time.
+    x, primary_velocity : float
+        X and X' as recorded, m and m/s.
+    sample : Sample
+        As replayed.
+    events : list of Event
+        Of the replay, since the sample before.
+    steps : list of (int, Step)
+        What was done to the rig since the last sample, with its rig time.
+    begun : float
+        Rig time, s, from which on things were recorded. What is before has only led there from
+        the snapshot that a recorder gets when it joins.
+    """
+
+    time_ns: int
+    x: float
+    primary_velocity: float
+    sample: Sample
+    events: list[Event]
+    steps: list[tuple[int, Step]]
+    begun: float = -inf
+
+
+class Replay:
+    """
+    The replay of a run; iterate over `ticks` to carry it out.
+
+    Parameters
+    ----------
+    history : RunHistory
+        The run.
+    adopt : bool, optional
+        Whether to go on from each snapshot that is not as replayed, so that a difference does not
+        outlast the next change.
+
+    Attributes
+    ----------
+    history : RunHistory
+        As given.
+    findings : Findings
+        What was found, so far.
+    replayed : ReplayedRig
+        The rig, where it now stands.
+
+    Raises
+    ------
+    RecordingError
+        If the first snapshot cannot be restored.
+    """
+
+    def __init__(self, history: RunHistory, *, adopt: bool = False) -> None:
+        self.history = history
+        self._adopts = adopt
+        # Whether the parameter events of this node are recorded
+        self._hears = False
+        self.findings = Findings(offset_ns=history.start.offset_ns)
+        try:
+            self.replayed = ReplayedRig(history.start)
+        except ValueError as error:
+            cause = f'its first snapshot cannot be restored: {error}'
+            raise RecordingError('replay', history.reader.path, cause, _REMEDY) from error
+        if history.start.arithmetic != ARITHMETIC:
+            self.findings.remarks.append(
+                f'recorded with arithmetic {history.start.arithmetic}, this version has '
+                f'{ARITHMETIC}: differences of round-off, and what grows from them, are due to '
+                f'that; {_REMEDY}'
+            )
+        self._time_ns = history.start.time_ns
+        self._pending: list[Change] = []
+        self._steps: list[tuple[int, Step]] = []
+        self._events: list[Event] = []
+        # What a joint state of an instant may hold that changes came after, with the instant
+        self._before: list[tuple[float, tuple[tuple[float, ...], ...]]] = []
+        self._left_out = 0
+        self._begun = -inf
+        # Joint states per second as listed, and how many are known to lie on that grid
+        self._rate, self._on_grid = 0.0, 0
+        topics = history.topics
+        count = history.reader.topics[topics.joint_states].message_count
+        self._batch = BatchReplay(
+            history.start.version, compiled=count >= _COMPILED_FROM and has_numba()
+        )
+        self._check = SampleCheck(topics.joint_states, self.findings)
+        self._spacing = SampleSpacing(self.findings)
+        stamped = history.stamped
+        self._ledger = ImpactLedger(topics.impacts, self.findings, stamped=stamped)
+        self._control = ControlLedger(topics.gap_control, self.findings, stamped=stamped)
+        self._ledgers = {topics.impacts: self._ledger, topics.gap_control: self._control}
+        self._check_stops(history.start)
+
+    def ticks(self) -> Iterator[Tick]:
+        """Replay, sample by sample; the findings name those that cannot be read."""
+        for item in self.history.items():
+            tick = self._take(item)
+            if tick is not None:
+                yield tick
+        self._finish()
+
+    def run(self, progress: Callable[[float], object] = float) -> Findings:
+        """
+        Replay as `ticks` does, many samples at once where nothing is done to the rig.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called now and then with the rig time reached, s.
+
+        Returns
+        -------
+        Findings
+            All that was found.
+        """
+        waiting: list[StateRecord] = []
+        for item in self.history.items():
+            if isinstance(item, StateRecord):
+                waiting.append(item)
+                if len(waiting) < _BATCH:
+                    continue
+            self._take_many(waiting)
+            waiting = []
+            if not isinstance(item, StateRecord):
+                self._take(item)
+            progress(self._time_ns / 1e9)
+        self._take_many(waiting)
+        self._finish()
+        return self.findings
+
+    def _take(self, item: Item) -> Tick | None:
+        if isinstance(item, StateRecord):
+            try:
+                if (ledger := self._ledgers.get(item.topic)) is not None:
+                    ledger.take(item.content)
+                elif self._reach(item.stamp_ns):
+                    return self._look(item)
+            except CdrError as error:
+                self._note_unreadable(item, error)
+        elif isinstance(item, Change):
+            self._take_change(item)
+        else:
+            self._take_snapshot(item)
+        return None
+
+    def _take_many(self, records: list[StateRecord]) -> None:
+        """Take messages of the rig, all at once if they come out bit for bit."""
+        topic, place = self.history.topics.joint_states, 0
+        # The first ones one by one: of an instant that the rig has reached, say
+        while place < len(records) and (
+            self.findings.end_ns is None
+            or (self._rate and self.history.stamped and self._on_grid < _LOOKED_AT)
+            or self._steps
+            or not self._ledger.even
+            or records[place].stamp_ns - self.findings.offset_ns <= self._time_ns
+        ):
+            self._take(records[place])
+            place += 1
+        states = (i + 1 for i in range(place, len(records)) if records[i].topic == topic)
+        end = max(states, default=0)
+        if end - place >= _LEAST_BATCH and self._all_as_replayed(records[place:end]):
+            place = end
+        for record in records[place:]:
+            self._take(record)
+
+    def _all_as_replayed(self, records: list[StateRecord]) -> bool:
+        findings, topics = self.findings, self.history.topics
+        state = self.replayed.rig.plain
+        if state is None or self._pending:
+            return False
+        parts = {
+            name: [record for record in records if record.topic == name]
+            for name in (topics.joint_states, topics.impacts)
+        }
+        if sum(map(len, parts.values())) < len(records):
+            return False
+        states, impacts = (
+            Recorded([r.stamp_ns for r in part], [r.content for r in part])
+            for part in (parts[topics.joint_states], parts[topics.impacts])
+        )
+        offset_ns = findings.offset_ns
+        times_ns = [stamp_ns - offset_ns for stamp_ns in states.stamps_ns]
+        if not self._spacing.even(times_ns):
+            return False
+        rig = self._batch.reproduces(state, offset_ns, states, impacts if topics.impacts else None)
+        if rig is None:
+            return False
+        self.replayed.rig.gone_on(rig)
+        self._time_ns = findings.end_ns = times_ns[-1]
+        self._before = []
+        findings.samples += len(times_ns)
+        self._ledger.paired(len(impacts.contents))
+        return True
+
+    def _check_stops(self, snapshot: SnapshotRecord) -> None:
+        """Note a snapshot in which the stops that no control moves are not at the gap."""
+        control = snapshot.state['gap_control']
+        if control['parameters']['gap_control'] != 'off' or control['state']['returning']:
+            return
+        half = 0.5 * snapshot.state['parameters']['gap']
+        origin = snapshot.state['origin']
+        for name, recorded, expected in (
+            ('target_1', origin['target_1'], half),
+            ('target_2', origin['target_2'], -half),
+        ):
+            if recorded != expected and not snapshot.state['parameters']['one_sided']:
+                topic = self.history.topics.snapshot
+                self._differ(snapshot.stamp_ns, topic, f'origin.{name}', recorded, expected)
+
+    # Samples and impacts
+
+    def _reach(self, stamp_ns: int) -> bool:
+        """Go on to the stamp of a sample; false if that cannot be."""
+        time_ns = stamp_ns - self.findings.offset_ns
+        self._flush(time_ns)
+        ahead_ns = time_ns - self._time_ns
+        first = self.findings.end_ns is None and not self.history.stamped
+        if not 0 <= ahead_ns <= (_LONGEST_WAIT_NS if first else _LONGEST_GAP_NS):
+            self._left_out += 1
+            return False
+        self._time_ns = time_ns
+        return True
+
+    def _look(self, record: StateRecord) -> Tick:
+        """Compare a sample."""
+        stamp_ns, content, time_ns = record.stamp_ns, record.content, self._time_ns
+        positions, velocities, *_ = self._check.numbers(content)
+        self._check_rate(record.stamp_ns)
+        self._advance()
+        if self.findings.end_ns is None:
+            # A recorder that joins late gets the latched snapshot, and nothing of what happened
+            # between it and the first sample.
+            first_ns = min(ledger.begin(stamp_ns) for ledger in self._ledgers.values())
+            if not self.history.stamped:
+                self._begun = (first_ns - self.findings.offset_ns) / 1e9
+                self._events = [e for e in self._events if e.time >= self._begun]
+        self._excuse(self._spacing.look(time_ns, stamp_ns))
+        sample, numbers = self._sampled()
+        self._before = [before for before in self._before if before[0] == sample.time]
+        others = [before[1] for before in self._before]
+        self._check.compare(stamp_ns, content, sample.time, numbers, others)
+        for ledger in self._ledgers.values():
+            ledger.settle()
+        events, self._events = self._events, []
+        steps, self._steps = self._steps, []
+        x = sample.x + (positions[0] - numbers[0][0])
+        return Tick(time_ns, x, velocities[0], sample, events, steps, self._begun)
+
+    def _check_rate(self, stamp_ns: int) -> None:
+        """Hold the first joint states against the rate that the parameters name."""
+        if not self._rate or not self.history.stamped or self._on_grid >= _LOOKED_AT:
+            return
+        self._on_grid += 1
+        tick = round(self._time_ns * self._rate / 1e9)
+        # Of stamps on whole nanoseconds there are no more than that.
+        wrong = self._rate > 1e9
+        if wrong or abs(round(tick * 1e9 / self._rate) - self._time_ns) > _OFF_GRID_NS:
+            topic = self.history.topics.parameter_events
+            self._differ(stamp_ns, topic, 'state_rate', self._rate, None)
+            self._on_grid = _LOOKED_AT
+
+    def _sampled(self) -> tuple[Sample, tuple[tuple[float, ...], ...]]:
+        """Return the present motion, and the numbers of its joint states as published."""
+        rig, version = self.replayed.rig, self.history.start.version
+        sample = rig.sample()
+        return sample, state_numbers(sample, rig.parameters.static_deflection, version)
+
+    def _advance(self) -> None:
+        # Once to each instant, as the node does: a change may leave an event due at once, which
+        # the rig would take at a second time.
+        rig, time = self.replayed.rig, self._time_ns / 1e9
+        if time > rig.time:
+            try:
+                events = rig.advance(time)
+            except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
+                cause = f'the rig cannot be run on to rig time {time:.9g} s: {error}'
+                path = self.history.reader.path
+                raise RecordingError('replay', path, cause, _REMEDY) from error
+            self._take_events(events, rig.records, rig.parameters)
+
+    def _excuse(self, gaps: list[SampleGap]) -> None:
+        for gap in gaps:
+            for ledger in self._ledgers.values():
+                ledger.excuse(gap)
+
+    def _take_events(
+        self,
+        events: list[Event],
+        records: list[ControlRecord],
+        parameters: RigParameters,
+        offset_ns: int | None = None,
+    ) -> None:
+        """Take what the rig did; the stamps may have another offset than the present one."""
+        self._events += events
+        topics = self.history.topics
+        if offset_ns is None:
+            offset_ns = self.findings.offset_ns
+        version = self.history.start.version
+        for event in events if topics.impacts else ():
+            if event.kind is EventKind.IMPACT:
+                stamp_ns = offset_ns + round(event.time * 1e9)
+                numbers = impact_numbers(event, parameters.static_deflection, version)
+                self._ledger.expect(stamp_ns, event.time, event.stop, numbers)
+        for record in records if topics.gap_control else ():
+            self._control.expect_record(offset_ns + round(record.time * 1e9), record)
+
+    def _note_unreadable(self, record: StateRecord, error: CdrError) -> None:
+        topics = self.history.topics
+        topic = record.topic
+        if not self.findings.samples and topic == topics.joint_states:
+            cause = f'the first message of {topic} is not of a rig: {error}'
+            raise RecordingError('replay', self.history.reader.path, cause)
+        self._differ(record.stamp_ns, topic, 'message', str(error), 'a readable one')
+
+    # What was done to the rig
+
+    def _take_change(self, change: Change) -> None:
+        self._hears = True
+        rate = change.values.get('state_rate')
+        if isinstance(rate, float) and rate > 0.0:
+            self._spacing.period_ns = 1e9 / rate
+            self._rate, self._on_grid = rate, 0
+        if change.dump:
+            found = self.replayed.take_dump(change.values)
+            if change.values.get('record') is False:
+                found.append(('record', False, True))
+            self._contradict(change.stamp_ns, found)
+            return
+        self._pending.append(change)
+
+    def _flush(self, time_ns: int, resumed_ns: int | None = None) -> None:
+        """
+        Carry out changes of earlier instants than `time_ns`, which no snapshot followed.
+
+        A change made just after a resumption is stamped with its new offset, `resumed_ns`.
+        """
+        while self._pending:
+            stamp_ns, _, exact, _ = self._pending[0]
+            at_ns = stamp_ns - self.findings.offset_ns
+            resumed = resumed_ns is not None and stamp_ns - resumed_ns == time_ns
+            if not exact or at_ns >= time_ns or resumed:
+                return
+            batch = [c for c in self._pending if c.exact and c.stamp_ns == stamp_ns]
+            later = [c for c in self._pending if not (c.exact and c.stamp_ns == stamp_ns)]
+            self._time_ns = max(self._time_ns, at_ns)
+            self._carry_out(batch, None)
+            self._pending = later
+
+    def _take_snapshot(self, snapshot: SnapshotRecord) -> None:
+        findings = self.findings
+        self._flush(snapshot.time_ns, snapshot.offset_ns)
+        if snapshot.time_ns < self._time_ns:
+            topic, disorder = self.history.topics.snapshot, self.history.disorder
+            disorder.note(disorder.late, topic, snapshot.stamp_ns)
+            return
+        findings.snapshots += 1
+        self._time_ns = snapshot.time_ns
+        start = self.history.start
+        if snapshot.arithmetic != start.arithmetic:
+            topic = self.history.topics.snapshot
+            self._differ(
+                snapshot.stamp_ns, topic, 'arithmetic', snapshot.arithmetic, start.arithmetic
+            )
+        self._carry_out(self._pending, snapshot)
+        if snapshot.reason == 'slip':
+            findings.slips += 1
+        elif snapshot.offset_ns != findings.offset_ns or snapshot.reason == 'resume':
+            findings.pauses += 1
+        findings.offset_ns = snapshot.offset_ns
+
+    def _carry_out(self, changes: list[Change], snapshot: SnapshotRecord | None) -> None:
+        """Do what was done to the rig at one instant."""
+        self._advance()
+        if not self.history.stamped:
+            # A sample of this instant may come from before the change, or from after it.
+            now, numbers = self._sampled()
+            before = [entry for entry in self._before if entry[0] == now.time]
+            self._before = [*before, (now.time, numbers)]
+        known = self.replayed.initial is not None
+        self._pending = []
+        try:
+            batch = self.replayed.carry_out(changes, snapshot)
+        except (ValueError, TypeError, KeyError) as error:
+            self.findings.fault(
+                f'what changed at rig time {self._time_ns * 1e-9:.9g} s cannot be done to the '
+                f'rig: {error}'
+            )
+            return
+        if snapshot is not None:
+            self._pending = list(changes[batch.used :])
+        if batch.steps:
+            self.findings.after = self._described(batch, changes)
+        self._steps += [(self._time_ns, step) for step in batch.steps]
+        self.findings.resets += batch.resets
+        self.findings.changes += len(batch.steps) - batch.resets
+        for change, events, records, parameters in batch.effects:
+            # It may have come just after a resumption, and be stamped with its new offset.
+            offset_ns = None
+            if change is not None and change.exact:
+                offset_ns = change.stamp_ns - self._time_ns
+            self._take_events(events, records, parameters, offset_ns)
+        if snapshot is not None:
+            self._judge(batch, snapshot, known)
+
+    def _described(self, batch: Batch, changes: list[Change]) -> str:
+        values = [pair for change in changes[: batch.used] for pair in change.values.items()]
+        parts = [f'{name} = {value!r}' for name, value in [*values, *batch.unlogged.items()]]
+        parts += ['reset'] * batch.resets
+        return f'{", ".join(parts) or "a change"} at {self._time_ns * 1e-9:.9g} s'
+
+    def _contradict(self, stamp_ns: int, found: Sequence[tuple[str, Any, Any]]) -> None:
+        """Note parameter events that contradict the snapshots, in the node's own bag."""
+        # Others may lack events, or have them in another order.
+        if self.history.stamped:
+            for name, recorded, replayed in found:
+                self._differ(
+                    stamp_ns, self.history.topics.parameter_events, name, recorded, replayed
+                )
+
+    def _judge(self, batch: Batch, snapshot: SnapshotRecord, known: bool) -> None:
+        topics = self.history.topics
+        if self._hears:
+            unlogged = [(name, None, value) for name, value in batch.unlogged.items()]
+            self._contradict(snapshot.stamp_ns, unlogged)
+        self._contradict(snapshot.stamp_ns, batch.contradicted)
+        if batch.adopted and not known:
+            self.findings.remark(
+                f'the initial conditions of the reset at {self._time_ns * 1e-9:.9g} s were taken '
+                'from its snapshot: no parameter event tells them'
+            )
+            return
+        if not batch.agrees and not self.history.stamped and not self.findings.difference_count:
+            self.replayed.adopt(snapshot)
+            self.findings.fault(
+                f'what was done at rig time {self._time_ns * 1e-9:.9g} s cannot be retraced: not '
+                'all of its parameter events were recorded; its snapshot was taken over'
+            )
+            return
+        for name, recorded, replayed in batch.differences[:1]:
+            self._differ(snapshot.stamp_ns, topics.snapshot, name, recorded, replayed)
+        if self._adopts and not batch.agrees and not batch.adopted:
+            for ledger in self._ledgers.values():
+                ledger.settle(final=True)
+            self.replayed.adopt(snapshot)
+
+    def _differ(
+        self, stamp_ns: int, topic: str, quantity: str, recorded: object, replayed: object
+    ) -> None:
+        time, after = self._time_ns / 1e9, self.findings.after
+        self.findings.differ(
+            Difference(time, stamp_ns, topic, quantity, '', recorded, replayed, after)
+        )
+
+    # The end
+
+    def _finish(self) -> None:
+        """Compare what came after the last sample, and say what is wrong with the bag."""
+        findings, history = self.findings, self.history
+        self._excuse(self._spacing.close())
+        end_ns = findings.offset_ns + self._time_ns
+        for ledger in self._ledgers.values():
+            if end_ns < ledger.last_ns <= end_ns + _LONGEST_GAP_NS:
+                # A cut bag may end with the impacts of a tick whose sample is lost.
+                self._time_ns = max(self._time_ns, ledger.last_ns - findings.offset_ns + 1)
+        self._advance()
+        for ledger in self._ledgers.values():
+            # Of a tick that is cut off, each topic may have come to another end.
+            ledger.drop_after(max(ledger.last_ns, end_ns))
+            ledger.settle(final=True)
+        self._judge_losses(end_ns)
+        if self._left_out:
+            findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')
+        for fault in history.faults():
+            findings.fault(fault)
+        for remark in history.remarks():
+            findings.remark(remark)
+        if history.early:
+            findings.remark(f'messages from before the first snapshot, left out: {history.early}')
+
+    def _judge_losses(self, end_ns: int) -> None:
+        """Say what is missing: the node records all that it does not note as dropped."""
+        findings, history = self.findings, self.history
+        for topic, ledger in self._ledgers.items():
+            if ledger.unheard:
+                findings.remark(
+                    f'{ledger.unheard} messages of {topic} are from before the first one that '
+                    'the recorder got'
+                )
+        period_ns = self._spacing.period_ns
+        if not history.stamped or not period_ns or findings.start_ns is None:
+            return
+        # Before the first sample, and after the last one while impacts go on
+        head_ns = findings.start_ns - history.start.time_ns
+        tail_ns = max(ledger.last_ns for ledger in self._ledgers.values()) - end_ns
+        lost = findings.missing_samples + int(max(0, tail_ns) // period_ns)
+        lost += round(head_ns / period_ns) - 1 if head_ns > 1.5 * period_ns else 0
+        if not lost:
+            return
+        noted = history.reader.dropped
+        text = f'{lost:,} joint states are missing'
+        if findings.gaps:
+            text += f', the first after {findings.gaps[0].time:.9g} s'
+        if lost <= noted:
+            findings.remark(f'{text}; the recorder notes {noted:,} dropped messages')
+        else:
+            findings.fault(
+                f'the bag is not whole: {text}, of which the recorder notes {noted:,} as dropped'
+            )

@@ -1,0 +1,308 @@
+"""
+What if: another rig on the history of a recorded one.
+
+The other rig starts as the recorded one did, gets the same force, and everything that was done to
+the recorded one is done to it, too; but some parameters are held at other values all the time.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from impact_damper_ros.bag.run_history import SnapshotRecord
+from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.rig import Event, InitialConditions, ParameterError, Sample
+
+from .replay import Replay, Tick
+from .replayed_rig import Setting, Step, setting_of
+
+__all__ = ['Ending', 'RecordedValues', 'Trace', 'WhatIf', 'trace']
+
+
+#: Values of a parameter that are kept with their times.
+_MOST_VALUES = 100
+
+
+class WhatIf:
+    """
+    A rig with some parameters held, on a recorded history.
+
+    Parameters
+    ----------
+    start : SnapshotRecord
+        Where the history begins.
+    initial : InitialConditions or None
+        The recorded rig's at that time, as far as they are known.
+    held : mapping
+        Parameters of the rig and of its gap control, and their values.
+    held_initial : mapping, optional
+        Initial conditions and their values.
+
+    Attributes
+    ----------
+    rig : ControlledRig
+        The rig.
+    from_initial : bool
+        Whether it started from the initial conditions. Otherwise it took over the recorded state,
+        and the held values came as a change at that instant: a gap that is too narrow closes on m
+        as it does on a live rig.
+
+    Raises
+    ------
+    ParameterError
+        If the values are not admissible.
+    ValueError
+        If initial conditions are held and the history does not begin with them.
+    """
+
+    def __init__(
+        self,
+        start: SnapshotRecord,
+        initial: InitialConditions | None,
+        held: Mapping[str, Any],
+        held_initial: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._held = dict(held)
+        self._held_initial = dict(held_initial or {})
+        self._logged = setting_of(start.state)
+        setting = self._logged.replaced(held)
+        self.early_events: list[Event] = []
+        rig = _from_initial(start, self._logged, initial, setting, self._held_initial)
+        self.from_initial = rig is not None
+        if rig is None:
+            if self._held_initial:
+                raise ValueError(
+                    f'{", ".join(self._held_initial)} cannot be set: the bag does not begin where '
+                    'the run began, the state there is what was recorded; set rig parameters only'
+                )
+            rig = ControlledRig.restore(start.state)
+            self.early_events += rig.change(*setting)
+        self.rig = rig
+
+    def copied(self) -> WhatIf:
+        """Return another one that goes on from here."""
+        other = copy.copy(self)
+        other.rig = ControlledRig.restore(self.rig.snapshot())
+        return other
+
+    def follow(self, tick: Tick) -> tuple[Sample, list[Event]]:
+        """
+        Go on to a sample of the recorded run.
+
+        Returns
+        -------
+        sample : Sample
+            The motion there.
+        events : list of Event
+            What happened on the way.
+
+        Raises
+        ------
+        ParameterError
+            If what was done to the recorded rig cannot be done to this one.
+        """
+        events, self.early_events = self.early_events, []
+        for time_ns, step in tick.steps:
+            events += self.advance(time_ns)
+            events += self.carry_out(step)
+        events += self.advance(tick.time_ns)
+        return self.rig.sample(), [event for event in events if event.time >= tick.begun]
+
+    def advance(self, time_ns: int) -> list[Event]:
+        """Go on to an instant; once only, as the node does."""
+        time = time_ns / 1e9
+        return self.rig.advance(time) if time > self.rig.time else []
+
+    def carry_out(self, step: Step) -> list[Event]:
+        """
+        Do what was done to the recorded rig, with the held values.
+
+        Raises
+        ------
+        ParameterError
+            If that cannot be.
+        """
+        rig = self.rig
+        if isinstance(step, Setting):
+            self._logged = step
+            return rig.change(*step.replaced(self._held))
+        initial = InitialConditions(**{**step.as_dict(), **self._held_initial})
+        try:
+            rig.reset(initial)
+        except ParameterError:
+            # m would be outside a narrower gap, which then closes on it, as at the start.
+            held = rig.parameters
+            rig.change(self._logged.rig)
+            rig.reset(initial)
+            return rig.change(held)
+        return []
+
+
+def _from_initial(
+    start: SnapshotRecord,
+    logged: Setting,
+    initial: InitialConditions | None,
+    setting: Setting,
+    held_initial: Mapping[str, Any],
+) -> ControlledRig | None:
+    """Return a rig at its initial conditions, if the history begins at those of the logged one."""
+    if initial is None or start.time_ns != 0:
+        return None
+    try:
+        if ControlledRig(logged.rig, initial, control=logged.control).snapshot() != start.state:
+            return None
+        held = InitialConditions(**{**initial.as_dict(), **held_initial})
+        return ControlledRig(setting.rig, held, control=setting.control)
+    except ParameterError:
+        if held_initial:
+            raise
+        return None
+
+
+class RecordedValues:
+    """
+    What a parameter that is held was in the recorded run.
+
+    Parameters
+    ----------
+    value : object
+        At first; None if it is not known.
+
+    Attributes
+    ----------
+    first : list of (float, object)
+        The first values after that one, each with the rig time from which on it held, s.
+    count : int
+        How many there are after that one.
+    last_time : float
+        Rig time from which on the last one held, s.
+    range : tuple of float, or None
+        The smallest and the largest of all; None if they are no numbers.
+    """
+
+    def __init__(self, value: Any) -> None:
+        self.value = self._last = value
+        self.first: list[tuple[float, Any]] = []
+        self.count = 0
+        self.last_time = -math.inf
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        self.range = (value, value) if number else None
+
+    def take(self, time: float, value: Any) -> None:
+        """Take the value from an instant on, s; one that is no other is left out."""
+        if value == self._last:
+            return
+        self._last = value
+        self.last_time = time
+        self.count += 1
+        if self.count <= _MOST_VALUES:
+            self.first.append((time, value))
+        if self.range is not None:
+            self.range = min(self.range[0], value), max(self.range[1], value)
+
+    def described(self, shown: Callable[[Any], str], most: int) -> str:
+        """
+        Return them in words.
+
+        Parameters
+        ----------
+        shown : callable
+            Returns the text of a value.
+        most : int
+            How many are listed with their times; of the others number and range are given.
+        """
+        listed = self.first[:most]
+        parts = [shown(self.value), *(f'{shown(v)} from {t:.9g} s' for t, v in listed)]
+        if more := self.count - len(listed):
+            parts.append(f'and {more} more until {self.last_time:.9g} s')
+            if self.range is not None:
+                parts.append('all within {} to {}'.format(*map(shown, self.range)))
+        return ', '.join(parts)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return them as what JSON can hold; times in s."""
+        return {
+            'at_first': self.value,
+            'changes': [list(entry) for entry in self.first],
+            'change_count': self.count,
+            'range': self.range,
+        }
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Closely sampled motion of a rig, and the impacts meanwhile."""
+
+    samples: Sequence[Sample]
+    impacts: Sequence[Event]
+
+
+class Ending:
+    """
+    The last moments of a replay and of its what-if, to be looked at closely afterwards.
+
+    Parameters
+    ----------
+    replay : Replay
+        The replay.
+    other : WhatIf
+        Runs along with it.
+    span : float
+        How much of the end is kept, s of rig time.
+    """
+
+    def __init__(self, replay: Replay, other: WhatIf, span: float) -> None:
+        self._replay = replay
+        self._other = other
+        self._span_ns = round(span * 1e9)
+        self._kept: deque[tuple[int, ControlledRig, WhatIf]] = deque()
+        self._steps: deque[tuple[int, Step]] = deque()
+        self._time_ns = 0
+
+    def look(self, tick: Tick) -> None:
+        """Take the next sample, at which both rigs stand."""
+        now_ns = self._time_ns = tick.time_ns
+        self._steps.extend(tick.steps)
+        kept = self._kept
+        if not kept or now_ns - kept[-1][0] >= self._span_ns // 4:
+            rig = ControlledRig.restore(self._replay.replayed.rig.snapshot())
+            kept.append((now_ns, rig, self._other.copied()))
+        while len(kept) > 1 and kept[1][0] <= now_ns - self._span_ns:
+            kept.popleft()
+        while self._steps and self._steps[0][0] < kept[0][0]:
+            self._steps.popleft()
+
+    def traces(self, points: int) -> tuple[Trace, Trace]:
+        """Return recorded rig and what-if, each at so many instants."""
+        if not self._kept:
+            return Trace((), ()), Trace((), ())
+        from_ns, rig, other = self._kept[0]
+        start_ns = max(from_ns, self._time_ns - self._span_ns)
+        instants = [
+            start_ns + (self._time_ns - start_ns) * k // max(1, points - 1) for k in range(points)
+        ]
+        # Those at the very first instant had been done when it was kept.
+        steps = [step for step in self._steps if step[0] > from_ns]
+        plain = other.copied()
+        plain.rig, plain._held, plain._held_initial = ControlledRig.restore(rig.snapshot()), {}, {}
+        return trace(plain, steps, instants), trace(other.copied(), steps, instants)
+
+
+def trace(rig: WhatIf, steps: Sequence[tuple[int, Step]], instants: Sequence[int]) -> Trace:
+    """Run a rig through what is done to it, and sample it at instants in nanoseconds."""
+    samples, events = [], []
+    waiting = deque(steps)
+    for instant in instants:
+        while waiting and waiting[0][0] <= instant:
+            time_ns, step = waiting.popleft()
+            events += rig.advance(time_ns)
+            events += rig.carry_out(step)
+        events += rig.advance(instant)
+        samples.append(rig.rig.sample())
+    first = samples[0].time if samples else 0.0
+    return Trace(samples, [e for e in events if e.impulse > 0.0 and e.time >= first])

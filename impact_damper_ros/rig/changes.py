@@ -1,0 +1,204 @@
+"""
+Changes in flight: what a parameter change or a command to the stops makes of the state.
+
+A stop moves relative to M at constant speed towards its target. It never does work: where it and m
+meet it stays, at rest relative to M, before m may hit it. So the velocity of a stop does not enter
+any impact, and the energy of M and m is that of a rig with standing stops.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from math import inf, isinf, isnan
+
+from .mode import Machine
+from .origin import Origin, locked, offset_of
+from .parameters import ParameterError
+
+__all__ = ['Outcome', 'changed', 'check_command', 'commanded', 'kept_angles', 'supports']
+
+
+def regapped(here: Origin, machine: Machine) -> Origin:
+    """
+    Return the state with both stops sent to the places that the machine has for them, at once.
+
+    A stop that would pass m comes up to it, and follows it inwards from then on.
+    """
+    offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
+    stop_1 = max(machine.stop, offset)
+    stop_2 = -machine.stop if machine.one_sided else min(-machine.stop, offset)
+    # Clearances move by what the stops move, so that the tiny ones keep their digits.
+    clearance_1 = max(0.0, here.clearance_1 + (stop_1 - here.stop_1))
+    if stop_1 == offset and stop_1 > machine.stop:
+        clearance_1 = 0.0
+    if machine.one_sided:
+        clearance_2 = inf
+    elif here.clearance_2 == inf:
+        clearance_2 = max(0.0, offset - stop_2)
+    else:
+        clearance_2 = max(0.0, here.clearance_2 - (stop_2 - here.stop_2))
+    if stop_2 == offset and stop_2 < -machine.stop and not machine.one_sided:
+        clearance_2 = 0.0
+    return here._replace(
+        stop_1=stop_1,
+        stop_2=stop_2,
+        clearance_1=clearance_1,
+        clearance_2=clearance_2,
+        target_1=machine.stop,
+        target_2=-machine.stop,
+        stop_velocity_1=0.0,
+        stop_velocity_2=0.0,
+    )
+
+
+def kept_angles(
+    angles: tuple[float, ...], own: tuple[int, int], lines: tuple[int, int]
+) -> tuple[float, ...]:
+    """
+    Return the angles that harmonics have turned, once their numbers have changed.
+
+    Each keeps its own by its place, in the force arrays or among the lines of the multisine; added
+    ones have turned none.
+
+    Parameters
+    ----------
+    angles : tuple of float
+        The angles before, those of the force arrays first, rad.
+    own, lines : tuple of int
+        Entries of the force arrays and lines of the multisine, before and after.
+    """
+    first = (angles[: own[0]] + (0.0,) * own[1])[: own[1]]
+    others = (angles[own[0] :] + (0.0,) * lines[1])[: lines[1]]
+    return first + others
+
+
+def changed(
+    here: Origin, before: Machine, machine: Machine, shift: float, angles: tuple[float, ...]
+) -> Origin:
+    """
+    Return the state just after a change, before m hits a stop that has come up to it.
+
+    Parameters
+    ----------
+    here : Origin
+        State just before the change.
+    before, machine : Machine
+        The rig before and after it.
+    shift : float
+        By how much X grows because its zero, the static equilibrium, moves, m.
+    angles : tuple of float
+        What the harmonics have turned, rad.
+
+    Returns
+    -------
+    Origin
+        The state, its mode still to be found. Stops go to their places if these have changed; else
+        they stay, or go on their way.
+    """
+    if before.stop != machine.stop or before.one_sided != machine.one_sided:
+        here = regapped(here, machine)
+    return here._replace(x=here.x + shift, angles=angles)
+
+
+_FARTHEST = 1e9
+_SLOWEST = 1e-9
+
+
+class Outcome(IntEnum):
+    """What a command does to a stop at its instant."""
+
+    #: It is on its way.
+    MOVING = 0
+    #: It is where it should be.
+    ARRIVED = 1
+    #: m is in its way already.
+    TOUCHED = 2
+
+
+def check_command(one_sided: bool, stop: int, target: float, speed: float) -> None:
+    """
+    Check the target and speed of a stop.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such stop, or a number is not admissible.
+    """
+    name = f'stop_{stop}'
+    if stop == 2 and one_sided:
+        raise ParameterError(
+            name,
+            f'{name} is {target!r} m but the rig is one-sided: give None, or one_sided: false',
+        )
+    if not -_FARTHEST <= target <= _FARTHEST:
+        raise ParameterError(
+            name,
+            f'{name} is {target!r} m: give the place Y where it is to go, a number from '
+            f'{-_FARTHEST:g} to {_FARTHEST:g} m',
+        )
+    if isnan(speed) or speed < _SLOWEST:
+        raise ParameterError(
+            'speed',
+            f'speed is {speed!r} m/s: give a number from {_SLOWEST:g} m/s, or inf for at once',
+        )
+
+
+def supports(origin: Origin) -> tuple[bool, bool]:
+    """Return whether m is on stop 1, and on stop 2, and that stands."""
+    return (
+        origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0,
+        origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0,
+    )
+
+
+def commanded(
+    one_sided: bool, here: Origin, stop: int, target: float, speed: float
+) -> tuple[Origin, Outcome]:
+    """
+    Return the state just after a stop has been told to move, mode and velocities unchanged.
+
+    Parameters
+    ----------
+    one_sided : bool
+        Whether stop 2 is absent.
+    here : Origin
+        State just before.
+    stop : int
+        The stop, 1 or 2.
+    target : float
+        Position Y to which it is to go, m.
+    speed : float
+        Speed relative to M, m/s; infinite for at once.
+    """
+    outwards = 1.0 if stop == 1 else -1.0
+    place = here.stop_1 if stop == 1 else here.stop_2
+    clearance = here.clearance_1 if stop == 1 else here.clearance_2
+    way = target - place
+    velocity = 0.0
+    if way != 0.0 and not isinf(speed):
+        velocity = speed if way > 0.0 else -speed
+    moved = _set_off(here, stop, target, velocity)
+    if velocity != 0.0:
+        closing = outwards * (here.relative_velocity - velocity)
+        if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
+            return locked(one_sided, moved, stop), Outcome.TOUCHED
+        return moved, Outcome.MOVING
+    if way == 0.0:
+        return moved, Outcome.ARRIVED
+    offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
+    if outwards * way < 0.0 and outwards * (target - offset) <= 0.0:
+        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), Outcome.TOUCHED
+    # Clearances move by what the stop moves, so that tiny ones keep their digits.
+    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), Outcome.ARRIVED
+
+
+def _set_off(here: Origin, stop: int, target: float, velocity: float) -> Origin:
+    if stop == 1:
+        return here._replace(target_1=target, stop_velocity_1=velocity)
+    return here._replace(target_2=target, stop_velocity_2=velocity)
+
+
+def _put(here: Origin, stop: int, place: float, clearance: float) -> Origin:
+    if stop == 1:
+        return here._replace(stop_1=place, clearance_1=clearance)
+    return here._replace(stop_2=place, clearance_2=clearance)

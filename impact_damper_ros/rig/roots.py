@@ -1,0 +1,679 @@
+"""
+Roots of the watched functions of a flight, to the last digit.
+
+A last step by the Taylor series, short enough for it to be complete, spares an evaluation: it
+leads to the root and carries the motion there.
+
+Half a step of the grid is short enough for the series to be complete. So the root needs neither a
+sine nor the closed form, and brings the motion there with it.
+"""
+
+from __future__ import annotations
+
+from math import cos, nan, sin
+from typing import NamedTuple
+
+from .event import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL
+from .flight import Flight, FlightEnd, Motion, motion_at, unfinished
+from .kernels import elementwise, kernel
+from .oscillator import Grid, Oscillator, acceleration_at
+
+__all__ = [
+    'Node',
+    'Relative',
+    'acceleration_of',
+    'base_node',
+    'contact_root',
+    'falling_root',
+    'jerk_of',
+    'last_step',
+    'next_node',
+    'polished',
+]
+
+
+class Node(NamedTuple):
+    """
+    Motion of M at one node.
+
+    Attributes
+    ----------
+    offset : float
+        X from where it would rest under the constant force, m.
+    velocity : float
+        X', m/s.
+    sines, cosines : tuple of float
+        Sine and cosine of each harmonic's phase.
+    """
+
+    offset: float
+    velocity: float
+    sines: tuple[float, ...]
+    cosines: tuple[float, ...]
+
+
+@elementwise
+def _sines_at(sine: float, cosine: float, frequency: float, tau: float) -> float:
+    """Return the sine of each harmonic's phase after a time."""
+    return sine * cos(frequency * tau) + cosine * sin(frequency * tau)
+
+
+@elementwise
+def _cosines_at(sine: float, cosine: float, frequency: float, tau: float) -> float:
+    """Return the cosine of each harmonic's phase after a time."""
+    return cosine * cos(frequency * tau) - sine * sin(frequency * tau)
+
+
+@elementwise
+def _next_sines(sine: float, cosine: float, turn_cosine: float, turn_sine: float) -> float:
+    """Return the sine of each harmonic's phase a step later."""
+    return sine * turn_cosine + cosine * turn_sine
+
+
+@elementwise
+def _next_cosines(sine: float, cosine: float, turn_cosine: float, turn_sine: float) -> float:
+    """Return the cosine of each harmonic's phase a step later."""
+    return cosine * turn_cosine - sine * turn_sine
+
+
+@kernel(inline=True)
+def base_node(flight: Flight, tau: float, motion: Motion) -> Node:
+    """
+    Return the node from which the others are reached.
+
+    Parameters
+    ----------
+    flight : Flight
+        The flight.
+    tau : float
+        Time since its origin, s.
+    motion : Motion
+        The motion then.
+    """
+    sines = flight.sines
+    cosines = flight.cosines
+    if tau > 0.0:
+        frequencies = flight.oscillator.frequencies
+        sines = _sines_at(flight.sines, flight.cosines, frequencies, tau)
+        cosines = _cosines_at(flight.sines, flight.cosines, frequencies, tau)
+    offset = motion.x - flight.constant / flight.oscillator.omega_squared
+    return Node(offset, motion.velocity, sines, cosines)
+
+
+@kernel(inline=True)
+def next_node(oscillator: Oscillator, node: Node) -> Node:
+    """Return the node a step later."""
+    grid = oscillator.grid
+    # Negative zero is what adds nothing, which a compiler makes use of.
+    pushed = -0.0
+    speeded = -0.0
+    for j in range(len(node.sines)):
+        sine = node.sines[j]
+        cosine = node.cosines[j]
+        pushed += cosine * grid.x_cosine[j] + sine * grid.x_sine[j]
+        speeded += cosine * grid.v_cosine[j] + sine * grid.v_sine[j]
+    # What is known first comes first: each node waits for the one before.
+    offset = (pushed + node.offset * grid.x_x) + node.velocity * grid.x_v
+    velocity = (speeded + node.offset * grid.v_x) + node.velocity * grid.v_v
+    sines = _next_sines(node.sines, node.cosines, grid.turn_cosine, grid.turn_sine)
+    cosines = _next_cosines(node.sines, node.cosines, grid.turn_cosine, grid.turn_sine)
+    return Node(offset, velocity, sines, cosines)
+
+
+@kernel(inline=True)
+def acceleration_of(oscillator: Oscillator, node: Node) -> float:
+    """Return X'' at a node."""
+    return acceleration_at(oscillator, 0.0, node.sines, node.offset, node.velocity)
+
+
+@kernel(inline=True)
+def jerk_of(oscillator: Oscillator, node: Node, x_2: float) -> float:
+    """Return X''' at a node, from X'' there."""
+    jerk = -2.0 * oscillator.decay * x_2 - oscillator.omega_squared * node.velocity
+    for j in range(len(node.cosines)):
+        jerk += oscillator.forces[j] * oscillator.frequencies[j] * node.cosines[j]
+    return jerk
+
+
+#: A last step this long, as a phase of what is fastest, leaves the series complete. For a support
+#: there is a derivative less.
+_LAST_STEP = 1.0 / 128.0
+_LAST_STEP_OF_SUPPORT = 1.0 / 512.0
+#: The same as a part of the length on which the slope changes: with Newton's step, and without.
+_BENT = 1.0 / 32.0
+_REVERTED = 1.0 / 2048.0
+_EVALUATIONS = 6
+#: Where slopes differ by more than this factor, the inverse function is no good guess.
+_UNEVEN = 0.2
+_GUESS = 1e-4
+
+
+@kernel(inline=True)
+def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) -> float:
+    """
+    Return about where a falling function is zero between two nodes.
+
+    Parameters
+    ----------
+    f_a, d_a, f_b, d_b : float
+        The function and its derivative at the nodes; `f_a` is not negative, `f_b` not positive,
+        nor both zero.
+    step : float
+        Time between the nodes.
+
+    Returns
+    -------
+    float
+        Time since the first node.
+    """
+    change = f_b - f_a
+    part = -f_a / change
+    if d_a < _UNEVEN * d_b and d_b < _UNEVEN * d_a:
+        # The inverse function as a Hermite cubic
+        m_a = change / d_a
+        m_b = change / d_b
+        c_2 = 3.0 * step - 2.0 * m_a - m_b
+        c_3 = m_a + m_b - 2.0 * step
+        return part * (m_a + part * (c_2 + part * c_3))
+    m_a = d_a * step
+    m_b = d_b * step
+    c_2 = 3.0 * change - 2.0 * m_a - m_b
+    c_3 = m_a + m_b - 2.0 * change
+    low = 0.0
+    high = 1.0
+    for _ in range(16):
+        value = f_a + part * (m_a + part * (c_2 + part * c_3))
+        slope = m_a + part * (2.0 * c_2 + 3.0 * part * c_3)
+        if value > 0.0:
+            low = part
+        else:
+            high = part
+        following = 0.5 * (low + high)
+        if slope < 0.0 and low < part - value / slope < high:
+            following = part - value / slope
+        change = following - part
+        part = following
+        if abs(change) < _GUESS:
+            break
+    return part * step
+
+
+@kernel(inline=True)
+def last_step(
+    f_0: float,
+    f_1: float,
+    f_2: float,
+    f_3: float,
+    f_4: float,
+    f_5: float,
+    fastest: float,
+    longest: float,
+) -> tuple[float, bool]:
+    """
+    Return the way to the root of a falling function, and whether it is as exact as can be.
+
+    Parameters
+    ----------
+    f_0, f_1, f_2, f_3, f_4, f_5 : float
+        The function and its derivatives here; `f_1` is negative.
+    fastest : float
+        Circular frequency by which the derivatives grow.
+    longest : float
+        Longest step for which these derivatives are enough, as a phase of that.
+
+    Notes
+    -----
+    The Taylor series, reverted to the fifth order, and a step of Newton's where it bends.
+    """
+    inverse = -1.0 / f_1
+    u = f_0 * inverse
+    v_2 = 0.5 * f_2 * inverse * u
+    v_3 = f_3 * inverse * (u * u) * (1.0 / 6.0)
+    v_4 = f_4 * inverse * (u * u * u) * (1.0 / 24.0)
+    v_5 = f_5 * inverse * (u * u * u * u) * (1.0 / 120.0)
+    square = v_2 * v_2
+    r_3 = 2.0 * square + v_3
+    r_4 = v_2 * (5.0 * square + 5.0 * v_3) + v_4
+    r_5 = square * (14.0 * square + 21.0 * v_3) + 6.0 * v_2 * v_4 + 3.0 * v_3 * v_3 + v_5
+    step = u + u * (v_2 + (r_3 + (r_4 + r_5)))
+    if abs(v_2) > _REVERTED or abs(v_3) > _REVERTED * _REVERTED:
+        half = 0.5 * f_2
+        third = f_3 * (1.0 / 6.0)
+        fourth = f_4 * (1.0 / 24.0)
+        fifth = f_5 * (1.0 / 120.0)
+        value = f_0 + step * (
+            f_1 + step * (half + step * (third + step * (fourth + step * fifth)))
+        )
+        slope = f_1 + step * (
+            f_2 + step * (3.0 * third + step * (4.0 * fourth + step * (5.0 * fifth)))
+        )
+        step -= value / slope
+    exact = abs(step) * fastest <= longest and abs(v_2) <= _BENT and abs(v_3) <= _BENT * _BENT
+    return step, exact
+
+
+@kernel(inline=True)
+def _shifted(motion: Motion, kind: int, tau: float, step: float, slope: float) -> FlightEnd:
+    """Return the end of a flight a last step away from where its motion is known."""
+    x_3 = motion.x_3 * (1.0 / 6.0)
+    x_4 = motion.x_4 * (1.0 / 24.0)
+    x_5 = motion.x_5 * (1.0 / 120.0)
+    x_6 = motion.x_6 * (1.0 / 720.0)
+    bend = step * step * step * (x_3 + step * (x_4 + step * (x_5 + step * x_6)))
+    bend_1 = step * step * (3.0 * x_3 + step * (4.0 * x_4 + step * (5.0 * x_5 + step * 6.0 * x_6)))
+    return FlightEnd(
+        kind,
+        tau + step,
+        motion.x + (step * (motion.velocity + 0.5 * step * motion.x_2) + bend),
+        motion.velocity + (step * motion.x_2 + bend_1),
+        motion.travel
+        + (step * (motion.relative_velocity + 0.5 * step * motion.relative_2) - bend),
+        motion.relative_velocity + (step * motion.relative_2 - bend_1),
+        slope,
+        True,
+    )
+
+
+@kernel(inline=True)
+def polished(
+    flight: Flight, kind: int, side: int, tau: float, low: float, high: float
+) -> FlightEnd:
+    """
+    Return the end of a flight by a reversal or a release near a guess.
+
+    Parameters
+    ----------
+    flight : Flight
+        The flight.
+    kind : int
+        The event.
+    side : int
+        +1 for motion down or a support that gives way upwards, else -1.
+    tau : float
+        The guess.
+    low, high : float
+        The nodes between which it is.
+
+    Returns
+    -------
+    FlightEnd
+        The end; without event if that does not succeed.
+    """
+    for _ in range(_EVALUATIONS):
+        motion: Motion = motion_at(flight, tau)
+        longest = _LAST_STEP
+        x_3 = side * motion.x_3
+        x_4 = side * motion.x_4
+        x_5 = side * motion.x_5
+        if kind == REVERSAL:
+            f_0 = side * motion.relative_velocity
+            f_1 = side * motion.relative_2
+            f_2 = -x_3
+            f_3 = -x_4
+            f_4 = -x_5
+            f_5 = -side * motion.x_6
+        else:
+            most = flight.support_high if side > 0 else -flight.support_low
+            f_0 = most - side * (motion.x_2 - flight.slope)
+            f_1 = -x_3
+            f_2 = -x_4
+            f_3 = -x_5
+            f_4 = -side * motion.x_6
+            f_5 = 0.0
+            longest = _LAST_STEP_OF_SUPPORT
+        if f_1 >= 0.0:
+            break
+        step, exact = last_step(f_0, f_1, f_2, f_3, f_4, f_5, flight.oscillator.fastest, longest)
+        if exact:
+            return _shifted(motion, kind, tau, step, f_1)
+        tau += step
+        if not low < tau <= high:
+            break
+    return unfinished(NO_EVENT, low)
+
+
+#: The series is complete this far from its node, in steps; half a step is what it takes.
+_REACH = 0.6
+#: A last step this long, in steps of the grid and relative to the time since the flight's origin,
+#: leaves nothing behind.
+_LEAST_LEFT = 1e-8
+_MORE_STEPS = 5
+
+
+class Relative(NamedTuple):
+    """
+    Where and when a node is, and the motion of m relative to M there.
+
+    Attributes
+    ----------
+    tau : float
+        Time since the flight's origin, s.
+    x : float
+        X, m.
+    travel, speed : float
+        Y - Y(origin), m, and Y', m/s.
+    """
+
+    tau: float
+    x: float
+    travel: float
+    speed: float
+
+
+class _Series(NamedTuple):
+    """X'' at a node, and the coefficients of the second to fifteenth power in the series of X'."""
+
+    x_2: float
+    b_3: float
+    b_4: float
+    b_5: float
+    b_6: float
+    b_7: float
+    b_8: float
+    b_9: float
+    b_10: float
+    b_11: float
+    b_12: float
+    b_13: float
+    b_14: float
+    b_15: float
+    b_16: float
+
+
+@kernel(inline=True)
+def _series_at(oscillator: Oscillator, node: Node) -> _Series:
+    """Return the series around a node: each derivative from the two before it and the drive."""
+    grid = oscillator.grid
+    # Negative zero is what adds nothing, which a compiler makes use of.
+    f_0 = -0.0
+    f_1 = -0.0
+    f_2 = -0.0
+    f_3 = -0.0
+    f_4 = -0.0
+    f_5 = -0.0
+    f_6 = -0.0
+    f_7 = -0.0
+    f_8 = -0.0
+    f_9 = -0.0
+    f_10 = -0.0
+    f_11 = -0.0
+    f_12 = -0.0
+    f_13 = -0.0
+    f_14 = -0.0
+    for j in range(len(node.sines)):
+        even = grid.pushes[j] * node.sines[j]
+        odd = grid.pushes[j] * grid.turns[j] * node.cosines[j]
+        turned = -grid.turns[j] * grid.turns[j]
+        f_0 += even
+        f_1 += odd
+        even *= turned
+        odd *= turned
+        f_2 += even
+        f_3 += odd
+        even *= turned
+        odd *= turned
+        f_4 += even
+        f_5 += odd
+        even *= turned
+        odd *= turned
+        f_6 += even
+        f_7 += odd
+        even *= turned
+        odd *= turned
+        f_8 += even
+        f_9 += odd
+        even *= turned
+        odd *= turned
+        f_10 += even
+        f_11 += odd
+        even *= turned
+        odd *= turned
+        f_12 += even
+        f_13 += odd
+        even *= turned
+        f_14 += even
+    spring = grid.spring
+    dashpot = grid.dashpot
+    d_0 = node.offset
+    d_1 = node.velocity * grid.step
+    d_2 = (f_0 - spring * d_0) - dashpot * d_1
+    d_3 = (f_1 - spring * d_1) - dashpot * d_2
+    d_4 = (f_2 - spring * d_2) - dashpot * d_3
+    d_5 = (f_3 - spring * d_3) - dashpot * d_4
+    d_6 = (f_4 - spring * d_4) - dashpot * d_5
+    d_7 = (f_5 - spring * d_5) - dashpot * d_6
+    d_8 = (f_6 - spring * d_6) - dashpot * d_7
+    d_9 = (f_7 - spring * d_7) - dashpot * d_8
+    d_10 = (f_8 - spring * d_8) - dashpot * d_9
+    d_11 = (f_9 - spring * d_9) - dashpot * d_10
+    d_12 = (f_10 - spring * d_10) - dashpot * d_11
+    d_13 = (f_11 - spring * d_11) - dashpot * d_12
+    d_14 = (f_12 - spring * d_12) - dashpot * d_13
+    d_15 = (f_13 - spring * d_13) - dashpot * d_14
+    d_16 = (f_14 - spring * d_14) - dashpot * d_15
+    return _Series(
+        d_2,
+        d_3 * (1.0 / 2.0),
+        d_4 * (1.0 / 6.0),
+        d_5 * (1.0 / 24.0),
+        d_6 * (1.0 / 120.0),
+        d_7 * (1.0 / 720.0),
+        d_8 * (1.0 / 5040.0),
+        d_9 * (1.0 / 40320.0),
+        d_10 * (1.0 / 362880.0),
+        d_11 * (1.0 / 3628800.0),
+        d_12 * (1.0 / 39916800.0),
+        d_13 * (1.0 / 479001600.0),
+        d_14 * (1.0 / 6227020800.0),
+        d_15 * (1.0 / 87178291200.0),
+        d_16 * (1.0 / 1307674368000.0),
+    )
+
+
+@kernel(inline=True)
+def _coarse_tail(series: _Series, s: float) -> tuple[float, float, float, float]:
+    """Return what the third to tenth power add to X and its first three derivatives."""
+    _, b_3, b_4, b_5, b_6, b_7, b_8, b_9, b_10 = series[:9]
+    s_2 = s * s
+    s_4 = s_2 * s_2
+    value = ((b_3 * (1.0 / 3.0) + 0.25 * b_4 * s) + (0.2 * b_5 + b_6 * (1.0 / 6.0) * s) * s_2) + (
+        (b_7 * (1.0 / 7.0) + 0.125 * b_8 * s) + (b_9 * (1.0 / 9.0) + 0.1 * b_10 * s) * s_2
+    ) * s_4
+    slope = ((b_3 + b_4 * s) + (b_5 + b_6 * s) * s_2) + (
+        (b_7 + b_8 * s) + (b_9 + b_10 * s) * s_2
+    ) * s_4
+    bend = (2.0 * b_3 + 3.0 * b_4 * s) + (4.0 * b_5 + 5.0 * b_6 * s) * s_2
+    third = (2.0 * b_3 + 6.0 * b_4 * s) + (12.0 * b_5 + 20.0 * b_6 * s) * s_2
+    return s * s_2 * value, s_2 * slope, s * bend, third
+
+
+@kernel(inline=True)
+def _tail(series: _Series, s: float) -> tuple[float, float, float]:
+    """
+    Return what the third and higher powers add to X and its first two derivatives.
+
+    The last one is that of a last step, and needs half of the digits. Products are taken in pairs,
+    so that few of them wait for one another.
+    """
+    s_2 = s * s
+    s_4 = s_2 * s_2
+    s_8 = s_4 * s_4
+    _, b_3, b_4, b_5, b_6, b_7, b_8, b_9, b_10, b_11, b_12, b_13, b_14, b_15, b_16 = series
+    value = (
+        ((b_3 * (1.0 / 3.0) + 0.25 * b_4 * s) + (0.2 * b_5 + b_6 * (1.0 / 6.0) * s) * s_2)
+        + ((b_7 * (1.0 / 7.0) + 0.125 * b_8 * s) + (b_9 * (1.0 / 9.0) + 0.1 * b_10 * s) * s_2)
+        * s_4
+        + (
+            (b_11 * (1.0 / 11.0) + b_12 * (1.0 / 12.0) * s)
+            + (b_13 * (1.0 / 13.0) + b_14 * (1.0 / 14.0) * s) * s_2
+            + (b_15 * (1.0 / 15.0) + 0.0625 * b_16 * s) * s_4
+        )
+        * s_8
+    )
+    slope = (
+        ((b_3 + b_4 * s) + (b_5 + b_6 * s) * s_2)
+        + ((b_7 + b_8 * s) + (b_9 + b_10 * s) * s_2) * s_4
+        + ((b_11 + b_12 * s) + (b_13 + b_14 * s) * s_2 + (b_15 + b_16 * s) * s_4) * s_8
+    )
+    bend = (
+        ((2.0 * b_3 + 3.0 * b_4 * s) + (4.0 * b_5 + 5.0 * b_6 * s) * s_2)
+        + ((6.0 * b_7 + 7.0 * b_8 * s) + (8.0 * b_9 + 9.0 * b_10 * s) * s_2) * s_4
+        + (10.0 * b_11 + 11.0 * b_12 * s) * s_8
+    )
+    return s * s_2 * value, s_2 * slope, s * bend
+
+
+@kernel(inline=True)
+def _step(
+    side: float,
+    node: Node,
+    there: Relative,
+    rate: float,
+    left: float,
+    series: _Series,
+    grid: Grid,
+    s: float,
+    low: float,
+    high: float,
+) -> tuple[float, FlightEnd]:
+    """
+    Return a step to a contact from close by, and the end of the flight if the step leads there.
+
+    Parameters
+    ----------
+    side, node, there, rate, low, high : float, Node, Relative, float, float, float
+        As for `contact_root`.
+    left : float
+        Distance of m from the stop at the node, m.
+    series : _Series
+        Around the node.
+    grid : Grid
+        Whose node it is.
+    s : float
+        Time since the node, in steps.
+
+    Returns
+    -------
+    step : float
+        In steps of the grid; NaN if there is none.
+    end : FlightEnd
+        The end; without event if the step is too long, or leads out of the interval.
+    """
+    step = grid.step
+    speed = there.speed * step
+    scaled = rate * step * step
+    velocity = node.velocity * step
+    x_2 = series.x_2
+    bend, bend_1, bend_2 = _tail(series, s)
+    travel = s * (speed + 0.5 * s * scaled) - bend
+    closing = speed + s * scaled - bend_1
+    closing_1 = scaled - bend_2
+    f_1 = -side * closing
+    if f_1 >= 0.0:
+        return nan, unfinished(NO_EVENT, low)
+    # Newton's step, bent as the function is
+    inverse = -1.0 / f_1
+    u = (left - side * travel) * inverse
+    u -= 0.5 * side * closing_1 * inverse * u * u
+    tau = there.tau + (s + u) * step
+    if abs(u) > _LEAST_LEFT * min(1.0, there.tau * grid.inverse + s) or not low < tau <= high:
+        return u, unfinished(NO_EVENT, low)
+    return u, FlightEnd(
+        CONTACT_1 if side > 0.0 else CONTACT_2,
+        tau,
+        there.x
+        + (
+            s * (velocity + 0.5 * s * x_2)
+            + bend
+            + u * (velocity + s * x_2 + bend_1 + 0.5 * u * (x_2 + bend_2))
+        ),
+        node.velocity + (s * x_2 + bend_1 + u * (x_2 + bend_2)) * grid.inverse,
+        there.travel + (travel + u * (closing + 0.5 * u * closing_1)),
+        there.speed + (s * scaled - bend_1 + u * closing_1) * grid.inverse,
+        f_1 * grid.inverse,
+        True,
+    )
+
+
+@kernel
+def _by_steps(
+    flight: Flight,
+    side: float,
+    node: Node,
+    there: Relative,
+    rate: float,
+    left: float,
+    s: float,
+    low: float,
+    high: float,
+) -> FlightEnd:
+    """Go on step by step where the first one is too long; the parameters are those of `_step`."""
+    grid = flight.oscillator.grid
+    series: _Series = _series_at(flight.oscillator, node)
+    end: FlightEnd = unfinished(NO_EVENT, low)
+    for _ in range(_MORE_STEPS):
+        if not abs(s) <= _REACH:
+            break
+        u, end = _step(side, node, there, rate, left, series, grid, s, low, high)
+        if end.finished:
+            break
+        s += u
+    return end
+
+
+@kernel(inline=True)
+def contact_root(
+    flight: Flight,
+    side: float,
+    node: Node,
+    there: Relative,
+    rate: float,
+    guess: float,
+    low: float,
+    high: float,
+) -> FlightEnd:
+    """
+    Return the end of a flight by a contact near a guess.
+
+    Parameters
+    ----------
+    flight : Flight
+        The flight.
+    side : float
+        +1 for stop 1, -1 for stop 2.
+    node, there, rate : Node, Relative, float
+        The node nearest to the guess, and the relative acceleration there.
+    guess : float
+        Time since the node, s.
+    low, high : float
+        Times since the flight's origin between which the contact is, s.
+
+    Returns
+    -------
+    FlightEnd
+        The end; without event if that does not succeed.
+    """
+    grid = flight.oscillator.grid
+    step = grid.step
+    clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
+    left = clearance - side * there.travel
+    speed = there.speed * step
+    scaled = rate * step * step
+    series: _Series = _series_at(flight.oscillator, node)
+    s = guess * grid.inverse
+    # First to within a last step of the root, by most of the series
+    bend, bend_1, bend_2, bend_3 = _coarse_tail(series, s)
+    f_1 = -side * (speed + s * scaled - bend_1)
+    if f_1 >= 0.0:
+        return unfinished(NO_EVENT, low)
+    inverse = -1.0 / f_1
+    u = (left - side * (s * (speed + 0.5 * s * scaled) - bend)) * inverse
+    v_2 = -0.5 * side * (scaled - bend_2) * inverse * u
+    v_3 = side * bend_3 * inverse * (u * u) * (1.0 / 6.0)
+    s += u + u * (v_2 + (2.0 * v_2 * v_2 + v_3))
+    if not abs(s) <= _REACH:
+        return unfinished(NO_EVENT, low)
+    u, end = _step(side, node, there, rate, left, series, grid, s, low, high)
+    if not end.finished:
+        return _by_steps(flight, side, node, there, rate, left, s + u, low, high)
+    return end

@@ -1,0 +1,1 @@
+"""What the laws of the gap control do, measured and drawn."""

@@ -1,0 +1,403 @@
+"""The figures of Bapat (1995), drawn from computed series."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from impact_damper_ros.orbits.optimum import Limit
+from impact_damper_ros.report.drawing import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    blank_figure,
+    finish_panel,
+)
+
+from .curves import Curve, Point, SettledMotion, Status
+from .plan import OptimumPoint, Series
+from .rigs import CASES, VARIABLES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    'draw_curves',
+    'draw_figure_2',
+    'draw_figure_3',
+    'draw_figure_4',
+    'draw_figure_5',
+    'draw_figure_6',
+    'draw_marks',
+    'legend_below',
+]
+
+
+_STYLES: dict[Status, dict[str, Any]] = {
+    Status.STABLE: {'linestyle': '-', 'linewidth': 1.7},
+    Status.UNSTABLE: {'linestyle': (0, (4, 2.2)), 'linewidth': 0.9},
+}
+
+
+def _stretches(points: Sequence[Point]) -> Iterator[tuple[Status, list[Point]]]:
+    """Yield stretches of one status; each reaches to the first point of the next."""
+    run: list[Point] = []
+    for point in points:
+        if run and point.status != run[-1].status:
+            # The edge is found to a fraction of a line's width; either style may bridge it
+            bridged = point.status != Status.NOT_VIABLE
+            yield run[-1].status, [*run, point] if bridged else run
+            run = []
+        run.append(point)
+    if run:
+        yield run[-1].status, run
+
+
+def draw_curves(
+    axes: Any,
+    curves: Sequence[Curve],
+    color: str,
+    quantity: Callable[[Point], Sequence[float]],
+    scale: float = 1.0,
+) -> None:
+    """
+    Draw theory: stable motions solid, unstable ones dashed, those not viable not at all.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where.
+    curves : sequence of Curve
+        The curves.
+    color : str
+        Their colour.
+    quantity : callable
+        Gives the ordinates of a point, one line for each.
+    scale : float, optional
+        Factor of the line widths.
+    """
+    for curve in curves:
+        for status, points in _stretches(curve.points):
+            if status == Status.NOT_VIABLE:
+                continue
+            style = dict(_STYLES[status])
+            style['linewidth'] *= scale
+            rows = zip(*(quantity(point) for point in points), strict=True)
+            for row in rows:
+                axes.plot([p.value for p in points], row, color=color, zorder=2, **style)
+
+
+def draw_marks(
+    axes: Any,
+    motions: Sequence[SettledMotion],
+    impacts: int,
+    color: str,
+    marker: str,
+    quantity: Callable[[SettledMotion], Sequence[float]],
+) -> None:
+    """
+    Draw simulation: settled motions with a number of impacts in one cycle of the force.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where.
+    motions : sequence of SettledMotion
+        The motions.
+    impacts : int
+        The number.
+    color, marker : str
+        How.
+    quantity : callable
+        Gives the ordinates of a motion.
+    """
+    pairs = [
+        (motion.value, ordinate)
+        for motion in motions
+        if motion.cycles == 1 and len(motion.stops) == impacts
+        for ordinate in quantity(motion)
+    ]
+    if pairs:
+        axes.plot(
+            *zip(*pairs, strict=True),
+            linestyle='none',
+            marker=marker,
+            markersize=4.2,
+            markeredgewidth=0.9,
+            markeredgecolor=color,
+            markerfacecolor='white',
+            zorder=3,
+            clip_on=False,
+        )
+
+
+def legend_below(
+    where: Any, series: Sequence[tuple[str, str, str]], columns: int, *, marks: bool = True
+) -> None:
+    """
+    Put the legend of a figure below its panels.
+
+    Parameters
+    ----------
+    where : matplotlib.figure.Figure
+        The figure.
+    series : sequence of (str, str, str)
+        Label, colour and marker of each series.
+    columns : int
+        Number of columns.
+    marks : bool, optional
+        Whether there are simulated motions.
+    """
+    from matplotlib.lines import Line2D
+
+    look: dict[str, Any] = {'markersize': 4.5, 'markerfacecolor': 'white'}
+    handles = [
+        Line2D([], [], color=color, marker=marker, linewidth=1.7, label=label, **look)
+        for label, color, marker in series
+    ]
+    handles += [
+        Line2D([], [], color='0.3', label='theory, stable', **_STYLES[Status.STABLE]),
+        Line2D([], [], color='0.3', label='theory, unstable', **_STYLES[Status.UNSTABLE]),
+    ]
+    if marks:
+        handles.append(
+            Line2D([], [], color='0.3', marker='o', linestyle='none', label='simulation', **look)
+        )
+    where.legend(handles=handles, loc='outside lower center', ncols=columns, frameon=False)
+
+
+_RATIO = r'$X_{\max}/A$'
+_DURATION = r'$(t_{i+1}-t_i)\,\Omega/\pi$'
+#: Curves over less of the sweep than this are no more than dots, and left out.
+_LEAST_SPAN = 1e-3
+_LOOKS = ((BLUE, 'o'), (ORANGE, 's'), (GREEN, '^'), (PURPLE, 'D'))
+
+
+def _ratio(point: Any) -> Sequence[float]:
+    return (point.ratio,)
+
+
+def _durations(point: Any) -> Sequence[float]:
+    durations: tuple[float, ...] = point.durations
+    return durations
+
+
+def _viable_span(curve: Curve) -> float:
+    values = [p.value for p in curve.points if p.status != Status.NOT_VIABLE]
+    return max(values) - min(values) if values else 0.0
+
+
+def _ever_stable(curves: Sequence[Curve]) -> list[Curve]:
+    return [c for c in curves if any(p.status == Status.STABLE for p in c.points)]
+
+
+def _series(axes: Any, one: Series, impacts: int, look: tuple[str, str], quantity: Any) -> None:
+    curves = one.of(impacts) if impacts == 2 else _ever_stable(one.of(impacts))
+    values = one.sweep.values
+    curves = [c for c in curves if _viable_span(c) > _LEAST_SPAN * (values[-1] - values[0])]
+    draw_curves(axes, curves, look[0], quantity)
+    draw_marks(axes, one.marks, impacts, *look, quantity)
+
+
+def _case_series(results: Mapping[str, Series], gravity: float) -> list[Series]:
+    inclined, friction = CASES[1:]
+    names = [f'2 {case.key} g={gravity:g}' for case in (inclined, friction)]
+    return [results[name] for name in ('2 horizontal', *names)]
+
+
+def draw_figure_2(results: Mapping[str, Series], gravity: float) -> Figure:
+    """
+    Draw durations between impacts and the largest displacement against the gap.
+
+    Parameters
+    ----------
+    results : mapping of str to Series
+        Series by name.
+    gravity : float
+        1, as in the caption, or 2, as in the text.
+    """
+    figure = blank_figure(8.2, 9.2)
+    series = _case_series(results, gravity)
+    limits = {2: (15.0, 64.0, 0.1, 0.55), 3: (9.0, 24.0, 0.36, 0.46), 4: (4.0, 14.0, 0.4, 0.5)}
+    heights = {2: (0.2, 1.8), 3: (0.3, 1.2), 4: (0.2, 1.0)}
+    for row, (impacts, (low, high, bottom, top)) in enumerate(limits.items()):
+        for column, quantity in enumerate((_durations, _ratio)):
+            axes = figure.add_subplot(3, 2, 2 * row + column + 1)
+            for one, look in zip(series, _LOOKS, strict=False):
+                _series(axes, one, impacts, look, quantity)
+            axes.set_xlim(low, high)
+            if column:
+                axes.set_ylim(bottom, top)
+            else:
+                axes.set_ylim(*heights[impacts])
+            label = _RATIO if column else _DURATION
+            finish_panel(axes, 'abcdef'[2 * row + column], VARIABLES['gap'].label, label)
+            word = {2: 'two', 3: 'three', 4: 'four'}[impacts]
+            axes.set_title(f'{word} impacts per cycle', loc='right')
+    cases = [(case.label, *look) for case, look in zip(CASES, _LOOKS, strict=False)]
+    legend_below(figure, cases, 2)
+    return figure
+
+
+def _panel_3a(axes: Any, results: Mapping[str, Series]) -> None:
+    for case, look in zip(CASES, _LOOKS, strict=False):
+        draw_curves(axes, results[f'3a {case.key} equal'].of(2), look[0], _ratio, 0.55)
+        _series(axes, results[f'3a {case.key} unequal'], 2, look, _ratio)
+    axes.set_xlim(30.0, 66.0)
+    axes.set_ylim(0.0, 0.2)
+    finish_panel(axes, 'a', VARIABLES['gap'].label, _RATIO)
+    short = ('horizontal', 'inclined 45°', 'inclined, γ = 0.5')
+    entries = [(name, *look) for name, look in zip(short, _LOOKS, strict=False)]
+    _legend_inside(axes, entries, 'upper right')
+    axes.text(
+        0.03,
+        0.05,
+        'thick: $R_1, R_2$ = 0.78, 0.72\nthin: $R_1 = R_2$ = 0.75',
+        transform=axes.transAxes,
+        fontsize=8,
+    )
+
+
+def _legend_inside(axes: Any, entries: Sequence[tuple[str, str, str]], where: str) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color=c, marker=m, markersize=4.2, markerfacecolor='white', label=name)
+        for name, c, m in entries
+    ]
+    axes.legend(handles=handles, loc=where, frameon=True, framealpha=0.9, edgecolor='none')
+
+
+def draw_figure_3(results: Mapping[str, Series]) -> Figure:
+    """Draw what restitution, angle, frequency and friction do to the largest displacement."""
+    figure = blank_figure(8.2, 7.0)
+    _panel_3a(figure.add_subplot(2, 2, 1), results)
+
+    axes = figure.add_subplot(2, 2, 2)
+    names = ('3b r=1', '3b r=1.02')
+    for name, look in zip(names, _LOOKS, strict=False):
+        _series(axes, results[name], 2, look, _ratio)
+    entries = [('$r$ = 1', *_LOOKS[0]), ('$r$ = 1.02', *_LOOKS[1])]
+    axes.set_xlim(0.0, 90.0)
+    axes.set_ylim(0.05, 0.32)
+    finish_panel(axes, 'b', VARIABLES['angle'].label, _RATIO)
+    _legend_inside(axes, entries, 'upper left')
+
+    axes = figure.add_subplot(2, 2, 3)
+    tilted = tuple(f'3c θ={angle}°' for angle in (0, 5, 10, 15))
+    for name, look in zip(tilted, _LOOKS, strict=True):
+        _series(axes, results[name], 2, look, _ratio)
+    axes.set_xlim(0.999, 1.12)
+    axes.set_ylim(0.08, 0.55)
+    finish_panel(axes, 'c', VARIABLES['frequency'].label, _RATIO)
+    entries = [(name[3:].replace('=', ' = '), *k) for name, k in zip(tilted, _LOOKS, strict=True)]
+    _legend_inside(axes, entries, 'upper left')
+
+    axes = figure.add_subplot(2, 2, 4)
+    _series(axes, results['3d'], 2, _LOOKS[0], _ratio)
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(bottom=0.0)
+    finish_panel(axes, 'd', VARIABLES['friction'].label, _RATIO)
+    legend_below(figure, [], 3)
+    return figure
+
+
+def draw_figure_4(results: Mapping[str, Series]) -> Figure:
+    """Draw the largest displacement against the natural frequency."""
+    figure = blank_figure(5.6, 4.2)
+    axes = figure.add_subplot()
+    for name, look in zip(('4 ζ=0.005', '4 ζ=0.005 level'), (_LOOKS[2], _LOOKS[0]), strict=True):
+        _series(axes, results[name], 2, look, _ratio)
+    axes.set_xscale('log')
+    axes.set_xlim(0.5, 20.0)
+    axes.set_xticks([0.5, 1, 2, 5, 10, 20], ['0.5', '1', '2', '5', '10', '20'])
+    axes.minorticks_off()
+    axes.set_ylim(0.0, 0.2)
+    finish_panel(axes, '', VARIABLES['omega'].label, _RATIO)
+    entries = [
+        ('inclined (θ = 15°, γ = 0.5)', *_LOOKS[2]),
+        ('horizontal, no friction', *_LOOKS[0]),
+    ]
+    legend_below(figure, entries, 3)
+    return figure
+
+
+def draw_figure_5(points: Sequence[OptimumPoint]) -> Figure:
+    """Draw the optimal gap and what it leaves of the displacement against the angle."""
+    figure = blank_figure(8.2, 3.7)
+    angles = [point.angle for point in points]
+    edges = [point for point in points if point.best.limit is not Limit.MINIMUM]
+    quantities: tuple[tuple[str, Any], ...] = (
+        ('optimal gap [m]', lambda point: point.best.gap),
+        (_RATIO + ' at the optimal gap', lambda point: point.best.orbit.amplitude_ratio),
+    )
+    for column, (label, quantity) in enumerate(quantities):
+        axes = figure.add_subplot(1, 2, column + 1)
+        axes.plot(angles, [quantity(p) for p in points], color=BLUE, linewidth=1.7)
+        axes.plot(
+            [p.angle for p in edges],
+            [quantity(p) for p in edges],
+            linestyle='none',
+            marker='|',
+            markersize=11,
+            color='0.2',
+            zorder=4,
+            clip_on=False,
+        )
+        if column:
+            good = [p for p in points if p.settled.stops == p.best.orbit.stops]
+            draw_marks(axes, [p.settled for p in good], 2, BLUE, 'o', _ratio)
+            axes.set_ylim(0.0, 0.06)
+        else:
+            axes.set_ylim(56.0, 61.0)
+        axes.set_xlim(0.0, 90.0)
+        finish_panel(axes, 'ab'[column], VARIABLES['angle'].label, label)
+    _legend_5(figure)
+    return figure
+
+
+def _legend_5(figure: Figure) -> None:
+    from matplotlib.lines import Line2D
+
+    look: dict[str, Any] = {'linestyle': 'none', 'markerfacecolor': 'white'}
+    handles = [
+        Line2D([], [], color=BLUE, linewidth=1.7, label='theory, stable'),
+        Line2D([], [], color=BLUE, marker='o', markersize=4.5, label='simulation', **look),
+        Line2D(
+            [],
+            [],
+            color='0.2',
+            marker='|',
+            markersize=11,
+            linestyle='none',
+            label='limited by stability, not a minimum',
+        ),
+    ]
+    figure.legend(handles=handles, loc='outside lower center', ncols=3, frameon=False)
+
+
+def draw_figure_6(results: Mapping[str, Series]) -> Figure:
+    """Draw the largest displacement against the force of compressed air."""
+    figure = blank_figure(5.6, 4.2)
+    axes = figure.add_subplot()
+    for name, look in zip(('6 r=1', '6 r=1.02'), _LOOKS, strict=False):
+        _series(axes, results[name], 2, look, _ratio)
+    axes.set_xlim(0.0, 5.5)
+    axes.set_ylim(0.0, 0.6)
+    for share, text in ((1.0, 'air cancels friction'), (2.0, 'air is twice friction')):
+        axes.axvline(share, color='0.6', linewidth=0.8, linestyle=':')
+        axes.annotate(
+            text,
+            (share, 0.585),
+            rotation=90,
+            fontsize=8,
+            color='0.35',
+            xytext=(2, 0),
+            textcoords='offset points',
+            va='top',
+        )
+    finish_panel(axes, '', VARIABLES['air'].label, _RATIO)
+    entries = [('$r$ = 1', *_LOOKS[0]), ('$r$ = 1.02', *_LOOKS[1])]
+    legend_below(figure, entries, 3)
+    return figure

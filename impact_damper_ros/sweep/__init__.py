@@ -1,0 +1,1 @@
+"""Steady states of a rig over any of its parameters."""

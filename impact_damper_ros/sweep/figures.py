@@ -1,0 +1,562 @@
+"""The figures of a sweep: basins, bifurcation diagram, response surface."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.report.drawing import BLUE, ORANGE, blank_figure, finish_panel, save_figure
+
+from .columns import FAILED, MEASURES
+from .optimum import Nearby, Optimum, attractor_text, attractors_of
+from .plan import Axis
+from .table import SweepTable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    'axis_label',
+    'basin_figure',
+    'bifurcation_figure',
+    'draw_sweep',
+    'edges',
+    'fixed_text',
+    'grid_of',
+    'measure_label',
+    'set_axis',
+    'surface_figure',
+    'times',
+]
+
+
+Array = NDArray[np.float64]
+
+_SYMBOLS = {
+    'angle': 'Angle θ',
+    'damper_mass': 'Damper mass m',
+    'damping': 'Damping C',
+    'force_amplitudes': 'Force amplitude F',
+    'force_frequencies': 'Frequency of the force Ω',
+    'friction': 'Friction coefficient γ',
+    'gap': 'Gap d',
+    'gravity': 'Gravitational acceleration g',
+    'initial_damper_offset': 'Initial offset Y',
+    'initial_damper_velocity': "Initial velocity of m, Z'",
+    'initial_primary_position': 'Initial displacement X',
+    'initial_primary_velocity': "Initial velocity X'",
+    'primary_mass': 'Primary mass M',
+    'restitution_1': 'Restitution R₁',
+    'restitution_2': 'Restitution R₂',
+    'stiffness': 'Stiffness K',
+}
+_MEASURES = {
+    'chatter_share': 'Share of time in chatter',
+    'impacts': 'Impacts in a period, N',
+    'impacts_per_cycle': 'Impacts per cycle',
+    'largest_multiplier': 'Largest multiplier, modulus',
+    'lyapunov_exponent': 'Largest Lyapunov exponent [1/s]',
+    'lyapunov_uncertainty': 'Uncertainty of the Lyapunov exponent [1/s]',
+    'period': 'Period, cycles of the force',
+    'rest_share': 'Share of time at rest on a stop',
+    'stick_share': 'Share of time sticking',
+    'x_max': 'Largest |X| [m]',
+    'x_max_ratio': 'Largest |X| / A',
+    'x_mean': 'Mean X [m]',
+    'x_rms': 'RMS of X [m]',
+}
+
+
+def axis_label(axis: Axis) -> str:
+    """Return what stands at an axis: what is varied, with its unit."""
+    names = [
+        _SYMBOLS.get(t.name, t.name.replace('_', ' ').capitalize())
+        + (f' [{t.index + 1}]' if t.index is not None else '')
+        for t in axis.targets
+    ]
+    first = names[0] + ''.join(f' = {name.rsplit(" ", 1)[-1]}' for name in names[1:])
+    unit = axis.targets[0].spec.unit
+    return f'{first} [{unit}]' if unit else first
+
+
+def measure_label(name: str) -> str:
+    """Return what stands at a measure, with its unit."""
+    return _MEASURES.get(name, MEASURES[name].label)
+
+
+def times(nearby: Nearby) -> str:
+    """Return how much more or less a motion next to the optimum is, for a legend."""
+    ratio = f'× {nearby.ratio:.3g}, ' if 0.0 < nearby.ratio < math.inf else ''
+    return f' ({ratio}{nearby.motion})'
+
+
+def set_axis(axes: Any, side: str, axis: Axis) -> None:
+    """Label the x or y axis of a panel, and scale it as the sweep does."""
+    getattr(axes, f'set_{side}label')(axis_label(axis))
+    if axis.logarithmic:
+        getattr(axes, f'set_{side}scale')('log')
+
+
+def edges(axis: Axis) -> Array:
+    """Return the edges of the cells whose middles are the values of an axis."""
+    values = np.array(axis.values, dtype=float)
+    if len(values) == 1:
+        return np.array([values[0] - 0.5, values[0] + 0.5])
+    if axis.logarithmic:
+        values = np.log(values)
+    middles = 0.5 * (values[1:] + values[:-1])
+    ends = np.concatenate(
+        [[1.5 * values[0] - 0.5 * values[1]], middles, [1.5 * values[-1] - 0.5 * values[-2]]]
+    )
+    return np.exp(ends) if axis.logarithmic else ends
+
+
+def grid_of(table: SweepTable, column: Array) -> list[tuple[str, Array]]:
+    """Return a column as a grid over the axes, for each direction that was followed."""
+    plan = table.plan
+    grids = column.reshape(len(plan.follow.passes), *plan.shape)
+    return list(zip(plan.follow.passes, grids, strict=True))
+
+
+def fixed_text(table: SweepTable) -> str:
+    """Return the rig, but for what is varied, in a line or two for below a figure."""
+    rig = table.plan.parameters
+    varied = {target.name for axis in table.plan.axes for target in axis.targets}
+    shown = [
+        ('M', 'primary_mass', 'kg'),
+        ('K', 'stiffness', 'N/m'),
+        ('C', 'damping', 'N s/m'),
+        ('m', 'damper_mass', 'kg'),
+        ('d', 'gap', 'm'),
+        ('R₁', 'restitution_1', ''),
+        ('R₂', 'restitution_2', ''),
+        ('θ', 'angle', 'rad'),
+        ('γ', 'friction', ''),
+        ('g', 'gravity', 'm/s²'),
+        ('p', 'air_force', 'N'),
+    ]
+    level = rig.angle == 0.0 and rig.friction == 0.0 and not varied & {'angle', 'friction'}
+    left_out = {'gravity'} if level else set()
+    if rig.air_force == 0.0:
+        left_out.add('air_force')
+    parts = [
+        f'{symbol} = {getattr(rig, name):.6g} {unit}'.rstrip()
+        for symbol, name, unit in shown
+        if name not in varied | left_out
+    ]
+    for symbol, name, unit in (
+        ('F', 'force_amplitudes', 'N'),
+        ('Ω', 'force_frequencies', 'rad/s'),
+    ):
+        if name not in varied:
+            values = ', '.join(f'{value:.6g}' for value in getattr(rig, name)[:4])
+            parts.append(f'{symbol} = {values} {unit}')
+    if rig.multisine_level:
+        parts.append(f'multisine of {rig.multisine_level:.6g} N rms')
+    if rig.one_sided:
+        parts.append('stop 1 only')
+    if table.plan.control.active:
+        parts.append(f'gap control: {table.plan.control.gap_control}')
+    half = (len(parts) + 1) // 2
+    return ',  '.join(parts[:half]) + '\n' + ',  '.join(parts[half:])
+
+
+# Tol's light scheme, told apart with any kind of colour vision; grey is kept for what failed
+_COLORS = (
+    '#77AADD', '#EE8866', '#EEDD88', '#FFAABB', '#44BB99', '#99DDFF', '#BBCC33', '#AAAA00',
+)  # fmt: skip
+_OTHERS, _NONE = '#555555', '#DDDDDD'
+
+
+def basin_figure(table: SweepTable) -> Figure:
+    """
+    Draw the attractor that is reached from each pair of initial conditions.
+
+    Parameters
+    ----------
+    table : SweepTable
+        A sweep of two initial conditions.
+    """
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch
+
+    across, up = table.plan.axes
+    numbers = np.nan_to_num(table.numbers('attractor'), nan=FAILED)
+    # One colour for all attractors beyond those that have their own, and one for failures
+    grid = np.minimum(numbers, len(_COLORS)).reshape(table.plan.shape)
+    colors = ListedColormap([_NONE, *_COLORS, _OTHERS])
+    figure = blank_figure(6.3, 6.4)
+    axes: Any = figure.subplots()
+    axes.pcolormesh(
+        edges(across),
+        edges(up),
+        grid.T,
+        cmap=colors,
+        norm=BoundaryNorm(np.arange(FAILED - 0.5, len(_COLORS) + 1.0), colors.N),
+        rasterized=True,
+    )
+    axes.set_xlabel(axis_label(across))
+    axes.set_ylabel(axis_label(up))
+    axes.tick_params(direction='out')
+    found = attractors_of(table)
+    handles = [
+        Patch(
+            facecolor=color,
+            label=f'{attractor_text(one)}: {one["share"]:.1%}, largest |X| {one["x_max"]:.4g} m',
+        )
+        for color, one in zip(_COLORS, found, strict=False)
+    ]
+    if len(found) > len(_COLORS):
+        share = sum(one['share'] for one in found[len(_COLORS) :])
+        handles.append(
+            Patch(facecolor=_OTHERS, label=f'{len(found) - len(_COLORS)} others: {share:.1%}')
+        )
+    if (numbers == FAILED).any():
+        handles.append(Patch(facecolor=_NONE, label='failed'))
+    figure.legend(handles=handles, loc='outside lower center', ncols=1, frameon=False)
+    figure.suptitle(fixed_text(table), fontsize=7.5, color='0.3')
+    return figure
+
+
+_LOOKS: dict[str, dict[str, Any]] = {
+    '': {'color': BLUE, 'label': 'each from the initial conditions'},
+    'up': {'color': BLUE, 'label': 'followed upwards'},
+    'down': {'color': ORANGE, 'label': 'followed downwards'},
+}
+
+
+def _draw_phases(axes: Any, table: SweepTable, values: NDArray[np.float64]) -> None:
+    """Draw the phase of each impact; of motions that do not repeat as a faint cloud."""
+    phases = table.lists('impact_phase')
+    rows = np.arange(len(table)).reshape(-1, len(values))
+    settled = table.flags('settled')
+    for turn, direction in enumerate(table.plan.follow.passes):
+        for repeats in (False, True):
+            kept = [row for row in rows[turn] if settled[row] == repeats]
+            x = np.repeat(
+                values[[row % len(values) for row in kept]], [len(phases[r]) for r in kept]
+            )
+            y = np.concatenate([[], *(phases[row] for row in kept)])
+            axes.plot(
+                *(x, y),
+                linestyle='none',
+                marker='o',
+                markeredgewidth=0.0,
+                markersize=(1.2 if turn else 2.4) if repeats else 0.7,
+                alpha=1.0 if repeats else min(1.0, max(0.25, 6000.0 / max(len(x), 1))),
+                rasterized=len(x) > 2000,
+                color=_LOOKS[direction]['color'],
+                zorder=3 if repeats else 2,
+            )
+
+
+def _draw_surroundings(axes: Any, optimum: Optimum) -> None:
+    """Draw the edges around the optimum, and what else the best rig can do."""
+    for edge in optimum.edges:
+        axes.axvline(
+            edge.values[0],
+            color='0.3',
+            linewidth=0.8,
+            linestyle='--',
+            label=f'edge at {edge.values[0]:.5g}{times(edge)}',
+        )
+    for other in optimum.coexisting:
+        axes.plot(
+            *(optimum.values[0], other.measure),
+            marker='*',
+            markersize=5.5,
+            markerfacecolor='none',
+            markeredgecolor='black',
+            linestyle='none',
+            label=f'{other.start}{times(other)}',
+            zorder=4,
+        )
+
+
+def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
+    """
+    Draw impact phases, a measure and, if there is any, the Lyapunov exponent on the parameter.
+
+    Parameters
+    ----------
+    table : SweepTable
+        A sweep along one axis.
+    measure : str
+        Name of the measure in the middle.
+    optimum : Optimum or None
+        The rig to mark there.
+    """
+    axis = table.plan.axes[0]
+    values = np.array(axis.values, dtype=float)
+    cycle = table.numbers('cycle')
+    exponent = table.numbers('lyapunov_exponent') * cycle
+    exponents = bool(np.isfinite(exponent).any())
+    figure = blank_figure(6.3, 7.4 if exponents else 5.6)
+    heights = [1.6, 1.0, 1.0] if exponents else [1.6, 1.0]
+    panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+    upper, middle = panels[:2]
+    _draw_phases(upper, table, values)
+    spread = grid_of(table, table.numbers('lyapunov_uncertainty') * cycle)
+    columns = (table.numbers(measure), exponent)
+    for axes, column in zip(panels[1:], columns, strict=False):
+        for turn, (direction, series) in enumerate(grid_of(table, column)):
+            axes.plot(
+                *(values, series),
+                linestyle='none',
+                marker='o',
+                # The second direction is smaller, so that the first one shows around it
+                markersize=1.2 if turn else 2.4,
+                markeredgewidth=0.0,
+                **_LOOKS[direction],
+            )
+            if column is exponent:
+                error = spread[turn][1]
+                color = _LOOKS[direction]['color']
+                axes.vlines(values, series - error, series + error, color=color, linewidth=0.5)
+    if exponents:
+        panels[2].axhline(0.0, color='0.3', linewidth=0.7)
+        finite = exponent[np.isfinite(exponent)]
+        # One that is next to superstable must not flatten all others
+        panels[2].set_ylim(max(finite.min(), np.quantile(finite, 0.02) - 0.2) - 0.05, None)
+    if optimum is not None:
+        middle.plot(
+            *(optimum.values[0], optimum.value),
+            marker='*',
+            markersize=5.5,
+            color='black',
+            linestyle='none',
+            label=f'{optimum.best.value}: {optimum.value:.4g} at {optimum.values[0]:.5g}',
+            zorder=4,
+        )
+        _draw_surroundings(middle, optimum)
+    failed = ~table.flags('ok').reshape(-1, len(values)).any(axis=0)
+    for axes in panels:
+        for value in values[failed]:
+            axes.axvline(value, color='0.85', linewidth=1.0, zorder=0)
+        if axis.logarithmic:
+            axes.set_xscale('log')
+    upper.set_ylim(0.0, 1.0)
+    finish_panel(upper, 'a', '', 'Phase of the impacts [cycles]')
+    finish_panel(middle, 'b', '' if exponents else axis_label(axis), measure_label(measure))
+    if exponents:
+        finish_panel(panels[2], 'c', axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
+    handles, labels = middle.get_legend_handles_labels()
+    figure.legend(
+        *(handles, labels),
+        loc='outside lower center',
+        ncols=2 if optimum is not None else 3,
+        frameon=False,
+        markerscale=2.0,
+    )
+    figure.suptitle(fixed_text(table), fontsize=7.5, color='0.3')
+    return figure
+
+
+_FAILED = '0.8'
+#: A measure whose greatest value is more times its least is drawn on a logarithmic scale.
+_DECADES = 30.0
+_STAR: dict[str, Any] = {
+    'marker': '*',
+    'markersize': 12,
+    'color': ORANGE,
+    'markeredgecolor': 'white',
+    'linestyle': 'none',
+}
+#: Dots in the cells of motions that do not repeat.
+_DOTS = {
+    'chaotic': 'black',
+    'not periodic, not chaotic': '#CC3311',
+}
+
+
+def _scale(values: NDArray[np.float64]) -> Any:
+    """Return how the measure is mapped to colours."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return Normalize(0.0, 1.0)
+    low, high = float(finite.min()), float(finite.max())
+    if low > 0.0 and high > _DECADES * low:
+        return LogNorm(low, high)
+    return Normalize(low, high if high > low else low + 1.0)
+
+
+def _classes(table: SweepTable) -> dict[str, NDArray[np.float64]]:
+    """Return for each class of motions that is dotted which rows are in it."""
+    motions = table.texts('motion')
+    chaotic = np.array([motion == MotionKind.CHAOTIC.value for motion in motions])
+    unsettled = table.flags('ok') & ~table.flags('settled') & ~chaotic
+    return dict(zip(_DOTS, (chaotic.astype(float), unsettled.astype(float)), strict=True))
+
+
+def _outlined() -> list[Any]:
+    """Return what makes a white line visible on white too."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=2.0, foreground='0.2')]
+
+
+def _draw_map(axes: Any, table: SweepTable, turn: int, values: Any, scale: Any) -> Any:
+    """Draw one direction; return what the colour bar belongs to."""
+    across, up = table.plan.axes
+    axes.set_facecolor(_FAILED)
+    grid = grid_of(table, values)[turn][1]
+    colors = axes.pcolormesh(
+        edges(across), edges(up), grid.T, norm=scale, cmap='viridis', rasterized=True
+    )
+    size = max(0.5, min(2.5, 150.0 / max(table.plan.shape)))
+    for name, rows in _classes(table).items():
+        i, j = np.nonzero(grid_of(table, rows)[turn][1])
+        axes.plot(
+            np.array(across.values)[i],
+            np.array(up.values)[j],
+            linestyle='none',
+            marker='o',
+            markersize=size,
+            markeredgewidth=0.0,
+            color=_DOTS[name],
+            rasterized=True,
+        )
+    impacts = grid_of(table, table.numbers('impacts_per_cycle'))[turn][1]
+    if min(impacts.shape) > 1 and (impacts > 0.0).any() and (impacts == 0.0).any():
+        some = np.ma.masked_invalid(np.where(np.isnan(impacts), np.nan, impacts > 0.0))
+        edge = axes.contour(
+            across.values, up.values, some.T, [0.5], colors='white', linewidths=1.0
+        )
+        edge.set_path_effects(_outlined())
+    return colors
+
+
+def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
+    """Return an entry for each mark that there is."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = []
+    if optimum is not None:
+        at = ', '.join(f'{value:.5g}' for value in optimum.values)
+        among = 'all' if table.plan.control.active else 'those that repeat'
+        label = f'{optimum.best.value} of {among}: {optimum.value:.4g} at ({at})'
+        handles.append(Line2D([], [], label=label, **{**_STAR, 'markersize': 10}))
+        symbols = [axis_label(axis).split(' [')[0].rsplit(' ', 1)[-1] for axis in table.plan.axes]
+        blank: dict[str, Any] = {'linestyle': 'none'}
+        handles += [
+            Line2D(
+                *([], []),
+                label=f'edge at {symbols[i]} = {edge.values[i]:.5g}{times(edge)}',
+                **blank,
+            )
+            for edge in optimum.edges
+            if (i := edge.axis) is not None
+        ]
+        handles += [
+            Line2D([], [], label=f'the same rig {other.start}{times(other)}', **blank)
+            for other in optimum.coexisting
+        ]
+    dot: dict[str, Any] = {'marker': 'o', 'linestyle': 'none', 'markersize': 3.0}
+    handles += [
+        Line2D([], [], color=_DOTS[name], label=name, **dot)
+        for name, rows in _classes(table).items()
+        if rows.any()
+    ]
+    if not table.flags('ok').all():
+        handles.append(Patch(facecolor=_FAILED, label='failed'))
+    impacts = table.numbers('impacts_per_cycle')
+    if (impacts == 0.0).any() and (impacts > 0.0).any():
+        handles.append(
+            Line2D(
+                *([], []),
+                color='white',
+                linewidth=1.0,
+                label='no impacts beyond',
+                path_effects=_outlined(),
+            )
+        )
+    return handles
+
+
+def surface_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
+    """
+    Draw a measure over two axes.
+
+    Parameters
+    ----------
+    table : SweepTable
+        A sweep along two axes.
+    measure : str
+        Name of the measure.
+    optimum : Optimum or None
+        The rig to mark.
+    """
+    plan = table.plan
+    across, up = plan.axes
+    values = np.where(np.isfinite(table.numbers(measure)), table.numbers(measure), np.nan)
+    scale = _scale(values)
+    count = len(plan.follow.passes)
+    figure = blank_figure(6.3 if count == 1 else 9.4, 4.9)
+    panels = np.atleast_1d(figure.subplots(1, count, sharey=True))
+    best = '' if optimum is None else plan.point(optimum.point).direction
+    colors: Any = None
+    for turn, (axes, direction) in enumerate(zip(panels, plan.follow.passes, strict=True)):
+        colors = _draw_map(axes, table, turn, values, scale)
+        if optimum is not None and direction == best:
+            axes.plot(*([value] for value in optimum.values), clip_on=False, zorder=5, **_STAR)
+        _set_scales(axes, across, up)
+        axes.set_xlabel(axis_label(across))
+        axes.tick_params(direction='out')
+        if direction:
+            axes.set_title(f'followed {direction}wards', loc='left')
+    panels[0].set_ylabel(axis_label(up))
+    figure.colorbar(colors, ax=list(panels), label=measure_label(measure), pad=0.015)
+    handles = _legend(table, optimum)
+    if handles:
+        figure.legend(handles=handles, loc='outside lower center', ncols=2, frameon=False)
+    figure.suptitle(fixed_text(table), fontsize=7.5, color='0.3')
+    return figure
+
+
+def _set_scales(axes: Any, across: Axis, up: Axis) -> None:
+    if across.logarithmic:
+        axes.set_xscale('log')
+    if up.logarithmic:
+        axes.set_yscale('log')
+
+
+def draw_sweep(table: SweepTable, measure: str, optimum: Optimum | None, path: Path) -> None:
+    """
+    Draw a sweep of one axis or two.
+
+    Parameters
+    ----------
+    table : SweepTable
+        The sweep.
+    measure : str
+        Name of the measure that is drawn; basins of attraction need none.
+    optimum : Optimum or None
+        The rig to mark.
+    path : Path
+        The file; its suffix is the format, png, svg or pdf.
+
+    Raises
+    ------
+    ValueError
+        If the sweep has more axes.
+    OSError
+        If the file cannot be written.
+    """
+    axes = table.plan.axes
+    if len(axes) > 2:
+        raise ValueError(f'a figure shows one axis or two, not {len(axes)}')
+    if len(axes) == 1:
+        figure = bifurcation_figure(table, measure, optimum)
+    elif all(axis.initial for axis in axes):
+        figure = basin_figure(table)
+    else:
+        figure = surface_figure(table, measure, optimum)
+    save_figure(figure, path)

@@ -1,0 +1,236 @@
+"""A rig recorded without ROS: the messages of the node, in its order and with its stamps."""
+
+import json
+import math
+import random
+
+from bag import samples
+
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.replay.replayed_rig import Setting
+from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, RigParameters
+
+LIVELY = RigParameters(
+    stiffness=1000.0,
+    damping=0.6,
+    damper_mass=0.1,
+    gap=0.01,
+    force_amplitudes=(10.0,),
+    force_frequencies=(31.6,),
+)
+NODE = '/sim_node'
+NOTES = {
+    'node': NODE,
+    'joint_states': '/joint_states',
+    'impacts': '/impacts',
+    'gap_control': '/gap_control',
+    'snapshot': '/snapshot',
+}
+KINDS = {bool: 1, int: 2, float: 3, str: 4, tuple: 8}
+
+
+class RecordedRig:
+    """
+    A rig that writes down what the node would record.
+
+    Attributes
+    ----------
+    messages : list of (str, bytes, int)
+        Topic, content and stamp.
+    """
+
+    def __init__(
+        self,
+        parameters=LIVELY,
+        initial=None,
+        *,
+        rate=200.0,
+        offset=samples.START,
+        control=None,
+        version=2,
+    ):
+        self.version = version
+        self.initial = initial or InitialConditions()
+        self.control = control or GapControlParameters()
+        self.rig = ControlledRig(parameters, self.initial, control=self.control)
+        self.rate, self.offset, self.tick, self.time_ns = rate, offset, 0, 0
+        self.messages = []
+        self.news = ''
+        self.recording = False
+        self.faults = {}
+
+    def write(self, topic, content, stamp=None):
+        if self.recording:
+            self.messages.append(
+                (topic, content, self.offset + self.time_ns if stamp is None else stamp)
+            )
+
+    def start(self):
+        """Begin the run and its recording."""
+        self.record()
+        self.announce('start')
+        self.states()
+        return self
+
+    def record(self):
+        self.recording = True
+        self.announce('record')
+        parts = (self.rig.parameters, self.initial, self.rig.control)
+        every = {name: v for part in parts for name, v in part.as_dict().items()}
+        self.event({**every, 'state_rate': self.rate, 'record': True}, new=True)
+
+    def event(self, values, *, new=False):
+        stamp = self.offset + self.time_ns
+        parts = [samples.parameter(n, KINDS[type(v)], v) for n, v in values.items()]
+        fields = (parts, [], []) if new else ([], parts, [])
+        message = samples.make(samples.PARAMETER_EVENT, samples.time(stamp), NODE, *fields)
+        self.write('/parameter_events', samples.serialise(samples.PARAMETER_EVENT, message))
+
+    def announce(self, reason):
+        text = {
+            'format': self.version,
+            'stamp_offset_ns': self.offset,
+            'time_ns': self.time_ns,
+            'reason': reason,
+            'state': self.rig.snapshot(),
+        }
+        message = samples.make(samples.STRING, json.dumps(text))
+        self.write('/snapshot', samples.serialise(samples.STRING, message))
+
+    @property
+    def rest(self):
+        """Where M is in its static equilibrium, as messages of this version have it."""
+        rig = self.rig.parameters
+        deflection = rig.primary_mass * rig.gravity * math.sin(rig.angle) / rig.stiffness
+        return deflection if self.version > 1 else -0.0
+
+    def impacts(self, events):
+        for e in events:
+            if e.kind is EventKind.IMPACT:
+                stamp = self.offset + round(e.time * 1e9)
+                sign = 1.0 if e.stop == 1 else -1.0
+                content = samples.joint_state(
+                    stamp,
+                    ['primary', 'damper'],
+                    [e.x + self.rest, e.x + e.y + self.rest],
+                    [e.primary_velocity_after, e.damper_velocity_after],
+                    [sign * e.impulse, -(sign * e.impulse)],
+                    f'stop_{e.stop}',
+                )
+                self.write('/impacts', content, stamp)
+        for record in self.rig.records:
+            stamp = self.offset + round(record.time * 1e9)
+            names = ['stop_1', 'stop_2', 'primary']
+            numbers = [list(part) for part in record.numbers]
+            content = samples.joint_state(stamp, names, *numbers, record.action.name.lower())
+            self.write('/gap_control', content, stamp)
+
+    def states(self):
+        s = self.rig.sample()
+        content = samples.joint_state(
+            self.offset + self.time_ns,
+            ['primary', 'damper', 'stop_1', 'stop_2'],
+            [place + self.rest for place in (s.x, s.z, s.stop_1, s.stop_2)],
+            [
+                s.primary_velocity,
+                s.damper_velocity,
+                s.stop_1_velocity if self.version > 1 else s.primary_velocity,
+                s.stop_2_velocity if self.version > 1 else s.primary_velocity,
+            ],
+        )
+        self.write('/joint_states', content)
+
+    def serve(self, *requests):
+        """Carry out a batch of requests, as the engine does at one tick."""
+        for kind, value in requests:
+            if kind == 'change':
+                known = {n: v for n, v in value.items() if n.startswith('initial')}
+                rig = {n: v for n, v in value.items() if n not in known}
+                self.initial = InitialConditions(**{**self.initial.as_dict(), **known})
+                self.event(value)
+                before = Setting(self.rig.parameters, self.rig.control)
+                after = before.replaced(rig)
+                if after != before:
+                    self.impacts(self.rig.change(*after))
+                    self.news = self.news or 'change'
+            elif kind == 'reset':
+                try:
+                    self.rig.reset(self.initial)
+                except ParameterError:
+                    continue
+                self.news = 'reset'
+            elif kind == 'resume':
+                self.offset += value
+                self.news = 'resume'
+        if self.news:
+            self.announce(self.news)
+            self.news = ''
+
+    def run(self, ticks, *requests):
+        """Go on by so many ticks; the requests are carried out at the first of them."""
+        for _ in range(ticks):
+            self.tick += 1
+            self.time_ns = round(self.tick * 1e9 / self.rate)
+            self.impacts(self.rig.advance(self.time_ns / 1e9))
+            self.serve(*requests)
+            requests = ()
+            self.states()
+        return self
+
+    def save(self, directory, **options):
+        options = {'custom': NOTES, 'topics': samples.CONTROLLED, **options}
+        return samples.record(directory, self.messages, **options)
+
+
+def random_requests(rng):
+    """Return a batch of requests such as users make."""
+    choices = [
+        ('change', {'gap': rng.uniform(0.002, 0.02)}),
+        ('change', {'gap': rng.uniform(0.002, 0.02), 'restitution_1': rng.uniform(0.3, 0.9)}),
+        ('change', {'friction': rng.choice([0.0, 0.2])}),
+        ('change', {'angle': rng.uniform(-0.5, 0.5)}),
+        ('change', {'force_frequencies': (rng.uniform(20.0, 40.0),)}),
+        (
+            'change',
+            {
+                'force_amplitudes': (10.0, rng.uniform(0.0, 5.0)),
+                'force_frequencies': (31.0, 47.0),
+                'force_phases': (0.0, 1.0),
+            },
+        ),
+        (
+            'change',
+            {'force_amplitudes': (9.0,), 'force_frequencies': (31.0,), 'force_phases': (0.3,)},
+        ),
+        ('change', {'initial_primary_position': rng.uniform(-0.01, 0.01)}),
+        ('reset', None),
+        ('resume', rng.randrange(10**9)),
+    ]
+    batch = [rng.choice(choices) for _ in range(rng.choice([1, 1, 1, 2, 3]))]
+    # The force arrays must fit to each other at every change.
+    return [
+        (k, {**v, 'force_amplitudes': (9.0,), 'force_phases': (0.0,)})
+        if k == 'change' and list(v) == ['force_frequencies']
+        else (k, v)
+        for k, v in batch
+    ]
+
+
+def random_run(seed, ticks=400, **options):
+    """Return a run with seeded random requests, some of them between two ticks."""
+    rng = random.Random(seed)
+    rig = RecordedRig(offset=rng.choice([0, samples.START]), **options)
+    for _ in range(rng.choice([0, 37])):
+        # Recorded from the middle of a run
+        rig.run(1)
+    if rig.tick:
+        rig.record()
+    else:
+        rig.start()
+    while rig.tick < ticks:
+        rig.run(rng.randrange(5, 60), *random_requests(rng))
+        if rng.random() < 0.3:
+            # While the rig is paused, or at a low rate
+            rig.serve(*random_requests(rng))
+            rig.serve(('resume', rng.randrange(10**9)))
+    return rig

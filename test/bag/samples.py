@@ -1,0 +1,159 @@
+"""Messages with known values, serialised by `rosbags`, which shares no code with the package."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from impact_damper_ros.bag import LATCHED, RunWriter, Topic
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+START = 1_700_000_000_123_456_789
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
+DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
+STRING = 'std_msgs/msg/String'
+
+TOPICS = (
+    Topic('/joint_states', JOINT_STATE),
+    Topic('/impacts', JOINT_STATE),
+    Topic('/parameter_events', PARAMETER_EVENT),
+    Topic('/diagnostics', DIAGNOSTIC_ARRAY),
+    Topic('/snapshot', STRING, LATCHED),
+)
+
+#: Of a node that knows gap control.
+CONTROLLED = (*TOPICS, Topic('/gap_control', JOINT_STATE))
+
+
+def serialise(interface: str, message: object) -> bytes:
+    return bytes(STORE.serialize_cdr(message, interface))
+
+
+def make(interface: str, *fields: object) -> object:
+    return STORE.types[interface](*fields)
+
+
+def time(stamp_ns: int) -> object:
+    return make('builtin_interfaces/msg/Time', stamp_ns // 10**9, stamp_ns % 10**9)
+
+
+def header(stamp_ns: int, frame: str = '') -> object:
+    return make('std_msgs/msg/Header', time(stamp_ns), frame)
+
+
+def joint_state(
+    stamp_ns: int,
+    names: Sequence[str],
+    position: Sequence[float],
+    velocity: Sequence[float] = (),
+    effort: Sequence[float] = (),
+    frame: str = '',
+) -> bytes:
+    arrays = [np.array(values, dtype=np.float64) for values in (position, velocity, effort)]
+    message = make(JOINT_STATE, header(stamp_ns, frame), list(names), *arrays)
+    return serialise(JOINT_STATE, message)
+
+
+def state_values(step: int) -> tuple[list[float], list[float]]:
+    """Return positions and velocities of the four joints at a step, all of them irrational."""
+    x, z = 10.1 * math.sin(0.3 * step), 9.7 * math.cos(0.21 * step)
+    return [x, z, x + 18.5, x - 18.5], [10.1 * math.cos(0.3 * step), math.sqrt(step + 2.0), x, x]
+
+
+def state(step: int, stamp_ns: int) -> bytes:
+    return joint_state(stamp_ns, ['primary', 'damper', 'stop_1', 'stop_2'], *state_values(step))
+
+
+def impact(step: int, stamp_ns: int) -> bytes:
+    values = [0.1 * step, math.pi * step]
+    frame = f'stop_{1 + step % 2}'
+    return joint_state(stamp_ns, ['primary', 'damper'], values, values[::-1], [1.5, -1.5], frame)
+
+
+#: A value of each type of parameter, by the number of its type.
+PARAMETERS: dict[str, tuple[int, object]] = {
+    'unset': (0, None),
+    'one_sided': (1, True),
+    'count': (2, -(2**62)),
+    'gap': (3, 37.25),
+    'gap_control': (4, 'amplitude µ'),
+    'octets': (5, b'\x00\x01\xff'),
+    'flags': (6, (True, False, True)),
+    'integers': (7, (1, -2, 2**40)),
+    'force_amplitudes': (8, (0.1, 1 / 3)),
+    'names': (9, ('', 'a', 'stop_1')),
+}
+
+
+def parameter(name: str, kind: int, value: object) -> object:
+    fields: list[object] = [False, 0, 0.0, '']
+    arrays: list[object] = [np.array([], dtype) for dtype in ('u1', '?', 'i8', 'f8')]
+    fields += [*arrays, []]
+    if kind:
+        dtype = {5: 'u1', 6: '?', 7: 'i8', 8: 'f8'}.get(kind)
+        if kind == 5:
+            value = list(value)  # type: ignore[call-overload]
+        if kind == 9:
+            value = list(value)  # type: ignore[call-overload]
+        fields[kind - 1] = np.array(value, dtype) if dtype else value
+    content = make('rcl_interfaces/msg/ParameterValue', kind, *fields)
+    return make('rcl_interfaces/msg/Parameter', name, content)
+
+
+def parameter_event(stamp_ns: int, node: str = '/rig') -> bytes:
+    every = [parameter(name, kind, value) for name, (kind, value) in PARAMETERS.items()]
+    message = make(PARAMETER_EVENT, time(stamp_ns), node, every, every[3:4], [])
+    return serialise(PARAMETER_EVENT, message)
+
+
+def diagnostics(stamp_ns: int, count: int = 2) -> bytes:
+    pairs = [('rate', '999.97'), ('überlauf', '0')]
+    values = [make('diagnostic_msgs/msg/KeyValue', *pair) for pair in pairs]
+    status = [
+        make('diagnostic_msgs/msg/DiagnosticStatus', k % 4, f'part {k}', 'fine', 'rig', values[:k])
+        for k in range(count)
+    ]
+    message = make(DIAGNOSTIC_ARRAY, header(stamp_ns, 'frame'), status)
+    return serialise(DIAGNOSTIC_ARRAY, message)
+
+
+def snapshot(stamp_ns: int) -> bytes:
+    text = json.dumps({'format': 1, 'stamp_offset_ns': stamp_ns, 'note': 'µ, "quoted"'})
+    return serialise(STRING, make(STRING, text))
+
+
+def run(steps: int, rate: int = 200) -> list[tuple[str, bytes, int]]:
+    """Return a run as (topic, content, stamp), in the order in which a node writes it."""
+    messages = [
+        ('/snapshot', snapshot(START), START),
+        ('/parameter_events', parameter_event(START), START),
+    ]
+    for step in range(steps):
+        stamp = START + step * 10**9 // rate
+        if step % 50 == 7:
+            messages.append(('/impacts', impact(step, stamp - 1234), stamp - 1234))
+        if step % rate == 0:
+            messages.append(('/diagnostics', diagnostics(stamp), stamp))
+        messages.append(('/joint_states', state(step, stamp), stamp))
+    return messages
+
+
+def record(
+    directory: Path,
+    messages: Sequence[tuple[str, bytes, int]],
+    topics: Sequence[Topic] = TOPICS,
+    **options: object,
+) -> Path:
+    """Record messages to a new bag and return its path."""
+    with RunWriter(directory, topics, **options) as writer:  # type: ignore[arg-type]
+        for message in messages:
+            assert writer.write(*message)
+    assert writer.error is None
+    return directory

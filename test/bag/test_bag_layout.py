@@ -1,0 +1,265 @@
+"""A bag is what rosbag2 writes: read by two independent libraries, values compared."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from bag import samples
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+
+from impact_damper_ros.bag import RunReader, RunWriter, Topic
+from impact_damper_ros.bag import topics as interface
+
+PACKAGE = Path(interface.__file__).parent
+
+
+@pytest.fixture(scope='module')
+def messages() -> list[tuple[str, bytes, int]]:
+    return samples.run(1000)
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory, messages: list[tuple[str, bytes, int]]) -> Path:
+    directory = tmp_path_factory.mktemp('bags') / 'run_1'
+    return samples.record(directory, messages, custom={'note': 'yes'})
+
+
+def in_time(messages: list[tuple[str, bytes, int]]) -> list[tuple[str, bytes, int]]:
+    return sorted(messages, key=lambda message: message[2])
+
+
+def test_rosbags_reads_every_message(bag: Path, messages: list[tuple[str, bytes, int]]) -> None:
+    with Reader(bag) as reader:
+        read = [(c.topic, bytes(content), stamp) for c, stamp, content in reader.messages()]
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        assert reader.message_count == len(messages)
+        assert reader.start_time == messages[0][2]
+        assert reader.end_time == messages[-1][2] + 1
+        assert reader.ros_distro == 'jazzy'
+        for connection in reader.connections:
+            assert connection.digest == interface.type_hash(connection.msgtype)
+    assert read == in_time(messages)
+    assert counts == {
+        topic.name: sum(name == topic.name for name, *_ in messages) for topic in samples.TOPICS
+    }
+
+
+def test_rosbags_decodes_with_the_definitions_in_the_bag(bag: Path) -> None:
+    step = 0
+    with AnyReader([bag]) as reader:
+        for connection, stamp, content in reader.messages():
+            message = reader.deserialize(content, connection.msgtype)
+            if connection.topic == '/joint_states':
+                position, velocity = samples.state_values(step)
+                np.testing.assert_array_equal(message.position, position)
+                np.testing.assert_array_equal(message.velocity, velocity)
+                seconds, nanoseconds = divmod(stamp, 10**9)
+                assert (message.header.stamp.sec, message.header.stamp.nanosec) == (
+                    seconds,
+                    nanoseconds,
+                )
+                step += 1
+            elif connection.topic == '/parameter_events':
+                values = {p.name: p.value for p in message.new_parameters}
+                assert values['gap'].double_value == 37.25
+                assert values['gap_control'].string_value == 'amplitude µ'
+            elif connection.topic == '/snapshot':
+                assert json.loads(message.data)['stamp_offset_ns'] == samples.START
+    assert step == 1000
+
+
+def test_rosbags_reads_the_quality_of_service(bag: Path) -> None:
+    with Reader(bag) as reader:
+        offered = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
+    for topic, (profile,) in offered.items():
+        latched = topic == '/snapshot'
+        assert profile.durability.name == ('TRANSIENT_LOCAL' if latched else 'VOLATILE')
+        assert profile.depth == (1 if latched else 10)
+        assert profile.reliability.name == 'RELIABLE'
+        assert profile.history.name == 'KEEP_LAST'
+        assert profile.deadline.sec == 9223372036
+        assert profile.deadline.nsec == 854775807
+
+
+def test_mcap_decodes_every_message(bag: Path, messages: list[tuple[str, bytes, int]]) -> None:
+    (path,) = bag.glob('*.mcap')
+    sequences: dict[str, int] = {}
+    read = []
+    with path.open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
+            read.append((channel.topic, message.data, message.log_time))
+            assert message.publish_time == message.log_time
+            assert message.sequence == sequences.get(channel.topic, 0)
+            sequences[channel.topic] = message.sequence + 1
+            assert schema is not None
+            assert schema.encoding == 'ros2msg'
+            if channel.topic == '/joint_states':
+                expected = samples.state_values(message.sequence)
+                assert (list(decoded.position), list(decoded.velocity)) == expected
+            elif channel.topic == '/impacts':
+                assert re.fullmatch('stop_[12]', decoded.header.frame_id)
+                assert list(decoded.effort) == [1.5, -1.5]
+    assert read == in_time(messages)
+
+
+def test_mcap_summary_and_metadata_records(bag: Path) -> None:
+    (path,) = bag.glob('*.mcap')
+    with path.open('rb') as stream:
+        reader = make_reader(stream)
+        head = reader.get_header()
+        summary = reader.get_summary()
+        notes = list(reader.iter_metadata())
+    assert head.profile == 'ros2'
+    assert head.library.startswith('impact_damper_ros/')
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == len(samples.run(1000))
+    assert len(summary.schemas) == 4
+    for channel in summary.channels.values():
+        name = summary.schemas[channel.schema_id].name
+        assert channel.message_encoding == 'cdr'
+        assert channel.metadata.keys() == {'offered_qos_profiles', 'topic_type_hash'}
+        assert channel.metadata['topic_type_hash'] == interface.type_hash(name)
+        (profile,) = yaml.safe_load(channel.metadata['offered_qos_profiles'])
+        assert profile['history'] == 'keep_last'
+    # As rosbag2: once when the file is opened, once when it is closed.
+    first, last = (yaml.safe_load(note.metadata['serialized_metadata']) for note in notes)
+    assert [note.name for note in notes] == ['rosbag2', 'rosbag2']
+    assert first['message_count'] == 0
+    on_disk = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    assert last == on_disk
+    assert on_disk['custom_data'] == {'note': 'yes'}
+
+
+def test_metadata_has_every_field_that_rosbag2_reads(bag: Path, tmp_path: Path) -> None:
+    """Compare names, order and types with what `rosbags` writes for version 9."""
+    with Writer(tmp_path / 'peer', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        msgtype = samples.STRING
+        writer.add_connection('/a', msgtype, typestore=samples.STORE)
+
+    def shape(value: object) -> object:
+        if isinstance(value, dict):
+            return {key: shape(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [shape(item) for item in value[:1]]
+        return type(value).__name__
+
+    peer = yaml.safe_load((tmp_path / 'peer' / 'metadata.yaml').read_text())
+    ours = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    ours['rosbag2_bagfile_information']['custom_data'] = None
+    for bagfile in (peer, ours):
+        topics = bagfile['rosbag2_bagfile_information']['topics_with_message_count']
+        topics[0]['topic_metadata']['offered_qos_profiles'] = []
+    assert shape(ours) == shape(peer)
+    information = ours['rosbag2_bagfile_information']
+    assert list(information) == [
+        'version',
+        'storage_identifier',
+        'duration',
+        'starting_time',
+        'message_count',
+        'topics_with_message_count',
+        'compression_format',
+        'compression_mode',
+        'relative_file_paths',
+        'files',
+        'custom_data',
+        'ros_distro',
+    ]
+    assert information['version'] == 9
+    assert information['storage_identifier'] == 'mcap'
+    assert information['relative_file_paths'] == ['run_1_0.mcap']
+
+
+def test_an_empty_bag_is_valid(tmp_path: Path) -> None:
+    bag = samples.record(tmp_path / 'empty', [])
+    with Reader(bag) as reader:
+        assert reader.message_count == 0
+        assert list(reader.messages()) == []
+        assert len(reader.connections) == len(samples.TOPICS)
+    content = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    assert content['starting_time']['nanoseconds_since_epoch'] == 2**63 - 1
+    run = RunReader(bag)
+    assert run.complete
+    assert (run.message_count, run.start_ns, list(run)) == (0, None, [])
+
+
+def test_messages_out_of_order_are_read_in_order(tmp_path: Path) -> None:
+    stamps = [5, 3, 9, 1, 7, 7, 0, 2**62]
+    bag = tmp_path / 'bag'
+    with RunWriter(bag, [Topic('/a', samples.STRING)], flush_period=0.02) as writer:
+        for stamp in stamps:
+            writer.write('/a', samples.snapshot(stamp), stamp)
+    assert [record.stamp_ns for record in RunReader(bag)] == sorted(stamps)
+    with Reader(bag) as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == sorted(stamps)
+
+
+def test_definitions_are_those_of_the_installed_ros() -> None:
+    """The shipped definitions and hashes, against an installed ROS 2 if there is one."""
+    prefixes = [Path(prefix) for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':')]
+    try:
+        import rclpy
+
+        prefixes.append(Path(rclpy.__file__).parents[4])
+        from ament_index_python.packages import get_packages_with_prefixes
+
+        prefixes += [Path(prefix) for prefix in get_packages_with_prefixes().values()]
+    except ImportError:
+        pass
+    shipped = interface.type_hashes()
+    found = 0
+    for name, value in shipped.items():
+        package, _, short = name.split('/')
+        for prefix in prefixes:
+            stem = prefix / 'share' / package / 'msg' / short
+            if not stem.with_suffix('.json').is_file():
+                continue
+            description = json.loads(stem.with_suffix('.json').read_text())
+            hashes = {h['type_name']: h['hash_string'] for h in description['type_hashes']}
+            assert hashes[name] == value
+            assert stem.with_suffix('.msg').read_text() == interface.definition_file(name)
+            found += 1
+            break
+    if not found:
+        pytest.skip('ROS 2 is not installed')
+    assert found == len(shipped)
+
+
+@pytest.mark.parametrize('name', interface.type_hashes())
+def test_definitions_give_the_hashes(name: str) -> None:
+    """An independent implementation of REP 2016 finds the same hashes."""
+    assert samples.STORE.hash_rihs01(name) == interface.type_hash(name)
+
+
+def test_every_definition_shipped_has_a_hash() -> None:
+    files = (PACKAGE / 'definitions').glob('*/msg/*.msg')
+    names = {f'{file.parents[1].name}/msg/{file.stem}' for file in files}
+    assert names == set(interface.type_hashes())
+
+
+def test_dependencies_come_depth_first_in_order() -> None:
+    text = interface.definition(samples.DIAGNOSTIC_ARRAY)
+    assert re.findall('^MSG: (.*)$', text, re.MULTILINE) == [
+        'diagnostic_msgs/DiagnosticStatus',
+        'diagnostic_msgs/KeyValue',
+        'std_msgs/Header',
+        'builtin_interfaces/Time',
+    ]
+    assert text.count('\n' + '=' * 80 + '\nMSG: ') == 4
+
+
+def test_an_unknown_type_is_named(tmp_path: Path) -> None:
+    with pytest.raises(KeyError, match='nav_msgs/msg/Odometry'):
+        RunWriter(tmp_path / 'bag', [Topic('/odom', 'nav_msgs/msg/Odometry')])
+    assert not (tmp_path / 'bag').exists()

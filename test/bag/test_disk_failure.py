@@ -1,0 +1,248 @@
+"""What happens when the disk does not play along: said clearly, and nothing flushed is lost."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from bag import samples
+from rosbags.rosbag2 import Reader
+from small_disk import mounted
+
+from impact_damper_ros.bag import (
+    RecordingError,
+    RunReader,
+    RunWriter,
+    Topic,
+    bag_file,
+    create_run_directory,
+    recover_run,
+)
+
+NOTE = Topic('/note', samples.STRING)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """Mount a file system of 256 kB."""
+    with mounted(tmp_path / 'disk', 256) as directory:
+        yield directory
+
+
+def record_until_full(writer: RunWriter) -> int:
+    """Write incompressible messages until the writer has failed; return how many."""
+    count = 0
+    deadline = time.monotonic() + 100
+    while writer.error is None:
+        assert time.monotonic() < deadline, 'the disk did not fill'
+        content = samples.serialise(samples.STRING, samples.make(samples.STRING, noise()))
+        writer.write('/note', content, count)
+        count += 1
+        time.sleep(0.001)
+    return count
+
+
+def noise() -> str:
+    return os.urandom(512).hex()
+
+
+def test_full_disk(small_disk: Path, tmp_path: Path) -> None:
+    bag = small_disk / 'run'
+    told: list[RecordingError | None] = []
+    writer = RunWriter(bag, [NOTE], flush_period=0.05, on_error=lambda: told.append(writer.error))
+    count = record_until_full(writer)
+    assert told == [writer.error]
+    for _ in range(10):
+        assert not writer.write('/note', b'', 0)
+    summary = writer.close()
+    assert writer.close() is summary
+
+    assert summary.error is writer.error
+    assert not summary.complete
+    text = str(writer.error)
+    assert str(bag) in text
+    assert 'the disk is full' in text
+    assert 'bag_directory' in text
+    assert not (bag / 'metadata.yaml').exists()
+    assert summary.message_count + summary.dropped == count + 10
+    assert summary.message_count > 50
+
+    # The file ends with a whole record, and holds what the summary says.
+    run = RunReader(bag)
+    assert run.unusable == 0
+    assert [record.stamp_ns for record in run] == list(range(summary.message_count))
+    # The output is on the full disk: an error, and nothing half made left behind.
+    with pytest.raises(RecordingError, match='the disk is full'):
+        recover_run(bag)
+    assert [path.name for path in small_disk.iterdir()] == ['run']
+    recovery = recover_run(bag, tmp_path / 'saved')
+    assert recovery.message_count == summary.message_count
+    with Reader(tmp_path / 'saved') as reader:
+        stamps = [stamp for _, stamp, _ in reader.messages()]
+    assert stamps == list(range(summary.message_count))
+
+
+def test_a_file_that_may_not_grow(tmp_path: Path) -> None:
+    """A limit on the size of files, which needs no rights to set: cut within a write."""
+    writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.05)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        count = record_until_full(writer)
+        summary = writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert 'the file has reached the largest size allowed' in str(summary.error)
+    assert summary.message_count + summary.dropped == count
+    assert summary.message_count > 20
+    run = RunReader(tmp_path / 'bag')
+    assert run.unusable == 0
+    assert [record.stamp_ns for record in run] == list(range(summary.message_count))
+
+
+def test_disk_that_is_full_already(small_disk: Path) -> None:
+    with pytest.raises(OSError, match='space'):
+        (small_disk / 'filler').write_bytes(bytes(2**20))
+    with pytest.raises(RecordingError, match='the disk is full'):
+        RunWriter.new_run(small_disk, [NOTE])
+    assert [path.name for path in small_disk.iterdir()] == ['filler']
+
+
+def test_disk_that_fills_up_at_the_very_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The summary does not fit any more: all messages are there, the bag is not complete."""
+    writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.05)
+    for stamp in range(50):
+        writer.write(0, samples.snapshot(stamp), stamp)
+    deadline = time.monotonic() + 100
+    while RunReader(tmp_path / 'bag').message_count < 50:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(bag_file.os, 'write', full)
+    summary = writer.close()
+    monkeypatch.undo()
+    assert 'the disk is full' in str(summary.error)
+    assert (summary.message_count, summary.dropped) == (50, 0)
+    run = RunReader(tmp_path / 'bag')
+    assert (run.message_count, run.complete, run.unusable) == (50, False, 0)
+
+
+def test_a_write_that_is_done_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel may take fewer bytes than it is given."""
+    real = os.write
+    monkeypatch.setattr(bag_file.os, 'write', lambda fd, content: real(fd, content[:7]))
+    bag = samples.record(tmp_path / 'bag', samples.run(20))
+    with Reader(bag) as reader:
+        assert reader.message_count == len(samples.run(20))
+        assert len(list(reader.messages())) == len(samples.run(20))
+
+
+def test_a_failing_device_while_syncing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.02, sync_period=0.05)
+
+    def fail(_: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(bag_file.os, 'fsync', fail)
+    deadline = time.monotonic() + 100
+    while writer.error is None:
+        assert time.monotonic() < deadline
+        writer.write(0, samples.snapshot(1), 1)
+        time.sleep(0.01)
+    summary = writer.close()
+    assert 'input/output error' in str(summary.error)
+    assert not summary.complete
+
+
+def test_directory_is_a_file(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('not a directory')
+    with pytest.raises(RecordingError, match='file'):
+        RunWriter(tmp_path / 'file', [NOTE])
+    with pytest.raises(RecordingError, match='a part of the path is a file'):
+        RunWriter(tmp_path / 'file' / 'run', [NOTE])
+    with pytest.raises(RecordingError, match='it is a file, not a directory; move'):
+        create_run_directory(tmp_path / 'file')
+    with pytest.raises(RecordingError, match='a part of the path is a file'):
+        create_run_directory(tmp_path / 'file' / 'runs')
+    assert (tmp_path / 'file').read_text() == 'not a directory'
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason='root may write everywhere')
+def test_directory_without_write_permission(tmp_path: Path) -> None:
+    (tmp_path / 'locked').mkdir(mode=0o500)
+    with pytest.raises(RecordingError, match='permission is denied; give yourself'):
+        RunWriter.new_run(tmp_path / 'locked', [NOTE])
+
+
+def test_where_no_directory_can_be_made() -> None:
+    """The kernel's own file system takes no new ones, even from root."""
+    with pytest.raises(RecordingError, match=r"cannot record to '/proc/run.*': there is no such"):
+        RunWriter.new_run('/proc', [NOTE])
+
+
+@pytest.mark.parametrize(
+    ('number', 'words'),
+    [
+        (errno.EACCES, 'permission is denied; give yourself write permission'),
+        (errno.EROFS, 'the file system is read-only; choose'),
+        (errno.EDQUOT, 'the disk quota is used up; free'),
+        (errno.EMFILE, 'too many files are open; close some'),
+        (errno.EBUSY, os.strerror(errno.EBUSY)),
+    ],
+)
+def test_error_names_path_cause_and_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, words: str
+) -> None:
+    def refuse(*_: object) -> int:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(bag_file._RecordFile, '__init__', refuse)
+    with pytest.raises(RecordingError) as caught:
+        RunWriter(tmp_path / 'bag', [NOTE])
+    assert str(caught.value).startswith(f"cannot record to '{tmp_path}/bag/bag_0.mcap': {words}")
+    assert caught.value.path == tmp_path / 'bag' / 'bag_0.mcap'
+
+
+def test_a_bag_is_never_overwritten(tmp_path: Path) -> None:
+    bag = samples.record(tmp_path / 'bag', samples.run(10))
+    before = {path.name: path.read_bytes() for path in bag.iterdir()}
+    with pytest.raises(RecordingError, match='holds a bag already'):
+        RunWriter(bag, [NOTE])
+    assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
+
+
+def test_directory_vanishes(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.02)
+    writer.write(0, samples.snapshot(1), 1)
+    shutil.rmtree(tmp_path / 'bag')
+    deadline = time.monotonic() + 100
+    while writer.error is None:
+        assert time.monotonic() < deadline
+        writer.write(0, samples.snapshot(2), 2)
+        time.sleep(0.01)
+    summary = writer.close()
+    assert str(tmp_path / 'bag') in str(summary.error)
+    assert not (tmp_path / 'bag').exists()
+
+
+def test_directory_is_moved(tmp_path: Path) -> None:
+    """The messages go with it; only ``metadata.yaml`` cannot be put there."""
+    writer = RunWriter(tmp_path / 'bag', [NOTE])
+    writer.write(0, samples.snapshot(1), 1)
+    (tmp_path / 'bag').rename(tmp_path / 'moved')
+    summary = writer.close()
+    assert not summary.complete
+    assert 'no such file or directory' in str(summary.error)
+    recovery = recover_run(tmp_path / 'moved')
+    assert recovery.message_count == 1

@@ -1,0 +1,278 @@
+"""Bags made to do harm: one clear line each, no traceback, no hang, and bounded memory."""
+
+import json
+import os
+import shutil
+import struct
+
+import lz4.frame
+import pytest
+import zstandard
+from bag import fuzz_bags, ros2_bags, samples
+from bag.recorded_rig import NOTES, RecordedRig
+from bag.test_bag_check import altered, write
+from mcap.opcode import Opcode
+
+from impact_damper_ros.bag import RecordingError, RunReader
+from impact_damper_ros.bag.run_history import RunHistory
+from impact_damper_ros.rig.shown import as_line, shown
+
+#: Of the commands, beyond what they need at their start.
+MEMORY = 768 * 1024**2
+
+
+@pytest.fixture(scope='module')
+def messages():
+    return RecordedRig(rate=50.0).start().run(100).messages
+
+
+@pytest.fixture(scope='module')
+def bag(messages, tmp_path_factory):
+    return write(tmp_path_factory.mktemp('bags') / 'own', messages, every=40)
+
+
+def said(bag, words, *, commands=('compare_run', 'replay_run', 'recover_run')):
+    """Run the commands, and check that each of them ends well and says so."""
+    for command in commands:
+        assert fuzz_bags.run(command, bag, MEMORY) == ''
+        text = fuzz_bags.output_of(command, bag).read_text()
+        if command != 'recover_run':
+            assert words in text, text
+            assert sum(words in line for line in text.splitlines()) == 1
+
+
+def with_snapshots(directory, messages, change):
+    changed = []
+    for topic, content, stamp in messages:
+        if topic == '/snapshot':
+            text = change(content[8:-1].decode()).encode('utf-8', 'surrogatepass')
+            content = b'\0\1\0\0' + struct.pack('<I', len(text) + 1) + text + b'\0'
+        changed.append((topic, content, stamp))
+    return write(directory, changed)
+
+
+def put(path, value):
+    """Return a change of a snapshot that puts a value at a path."""
+
+    def change(text):
+        held = part = json.loads(text)
+        *names, last = path.split('.')
+        for name in names:
+            part = part[name]
+        part[last] = value
+        return json.dumps(held)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (lambda _: '[' * 100_000, 'it is nested more than 12 deep'),
+        (lambda _: '[' * 20 + ']' * 20, 'it is nested more than 12 deep'),
+        (lambda t: t.replace('"x": 0.0', '"x": Infinity'), 'Infinity is no number of JSON'),
+        (lambda t: t.replace('"x": 0.0', '"x": NaN'), 'NaN is no number of JSON'),
+        (lambda t: t.replace('"x": 0.0', '"x": 1e999'), "'1e999' is beyond the range of a double"),
+        (lambda t: t.replace('ns": 0,', f'ns": {"9" * 4000},'), 'a whole number has 4000 digits'),
+        (put('state.origin.x', None), 'origin.x is None: a finite number is allowed'),
+        (put('state.origin.velocity', '1.0'), "origin.velocity is '1.0': a finite number"),
+        (put('state.origin.mode', 99), 'origin.mode is 99: 0, 1, 2, 3, 4, 5, 6, 7 are allowed'),
+        (put('state.origin.mode', 'SLIDE'), "origin.mode is 'SLIDE': 0, 1, 2"),
+        (put('state.origin.released', 1), 'origin.released is 1: False, True are allowed'),
+        (put('state.origin.angles', []), 'origin.angles has 0 entries, the force has 1'),
+        (put('state.origin.angles', ['x']), "an entry of origin.angles is 'x': a finite number"),
+        (put('state.time', 1e9), 'its state is of rig time 1000000000.0 s, the message of 0.0 s'),
+        (put('state.sweep.step', 1.5), 'sweep.step is 1.5: a whole number is allowed'),
+        (put('state.parameters.gap', 'x' * 10**5), 'gap is '),
+        (put('state.parameters.gap', -1.0), 'gap is -1.0'),
+        (put('state.gap_control.state.observer.last', [1.0]), 'observer.last has 1 entries'),
+        (put('state.gap_control.state.roused', 'x'), "roused is 'x': true or false are allowed"),
+        (put('state.format', [2]), 'is of format [2]; this version reads format 1 and 2'),
+        (put('stamp_offset_ns', '5'), "stamp_offset_ns is '5'"),
+    ],
+    ids=range(21),
+)
+def test_snapshots(tmp_path, messages, change, words):
+    path = with_snapshots(tmp_path / 'bag', messages, change)
+    with pytest.raises(RecordingError) as caught:
+        RunHistory(path)
+    assert words in str(caught.value)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 3000
+
+
+def test_a_snapshot_goes_through_all_commands(tmp_path, messages):
+    path = with_snapshots(tmp_path / 'bag', messages, put('state.origin.mode', 99))
+    said(path, 'origin.mode is 99: 0, 1, 2, 3, 4, 5, 6, 7 are allowed')
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('[' * 50_000, 'it is nested more than 20 deep'),
+        ('- ' * 5000, 'it is nested more than 20 deep'),
+        ('rosbag2_bagfile_information: !!timestamp x', 'is not the metadata of a bag'),
+        ('rosbag2_bagfile_information: {relative_file_paths: ["\x1b[31m"]}', 'not the metadata'),
+        ('rosbag2_bagfile_information: {relative_file_paths: [5]}', 'are not all texts'),
+        ('rosbag2_bagfile_information: {relative_file_paths: 5}', 'is not the metadata'),
+        ('a: &a [*a]', 'it has an alias (*name), which no bag has'),
+        ('a: ' + '9' * 5000, 'Exceeds the limit'),
+        ('#' * 2**24, 'it is 8388609 characters long; at most 8388608 are read'),
+        ('[' + '1,' * 400_000 + ']', 'it has more than 300000 parts'),
+        ('\ud800', 'is not the metadata of a bag'),
+    ],
+    ids=range(11),
+)
+def test_metadata_yaml(tmp_path, bag, text, words):
+    path = tmp_path / 'bag'
+    shutil.copytree(bag, path)
+    (path / 'metadata.yaml').write_bytes(text.encode('utf-8', 'surrogatepass'))
+    said(path, words, commands=('replay_run', 'recover_run'))
+
+
+def test_metadata_yaml_in_all_commands(tmp_path, bag):
+    shutil.copytree(bag, tmp_path / 'bag')
+    (tmp_path / 'bag' / 'metadata.yaml').write_text('[' * 50_000)
+    said(tmp_path / 'bag', 'it is nested more than 20 deep')
+
+
+@pytest.mark.parametrize('place', ['bag', 'metadata', 'only', 'directory'])
+def test_pipes_are_not_waited_for(tmp_path, bag, place):
+    path = tmp_path / 'bag'
+    if place in ('bag', 'metadata'):
+        shutil.copytree(bag, path)
+    pipe = {'bag': path / 'x_1.mcap', 'metadata': path / 'metadata.yaml', 'only': path}
+    if place == 'directory':
+        (path / 'x.mcap').mkdir(parents=True)
+    else:
+        pipe[place].unlink(missing_ok=True)
+        os.mkfifo(pipe[place])
+    said(path, 'it is a directory, a pipe or a device, not a regular file')
+
+
+def zeros(count):
+    """Return so many zeros compressed by zstd, without ever holding them."""
+    compressor = zstandard.ZstdCompressor().compressobj()
+    piece = bytes(10_000_000)
+    parts = [compressor.compress(piece) for _ in range(count // len(piece))]
+    return b''.join([*parts, compressor.flush()])
+
+
+@pytest.mark.parametrize(
+    ('name', 'count', 'declared', 'words'),
+    [
+        (b'zstd', 3_900_000_000, 3_900_000_000, '3900000000 bytes are declared; at most'),
+        (b'zstd', 3_900_000_000, 1000, 'more than the 1000 bytes declared'),
+        (b'lz4', 500_000_000, 1000, 'more than the 1000 bytes declared'),
+        (b'\x1b[31m', 10, 10, 'unknown compression'),
+    ],
+    ids=['declared', 'zstd', 'lz4', 'unknown'],
+)
+def test_chunks_that_expand_to_gigabytes(tmp_path, bag, name, count, declared, words):
+    packed = lz4.frame.compress(bytes(count)) if name == b'lz4' else zeros(count)
+
+    def change(found):
+        at = [i for i, (opcode, _) in enumerate(found) if opcode == Opcode.CHUNK][1]
+        head = struct.pack('<QQQII', 0, 2**62, declared, 0, len(name))
+        found[at] = Opcode.CHUNK, head + name + struct.pack('<Q', len(packed)) + packed
+
+    path = altered(bag, tmp_path / 'bag', change)
+    assert path.stat().st_size < 10**7
+    said(path, words)
+    text = fuzz_bags.output_of('recover_run', path).read_text()
+    assert 'is complete' not in text
+    assert 'fault: the bag is not whole' in text
+
+
+@pytest.mark.parametrize('what', ['file', 'message'])
+def test_other_things_that_expand_to_gigabytes(tmp_path, messages, what):
+    path = tmp_path / 'bag'
+    if what == 'file':
+        path.mkdir()
+        (path / 'bag_0.mcap.zstd').write_bytes(zeros(3_900_000_000))
+        words = 'what is compressed in it is no file of a bag'
+    else:
+        changed = list(messages)
+        at = next(i for i, m in enumerate(messages) if m[0] == '/joint_states')
+        changed[at] = ('/joint_states', zeros(3_900_000_000), messages[at][2])
+        ros2_bags.write_bag(path, ros2_bags.joined(changed, 0))
+        words = 'it expands to more than 134217728 bytes'
+    for command in fuzz_bags.COMMANDS:
+        assert fuzz_bags.run(command, path, MEMORY) == ''
+    assert words in fuzz_bags.output_of('replay_run', path).read_text()
+
+
+def test_chunks_that_overlap_in_time_are_not_all_held(tmp_path, monkeypatch):
+    """As many chunks as one likes may say that they begin at the same instant."""
+    monkeypatch.setattr('impact_damper_ros.bag.run_reader._MOST_HELD', 100_000)
+    text = samples.serialise(samples.STRING, samples.make(samples.STRING, 'x' * 1000))
+    rows = [
+        ('/snapshot', text, stamp) for _ in range(10) for stamp in (0, 10**9) for _ in range(9)
+    ]
+    run = RunReader(write(tmp_path / 'bag', rows, every=18))
+    with pytest.raises(RecordingError, match='its chunks overlap so much in time'):
+        list(run)
+
+
+@pytest.mark.parametrize('text', [*fuzz_bags.TEXTS, '- {depth: [1]}', '{a: 1}'])
+def test_odd_quality_of_service(tmp_path, messages, text, monkeypatch):
+    monkeypatch.setattr(ros2_bags, 'QOS', text.replace('{', '{{').replace('}', '}}'))
+    path = ros2_bags.write_bag(tmp_path / 'bag', ros2_bags.joined(messages, samples.START))
+    for command in ('replay_run', 'recover_run'):
+        assert fuzz_bags.run(command, path, MEMORY) == ''
+    assert 'verdict     identical' in fuzz_bags.output_of('replay_run', path).read_text()
+    assert RunReader(tmp_path / 'bag_recovered').message_count == len(messages)
+
+
+def test_no_escape_sequence_reaches_the_terminal(tmp_path, messages):
+    """Not by the name of a topic or node, of a file, or a text within."""
+    names = {
+        topic: f'{topic}\x1b[31m\n\u202e' for topic in NOTES.values() if topic != NOTES['node']
+    }
+    notes = {name: names.get(topic, '/n\x1b]0;x\x07') for name, topic in NOTES.items()}
+    topics = [samples.Topic(names.get(t.name, t.name), t.type, t.qos) for t in samples.CONTROLLED]
+    changed = [(names.get(t, t), c, s) for t, c, s in [*messages, messages[-1]]]
+    path = samples.record(tmp_path / 'bag\x1b[31m', changed, topics, custom=notes)
+    for command in fuzz_bags.COMMANDS:
+        assert fuzz_bags.run(command, path, MEMORY) == ''
+    text = fuzz_bags.output_of('replay_run', path).read_text()
+    assert r'node /n\x1b]0;x\x07' in text
+    assert r'messages of /joint_states\x1b[31m\n\u202e twice: 1' in text
+
+
+def test_printable_texts():
+    assert as_line('gap 0.02 µm') == 'gap 0.02 µm'
+    assert as_line('a\x1b[31m\n\t\x9b\u202e\udcff') == r'a\x1b[31m\n\t\x9b\u202e\udcff'
+    assert shown(10**5000) == 'int of too many digits'
+    assert len(shown('x' * 1000)) < 120
+    assert as_line('x' * 5000) == 'x' * 2000 + '...'
+
+
+def test_fuzz(tmp_path):
+    """Some ten seconds' worth; `fuzz_bags.py` by itself goes on for as long as one likes."""
+    assert fuzz_bags.fuzz(tmp_path, 1, range(30)) == []
+
+
+def test_the_fuzz_finds_what_is_wrong(tmp_path, monkeypatch):
+    """Its own checks are not idle."""
+
+    def raising(_):
+        raise RecursionError
+
+    def talking(_):
+        print('\x1b[31m')
+        return 0
+
+    def growing(_):
+        bytearray(2 * MEMORY)
+        return 0
+
+    for main, words in (
+        (raising, 'a traceback: RecursionError'),
+        (talking, "'\\x1b' reached the terminal"),
+        (growing, 'a traceback: MemoryError'),
+        (lambda _: 7, 'exit code 7'),
+        (lambda _: os.kill(os.getpid(), 9), 'it was ended by SIGKILL'),
+    ):
+        monkeypatch.setitem(fuzz_bags.COMMANDS, 'replay_run', (main, {0}))
+        assert fuzz_bags.run('replay_run', tmp_path / 'x', MEMORY) == words

@@ -1,0 +1,301 @@
+"""Salvage: whatever the cut, all that is whole is saved, and only that."""
+
+from __future__ import annotations
+
+import random
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from bag import samples
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import Reader
+
+from impact_damper_ros.bag import RecordingError, RunReader, bag_file, recover_run
+from impact_damper_ros.bag import topics as interface
+from impact_damper_ros.bag.bag_file import BagFile
+from impact_damper_ros.cli import recover_run as command
+
+CHANNELS = {topic.name: index for index, topic in enumerate(samples.TOPICS)}
+MAGIC = 8
+
+
+@pytest.fixture(scope='module')
+def messages() -> list[tuple[str, bytes, int]]:
+    return samples.run(200)
+
+
+@pytest.fixture(scope='module')
+def finished(
+    tmp_path_factory: pytest.TempPathFactory, messages: list[tuple[str, bytes, int]]
+) -> Path:
+    """Make a bag of chunks of 40 messages each, the same at every run."""
+    bag = BagFile(
+        tmp_path_factory.mktemp('bags') / 'run_7',
+        [topic.channel() for topic in samples.TOPICS],
+        {'note': 'kept'},
+    )
+    for number, (topic, content, stamp) in enumerate(messages):
+        bag.add(CHANNELS[topic], content, stamp)
+        if number % 40 == 39:
+            bag.flush()
+    bag.finish()
+    return bag.path
+
+
+def records(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, start and end of the records, by the format's definition alone."""
+    position = MAGIC
+    while position < len(content) - MAGIC:
+        opcode, length = struct.unpack_from('<BQ', content, position)
+        yield opcode, position, position + 9 + length
+        position += 9 + length
+
+
+def cut_file(tmp_path: Path, content: bytes, name: str = 'cut.mcap') -> Path:
+    path = tmp_path / name
+    path.write_bytes(content)
+    return path
+
+
+def check(
+    content: bytes, size: int, tmp_path: Path, messages: list[tuple[str, bytes, int]]
+) -> None:
+    """Recover a file cut at `size` and compare with what the chunks before it held."""
+    ends = [end for opcode, _, end in records(content) if opcode == Opcode.CHUNK]
+    expected = messages[: min(40 * sum(end <= size for end in ends), len(messages))]
+    path = cut_file(tmp_path, content[:size], f'cut_{size}.mcap')
+    output = tmp_path / f'cut_{size}_recovered'
+    if not expected:
+        with pytest.raises(RecordingError):
+            recover_run(path)
+        assert not output.exists()
+    else:
+        recovery = recover_run(path)
+        assert recovery.output == output
+        assert recovery.message_count == len(expected)
+        assert recovery.was_complete == (size == len(content))
+        with Reader(output) as reader:
+            read = [(c.topic, bytes(data), stamp) for c, stamp, data in reader.messages()]
+        assert read == sorted(expected, key=lambda message: message[2])
+        run = RunReader(output)
+        assert run.complete
+        assert run.custom['note'] == 'kept'
+        whole = max(end for _, _, end in records(content) if end <= size)
+        unusable = 0 if size == len(content) else size - whole
+        assert recovery.unusable == unusable
+        for file in output.iterdir():
+            file.unlink()
+        output.rmdir()
+    assert path.read_bytes() == content[:size]
+    assert sorted(tmp_path.iterdir()) == [path]
+    path.unlink()
+
+
+def test_cuts_at_every_border(
+    finished: Path, tmp_path: Path, messages: list[tuple[str, bytes, int]]
+) -> None:
+    """At the end of each record, one byte before and after, and in its head."""
+    content = finished.read_bytes()
+    sizes = {0, 1, MAGIC - 1, MAGIC, MAGIC + 1, len(content) - 1, len(content)}
+    for _, start, end in records(content):
+        sizes |= {start + 1, start + 8, start + 9, start + 10, end - 1, end, end + 1}
+    # The summary has many small records that all mean the same here.
+    tail = max(end for opcode, _, end in records(content) if opcode == Opcode.CHUNK)
+    sizes = {size for size in sizes if size <= tail} | set(
+        random.Random(2).sample(sorted(size for size in sizes if size > tail), 10)
+    )
+    for size in sorted(sizes | {len(content)}):
+        check(content, size, tmp_path, messages)
+
+
+def test_cuts_anywhere(
+    finished: Path, tmp_path: Path, messages: list[tuple[str, bytes, int]]
+) -> None:
+    content = finished.read_bytes()
+    for size in random.Random(20250101).sample(range(len(content)), 40):
+        check(content, size, tmp_path, messages)
+
+
+@pytest.mark.parametrize('compression', list(CompressionType))
+@pytest.mark.parametrize('chunked', [True, False])
+def test_cut_in_a_large_chunk(tmp_path: Path, compression: CompressionType, chunked: bool) -> None:
+    """Where the format allows, messages before the cut are saved out of the last chunk itself."""
+    path = tmp_path / 'other.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream, compression=compression, use_chunking=chunked, chunk_size=2**30)
+        writer.start('ros2')
+        text = interface.definition(samples.STRING).encode()
+        schema = writer.register_schema(samples.STRING, 'ros2msg', text)
+        channel = writer.register_channel('/a', 'cdr', schema)
+        noise = random.Random(3)
+        contents = [noise.randbytes(1000) for _ in range(1000)]
+        for stamp, content in enumerate(contents):
+            writer.add_message(channel, stamp, content, stamp)
+        writer.finish()
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 6 // 10])
+    recovery = recover_run(path)
+    # zstd and lz4 give up whole blocks only (of 128 and 64 kB).
+    assert 400 < recovery.message_count < 610
+    records_ = list(RunReader(recovery.output))
+    assert [r.stamp_ns for r in records_] == list(range(recovery.message_count))
+    assert [r.content for r in records_] == contents[: recovery.message_count]
+    assert list(RunReader(path)) == records_
+
+
+def test_a_hole_in_the_middle(
+    finished: Path, tmp_path: Path, messages: list[tuple[str, bytes, int]]
+) -> None:
+    """After a power cut a page may be zero: that chunk is lost, those after it are not."""
+    content = bytearray(finished.read_bytes())
+    chunks = [(s, e) for opcode, s, e in records(bytes(content)) if opcode == Opcode.CHUNK]
+    start, end = chunks[3]
+    content[start + 200 : end] = bytes(end - start - 200)
+    path = cut_file(tmp_path, bytes(content[: chunks[-1][0]]))
+    recovery = recover_run(path)
+    kept = messages[: 40 * 3] + messages[40 * 4 : 40 * (len(chunks) - 1)]
+    assert recovery.message_count == len(kept)
+    assert recovery.unusable == end - start - 9
+    read = [(r.topic, r.content, r.stamp_ns) for r in RunReader(recovery.output)]
+    assert read == sorted(kept, key=lambda message: message[2])
+
+
+def test_zeros_at_the_end(finished: Path, tmp_path: Path) -> None:
+    content = finished.read_bytes()
+    chunks = [end for opcode, _, end in records(content) if opcode == Opcode.CHUNK]
+    path = cut_file(tmp_path, content[: chunks[3]] + bytes(5000))
+    recovery = recover_run(path)
+    assert recovery.message_count == 40 * 4
+    assert recovery.unusable == 5000
+
+
+def test_random_damage_never_gives_wrong_messages(
+    finished: Path, tmp_path: Path, messages: list[tuple[str, bytes, int]]
+) -> None:
+    content = finished.read_bytes()
+    known = set(messages)
+    chance = random.Random(5)
+    for number in range(60):
+        hurt = bytearray(content[: chance.randrange(MAGIC, len(content))])
+        for _ in range(chance.randrange(1, 4)):
+            hurt[chance.randrange(len(hurt))] = chance.randrange(256)
+        path = cut_file(tmp_path, bytes(hurt), f'hurt_{number}.mcap')
+        try:
+            recovery = recover_run(path)
+        except RecordingError:
+            continue
+        assert {(r.topic, r.content, r.stamp_ns) for r in RunReader(recovery.output)} <= known
+
+
+def test_a_directory_without_metadata(
+    finished: Path, tmp_path: Path, messages: list[tuple[str, bytes, int]]
+) -> None:
+    bag = tmp_path / 'run_7'
+    bag.mkdir()
+    (bag / finished.name).write_bytes(finished.read_bytes())
+    assert not RunReader(bag).complete
+    recovery = recover_run(bag)
+    assert recovery.output == tmp_path / 'run_7_recovered'
+    assert not recovery.was_complete
+    assert [path.name for path in bag.iterdir()] == [finished.name]
+    names = sorted(path.name for path in recovery.output.iterdir())
+    assert names == ['metadata.yaml', 'run_7_recovered_0.mcap']
+    assert RunReader(recovery.output).custom == {'note': 'kept', 'recovered_from': 'run_7'}
+    (bag / 'metadata.yaml').write_bytes(b'\0\0\0')
+    assert recover_run(bag, tmp_path / 'again').message_count == len(messages)
+
+
+def test_channels_keep_their_description(finished: Path, tmp_path: Path) -> None:
+    path = cut_file(tmp_path, finished.read_bytes()[:-1])
+    recover_run(path)
+    with Reader(finished.parent) as before, Reader(tmp_path / 'cut_recovered') as after:
+        for old, new in zip(before.connections, after.connections, strict=True):
+            assert (old.topic, old.msgtype, old.digest, old.msgdef, old.ext, old.msgcount) == (
+                (new.topic, new.msgtype, new.digest, new.msgdef, new.ext, new.msgcount)
+            )
+
+
+def test_nothing_is_overwritten(finished: Path, tmp_path: Path) -> None:
+    path = cut_file(tmp_path, finished.read_bytes())
+    first = recover_run(path)
+    content = {file.name: file.read_bytes() for file in first.output.iterdir()}
+    with pytest.raises(RecordingError, match='it exists already; give another'):
+        recover_run(path)
+    assert {file.name: file.read_bytes() for file in first.output.iterdir()} == content
+    (tmp_path / 'empty').mkdir()
+    with pytest.raises(RecordingError, match='it exists already'):
+        recover_run(path, tmp_path / 'empty')
+
+
+def test_nothing_half_made_is_left(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = cut_file(tmp_path, finished.read_bytes())
+
+    def fail(*_: object) -> None:
+        raise OSError(5, 'Input/output error')
+
+    monkeypatch.setattr(bag_file.BagMetadata, 'write', fail)
+    with pytest.raises(RecordingError, match='input/output error'):
+        recover_run(path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_command_reports_what_was_saved(
+    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = finished.read_bytes()
+    chunks = [end for opcode, _, end in records(content) if opcode == Opcode.CHUNK]
+    path = cut_file(tmp_path, content[: chunks[4] + 100])
+    assert command.main([str(path)]) == 0
+    text = capsys.readouterr().out
+    assert 'saved 200 messages over 0.' in text
+    assert str(tmp_path / 'cut_recovered') in text
+    assert 'bytes not usable: ' in text
+    for topic in samples.TOPICS:
+        assert topic.name in text
+    assert f'stamps {samples.START} to' in text
+
+
+def test_command_on_a_complete_bag(
+    finished: Path,
+    tmp_path: Path,
+    messages: list[tuple[str, bytes, int]],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert command.main([str(finished.parent), '--output', str(tmp_path / 'copy')]) == 0
+    text = capsys.readouterr().out
+    assert 'run_7 is complete' in text
+    assert f'saved {len(messages)} messages' in text
+    assert list(RunReader(tmp_path / 'copy')) == list(RunReader(finished))
+
+
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [
+        (b'', 'the file is empty (0 bytes)'),
+        (b'\x89MCAP', 'it holds no whole message'),
+        (b'not a bag', 'it is not an MCAP file'),
+        (None, 'there is no such file or directory'),
+    ],
+)
+def test_command_with_nothing_to_save(
+    tmp_path: Path, content: bytes | None, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'bag.mcap'
+    if content is not None:
+        path.write_bytes(content)
+    assert command.main([str(path)]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert words in captured.err
+    assert not (tmp_path / 'bag_recovered').exists()
+
+
+def test_command_with_wrong_arguments() -> None:
+    with pytest.raises(SystemExit) as caught:
+        command.main([])
+    assert caught.value.code == 2

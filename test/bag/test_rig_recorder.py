@@ -1,0 +1,103 @@
+"""Bags of the headless command against those that the test driver writes by another library."""
+
+import json
+
+import pytest
+from bag import samples
+from bag.recorded_rig import LIVELY, RecordedRig
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from impact_damper_ros.bag import RunReader, recover_run
+from impact_damper_ros.bag.messages import decode
+from impact_damper_ros.bag.rig_messages import parameter_event
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.cli.simulate_rig import main
+from impact_damper_ros.rig import InitialConditions
+from impact_damper_ros.rig.description import robot_description
+
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+PICTURE = '/robot_description'
+
+
+def simulated(tmp_path, initial, *arguments, rig=LIVELY):
+    """Let the command record the rig of the test driver."""
+    values = {**rig.as_dict(), **initial.as_dict()}
+    plain = {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
+    params = tmp_path / 'params.yaml'
+    params.write_text(json.dumps({'/**': {'ros__parameters': plain}}))
+    assert main([str(params), '--bag', str(tmp_path / 'bag'), '--quiet', *arguments]) == 0
+    return RunReader(tmp_path / 'bag')
+
+
+@pytest.mark.parametrize('rate', [200.0, 333.0])
+def test_the_same_messages_in_the_same_order(tmp_path, rate):
+    initial = InitialConditions(initial_damper_offset=0.005, initial_damper_velocity=0.5)
+    # Other tables ask for instants of their own; the last tick comes before the end.
+    table = ('--states', str(tmp_path / 'states.csv'))
+    duration = ('--duration', '2.001', '--rate', str(rate))
+    reader = simulated(tmp_path, initial, *duration, *table)
+    ticks = int(2.001 * rate)
+    driver = RecordedRig(initial=initial, rate=rate, offset=0).start().run(ticks)
+    assert reader.complete
+    assert reader.custom['joint_states'] == '/joint_states'
+    recorded = [(r.topic, r.content, r.stamp_ns) for r in reader.records()]
+    (description,) = (m for m in recorded if m[0] == PICTURE)
+    assert description[2] == 0
+    assert [m for m in recorded if m is not description] == driver.messages
+    assert reader.topics['/impacts'].message_count > 20
+    assert {t.name for t in samples.TOPICS} - set(reader.topics) == {'/diagnostics'}
+
+
+def test_viewers_can_draw_the_recording(tmp_path, capsys):
+    """The robot description is a latched topic, anew for a wider gap, and a file."""
+    changes = ('--change', '0.5:gap=0.3', '--change', '0.7:restitution_1=0.5')
+    simulated(tmp_path, InitialConditions(), '--duration', '1', *changes)
+    with AnyReader([tmp_path / 'bag'], default_typestore=JAZZY) as reader:
+        (connection,) = (c for c in reader.connections if c.topic == PICTURE)
+        messages = [
+            (stamp, reader.deserialize(raw, connection.msgtype).data)
+            for _, stamp, raw in reader.messages([connection])
+        ]
+    (qos,) = connection.ext.offered_qos_profiles
+    assert qos.durability.name == 'TRANSIENT_LOCAL'
+    assert messages == [
+        (0, robot_description(LIVELY)),
+        (500_000_000, robot_description(LIVELY.replace(gap=0.3))),
+    ]
+    assert (tmp_path / 'bag' / 'rig.urdf').read_text(encoding='utf-8') == messages[0][1]
+    # No command takes it for a fault, nor for a snapshot.
+    bag = RunReader(tmp_path / 'bag')
+    assert (bag.complete, list(bag.faults())) == (True, [])
+    assert replay_run([str(tmp_path / 'bag')]) == 0
+    compare_run([str(tmp_path / 'bag'), '--json', str(tmp_path / 'found.json'), '--quiet'])
+    log = json.loads((tmp_path / 'found.json').read_text(encoding='utf-8'))['log']
+    assert (log['replayed'], log['differences'], log['unchecked'][0]) == (True, 0, PICTURE)
+    recovered = recover_run(tmp_path / 'bag')
+    assert recovered.was_complete
+    assert PICTURE in {topic.name for topic in recovered.topics}
+    assert 'Traceback' not in capsys.readouterr().err
+
+
+def test_parameters_of_all_types():
+    values = {'one_sided': True, 'lines': -3, 'gap': 0.25, 'mode': 'off µ', 'phases': (0.5, -1.0)}
+    event = decode(samples.PARAMETER_EVENT, parameter_event(7 * 10**9 + 1, '/a/b', values))
+    assert (event.stamp_ns, event.node) == (7 * 10**9 + 1, '/a/b')
+    assert {p.name: p.value for p in event.changed_parameters} == values
+    assert event.new_parameters == ()
+    parts = [
+        samples.parameter(n, k, values[n]) for n, k in zip(values, (1, 2, 3, 4, 8), strict=True)
+    ]
+    message = samples.make(
+        samples.PARAMETER_EVENT, samples.time(7 * 10**9 + 1), '/a/b', parts, [], []
+    )
+    expected = samples.serialise(samples.PARAMETER_EVENT, message)
+    assert parameter_event(7 * 10**9 + 1, '/a/b', values, new=True) == expected
+
+
+def test_nothing_is_overwritten(tmp_path, capsys):
+    simulated(tmp_path, InitialConditions(), '--duration', '1')
+    arguments = [str(tmp_path / 'params.yaml'), '--duration', '1', '--bag', str(tmp_path / 'bag')]
+    assert main(arguments) == 1
+    assert 'holds a bag already' in capsys.readouterr().err

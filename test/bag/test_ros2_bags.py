@@ -1,0 +1,246 @@
+"""Bags of `ros2 bag record`: joined late, split, compressed, remapped, in SQLite."""
+
+import json
+
+import pytest
+from bag import ros2_bags, samples
+from bag.recorded_rig import LIVELY, RecordedRig
+from mcap.writer import CompressionType
+from replay.test_replay import places, replayed
+from replay.test_replay_gap_control import CONTROL
+
+from impact_damper_ros.bag import RunReader
+from impact_damper_ros.bag.rig_messages import header_ns
+from impact_damper_ros.bag.rig_recorder import RigRecorder
+from impact_damper_ros.bag.run_history import RunHistory
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.cli.recover_run import main as recover_run
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.replay.findings import Verdict
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """Record 7 s of a rig with some 300 impacts a second, by the package itself."""
+    rig = RecordedRig().rig
+    directory = tmp_path_factory.mktemp('bags') / 'run'
+    parts = (rig.parameters, RecordedRig().initial, rig.control)
+    values = {name: v for part in parts for name, v in part.as_dict().items()}
+    recorder = RigRecorder(directory, rig, values, 200.0, 7.0)
+    for instant in recorder.ticks():
+        recorder.happened(rig.advance(instant))
+        recorder.reached(instant)
+    recorder.close()
+    return directory
+
+
+@pytest.fixture(scope='module')
+def messages(bag):
+    """Return its messages, as on a machine whose clock is not at zero."""
+    moved = []
+    for topic, kind, stamp, content in RunReader(bag):
+        if kind == samples.STRING:
+            text = content[8:-1].replace(
+                b'"stamp_offset_ns": 0', f'"stamp_offset_ns": {samples.START}'.encode()
+            )
+            content = samples.serialise(kind, samples.make(kind, text.decode()))
+        else:
+            now = divmod(header_ns(content) + samples.START, 10**9)
+            content = content[:4] + b''.join(n.to_bytes(4, 'little') for n in now) + content[12:]
+        moved.append((topic, content, stamp + samples.START))
+    return moved
+
+
+@pytest.fixture(scope='module')
+def controlled():
+    rig = RecordedRig(control=CONTROL).start().run(1400)
+    return rig.messages
+
+
+def counts(messages, *topics):
+    return [len(places(messages, topic)) for topic in topics]
+
+
+@pytest.mark.parametrize('late', [0, 1, 2, 3, 9, 10, 16, 17, 40, 63, 65, 200, 1000])
+def test_joined_so_many_impacts_late(tmp_path, messages, late):
+    stamp = messages[places(messages, '/impacts')[late]][2] if late else 0
+    arrived = ros2_bags.joined(messages, stamp)
+    findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
+    assert findings.verdict is Verdict.IDENTICAL, findings.differences[:1]
+    assert findings.faults == findings.remarks == []
+    assert (findings.missing_impacts, findings.missing_samples) == (0, 0)
+    assert [findings.samples, findings.impacts] == counts(arrived, '/joint_states', '/impacts')
+
+
+@pytest.mark.parametrize('late', [0.0, 0.013, 0.5, 3.3])
+def test_joined_late_under_control(tmp_path, controlled, late):
+    arrived = ros2_bags.joined(controlled, samples.START + round(late * 1e9))
+    findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
+    assert findings.verdict is Verdict.IDENTICAL, findings.differences[:1]
+    assert findings.faults == findings.remarks == []
+    assert (findings.missing_impacts, findings.missing_control) == (0, 0)
+    assert [findings.impacts, findings.control] == counts(arrived, '/impacts', '/gap_control')
+    assert findings.control > 50
+
+
+@pytest.mark.parametrize('first', ['/impacts', '/joint_states'])
+def test_topics_joined_one_after_the_other(tmp_path, messages, first):
+    """Discovery may take longer for one topic than for another."""
+    begun, later = samples.START + 10**9, samples.START + 3 * 10**9
+    topics = {'/impacts': later, '/joint_states': later, first: begun}
+    arrived = ros2_bags.joined(messages, begun, topics=topics)
+    findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
+    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.missing_impacts == 0
+    assert findings.impacts == counts(arrived, '/impacts')[0]
+    if first == '/joint_states':
+        unheard = sum(t == '/impacts' and begun <= s < later for t, _, s in messages)
+        (remark,) = findings.remarks
+        assert remark.startswith(f'{unheard} messages of /impacts are from before the first one')
+
+
+@pytest.mark.parametrize('lost', [1, 30, 500])
+def test_what_a_recorder_loses_in_a_row_is_counted(tmp_path, messages, lost):
+    hits = places(messages, '/impacts')[200 : 200 + lost]
+    kept = [m for i, m in enumerate(messages) if i not in hits]
+    arrived = ros2_bags.joined(kept, samples.START + 10**8)
+    findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
+    assert findings.verdict is Verdict.IDENTICAL, findings.differences[:1]
+    assert findings.missing_impacts == lost
+
+
+def test_an_altered_impact_of_a_late_recorder_is_still_found(tmp_path, messages):
+    arrived = ros2_bags.joined(messages, samples.START + 2 * 10**9)
+    place = places(arrived, '/impacts')[100]
+    topic, content, stamp = arrived[place]
+    arrived[place] = (topic, content[:-1] + bytes([content[-1] ^ 1]), stamp)
+    findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
+    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.by_topic == {'/impacts': 1}
+
+
+FORMS = {
+    'split': {'files': 4},
+    'file': {'file_zstd': True},
+    'split_file': {'files': 3, 'file_zstd': True},
+    'message': {'message_zstd': True},
+    'chunk_zstd': {'compression': CompressionType.ZSTD},
+    'chunk_lz4': {'compression': CompressionType.LZ4, 'files': 2},
+}
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_split_and_compressed_bags(tmp_path, messages, form, capsys):
+    arrived = ros2_bags.joined(messages, samples.START + 2 * 10**9)
+    bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, **FORMS[form])
+    result = tmp_path / 'result.json'
+    assert replay_run([str(bag), '--json', str(result)]) == 0
+    held = json.loads(result.read_text())
+    assert (held['verdict'], held['faults'], held['remarks']) == ('identical', [], [])
+    assert held['compared']['impacts'] == counts(arrived, '/impacts')[0]
+    assert recover_run([str(bag), '--output', str(tmp_path / 'saved')]) == 0
+    text = capsys.readouterr().out
+    assert 'bag is complete' in text
+    again = [(r.topic, r.content, r.stamp_ns) for r in RunReader(tmp_path / 'saved')]
+    assert again == arrived
+    assert replay_run([str(tmp_path / 'saved'), '--quiet']) == 0
+
+
+@pytest.mark.parametrize('form', ['file', 'message'])
+def test_comparison_reads_them_too(tmp_path, messages, form):
+    arrived = ros2_bags.joined(messages[: len(messages) // 3], samples.START)
+    plain = ros2_bags.write_bag(tmp_path / 'plain', arrived)
+    bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, **FORMS[form])
+    results = []
+    for path in (plain, bag):
+        assert compare_run([str(path), '--quiet', '--json', str(tmp_path / 'c.json')]) == 0
+        results.append(json.loads((tmp_path / 'c.json').read_text()) | {'bag': ''})
+    assert results[0] == results[1]
+
+
+def test_a_compressed_file_by_itself(tmp_path, messages):
+    arrived = ros2_bags.joined(messages, samples.START)
+    bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, file_zstd=True)
+    (file,) = bag.glob('*.mcap.zstd')
+    assert replayed(file).verdict is Verdict.IDENTICAL
+    assert [(r.topic, r.content, r.stamp_ns) for r in RunReader(file)] == arrived
+
+
+def test_a_recorder_killed_at_the_beginning_of_a_file(tmp_path, messages, capsys):
+    arrived = ros2_bags.joined(messages[:1500], samples.START)
+    bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, files=3)
+    (bag / 'bag_3.mcap').touch()
+    (bag / 'metadata.yaml').unlink()
+    assert replay_run([str(bag)]) == 3
+    assert 'bag_3.mcap is empty: the recording was cut short there' in capsys.readouterr().out
+    assert recover_run([str(bag)]) == 0
+    assert RunReader(tmp_path / 'bag_recovered').message_count == len(arrived)
+    assert replay_run([str(tmp_path / 'bag_recovered'), '--quiet']) == 0
+
+
+def test_sqlite(tmp_path, messages):
+    arrived = ros2_bags.joined(messages, samples.START + 10**9)
+    ros2_bags.write_database(tmp_path / 'bag', arrived)
+    assert list((tmp_path / 'bag').glob('*.db3'))
+    findings = replayed(tmp_path / 'bag')
+    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.faults == []
+    assert findings.impacts == counts(arrived, '/impacts')[0]
+    assert recover_run([str(tmp_path / 'bag')]) == 0
+    again = [(r.topic, r.content, r.stamp_ns) for r in RunReader(tmp_path / 'bag_recovered')]
+    assert again == arrived
+
+
+def test_the_node_is_named_by_its_parameter_events(tmp_path, messages, capsys):
+    rig = RecordedRig().start().run(200).run(200, ('change', {'gap': 0.007}))
+    arrived = ros2_bags.joined(rig.messages, samples.START + 5 * 10**8)
+    bag = ros2_bags.write_bag(tmp_path / 'named', arrived)
+    assert replay_run([str(bag)]) == 0
+    assert 'named, node /sim_node\n' in capsys.readouterr().out
+    assert RunHistory(bag).topics.node == '/sim_node'
+    quiet = [m for m in ros2_bags.joined(messages, samples.START) if 'events' not in m[0]]
+    bag = ros2_bags.write_bag(tmp_path / 'quiet', quiet)
+    assert replay_run([str(bag)]) == 0
+    assert ', node of unknown name in the namespace /\n' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    'remapped',
+    [
+        {'/impacts': '/lab/hits'},
+        {'/impacts': '/hits', '/gap_control': '/acts'},
+        {'/snapshot': '/restart_point'},
+        {'/joint_states': '/rig/motion'},
+    ],
+)
+def test_remapped_topics_are_found_by_what_is_in_them(tmp_path, controlled, remapped):
+    arrived = [
+        (remapped.get(t, t), c, s) for t, c, s in ros2_bags.joined(controlled, samples.START)
+    ]
+    findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
+    assert findings.verdict is Verdict.IDENTICAL, findings.differences[:1]
+    assert [findings.impacts, findings.control] == counts(controlled, '/impacts', '/gap_control')
+
+
+def test_two_rigs_with_remapped_impacts(tmp_path, messages):
+    other = RecordedRig(LIVELY.replace(gap=0.008)).start().run(300).messages
+    arrived = []
+    for space, held in (('/a', messages), ('/b', other)):
+        held = ros2_bags.joined(held, samples.START + 10**9)
+        names = {'/impacts': f'{space}/hits', '/parameter_events': '/parameter_events'}
+        arrived += [(names.get(t, f'{space}{t}'), c, s) for t, c, s in held]
+    bag = ros2_bags.write_bag(tmp_path / 'bag', sorted(arrived, key=lambda m: m[2]))
+    for space, held in (('/a/', messages), ('/b/', other)):
+        findings = replayed(bag, space)
+        assert findings.verdict is Verdict.IDENTICAL
+        late = [m for m in held if m[2] >= samples.START + 10**9]
+        assert findings.impacts == counts(late, '/impacts')[0]
+
+
+def test_a_recorder_that_runs_by_the_rig_s_clock(tmp_path, messages):
+    """Its stamps are those of the ticks; the snapshot's is its own."""
+    tick = 5_000_000
+    arrived = [(t, c, s - (s - samples.START) % tick) for t, c, s in messages]
+    history = RunHistory(ros2_bags.write_bag(tmp_path / 'bag', arrived))
+    assert not history.stamped
+    assert replayed(tmp_path / 'bag').verdict is Verdict.IDENTICAL

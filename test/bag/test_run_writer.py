@@ -1,0 +1,368 @@
+"""Recording while the run goes on: queue, flushes, kill -9, several writers at once."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from bag import samples
+from mcap.exceptions import EndOfFile
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import Reader
+
+from impact_damper_ros.bag import (
+    RecordingError,
+    RunReader,
+    RunWriter,
+    Topic,
+    create_run_directory,
+    run_writer,
+)
+
+NOTE = Topic('/note', samples.STRING)
+
+
+def salvaged(path: Path) -> list[Message]:
+    """Return the messages that the stream reader of `mcap` finds in an unfinished file."""
+    messages: list[Message] = []
+    with path.open('rb') as stream, contextlib.suppress(EndOfFile):
+        messages.extend(r for r in StreamReader(stream).records if isinstance(r, Message))
+    return messages
+
+
+def wait_until(condition: object, seconds: float = 100.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < deadline, 'waited in vain'
+        time.sleep(0.005)
+
+
+def test_low_traffic_is_flushed_without_closing(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.1) as writer:
+        for count in range(1, 4):
+            writer.write(0, samples.snapshot(count), count)
+            wait_until(lambda count=count: len(salvaged(writer.path)) == count)
+
+
+def test_the_first_messages_do_not_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No flush interval has passed, nor ever will: the clock stands still."""
+    monkeypatch.setattr(run_writer, 'time', SimpleNamespace(monotonic=lambda: 5.0))
+    with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
+        writer.write(0, samples.snapshot(1), 1)
+        wait_until(lambda: len(salvaged(writer.path)) == 1)
+
+
+class StepTime:
+    """
+    A clock, and an event whose time-outs move it on, for the threads of a writer.
+
+    Each step of the time a message is written, and noted which ones are not in the file although
+    they were written a flush period before.
+    """
+
+    STEP = 0.02
+    FOREVER = 1e6
+
+    def __init__(self, period: float) -> None:
+        self.now = 0.0
+        self.period = period
+        self.written: list[float] = []
+        self.late: list[tuple[float, int]] = []
+        self.writer: RunWriter | None = None
+        self._set = threading.Event()
+        self._ready = threading.Event()
+
+    def begin(self, writer: RunWriter) -> None:
+        self.writer = writer
+        self._ready.set()
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def set(self) -> None:
+        self._set.set()
+
+    def is_set(self) -> bool:
+        return self._set.is_set()
+
+    def clear(self) -> None:
+        """Remain set: it also stands for the event that ends the writer."""
+
+    def wait(self, timeout: float) -> bool:
+        if timeout < self.FOREVER:
+            self._ready.wait()
+            until = self.now + timeout
+            while (following := len(self.written) * self.STEP) < until:
+                self.now = following
+                self._step()
+            self.now = until
+        else:
+            self._set.wait()
+        return self._set.is_set()
+
+    def _step(self) -> None:
+        assert self.writer is not None
+        due = sum(moment + self.period <= self.now for moment in self.written)
+        present = len(salvaged(self.writer.path))
+        if present < due:
+            self.late.append((self.now, due - present))
+        stamp = len(self.written)
+        self.writer.write(0, samples.snapshot(stamp), stamp)
+        self.written.append(self.now)
+        if len(self.written) > 100:
+            self.set()
+
+
+@pytest.mark.parametrize('period', [0.05, 0.5, 0.7])
+def test_no_message_waits_longer_than_the_flush_period(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, period: float
+) -> None:
+    """Every message is in the file one flush period after it was written."""
+    time = StepTime(period)
+    threads = SimpleNamespace(
+        Event=lambda: time,
+        **{name: getattr(threading, name) for name in ('Lock', 'RLock', 'Thread')},
+    )
+    monkeypatch.setattr(run_writer, 'time', time)
+    monkeypatch.setattr(run_writer, 'threading', threads)
+    with RunWriter(
+        tmp_path / 'bag', [NOTE], flush_period=period, sync_period=StepTime.FOREVER
+    ) as writer:
+        time.begin(writer)
+        time._set.wait()
+    assert writer.error is None
+    assert len(time.written) > 100
+    assert time.late == []
+
+
+def test_the_first_bytes_tell_the_topics(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path / 'bag', samples.TOPICS)
+    try:
+        head = writer.path.read_bytes()
+        assert head.startswith(b'\x89MCAP0\r\n')
+        for topic in samples.TOPICS:
+            assert topic.name.encode() in head
+    finally:
+        writer.close()
+
+
+def test_indices_and_names_are_the_same_topic(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / 'bag', samples.TOPICS) as writer:
+        for index, topic in enumerate(samples.TOPICS):
+            writer.write(index, b'\0\1\0\0', 2 * index)
+            writer.write(topic.name, b'\0\1\0\0', 2 * index + 1)
+    topics = [record.topic for record in RunReader(tmp_path / 'bag')]
+    assert topics == [topic.name for topic in samples.TOPICS for _ in range(2)]
+
+
+def test_close_is_idempotent_and_says_what_the_bag_holds(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path / 'bag', samples.TOPICS)
+    messages = samples.run(300)
+    for message in messages:
+        writer.write(*message)
+    summary = writer.close()
+    assert summary.complete
+    assert summary.message_count == len(messages)
+    assert summary.counts['/joint_states'] == 300
+    assert summary.file == tmp_path / 'bag' / 'bag_0.mcap'
+    assert summary.duration == (messages[-1][2] - messages[0][2]) / 1e9
+    content = summary.file.read_bytes()
+    assert not writer.write(0, b'', 0)
+    assert writer.close() is summary
+    assert writer.dropped == 1
+    assert writer.drop_reason == 'the recording had ended'
+    assert summary.file.read_bytes() == content
+
+
+def test_close_from_many_threads(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path / 'bag', [NOTE])
+    summaries: list[object] = []
+    threads = [threading.Thread(target=lambda: summaries.append(writer.close())) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len({id(summary) for summary in summaries}) == 1
+    assert RunReader(tmp_path / 'bag').complete
+
+
+def test_the_bag_is_finished_after_an_exception(tmp_path: Path) -> None:
+    def work() -> None:
+        with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
+            writer.write(0, samples.snapshot(7), 7)
+            raise RuntimeError('the rig broke')
+
+    with pytest.raises(RuntimeError, match='the rig broke'):
+        work()
+    assert [record.stamp_ns for record in RunReader(tmp_path / 'bag')] == [7]
+
+
+def test_many_threads_write_at_once(tmp_path: Path) -> None:
+    topics = [Topic(f'/topic_{k}', samples.STRING) for k in range(4)]
+    count = 2000
+
+    def work(index: int) -> None:
+        for k in range(count):
+            assert writer.write(index, samples.snapshot(k), 4 * k + index)
+
+    with RunWriter(tmp_path / 'bag', topics, flush_period=0.02) as writer:
+        threads = [threading.Thread(target=work, args=(index,)) for index in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    records = list(RunReader(tmp_path / 'bag'))
+    assert [record.stamp_ns for record in records] == list(range(4 * count))
+    for index, topic in enumerate(topics):
+        contents = [record.content for record in records if record.topic == topic.name]
+        assert contents == [samples.snapshot(k) for k in range(count)], index
+
+
+@pytest.mark.parametrize(
+    ('message', 'reason'),
+    [
+        (('/other', b'', 0), "topic '/other' is not one of the recorded ones"),
+        ((5, b'', 0), 'topic 5 is not one of the recorded ones'),
+        (('/note', b'', -1), 'stamp -1 is not an integer'),
+        (('/note', b'', 2**63), f'stamp {2**63} is not an integer'),
+        (('/note', b'', 0.5), 'stamp 0.5 is not an integer'),
+        (('/note', 'text', 0), 'content is str, not bytes'),
+    ],
+)
+def test_a_wrong_message_is_dropped_and_harms_nothing(
+    tmp_path: Path, message: tuple[object, ...], reason: str
+) -> None:
+    with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
+        writer.write(0, samples.snapshot(1), 1)
+        writer.write(*message)  # type: ignore[arg-type]
+        writer.write(0, samples.snapshot(2), 2)
+    assert writer.error is None
+    assert writer.dropped == 1
+    assert reason in str(writer.drop_reason)
+    with Reader(tmp_path / 'bag') as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == [1, 2]
+
+
+def test_a_full_queue_drops_and_counts(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=60.0, queue_limit=100)
+    accepted = [writer.write(0, samples.snapshot(k), k) for k in range(150)]
+    assert accepted == [True] * 100 + [False] * 50
+    assert writer.backlog == 100
+    summary = writer.close()
+    assert (summary.message_count, summary.dropped, summary.complete) == (100, 50, True)
+    assert 'more than 100 messages waited' in str(writer.drop_reason)
+
+
+def test_two_topics_of_one_name_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='same name'):
+        RunWriter(tmp_path / 'bag', [NOTE, NOTE])
+
+
+def test_directories_made_in_one_second_differ(tmp_path: Path) -> None:
+    made: list[Path] = []
+    barrier = threading.Barrier(8)
+
+    def make() -> None:
+        barrier.wait()
+        made.extend(create_run_directory(tmp_path / 'runs', when=0.0) for _ in range(5))
+
+    threads = [threading.Thread(target=make) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(set(made)) == 40
+    assert all(directory.is_dir() for directory in made)
+    assert {directory.name[:4] for directory in made} == {'run_'}
+
+
+def test_two_writers_cannot_share_a_directory(tmp_path: Path) -> None:
+    """Whichever comes second is told so, also when both come at once."""
+    for attempt in range(20):
+        directory = tmp_path / f'bag_{attempt}'
+        barrier = threading.Barrier(4)
+        writers: list[RunWriter] = []
+        errors: list[RecordingError] = []
+
+        def make(directory: Path = directory, barrier: threading.Barrier = barrier) -> None:
+            barrier.wait()
+            try:
+                writers.append(RunWriter(directory, [NOTE]))  # noqa: B023
+            except RecordingError as error:
+                errors.append(error)  # noqa: B023
+
+        threads = [threading.Thread(target=make) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert (len(writers), len(errors)) == (1, 3)
+        assert all('already' in str(error) for error in errors)
+        writers[0].write(0, samples.snapshot(1), 1)
+        assert writers[0].close().complete
+        assert RunReader(directory).message_count == 1
+
+
+def test_two_recordings_at_once_under_one_parent(tmp_path: Path) -> None:
+    with (
+        RunWriter.new_run(tmp_path, [NOTE]) as first,
+        RunWriter.new_run(tmp_path, [NOTE]) as second,
+    ):
+        first.write(0, samples.snapshot(1), 1)
+        second.write(0, samples.snapshot(2), 2)
+    assert first.directory != second.directory
+    assert [record.stamp_ns for record in RunReader(first.directory)] == [1]
+    assert [record.stamp_ns for record in RunReader(second.path)] == [2]
+
+
+WRITER_PROCESS = """
+    import sys, time
+    from impact_damper_ros.bag import RunWriter
+    from bag import samples
+
+    writer = RunWriter(sys.argv[1], samples.TOPICS)
+    messages = samples.run(4000)
+    start = time.monotonic()
+    for message in messages:
+        due = start + (message[2] - samples.START) / 1e9
+        while (wait := due - time.monotonic()) > 0:
+            time.sleep(wait)
+        writer.write(*message)
+    writer.close()
+"""
+
+
+@pytest.mark.parametrize('count', [260, 420])
+def test_kill_loses_nothing_that_was_flushed(tmp_path: Path, count: int) -> None:
+    """A process that writes at 200 Hz is killed with -9 while it goes on."""
+    script = textwrap.dedent(WRITER_PROCESS)
+    bag = tmp_path / 'bag'
+    search = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
+    process = subprocess.Popen(
+        [sys.executable, '-c', f'import sys\nsys.path[:0] = {search!r}\n{script}', str(bag)]
+    )
+    try:
+        wait_until(lambda: process.poll() is not None or list(bag.glob('*.mcap')))
+        (file,) = bag.glob('*.mcap')
+        wait_until(lambda: process.poll() is not None or len(salvaged(file)) >= count)
+    finally:
+        process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert not (bag / 'metadata.yaml').exists()
+
+    run = RunReader(bag)
+    assert not run.complete
+    messages = samples.run(4000)
+    kept = list(run)
+    assert count <= len(kept) == len(salvaged(file))
+    expected = sorted(messages[: len(kept)], key=lambda message: message[2])
+    assert [(record.topic, record.content, record.stamp_ns) for record in kept] == expected

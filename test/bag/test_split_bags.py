@@ -1,0 +1,491 @@
+"""Bags of several files: each is whole of its own, and all together are the run."""
+
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from bag import samples
+from bag.recorded_rig import NOTES, RecordedRig, random_requests
+from mcap.reader import make_reader
+from replay.test_replay import replayed
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+from small_disk import mounted
+
+from impact_damper_ros.bag import RunReader, RunWriter, Topic
+from impact_damper_ros.bag.bag_file import BagFile
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.cli.recover_run import main as recover_run
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.replay.findings import Verdict
+
+CHANGES = ('--change', '2.4:gap=0.012', '--change', '2.4:angle=0.2', '--change', '5:gap=0.009')
+HEAD = ('/snapshot', '/parameter_events', '/robot_description')
+NOTE = Topic('/note', samples.STRING)
+
+
+def simulated(directory, *arguments, duration='7'):
+    """Let the command record the bench rig."""
+    options = ['--duration', duration, '--bag', str(directory), '--quiet']
+    assert simulate_rig(['bench_rig', *options, *arguments]) == 0
+    return directory
+
+
+@pytest.fixture(scope='module')
+def one(tmp_path_factory):
+    """Return a run in one file."""
+    return simulated(tmp_path_factory.mktemp('bags') / 'run', *CHANGES)
+
+
+@pytest.fixture(scope='module')
+def split(tmp_path_factory):
+    """Return the same run in four files."""
+    directory = tmp_path_factory.mktemp('bags') / 'run'
+    return simulated(directory, *CHANGES, '--max-bag-duration', '2')
+
+
+@pytest.fixture
+def copy(split, tmp_path):
+    return Path(shutil.copytree(split, tmp_path / 'run'))
+
+
+def files_of(bag):
+    return sorted(bag.glob('*.mcap'), key=lambda path: int(path.stem.rpartition('_')[2]))
+
+
+def contents(path):
+    """Return topic, sequence number, stamp and content of the messages of a file, as written."""
+    with path.open('rb') as stream:
+        return [
+            (channel.topic, message.sequence, message.log_time, message.data)
+            for _, channel, message in make_reader(stream).iter_messages(log_time_order=False)
+        ]
+
+
+def faults(bag):
+    findings = replayed(bag)
+    assert findings.verdict is not Verdict.IDENTICAL
+    return findings.faults
+
+
+def test_the_files_together_are_the_run(one, split):
+    names = [path.name for path in files_of(split)]
+    assert names == ['run_0.mcap', 'run_1.mcap', 'run_2.mcap', 'run_3.mcap']
+    together, before = [], [()]
+    for number, path in enumerate(files_of(split)):
+        held = contents(path)
+        assert tuple(topic for topic, *_ in held[:3]) == HEAD
+        # A file begins at the tick with which the one before ends.
+        assert {stamp for _, _, stamp, _ in held[:3]} == {number * 2 * 10**9}
+        together += held[3:] if number else held
+        if number > 0:
+            assert before[-1][::2] == ('/joint_states', held[0][2])
+        before = held
+    (path,) = files_of(one)
+    assert [(t, s, d) for t, _, s, d in together] == [(t, s, d) for t, _, s, d in contents(path)]
+    assert {path.name for path in split.iterdir()} == {*names, 'metadata.yaml', 'rig.urdf'}
+
+
+def test_independent_readers_take_each_file_and_the_bag(split):
+    listing = yaml.safe_load((split / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    numbers = dict.fromkeys(RunReader(split).topics, 0)
+    types = get_typestore(Stores.ROS2_JAZZY)
+    total = 0
+    for path, listed in zip(files_of(split), listing['files'], strict=True):
+        held = contents(path)
+        with path.open('rb') as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            statistics = reader.get_summary().statistics
+            records = [record.metadata for record in reader.iter_metadata()]
+        stamps = [stamp for _, _, stamp, _ in held]
+        assert (statistics.message_start_time, statistics.message_end_time) == (
+            min(stamps),
+            max(stamps),
+        )
+        assert (statistics.message_count, statistics.channel_count) == (len(held), 6)
+        assert listed == {
+            'path': path.name,
+            'starting_time': {'nanoseconds_since_epoch': min(stamps)},
+            'duration': {'nanoseconds': max(stamps) - min(stamps)},
+            'message_count': len(held),
+        }
+        # What the file notes of itself is what it holds, at its end; at its head, nothing yet.
+        empty, noted = (yaml.safe_load(r['serialized_metadata']) for r in records)
+        assert (empty['message_count'], empty['relative_file_paths']) == (0, [path.name])
+        assert (noted['message_count'], noted['files']) == (len(held), [listed])
+        assert noted['custom_data']['node'] == '/sim_node'
+        for topic, number, *_ in held:
+            assert number == numbers[topic]
+            numbers[topic] += 1
+        with AnyReader([path], default_typestore=types) as reader:
+            # They can all be decoded.
+            total += sum(
+                reader.deserialize(raw, connection.msgtype) is not None
+                for connection, _, raw in reader.messages()
+            )
+    assert total == sum(numbers.values()) == listing['message_count']
+    assert listing['relative_file_paths'] == [path.name for path in files_of(split)]
+    assert listing['starting_time'] == {'nanoseconds_since_epoch': 0}
+    assert listing['duration'] == {'nanoseconds': 7 * 10**9}
+    assert {
+        item['topic_metadata']['name']: item['message_count']
+        for item in listing['topics_with_message_count']
+    } == numbers
+    assert 'part' not in listing['custom_data']
+    with Reader(split) as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == sorted(
+            stamp for path in files_of(split) for _, _, stamp, _ in contents(path)
+        )
+
+
+def test_each_file_and_the_whole_replay_bit_for_bit(one, split, capsys):
+    whole = replayed(split)
+    expected = replayed(one)
+    assert (whole.verdict, whole.faults) == (Verdict.IDENTICAL, [])
+    assert (whole.samples, whole.impacts) == (expected.samples, expected.impacts)
+    assert whole.samples == 1401
+    assert (whole.changes, whole.snapshots) == (expected.changes, expected.snapshots + 3)
+    parts = [replayed(path) for path in files_of(split)]
+    assert [(part.verdict, part.faults) for part in parts] == [(Verdict.IDENTICAL, [])] * 4
+    assert [part.samples for part in parts] == [401, 400, 400, 200]
+    assert sum(part.impacts for part in parts) == whole.impacts
+    capsys.readouterr()
+    for path in (split, *files_of(split)):
+        assert replay_run([str(path)]) == 0
+        assert 'bit for bit' in capsys.readouterr().out
+
+
+def close_to(value):
+    """Return what equals a value of JSON but for round-off."""
+    if isinstance(value, dict):
+        return {name: close_to(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [close_to(part) for part in value]
+    return pytest.approx(value, rel=1e-9, abs=1e-12) if isinstance(value, float) else value
+
+
+def test_comparisons_and_what_ifs_are_those_of_one_file(one, split, tmp_path, capsys):
+    found, supposed = [], []
+    for number, bag in enumerate((one, split)):
+        path = tmp_path / f'{number}.json'
+        compare_run([str(bag), '--json', str(path)])
+        compared = json.loads(path.read_text())
+        found.append(compared['stretches'])
+        capsys.readouterr()
+        assert replay_run([str(bag), '--set', 'restitution_1=0.5', '--json', str(path)]) == 0
+        supposed.append(json.loads(path.read_text()))
+        # The snapshots with which files begin are compared, too.
+        assert supposed[number].pop('bag') == str(bag)
+        assert supposed[number]['compared'].pop('snapshots') == 4 + 3 * number
+        capsys.readouterr()
+    assert len(found[0]) == 3
+    # Sums are made of other parts.
+    assert found[1] == close_to(found[0])
+    assert supposed[0] == supposed[1]
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_random_histories_in_files(tmp_path, seed):
+    """Resets, pauses and changes between the files, in the midst of them and at their borders."""
+    rng = random.Random(seed)
+    rig = RecordedRig(offset=rng.choice([0, samples.START])).start()
+    begins = []
+    while rig.tick < 400:
+        rig.run(rng.randrange(5, 60), *random_requests(rng))
+        if rng.random() < 0.5:
+            begins.append(len(rig.messages))
+            rig.record()
+        if rng.random() < 0.3:
+            rig.serve(*random_requests(rng))
+    rig.run(5)
+    assert len(begins) > 3
+    with RunWriter(tmp_path / 'bag', samples.CONTROLLED, custom=NOTES) as writer:
+        for number, (topic, content, stamp) in enumerate(rig.messages):
+            if number in begins:
+                assert writer.split(stamp)
+            assert writer.write(topic, content, stamp)
+    assert len(files_of(tmp_path / 'bag')) == len(begins) + 1
+    for bag in (tmp_path / 'bag', *files_of(tmp_path / 'bag')):
+        findings = replayed(bag)
+        assert (findings.verdict, findings.faults) == (Verdict.IDENTICAL, []), bag
+
+
+def test_by_size(tmp_path):
+    limit = 150_000
+    bag = simulated(tmp_path / 'bag', '--max-bag-size', str(limit), duration='40')
+    *full, last = [path.stat().st_size for path in files_of(bag)]
+    assert len(full) > 2
+    # What is still in memory is estimated.
+    assert max(full) < 1.5 * limit
+    assert min(full) > 0.6 * limit
+    assert last < 1.5 * limit
+    assert replayed(bag).verdict is Verdict.IDENTICAL
+    assert [replayed(path).verdict for path in files_of(bag)] == [Verdict.IDENTICAL] * (
+        len(full) + 1
+    )
+
+
+@pytest.mark.parametrize('number', [0, 1, 2, 3])
+@pytest.mark.parametrize('listing', [True, False], ids=['listed', 'unlisted'])
+def test_a_missing_file_is_a_fault(copy, tmp_path, number, listing, capsys):
+    (copy / f'run_{number}.mcap').unlink()
+    if not listing:
+        (copy / 'metadata.yaml').unlink()
+    found = faults(copy)
+    names = f"metadata.yaml lists 'run_{number}.mcap', not there"
+    assert any(names in fault for fault in found) is listing
+    # Of the last one, only metadata.yaml could tell.
+    text = f'1 file of it missing before run_{number + 1}.mcap'
+    assert any(text in fault for fault in found) is (number < 3)
+    assert any('the bag is not complete' in fault for fault in found)
+    assert replay_run([str(copy)]) in (1, 3)
+    assert compare_run([str(copy)]) in (1, 3)
+    capsys.readouterr()
+    assert recover_run([str(copy), '--output', str(tmp_path / 'saved')]) == 0
+    assert (text in capsys.readouterr().out) is (number < 3)
+    # It still says that something is missing.
+    assert (replayed(tmp_path / 'saved').faults != []) is (number < 3)
+
+
+def test_two_missing_files_are_counted_by_messages_too(copy):
+    for number in (1, 2):
+        (copy / f'run_{number}.mcap').unlink()
+    found = faults(copy)
+    assert any('2 files of it missing before run_3.mcap' in fault for fault in found)
+    missing = 'message 400 of /joint_states is followed by 1201: 800 messages are missing'
+    assert any(missing in fault for fault in found)
+
+
+@pytest.mark.parametrize('left', [0, 5, 9000, 20_000, -3])
+def test_the_last_file_is_cut(copy, tmp_path, left, capsys):
+    """As after `kill -9`: no metadata.yaml, and a part of the last file, or nothing of it."""
+    (copy / 'metadata.yaml').unlink()
+    last = copy / 'run_3.mcap'
+    last.write_bytes(last.read_bytes()[:left])
+    findings = replayed(copy)
+    assert findings.verdict is Verdict.PARTIAL
+    assert not findings.difference_count
+    assert findings.samples >= 1201
+    assert compare_run([str(copy)]) == 3
+    capsys.readouterr()
+    assert recover_run([str(copy), '--output', str(tmp_path / 'saved')]) == 0
+    capsys.readouterr()
+    recovered = replayed(tmp_path / 'saved')
+    assert recovered.verdict is Verdict.IDENTICAL
+    assert recovered.samples == findings.samples
+    (path,) = files_of(tmp_path / 'saved')
+    with Reader(tmp_path / 'saved') as reader:
+        assert reader.message_count == len(contents(path))
+
+
+def test_recovered_wholes_and_parts_are_whole(split, tmp_path, capsys):
+    for number, source in enumerate((split, *files_of(split))):
+        output = tmp_path / str(number)
+        assert recover_run([str(source), '--output', str(output)]) == 0
+        assert 'is complete: nothing was lost' in capsys.readouterr().out
+        assert replayed(output).verdict is Verdict.IDENTICAL
+        held = contents(files_of(output)[0])
+        assert min(n for _, n, *_ in held) == 0
+        assert len({(topic, n) for topic, n, *_ in held}) == len(held)
+
+
+def test_the_numbers_of_a_later_file_may_begin_anywhere_but_have_no_holes(tmp_path):
+    topic = samples.CONTROLLED[0]
+    bag = BagFile(tmp_path / 'bag', [topic.channel()], NOTES)
+    for stamp, number in enumerate((0, 5, 9)):
+        if number == 5:
+            bag.next_file()
+        bag.add(0, b'', stamp, number)
+        bag.flush()
+    bag.finish()
+    missing = f'message 5 of {topic.name} is followed by 9: 3 messages are missing'
+    for path, more in (
+        (
+            tmp_path / 'bag',
+            [f'message 0 of {topic.name} is followed by 5: 4 messages are missing'],
+        ),
+        (tmp_path / 'bag' / 'bag_1.mcap', [missing]),
+    ):
+        reader = RunReader(path)
+        assert len(list(reader)) == (3 if path.is_dir() else 2)
+        texts = [text for text in reader.faults() if 'message' in text]
+        assert texts == [f'the bag is not whole: {text}' for text in more]
+    with_first_lost = tmp_path / 'bag' / 'bag_0.mcap'
+    with_first_lost.unlink()
+    reader = RunReader(tmp_path / 'bag')
+    assert len(list(reader)) == 2
+    assert (
+        f'the bag is not whole: message 5 of {topic.name} is the first: 5 messages are missing'
+    ) in reader.faults()
+
+
+def test_a_bag_of_more_files_than_may_be_open(tmp_path):
+    bag = simulated(tmp_path / 'bag', '--max-bag-duration', '1', '--rate', '20', duration='90')
+    assert len(files_of(bag)) == 90
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    used = max(int(path.name) for path in Path('/proc/self/fd').iterdir())
+    resource.setrlimit(resource.RLIMIT_NOFILE, (used + 70, limits[1]))
+    try:
+        assert replayed(bag).verdict is Verdict.IDENTICAL
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
+# When things go wrong
+
+
+def record(writer, *, messages=400, width=100):
+    """Write notes, one each 10 ms of stamps, with a new file where it is due."""
+    count = 0
+    for number in range(messages):
+        content = samples.serialise(
+            samples.STRING, samples.make(samples.STRING, os.urandom(width).hex())
+        )
+        count += writer.write('/note', content, number * 10**7)
+        if writer.split_due(number * 10**7):
+            writer.split(number * 10**7)
+    return count
+
+
+def test_a_name_that_is_taken_ends_the_recording(tmp_path):
+    told = []
+    bag = tmp_path / 'bag'
+    with RunWriter(bag, [NOTE], max_duration=1.0, on_error=lambda: told.append(1)) as writer:
+        (bag / 'bag_2.mcap').write_bytes(b'')
+        record(writer)
+    summary = writer.close()
+    assert (told, summary.complete) == ([1], False)
+    assert str(summary.error).startswith(f"cannot go on recording to '{bag}/bag_2.mcap': ")
+    assert 'it exists already' in str(summary.error)
+    # What was written is whole, and the file in the way is as it was.
+    assert [len(contents(bag / f'bag_{n}.mcap')) for n in (0, 1)] == [101, 100]
+    assert (bag / 'bag_2.mcap').read_bytes() == b''
+    assert (summary.message_count, summary.dropped) == (201, 199)
+    assert (summary.start_ns, summary.end_ns) == (0, 2 * 10**9)
+    assert not (bag / 'metadata.yaml').exists()
+    (bag / 'bag_2.mcap').unlink()
+    reader = RunReader(bag)
+    assert len(list(reader)) == 201
+    assert not reader.complete
+
+
+def test_a_disk_that_fills_after_some_files(tmp_path):
+    with mounted(tmp_path / 'disk', 512) as disk:
+        bag = disk / 'bag'
+        writer = RunWriter(bag, [NOTE], max_size=100_000, flush_period=0.05)
+        given = 0
+        while writer.error is None:
+            content = samples.serialise(
+                samples.STRING, samples.make(samples.STRING, os.urandom(500).hex())
+            )
+            writer.write('/note', content, given * 10**8)
+            if writer.split_due(given * 10**8):
+                writer.split(given * 10**8)
+            while (writer.splitting or writer.backlog > 20) and writer.error is None:
+                time.sleep(0.001)
+            given += 1
+        summary = writer.close()
+        assert 'the disk is full' in str(summary.error)
+        whole = files_of(bag)[:-1]
+        assert len(whole) >= 2
+        numbers = [number for path in whole for _, number, *_ in contents(path)]
+        assert numbers == list(range(len(numbers)))
+        reader = RunReader(bag)
+        assert len(list(reader)) == summary.message_count
+        assert summary.message_count >= len(numbers)
+        assert summary.message_count + summary.dropped == given
+        assert recover_run([str(bag), '--output', str(tmp_path / 'saved')]) == 0
+    assert RunReader(tmp_path / 'saved').message_count == summary.message_count
+
+
+KILLED = """
+    import sys, time
+    from impact_damper_ros.bag import RunWriter
+    from bag import samples
+
+    writer = RunWriter(sys.argv[1], samples.TOPICS, max_duration=1.0)
+    for number, message in enumerate(samples.run(4000)):
+        writer.write(*message)
+        if message[0] == '/joint_states' and writer.split_due(message[2]):
+            writer.split(message[2])
+        time.sleep(0.001)
+    writer.close()
+"""
+
+
+def test_kill_loses_nothing_of_the_files_before(tmp_path):
+    bag = tmp_path / 'bag'
+    search = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
+    script = f'import sys\nsys.path[:0] = {search!r}\n{textwrap.dedent(KILLED)}'
+    process = subprocess.Popen([sys.executable, '-c', script, str(bag)])
+    try:
+        while process.poll() is None and not (bag / 'bag_3.mcap').exists():
+            pass
+    finally:
+        process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    expected = samples.run(4000)
+    kept = [(t, d, s) for n in range(3) for t, _, s, d in contents(bag / f'bag_{n}.mcap')]
+    assert kept == expected[: len(kept)]
+    assert kept[-1][2] == samples.START + 3 * 10**9
+    assert len(list(RunReader(bag))) >= len(kept)
+
+
+# Limits
+
+
+@pytest.mark.parametrize(
+    'limits', [{'max_size': 99_999}, {'max_size': -1}, {'max_duration': 0.5}], ids=str
+)
+def test_limits_too_small_are_refused(tmp_path, limits):
+    with pytest.raises(ValueError, match=r'must be 0 \(no limit\) or at least'):
+        RunWriter(tmp_path / 'bag', [NOTE], **limits)
+    assert not (tmp_path / 'bag').exists()
+
+
+@pytest.mark.parametrize(
+    ('option', 'value', 'least'),
+    [
+        ('--max-bag-size', '5', '100000 bytes'),
+        ('--max-bag-size', '1e6', '100000 bytes'),
+        ('--max-bag-duration', '0.5', '1 s'),
+        ('--max-bag-duration', 'nan', '1 s'),
+        ('--max-bag-duration', '-3', '1 s'),
+    ],
+)
+def test_options_out_of_range(option, value, least, capsys):
+    with pytest.raises(SystemExit) as end:
+        simulate_rig(['bench_rig', '--duration', '1', '--bag', 'bag', f'{option}={value}'])
+    assert end.value.code == 2
+    text = capsys.readouterr().err
+    assert f"'{value}': give 0 (no limit) or a" in text
+    assert f'number of at least {least}' in text
+
+
+def test_what_a_file_begins_with_may_be_larger_than_the_limit(tmp_path):
+    """A snapshot of very many lines, say: a file still lasts a second."""
+    head = samples.serialise(
+        samples.STRING, samples.make(samples.STRING, os.urandom(150_000).hex())
+    )
+    with RunWriter(tmp_path / 'bag', [NOTE], max_size=100_000, flush_period=0.02) as writer:
+        assert not writer.split_due(0)
+        for begin in (0, 10**9, 2 * 10**9):
+            writer.write('/note', head, begin)
+            while writer.splitting or writer.path.stat().st_size < 150_000:
+                time.sleep(0.001)
+            assert not writer.split_due(begin + 10**9 - 1)
+            assert writer.split_due(begin + 10**9)
+            assert writer.split(begin + 10**9)
+    assert [len(contents(path)) for path in files_of(tmp_path / 'bag')] == [1, 1, 1, 0]

@@ -1,0 +1,482 @@
+"""The command, on bags of the live node and on bags written without ROS, whole and faulty."""
+
+import json
+import os
+import struct
+import time
+
+import pytest
+from bag import samples
+from bag.recorded_rig import NOTES, RecordedRig, random_run
+from compare.recorded import BENCH
+from replay.test_replay import with_arrival_times
+
+from impact_damper_ros.bag import recover_run
+from impact_damper_ros.bag.messages import decode
+from impact_damper_ros.cli.command_line import outcome
+from impact_damper_ros.cli.compare_run import main
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+
+
+def run(bag, tmp_path, *arguments):
+    """Run the command in this process; return exit code and result."""
+    result = tmp_path / 'result.json'
+    result.unlink(missing_ok=True)
+    code = main([str(bag), '--json', str(result), '--quiet', *arguments])
+    return code, json.loads(result.read_text()) if result.exists() else None
+
+
+def params_file(path, rig):
+    values = {n: list(v) if isinstance(v, tuple) else v for n, v in rig.as_dict().items()}
+    path.write_text(json.dumps({'/**': {'ros__parameters': values}}))
+    return path
+
+
+def verdicts(result):
+    return [stretch['verdict'] for stretch in result['stretches']]
+
+
+@pytest.fixture(scope='module')
+def messages():
+    """Return 24 s, then 24 s with another gap, and a reset."""
+    rig = RecordedRig(BENCH, rate=200.0).start().run(4800)
+    rig.run(4800, ('change', {'gap': 0.021})).run(200, ('reset', None))
+    return rig.messages
+
+
+@pytest.fixture(scope='module')
+def bag(messages, tmp_path_factory):
+    return samples.record(tmp_path_factory.mktemp('run') / 'bag', messages, custom=NOTES)
+
+
+def places(messages, topic):
+    return [i for i, message in enumerate(messages) if message[0] == topic]
+
+
+def test_what_it_says(bag, tmp_path, capsys):
+    assert main([str(bag), '--json', str(tmp_path / 'result.json')]) == 0
+    result = json.loads((tmp_path / 'result.json').read_text())
+    assert (result['exit_code'], result['complete'], result['faults']) == (0, True, [])
+    assert result['samples'] == 9801
+    first, second, third = result['stretches']
+    assert [s['begins'] for s in result['stretches']] == ['start', 'change', 'reset']
+    assert second['cause'] == 'gap = 0.021 m (was 0.024 m)'
+    assert (second['start'], second['end']) == (24.005, 48.005)
+    assert verdicts(result) == ['agrees', 'agrees', third['verdict']]
+    assert third['verdict'] in ('too short', 'not settled yet')
+    for stretch, ratio in ((first, 0.1071954), (second, None)):
+        assert (stretch['kind'], stretch['cycles']) == ('periodic', 1)
+        assert stretch['measured']['last_period']['stops'] == [1, 2]
+        assert stretch['predicted']['stable']
+        assert stretch['decay']['measured'] == pytest.approx(
+            stretch['decay']['predicted'], abs=2e-3
+        )
+        assert abs(stretch['energy']['residual']) < stretch['energy']['tolerance']
+        if ratio:
+            assert stretch['measured']['amplitude_ratio'] == pytest.approx(ratio, rel=1e-5)
+    text = capsys.readouterr().out
+    for words in (
+        'stretch 2    24.005 s to 48.005 s; begins with: gap = 0.021 m (was 0.024 m)',
+        'periodic, 2 impacts in 1 cycle, stops 1,2, settled at',
+        'phase [cycles]          X [m]',
+        'Xmax/A 0.107195',
+        'energy     force',
+        'largest multiplier 0.8711',
+        'verdict    agrees',
+        'in all       2 agrees',
+    ):
+        assert words in text
+    # A single file, too
+    (file,) = bag.glob('*.mcap')
+    code, alone = run(file, tmp_path)
+    assert (code, alone['stretches']) == (0, result['stretches'])
+
+
+def test_an_angle_changed_on_the_way(tmp_path):
+    """X counts from the equilibrium of each stretch, in bags of both formats alike."""
+    results = []
+    for version in (1, 2):
+        rig = RecordedRig(BENCH, rate=200.0, version=version).start().run(4800)
+        rig.run(4800, ('change', {'angle': 0.05})).run(4800, ('change', {'gravity': 0.0}))
+        code, result = run(rig.save(tmp_path / f'bag_{version}'), tmp_path)
+        assert (code, result['faults']) == (0, [])
+        assert verdicts(result) == ['agrees'] * 3
+        results.append(result['stretches'])
+    for one, other in zip(*results, strict=True):
+        assert one['measured']['x_max'] == pytest.approx(other['measured']['x_max'], rel=1e-9)
+        assert one['measured']['x_max'] == pytest.approx(one['predicted']['x_max'], rel=1e-3)
+    # A bag without a snapshot is taken for one of the present format.
+    bare = [m for m in rig.messages if m[0] != '/snapshot']
+    code, result = run(samples.record(tmp_path / 'bare', bare, custom=NOTES), tmp_path)
+    assert verdicts(result) == ['agrees'] * 3
+
+
+def test_a_headless_recording(tmp_path, capsys):
+    params = params_file(tmp_path / 'params.yaml', BENCH)
+    words = ['--duration', '20', '--bag', str(tmp_path / 'bag'), '--quiet']
+    assert simulate_rig([str(params), *words]) == 0
+    assert main([str(tmp_path / 'bag'), '--json', '-']) == 0
+    out = capsys.readouterr()
+    assert json.loads(out.out)['stretches'][0]['verdict'] == 'agrees'
+    assert 'verdict    agrees' in out.err
+
+
+@pytest.mark.parametrize(
+    ('settings', 'kind', 'reason'),
+    [
+        (
+            ('gap_control=timed', 'gap_min=0.002', 'gap_max=0.05', 'actuator_speed=2.0'),
+            'periodic',
+            'the gap is under control (timed)',
+        ),
+        (
+            ('multisine_level=1.0', 'multisine_low=20', 'multisine_high=45'),
+            'not periodically driven',
+            'the force is a multisine',
+        ),
+        (
+            ('sweep_mode=up', 'sweep_low=28', 'sweep_high=34', 'sweep_step=1', 'sweep_dwell=2'),
+            'not periodically driven',
+            'the frequency of the force is swept',
+        ),
+    ],
+)
+def test_what_has_no_theory_is_measured(tmp_path, settings, kind, reason):
+    params = params_file(tmp_path / 'params.yaml', BENCH)
+    words = [word for setting in settings for word in ('--set', setting)]
+    words += ['--duration', '20', '--bag', str(tmp_path / 'bag'), '--quiet']
+    assert simulate_rig([str(params), *words]) == 0
+    code, result = run(tmp_path / 'bag', tmp_path)
+    (stretch,) = result['stretches']
+    assert (code, stretch['kind'], stretch['verdict']) == (0, kind, 'no prediction')
+    assert reason in stretch['sentence']
+    assert stretch['measured']['impacts'] > 20
+    energy = stretch['energy']
+    if 'sweep' in settings[0]:
+        assert energy is None
+    else:
+        assert abs(energy['residual']) < energy['tolerance'] < 1e-4 * energy['force']
+
+
+def test_a_recording_of_ros2_bag(messages, tmp_path):
+    """Times of arrival, other metadata, and topics that overtake each other."""
+    arrived = with_arrival_times(messages)
+    code, result = run(samples.record(tmp_path / 'bag', arrived), tmp_path)
+    assert (code, result['stamps'], result['faults']) == (0, 'times of arrival', [])
+    assert verdicts(result)[:2] == ['agrees', 'agrees']
+    # Samples at the instants of changes are left out.
+    assert result['samples'] == 9801 - 2
+    # The recorder may lose messages one by one.
+    lost = set(places(arrived, '/impacts')[150:152])
+    lossy = [m for i, m in enumerate(arrived) if i not in lost]
+    code, result = run(samples.record(tmp_path / 'lossy', lossy), tmp_path)
+    assert (code, verdicts(result)[:2]) == (0, ['agrees', 'agrees'])
+
+
+def test_remapped_topics(messages, tmp_path):
+    names = {'/joint_states': '/a/js', '/impacts': '/a/hits', '/snapshot': '/a/state'}
+    topics = [samples.Topic(names.get(t.name, t.name), t.type, t.qos) for t in samples.TOPICS]
+    with samples.RunWriter(tmp_path / 'bag', topics) as writer:
+        for topic, content, stamp in messages[:6000]:
+            writer.write(names.get(topic, topic), content, stamp)
+    code, result = run(tmp_path / 'bag', tmp_path)
+    assert (code, result['node'], verdicts(result)[0]) == (
+        0,
+        'of unknown name in the namespace /a/',
+        'agrees',
+    )
+
+
+def test_faults_are_found_where_they_are(messages, tmp_path, capsys):
+    hit = places(messages, '/impacts')[120]
+    topic, content, stamp = messages[hit]
+    late = stamp + 1_000_000
+    header = struct.pack('<iI', late // 10**9, late % 10**9)
+    shifted = list(messages)
+    shifted[hit] = (topic, content[:4] + header + content[12:], late)
+    shifted.sort(key=lambda m: m[2])
+    code, result = run(samples.record(tmp_path / 'shifted', shifted, custom=NOTES), tmp_path)
+    assert (code, result['exit_code'], verdicts(result)[:2]) == (1, 1, ['differs', 'agrees'])
+    (finding,) = result['stretches'][0]['findings']
+    assert finding['difference'] == pytest.approx(1e-3, abs=2e-9)
+    assert 'is stamped 1 ms late' in finding['text']
+    missing = [m for i, m in enumerate(messages) if i != hit]
+    code, result = run(samples.record(tmp_path / 'missing', missing, custom=NOTES), tmp_path)
+    assert (code, verdicts(result)[:2]) == (1, ['differs', 'agrees'])
+    assert result['stretches'][0]['findings'][0]['quantity'] == 'missing impact'
+    assert main([str(tmp_path / 'missing')]) == 1
+    assert 'verdict    DIFFERS: the impact on stop' in capsys.readouterr().out
+
+
+def test_a_gap_that_changed_unlogged(tmp_path):
+    rig = RecordedRig(BENCH).start().run(1000)
+    rig.rig.change(BENCH.replace(gap=0.026))
+    code, result = run(rig.run(2000).save(tmp_path / 'bag'), tmp_path)
+    assert code == 1
+    gap = next(f for f in result['stretches'][0]['findings'] if f['quantity'] == 'gap')
+    assert gap['measured'] == pytest.approx(0.026, rel=1e-9)
+    assert gap['time'] == pytest.approx(5.0, abs=0.2)
+
+
+@pytest.mark.parametrize('seed', [2, 6, 13])
+def test_no_false_alarm(tmp_path, seed):
+    rig = random_run(seed, ticks=100 if seed == 13 else 300, rate=[200.0, 20.0, 333.0][seed % 3])
+    code, result = run(rig.save(tmp_path / 'bag'), tmp_path)
+    assert (code, result['faults']) == (0, [])
+    assert len(result['stretches']) > 2
+    code, result = run(
+        samples.record(tmp_path / 'arrived', with_arrival_times(rig.messages)), tmp_path
+    )
+    assert (code, result['faults']) == (0, [])
+
+
+def test_partial_bags(bag, messages, tmp_path):
+    (file,) = bag.glob('*.mcap')
+    content = file.read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(content[: len(content) // 2])
+    code, result = run(cut, tmp_path)
+    assert (code, result['complete'], verdicts(result)[0]) == (3, False, 'agrees')
+    assert 'not complete' in result['faults'][0]
+    damaged = bytearray(content)
+    damaged[len(content) * 2 // 3] ^= 0xFF
+    (tmp_path / 'damaged.mcap').write_bytes(damaged)
+    code, result = run(tmp_path / 'damaged.mcap', tmp_path)
+    assert code == 3
+    assert 'is damaged' in result['faults'][0]
+    doubled = [*messages, *messages[3000:3010]]
+    doubled.sort(key=lambda m: m[2])
+    code, result = run(samples.record(tmp_path / 'doubled', doubled, custom=NOTES), tmp_path)
+    assert (code, verdicts(result)[:2]) == (3, ['agrees', 'agrees'])
+    assert 'twice' in result['faults'][0]
+
+
+def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
+    states = places(messages, '/joint_states')
+    wrong = list(messages)
+    for place in states[3000:3003]:
+        topic, content, stamp = wrong[place]
+        wrong[place] = (topic, content[:-8] + struct.pack('<d', float('nan')), stamp)
+        # The last eight bytes are no number: an empty sequence ends the message.
+        at = content.index(struct.pack('<d', _first_number(content)))
+        broken = content[:at] + struct.pack('<d', float('nan')) + content[at + 8 :]
+        wrong[place] = (topic, broken, stamp)
+    code, result = run(samples.record(tmp_path / 'nan', wrong, custom=NOTES), tmp_path)
+    assert (code, verdicts(result)) == (1, ['differs', 'agrees', verdicts(result)[2]])
+    assert 'is nan m in the log' in result['stretches'][0]['sentence']
+    assert 'with NaN or infinite numbers, left out: 3' in result['faults'][0]
+    assert result['stretches'][0]['missing_samples'] == 3
+    back = list(messages)
+    for place in states[2000:2004]:
+        topic, content, stamp = back[place]
+        early = stamp - 10**10
+        header = struct.pack('<iI', early // 10**9, early % 10**9)
+        back[place] = (topic, content[:4] + header + content[12:], stamp)
+    code, result = run(samples.record(tmp_path / 'back', back, custom=NOTES), tmp_path)
+    assert code == 1
+    assert any('out of order' in fault for fault in result['faults'])
+    assert any('own stamp is not that of the bag' in fault for fault in result['faults'])
+    assert verdicts(result)[:2] == ['differs', 'agrees']
+
+
+def _first_number(content):
+    from impact_damper_ros.bag.rig_messages import JointStateBytes
+
+    return JointStateBytes(content).numbers(content)[0][0]
+
+
+def test_a_bag_that_does_not_tell_its_rig(tmp_path, capsys):
+    rig = RecordedRig(BENCH).start().run(4000)
+    plain = [m for m in rig.messages if m[0] in ('/joint_states', '/impacts')]
+    bag = samples.record(tmp_path / 'bag', plain)
+    assert run(bag, tmp_path) == (2, None)
+    error = capsys.readouterr().err
+    assert 'does not tell the parameters of the rig' in error
+    assert '--params FILE.yaml' in error
+    params = params_file(tmp_path / 'params.yaml', BENCH)
+    code, result = run(bag, tmp_path, '--params', str(params))
+    assert (code, verdicts(result)) == (0, ['agrees'])
+    assert 'was found from the motion' in result['remarks'][0]
+    # With the wrong rig it does not agree.
+    params_file(params, BENCH.replace(stiffness=2000.0))
+    code, result = run(bag, tmp_path, '--params', str(params))
+    assert verdicts(result) != ['agrees']
+
+
+def test_bad_bags(messages, tmp_path, capsys):
+    def refused(bag, *words):
+        assert run(bag, tmp_path) == (2, None)
+        error = capsys.readouterr().err
+        assert error.startswith('compare_run: cannot ')
+        assert str(bag) in error
+        for word in words:
+            assert word in error
+
+    refused(tmp_path / 'nowhere', 'no such file', 'name a bag directory')
+    empty = tmp_path / 'empty.mcap'
+    empty.write_bytes(b'')
+    refused(empty, 'empty (0 bytes)')
+    text = tmp_path / 'text.mcap'
+    text.write_text('no bag')
+    refused(text, 'not an MCAP file')
+    refused(samples.record(tmp_path / 'nothing', []), 'no whole message')
+    foreign = [samples.Topic('/chatter', samples.STRING)]
+    with samples.RunWriter(tmp_path / 'foreign', foreign) as writer:
+        writer.write('/chatter', samples.snapshot(5), 5)
+    refused(tmp_path / 'foreign', 'no rig is recorded in it', '/chatter')
+    other = [
+        (t, c.replace(b'"format": 2, "stamp', b'"format": 9, "stamp'), s) for t, c, s in messages
+    ]
+    refused(samples.record(tmp_path / 'other', other, custom=NOTES), 'format 9', 'version')
+    wrong = params_file(tmp_path / 'params.yaml', BENCH)
+    wrong.write_text(wrong.read_text().replace('0.024', '-1'))
+    assert main([str(tmp_path / 'x'), '--params', str(wrong)]) == 2
+    assert 'gap is -1.0 m' in capsys.readouterr().err
+
+
+def test_results_that_cannot_be_written(bag, tmp_path, capsys, monkeypatch):
+    assert main([str(bag), '--quiet', '--json', str(tmp_path / 'no' / 'result.json')]) == 1
+    assert 'give a directory that exists' in capsys.readouterr().err
+    kept = tmp_path / 'result.json'
+    kept.write_text('{}')
+
+    def full(_descriptor):
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr('os.fsync', full)
+    assert main([str(bag), '--quiet', '--json', str(kept)]) == 1
+    assert 'No space left on device' in capsys.readouterr().err
+    # The old one is whole, and no draft is left.
+    assert [path.name for path in tmp_path.iterdir()] == ['result.json']
+    assert kept.read_text() == '{}'
+
+
+def test_paused_runs_are_not_cut(tmp_path):
+    rig = RecordedRig(BENCH).start().run(500)
+    rig.serve(('resume', 10**9))
+    rig.run(500)
+    rig.serve(('change', {'gap': 0.02}))
+    rig.serve(('change', {'friction': 0.0}))
+    rig.serve(('resume', 7 * 10**9))
+    code, result = run(rig.run(500).save(tmp_path / 'bag'), tmp_path)
+    assert (code, len(result['stretches'])) == (0, 2)
+    assert 'paused 2 times' in result['remarks'][0]
+    assert result['stretches'][1]['cause'] == (
+        'gap = 0.02 m (was 0.024 m), friction = 0 (was 0.02)'
+    )
+    assert (result['end'], result['samples']) == (7.5, 1501)
+
+
+def test_a_report(tmp_path, capsys):
+    pytest.importorskip('matplotlib')
+    bag = RecordedRig(BENCH).start().run(4000).save(tmp_path / 'bag')
+    assert main([str(bag), '--report', str(tmp_path / 'report')]) == 0
+    assert 'report.html' in capsys.readouterr().out
+    page = (tmp_path / 'report' / 'report.html').read_text()
+    assert page.count('<svg') >= 6
+    numbers = json.loads((tmp_path / 'report' / 'report.json').read_text())
+    assert verdicts(numbers) == ['agrees']
+
+
+def test_runs_of_the_live_node(tmp_path):
+    """Over DDS: set while it runs, paused, reset, and killed."""
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    from node import rig_client
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import SetBool, Trigger
+
+    until = rig_client.until
+    values = {n: list(v) if isinstance(v, tuple) else v for n, v in BENCH.as_dict().items()}
+    process = rig_client.SimProcess(
+        tmp_path / 'node',
+        ('__ns:=/compared',),
+        record=True,
+        real_time_factor=20.0,
+        **{n: values[n] for n in (*rig_client.LIVELY, *CHANGED)},
+    )
+    try:
+        with rig_client.RigClient() as client:
+            states = client.listen(JointState, '/compared/joint_states')
+            until(lambda: len(states) > 4000, lambda: process.output)
+            parameters = rig_client.RigParametersClient(client, '/compared/sim_node')
+            assert parameters.set(gap=0.021) == ''
+            count = len(states)
+            until(lambda: len(states) > count + 4000)
+            service = '/compared/sim_node'
+            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=True)).success
+            time.sleep(0.1)
+            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=False)).success
+            assert client.call(Trigger, f'{service}/reset').success
+            # Every half second the file is brought to a state that can be salvaged.
+            count, deadline = len(states), time.monotonic() + 1.5
+            until(lambda: len(states) > count + 1000 and time.monotonic() > deadline)
+            process.kill()
+    finally:
+        process.kill()
+    (killed,) = (tmp_path / 'node' / 'runs').iterdir()
+    code, result = run(killed, tmp_path)
+    assert (code, result['node']) == (3, '/compared/sim_node')
+    assert verdicts(result)[:2] == ['agrees', 'agrees'], result['stretches'][0]['sentence']
+    assert [s['begins'] for s in result['stretches']] == ['start', 'change', 'reset']
+    code, result = run(recover_run(killed).output, tmp_path)
+    assert (code, verdicts(result)[:2]) == (0, ['agrees', 'agrees'])
+
+
+CHANGED = ('primary_mass', 'damping', 'restitution_1', 'restitution_2', 'friction')
+
+
+def test_a_mixed_bag_is_used_up_to_the_other_version(messages, tmp_path):
+    """A snapshot of another version in the middle ends what can be used."""
+    later = places(messages, '/snapshot')[2]
+    topic, content, stamp = messages[later]
+    mixed = list(messages)
+    mixed[later] = (topic, content.replace(b'"format": 2, "stamp', b'"format": 9, "stamp'), stamp)
+    code, result = run(samples.record(tmp_path / 'bag', mixed, custom=NOTES), tmp_path)
+    assert (code, verdicts(result)) == (3, ['agrees'])
+    assert 'is of format 9' in result['faults'][0]
+
+
+def test_interrupted(capsys):
+    def work():
+        raise KeyboardInterrupt
+
+    assert outcome('compare_run', work) == 130
+    assert 'compare_run: interrupted' in capsys.readouterr().err
+
+
+def test_a_log_that_contradicts_itself_is_said_to(tmp_path):
+    """A mass that is another one in the snapshots than in the parameter events."""
+    messages = RecordedRig(BENCH).start().run(1000).messages
+    for place in places(messages, '/snapshot'):
+        topic, content, stamp = messages[place]
+        held = json.loads(decode('std_msgs/msg/String', content).data)
+        held['state']['parameters']['damper_mass'] *= 2.0
+        text = samples.serialise(samples.STRING, samples.make(samples.STRING, json.dumps(held)))
+        messages[place] = topic, text, stamp
+    code, result = run(samples.record(tmp_path / 'bag', messages, custom=NOTES), tmp_path)
+    assert code == 1
+    (stretch,) = result['stretches']
+    assert stretch['sentence'].startswith('damper_mass on /parameter_events at 0 s is 0.1')
+
+
+def test_a_change_to_the_same_value_is_no_cut(tmp_path):
+    rig = RecordedRig(BENCH).start().run(500)
+    rig.run(500, ('change', {'force_frequencies': BENCH.force_frequencies}))
+    code, result = run(rig.save(tmp_path / 'bag'), tmp_path)
+    assert (code, len(result['stretches'])) == (0, 1)
+
+
+def test_a_rig_that_is_given_to_a_bag_that_names_its_own(bag, tmp_path):
+    code, result = run(bag, tmp_path, '--params', 'paper')
+    assert code == 0
+    assert 'the bag holds the parameters of its rig: --params was not used' in result['remarks']
+
+
+def test_the_same_rms_as_in_a_replay(tmp_path):
+    """Both are integrals along the motion, also between the samples."""
+    bag = RecordedRig(BENCH, rate=100.0).start().run(1500).save(tmp_path / 'bag')
+    result = tmp_path / 'replay.json'
+    assert replay_run([str(bag), '--set', 'gap=0.02', '--json', str(result), '--quiet']) == 0
+    replayed = json.loads(result.read_text())['what_if']['recorded']['rms_x']
+    assert run(bag, tmp_path)[1]['overall']['x_rms'] == pytest.approx(replayed, rel=1e-5)

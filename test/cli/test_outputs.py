@@ -1,0 +1,127 @@
+"""What cannot be written is found out before the work, and what is written is whole."""
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+from small_disk import mounted
+
+import impact_damper_ros
+from impact_damper_ros.cli import command_line as outputs
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.cli.demo import main as demo
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.cli.reproduce_paper import main as reproduce_paper
+from impact_damper_ros.cli.solve_periodic import main as solve_periodic
+from impact_damper_ros.cli.study_gap_control import main as study_gap_control
+
+PAPER = Path(impact_damper_ros.__file__).parents[1] / 'config' / 'paper.yaml'
+
+# Each has something else to complain of, once the work has begun.
+WORDS = [
+    (compare_run, ['no_bag', '--report']),
+    (compare_run, ['no_bag', '--json']),
+    (replay_run, ['no_bag', '--json']),
+    (replay_run, ['no_bag', '--set', 'gap=0.02', '--figure']),
+    (solve_periodic, [str(PAPER), '--impacts', '2', '--stops', '1', '--json']),
+]
+
+
+@pytest.mark.parametrize(('main', 'words'), WORDS)
+def test_told_before_the_work(main, words, tmp_path, capsys):
+    pytest.importorskip('matplotlib')
+    (tmp_path / 'file').write_text('in the way')
+    place = tmp_path / 'file' / 'place.png'
+    assert main([*words, str(place)]) == 1
+    said = capsys.readouterr()
+    assert f'cannot write {place}: Not a directory: a part of the path is a file' in said.err
+    assert len(said.err.splitlines()) == 1
+    assert said.out == ''
+
+
+@pytest.mark.parametrize('main', [demo, reproduce_paper, study_gap_control])
+def test_a_file_in_place_of_the_directory(main, tmp_path, monkeypatch, capsys):
+    pytest.importorskip('matplotlib')
+    pytest.importorskip('rclpy')
+    monkeypatch.chdir(tmp_path)
+    Path('file').write_text('in the way')
+    assert main(['file'] if main is demo else ['--output', 'file']) == 1
+    assert 'cannot write' in (said := capsys.readouterr().err)
+    assert 'file: Not a directory' in said
+    assert Path('file').read_text() == 'in the way'
+
+
+@pytest.mark.parametrize('name', ['figure', 'figure.gif'])
+def test_figures_of_unknown_formats(name, capsys):
+    assert replay_run(['no_bag', '--set', 'gap=0.02', '--figure', name]) == 2
+    assert f'{name}: give a name that ends in .png, .svg or .pdf' in capsys.readouterr().err
+
+
+def test_trying_changes_nothing(tmp_path):
+    file, there, pipe = tmp_path / 'file', tmp_path / 'there', tmp_path / 'pipe'
+    file.write_text('old')
+    there.mkdir()
+    os.mkfifo(pipe)
+    for path in (file, pipe, tmp_path / 'new', Path('-'), Path('/dev/null')):
+        outputs.check_file(path)
+    for path in (there, tmp_path / 'new' / 'newer'):
+        outputs.check_directory(path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['file', 'pipe', 'there']
+    assert file.read_text() == 'old'
+    assert list(there.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ('place', 'remedy'),
+    [
+        ('there', 'Is a directory: give the name of a file'),
+        ('no/file', 'No such file or directory: give a directory that exists'),
+        ('file/file', 'Not a directory: a part of the path is a file'),
+    ],
+)
+def test_places_for_a_file(tmp_path, place, remedy):
+    (tmp_path / 'there').mkdir()
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(OSError) as refused:
+        outputs.check_file(tmp_path / place)
+    assert outputs.in_words(refused.value).startswith(f'cannot write {tmp_path / place}: {remedy}')
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason='the superuser may write everywhere')
+def test_places_without_permission(tmp_path):
+    tmp_path.chmod(0o500)
+    try:
+        for check in (outputs.check_file, outputs.check_directory):
+            with pytest.raises(PermissionError) as refused:
+                check(tmp_path / 'new')
+            assert refused.value.filename == str(tmp_path / 'new')
+    finally:
+        tmp_path.chmod(0o700)
+
+
+def test_a_whole_file_or_the_old_one(tmp_path):
+    with mounted(tmp_path / 'disk', 64) as disk:
+        file, link = disk / 'file', disk / 'link'
+        link.symlink_to(file)
+        outputs.write_text(link, 'old')
+        with pytest.raises(OSError) as refused:
+            outputs.write_text(link, 100_000 * 'x')
+        remedy = f'cannot write {link}: No space left on device: free some space there'
+        assert outputs.in_words(refused.value).startswith(remedy)
+        assert file.read_text() == 'old'
+        outputs.write_text(link, 'new')
+        assert file.read_text() == 'new'
+        assert sorted(path.name for path in disk.iterdir()) == ['file', 'link']
+        assert link.is_symlink()
+
+
+def test_pipes_are_written_to(tmp_path):
+    """A file in the place of /dev/null would be a calamity."""
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    writing = threading.Thread(target=outputs.write_text, args=(pipe, 'through'))
+    writing.start()
+    assert pipe.read_text() == 'through'
+    writing.join()
+    assert pipe.is_fifo()

@@ -1,0 +1,237 @@
+"""What README.md and docs/ state of the commands is what they print, and every command runs."""
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import yaml
+
+import impact_damper_ros
+from impact_damper_ros import entry_points
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.cli.simulate_rig import parameter_table
+from impact_damper_ros.control import GAP_CONTROL_SPECS
+from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, load_parameters
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+README = ROOT / 'README.md'
+PAGES = [README, *sorted((ROOT / 'docs').rglob('*.md'))]
+COMMANDS = [name for name in entry_points.__all__ if not name.startswith(('begin', 'run'))]
+#: The recording that the pages speak of.
+BAG = 'runs/run_20261120_221707'
+#: Of other packages: only what is said of this one in them is looked at.
+FOREIGN = (
+    *('cd', 'colcon', 'dask', 'docker', 'export', 'git', 'mkdir', 'pip', 'python3', 'rosdep'),
+    *('source', 'sudo', 'touch'),
+)
+#: Less of the same, so that it does not take minutes: what is replaced, by what.
+LESS = (
+    ('--duration 42000', '--duration 420'),
+    ('sweep_dwell=2000', 'sweep_dwell=20'),
+    ('--duration 3600', '--duration 20'),
+    ('=0.4:1.2:33', '=0.4:1.2:2 --no-search'),
+    ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),
+    ('reproduce_paper', 'reproduce_paper --quick --only 4 --jobs 1'),
+)
+RANGE = re.compile(r'(=-?[0-9.]+:-?[0-9.]+):\d+')
+
+
+def blocks(page, language):
+    """Return what stands between the fences of a page."""
+    text = re.sub('^> ?', '', page.read_text(encoding='utf-8'), flags=re.MULTILINE)
+    return re.findall(rf'^```{language}\n(.*?)^```', text, re.DOTALL | re.MULTILINE)
+
+
+def lines_of(page):
+    """Return each command line of a page, a continued one as one line."""
+    text = '\n'.join(blocks(page, 'bash')).replace('\\\n', ' ')
+    return [' '.join(line.split()) for line in text.splitlines() if line.strip()]
+
+
+LINES = [(page, line) for page in PAGES for line in lines_of(page)]
+
+
+def own_words(line):
+    """Return the words of a command of this package; none of another one."""
+    words = shlex.split(line, comments=True)
+    if words[:3] == ['ros2', 'run', 'impact_damper_ros']:
+        words = words[3:]
+    return words if words and words[0] in COMMANDS else []
+
+
+OWN = [
+    pytest.param(line, id=f'{page.relative_to(ROOT)}: {line[:60]}')
+    for page, line in LINES
+    if own_words(line) and '...' not in line
+]
+
+
+def test_parameter_tables_are_current():
+    text = README.read_text(encoding='utf-8')
+    assert parameter_table(PARAMETER_SPECS, INITIAL_SPECS) in text
+    assert parameter_table(GAP_CONTROL_SPECS) in text
+
+
+def test_every_line_is_known():
+    """So that a new command in a page cannot go by untried."""
+    assert len(OWN) > 15
+    for _, line in LINES:
+        words = shlex.split(line, comments=True)
+        first = next(word for word in words if '=' not in word)
+        known = own_words(line) or first in (*FOREIGN, 'ros2', 'make', 'python')
+        assert known, line
+    replaced = ' '.join(line for _, line in LINES)
+    for longer, _ in LESS:
+        assert longer in replaced, f'{longer} stands in no page any more'
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory):
+    bag = tmp_path_factory.mktemp('recorded') / 'bag'
+    assert simulate_rig(['bench_rig', '--duration', '10', '--bag', str(bag), '--quiet']) == 0
+    return bag
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch, recording):
+    """Go to a directory like that of the sources, with a recording in it."""
+    (tmp_path / 'config').symlink_to(ROOT / 'config')
+    (tmp_path / 'docs' / 'sweep').mkdir(parents=True)
+    (tmp_path / BAG).parent.mkdir()
+    (tmp_path / BAG).symlink_to(recording)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def less(line):
+    """Return a command line with less to do."""
+    for longer, shorter in LESS:
+        line = line.replace(longer, shorter)
+    count = 5 if 'initial_' in line else 3
+    line = RANGE.sub(rf'\1:{count}', line)
+    return line + (' --jobs 1' if own_words(line)[0] == 'sweep_rig' else '')
+
+
+def carry_out(line):
+    """Run a command of this package in this process."""
+    command, *words = own_words(less(line))
+    main = import_module(f'impact_damper_ros.cli.{command}').main
+    assert main(words) == 0
+
+
+@pytest.mark.parametrize('line', OWN)
+@pytest.mark.usefixtures('place')
+def test_command(line, capfd):
+    for extra in ('matplotlib', 'pyarrow'):
+        pytest.importorskip(extra)
+    command, *words = own_words(line)
+    if command == 'sim_node':
+        pytest.importorskip('rclpy')
+        check_node(words)
+        return
+    if 'initial_' in line:
+        line += ' --json basins.json'
+    carry_out(line)
+    said = capfd.readouterr()
+    assert 'Traceback' not in said.err
+    for option in ('--figure', '--impacts', '--events', '--states', '--json', '--bag', '-o'):
+        if option in words and command != 'solve_periodic':
+            assert Path(words[words.index(option) + 1]).stat().st_size > 100
+    if 'initial_' in line:
+        # Basins of attraction: more than one colour
+        found = json.loads(Path('basins.json').read_text())
+        assert len(found['attractors']) > 1
+
+
+def check_node(words):
+    """Start the node, wait until it says what runs, and end it."""
+    words = [word for word in words if '$(' not in word]
+    if words[-1] in ('--params-file', '--prefix') or '--share' in words:
+        words = ['--ros-args', '--params-file', 'config/bench_rig.yaml']
+    with Path('said.txt').open('wb') as said:
+        node = subprocess.Popen(
+            [sys.executable, '-m', 'impact_damper_ros.node.sim_node', *words],
+            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        deadline = time.monotonic() + 100.0
+        while 'runs in real time' not in Path('said.txt').read_text():
+            assert node.poll() is None, Path('said.txt').read_text()
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(100.0) == 0
+    finally:
+        node.kill()
+        node.wait()
+    assert 'natural frequency 5.00 Hz' in Path('said.txt').read_text()
+
+
+def test_parameters_that_are_set_on_the_node():
+    """With `ros2 param set`, in the order of each page and of the presets."""
+    pytest.importorskip('rclpy')
+    from impact_damper_ros.node.parameters import NodeParameters, nearest_name
+
+    tried = 0
+    presets = sorted((ROOT / 'config').glob('*.yaml'))
+    for page in (*PAGES, *presets):
+        rig, initial, _ = load_parameters('bench_rig' if page in PAGES else page)
+        node = NodeParameters.from_values({**rig.as_dict(), **initial.as_dict()})
+        text = page.read_text(encoding='utf-8')
+        for words in re.findall(r'ros2 param set (/\S+ \S+ (?:"[^"\n]*"|[^\s`]+))', text):
+            target, name, value = shlex.split(words)
+            assert target == '/sim_node'
+            assert nearest_name(name, 1.0) == name
+            node = node.changed({name: yaml.safe_load(value)})
+            tried += 1
+    assert tried > 12
+
+
+def test_make_targets_and_scripts_are_there():
+    makefile = (ROOT / 'Makefile').read_text(encoding='utf-8')
+    pages = '\n'.join(page.read_text(encoding='utf-8') for page in PAGES)
+    targets = set(re.findall(r'^(?:`)?make ([a-z]+)', pages, re.MULTILINE))
+    targets |= set(re.findall(r'`make ([a-z]+)', pages))
+    assert {'demo', 'test'} <= targets
+    for target in targets:
+        assert re.search(rf'^{target}:', makefile, re.MULTILINE), target
+    scripts = set(re.findall(r'python (benchmarks/\w+\.py)', pages))
+    assert len(scripts) > 4
+    assert all((ROOT / script).is_file() for script in scripts)
+
+
+PYTHON = [
+    pytest.param(text, id=f'{page.relative_to(ROOT)}: {text.splitlines()[0]}')
+    for page in PAGES
+    for text in blocks(page, 'python')
+]
+
+
+@pytest.mark.parametrize('text', PYTHON)
+def test_python(text, place):
+    for extra in ('numba', 'pandas', 'pyarrow', 'matplotlib', 'xarray'):
+        pytest.importorskip(extra)
+    for name in re.findall(r"read_parquet\('(\w+\.parquet)'", text):
+        line = next(line for page, line in LINES if name in line and page != README)
+        carry_out(line)
+    script = place / 'script.py'
+    script.write_text(text.replace('gap=10:60:200', 'gap=10:60:3'), encoding='utf-8')
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        env={**os.environ, 'PYTHONPATH': str(ROOT), 'MPLBACKEND': 'agg'},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr

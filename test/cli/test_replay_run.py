@@ -1,0 +1,333 @@
+"""The command, on bags of the live node and on bags written without ROS."""
+
+import csv
+import json
+import os
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from bag import samples
+from bag.recorded_rig import LIVELY, NOTES, RecordedRig
+
+import impact_damper_ros
+from impact_damper_ros.bag import recover_run
+from impact_damper_ros.bag.rig_messages import JointStateBytes
+from impact_damper_ros.cli.replay_run import main
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.replay.what_if import RecordedValues
+from impact_damper_ros.report.replay_report import Response, lost_energy
+from impact_damper_ros.rig import EventKind, Simulator
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+
+
+def run(bag, tmp_path, *arguments):
+    """Run the command in this process; return exit code and result."""
+    result = tmp_path / 'result.json'
+    result.unlink(missing_ok=True)
+    code = main([str(bag), '--json', str(result), *arguments])
+    return code, json.loads(result.read_text()) if result.exists() else None
+
+
+def table(path):
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
+@pytest.fixture(scope='module')
+def messages():
+    """Return a run of 4 s with changes and a reset."""
+    rig = RecordedRig().start().run(300).run(200, ('change', {'gap': 0.012}))
+    rig.run(100, ('reset', None)).run(200, ('change', {'restitution_1': 0.7}))
+    return rig.messages
+
+
+@pytest.fixture(scope='module')
+def bag(messages, tmp_path_factory):
+    return samples.record(tmp_path_factory.mktemp('run') / 'bag', messages, custom=NOTES)
+
+
+def test_an_identical_replay(bag, tmp_path, capsys):
+    code, result = run(bag, tmp_path)
+    assert code == 0
+    assert result['verdict'] == 'identical'
+    compared = result['compared']
+    assert (compared['samples'], compared['changes'], compared['resets']) == (801, 2, 1)
+    assert (compared['start'], compared['end']) == (0.0, 4.0)
+    assert compared['impacts'] > 50
+    text = capsys.readouterr().out
+    assert 'verdict     identical: the run is reproduced bit for bit' in text
+    assert f'801 samples, {compared["impacts"]} impacts' in text
+    # A single file, too
+    (file,) = bag.glob('*.mcap')
+    assert run(file, tmp_path)[0] == 0
+
+
+def test_a_difference_is_reported_where_it_starts(tmp_path, capsys):
+    rig = RecordedRig().start().run(100, ('change', {'friction': 0.1})).run(99)
+    rig.rig.change(rig.rig.parameters.replace(gap=0.012))
+    rig.run(100)
+    code, result = run(rig.save(tmp_path / 'bag'), tmp_path)
+    assert code == 1
+    first = result['first_difference']
+    assert (first['time'], first['topic']) == (1.0, '/joint_states')
+    # Both differ by the same, up to round-off.
+    assert first['quantity'] in ('position of stop_1', 'position of stop_2')
+    assert first['difference'] == pytest.approx(0.001, rel=1e-9)
+    assert first['after'] == 'friction = 0.1 at 0.005 s'
+    assert result['divergence']['samples'] == 100
+    text = capsys.readouterr().out
+    assert 'DIFFERENT' in text
+    assert 'rig time 1.000000000 s' in text
+    assert 'after     friction = 0.1 at 0.005 s' in text
+    assert 'growth' in text
+
+
+def test_what_if_is_what_simulate_rig_says(tmp_path, capsys):
+    plain = RecordedRig().start().run(400).save(tmp_path / 'plain')
+    states, impacts = tmp_path / 'states.csv', tmp_path / 'impacts.csv'
+    files = ('--states', str(states), '--impacts', str(impacts))
+    code, result = run(plain, tmp_path, '--set', 'gap=0.006', *files)
+    assert code == 0
+    rows, hits = table(states), table(impacts)
+    params = tmp_path / 'params.yaml'
+    values = {n: list(v) if isinstance(v, tuple) else v for n, v in LIVELY.as_dict().items()}
+    params.write_text(json.dumps({'/**': {'ros__parameters': values}}))
+    words = ['--duration', '2', '--rate', '200', '--set', 'gap=0.006', *files]
+    assert simulate_rig([str(params), *words]) == 0
+    assert table(states) == rows
+    assert table(impacts) == hits
+    assert len(rows) == 401
+    # Rows of rest have the same velocities before and after.
+    speeds = ('damper_velocity_before', 'damper_velocity_after')
+    count = sum(row[speeds[0]] != row[speeds[1]] for row in hits)
+    assert result['what_if']['what_if']['impacts'] == count > 20
+    # Measured independently
+    other = Response()
+    rig = Simulator(LIVELY)
+    energy = 0.0
+    m_1, m_2 = LIVELY.primary_mass, LIVELY.damper_mass
+    for k in range(401):
+        events = rig.advance(k / 200)
+        for e in events:
+            if e.kind is EventKind.IMPACT:
+                before = m_1 * e.primary_velocity_before**2 + m_2 * e.damper_velocity_before**2
+                after = m_1 * e.primary_velocity_after**2 + m_2 * e.damper_velocity_after**2
+                assert lost_energy(e) == pytest.approx((before - after) / 2, rel=1e-9)
+                energy += (before - after) / 2
+        other.look(rig.sample(), events)
+    recorded = result['what_if']['recorded']
+    assert recorded['largest_x'] == other.largest
+    assert recorded['rms_x'] == pytest.approx(other.rms, rel=1e-14)
+    assert recorded['energy_lost_in_impacts'] == pytest.approx(energy, rel=1e-9)
+    text = capsys.readouterr().out
+    assert 'what if     gap = 0.006 (recorded: 0.01)' in text
+    assert 'energy lost in impacts [J]' in text
+
+
+def test_what_if_lists_what_was_recorded(tmp_path, capsys):
+    """All values that the held parameter had, with their times; of very many, number and range."""
+    rig = RecordedRig().start()
+    gaps = [0.012 + 0.0001 * k for k in range(17)]
+    for gap in gaps:
+        rig.run(20, ('change', {'gap': gap}), ('change', {'friction': gap}))
+    rig.run(20, ('change', {'initial_primary_position': 0.002}), ('reset', None))
+    bag = rig.save(tmp_path / 'bag')
+    words = ('--set', 'gap=0.03', '--set', 'initial_primary_position=0.001', '--set', 'angle=0.1')
+    code, result = run(bag, tmp_path, *words, '--figure', str(tmp_path / 'figure.png'))
+    assert code == 0
+    told = ' '.join(capsys.readouterr().out.split())
+    listed = [f'{gap!r} from {0.005 + 0.1 * k:.9g} s' for k, gap in enumerate(gaps)]
+    assert f'gap = 0.03 (recorded: 0.01, {", ".join(listed)})' in told
+    assert 'initial_primary_position = 0.001 (recorded: 0.0, 0.002 from 1.705 s)' in told
+    assert 'angle = 0.1 (recorded: 0.0)' in told
+    values = result['what_if']['recorded_values']['gap']
+    assert values['changes'] == [[round(0.1 * k + 0.005, 9), gap] for k, gap in enumerate(gaps)]
+    assert (values['at_first'], values['change_count']) == (0.01, 17)
+    # The title of a picture has room for some.
+    recorded = RecordedValues(0.01)
+    for k, gap in enumerate([*gaps, 0.002]):
+        recorded.take(float(k), gap)
+        recorded.take(k + 0.5, gap)
+    assert recorded.described('{:g} m'.format, 2) == (
+        '0.01 m, 0.012 m from 0 s, 0.0121 m from 1 s, and 16 more until 17 s, '
+        'all within 0.002 m to 0.0136 m'
+    )
+
+
+def test_what_if_with_the_recorded_values_changes_nothing(bag, tmp_path):
+    code, result = run(bag, tmp_path, '--set', 'damper_mass=0.1')
+    assert code == 0
+    assert result['what_if']['recorded'] == result['what_if']['what_if']
+
+
+def test_the_picture(bag, tmp_path):
+    pytest.importorskip('matplotlib')
+    picture = tmp_path / 'what_if.png'
+    code, _ = run(bag, tmp_path, '--set', 'gap=0.02', '--figure', str(picture))
+    assert code == 0
+    content = picture.read_bytes()
+    assert content[:8] == b'\x89PNG\r\n\x1a\n'
+    width, height = struct.unpack('>II', content[16:24])
+    assert width > 1500
+    assert height > 1000
+
+
+@pytest.mark.parametrize(
+    ('setting', 'message'),
+    [
+        ('gab=3', 'give NAME=VALUE with one of the names'),
+        ('gap=-1', 'gap is -1.0 m: give a number'),
+        ('gap', 'give NAME=VALUE'),
+        ('force_frequencies=[1,2]', 'has 2 entries'),
+    ],
+)
+def test_bad_settings(bag, tmp_path, capsys, setting, message):
+    assert run(bag, tmp_path, '--set', setting) == (2, None)
+    assert message in capsys.readouterr().err
+
+
+def test_bad_bags(bag, messages, tmp_path, capsys):
+    def refused(path, message):
+        assert run(path, tmp_path) == (2, None)
+        assert message in capsys.readouterr().err
+
+    empty = tmp_path / 'empty.mcap'
+    empty.touch()
+    refused(empty, 'the file is empty')
+    refused(tmp_path / 'absent', 'no such file or directory')
+    text = tmp_path / 'text.mcap'
+    text.write_text('no bag')
+    refused(text, 'not an MCAP file')
+    only = samples.record(tmp_path / 'only', [m for m in messages if m[0] == '/impacts'])
+    refused(only, 'no message on /snapshot')
+    refused(samples.record(tmp_path / 'nothing', []), 'no whole message')
+    (file,) = bag.glob('*.mcap')
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(file.read_bytes()[:1000])
+    refused(cut, 'no whole message')
+    with pytest.raises(SystemExit) as stopped:
+        main([str(bag), '--figure', 'x.png'])
+    assert stopped.value.code == 2
+    assert main([str(bag), '--json', str(tmp_path / 'no' / 'result.json')]) == 1
+    assert 'give a directory that exists' in capsys.readouterr().err
+
+
+def test_bags_with_faults_are_compared_in_part(messages, tmp_path):
+    doubled = samples.record(tmp_path / 'doubled', [*messages, messages[-1]], custom=NOTES)
+    code, result = run(doubled, tmp_path)
+    assert (code, result['verdict']) == (3, 'partial')
+    assert 'twice' in result['faults'][0]
+    kept = [m for m in messages if not 10**9 < m[2] - samples.START < 1.1e9]
+    code, result = run(samples.record(tmp_path / 'gap', kept, custom=NOTES), tmp_path)
+    assert (code, result['verdict'], result['missing_samples']) == (3, 'partial', 19)
+
+
+def test_several_rigs_in_a_bag(messages, tmp_path, capsys):
+    topics = [
+        samples.Topic(f'{space}{t.name}', t.type, t.qos)
+        for space in ('/left', '/right')
+        for t in samples.TOPICS
+        if 'parameter' not in t.name and 'diagnostics' not in t.name
+    ]
+    names = {t.name for t in topics}
+    with samples.RunWriter(tmp_path / 'two', topics) as writer:
+        for topic, content, stamp in messages:
+            for space in ('/left', '/right'):
+                if space + topic in names:
+                    writer.write(space + topic, content, stamp)
+    assert run(tmp_path / 'two', tmp_path) == (2, None)
+    assert 'several rigs: /left/, /right/; choose one with --node' in capsys.readouterr().err
+    for name in ('/left', '/right/sim_node'):
+        code, result = run(tmp_path / 'two', tmp_path, '--node', name)
+        assert (code, result['compared']['samples']) == (0, 801)
+    assert run(tmp_path / 'two', tmp_path, '--node', '/middle/x') == (2, None)
+    assert "holds no node '/middle/x'" in capsys.readouterr().err
+
+
+def test_long_runs_take_little_memory(tmp_path):
+    """An hour's worth is measured by hand; here the growth from one size to twice of it."""
+    rig = RecordedRig(rate=1000.0).start().run(200)
+    content = rig.messages[-1][1]
+    shape = JointStateBytes(content)
+    peaks = []
+    for count in (4_000, 40_000):
+        with samples.RunWriter(tmp_path / str(count), samples.TOPICS, custom=NOTES) as writer:
+            for message in rig.messages:
+                writer.write(*message)
+            follower = Simulator.restore(rig.rig.snapshot())
+            for k in range(count):
+                stamp = rig.offset + rig.time_ns + (k + 1) * 1_000_000
+                follower.advance((stamp - rig.offset) / 1e9)
+                s = follower.sample()
+                speeds = (s.primary_velocity, s.damper_velocity, *[s.primary_velocity] * 2)
+                numbers = ((s.x, s.z, s.stop_1, s.stop_2), speeds)
+                writer.write('/joint_states', shape.filled(stamp, *numbers), stamp)
+        code = (
+            'import resource, sys\n'
+            'from impact_damper_ros.cli.replay_run import main\n'
+            'main([sys.argv[1], "--quiet", "--set", "gap=0.02"])\n'
+            'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n'
+        )
+        done = subprocess.run(
+            [sys.executable, '-c', code, str(tmp_path / str(count))],
+            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        peaks.append(int(done.stdout) / 1e3)
+    assert peaks[1] - peaks[0] < 30
+
+
+def test_runs_of_the_live_node(tmp_path):
+    """Over DDS: set while it runs, paused, reset, killed, and recorded from the start."""
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    from node import rig_client
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import SetBool, Trigger
+
+    until = rig_client.until
+    process = rig_client.SimProcess(
+        tmp_path / 'node', ('__ns:=/replayed',), record=True, **rig_client.LIVELY
+    )
+    try:
+        with rig_client.RigClient() as client:
+            states = client.listen(JointState, '/replayed/joint_states')
+            until(lambda: len(states) > 100, lambda: process.output)
+            parameters = rig_client.RigParametersClient(client, '/replayed/sim_node')
+            assert parameters.set(gap=0.008, friction=0.05) == ['', '']
+            service = '/replayed/sim_node'
+            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=True)).success
+            assert parameters.set_atomically(gap=0.006, restitution_1=0.6) == ''
+            assert parameters.set(initial_primary_position=0.004) == ''
+            time.sleep(0.2)
+            assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=False)).success
+            assert client.call(Trigger, f'{service}/reset').success
+            count = len(states)
+            until(lambda: len(states) > count + 100)
+            assert parameters.set(record=False) == ''
+            assert parameters.set(record=True) == ''
+            count = len(states)
+            until(lambda: len(states) > count + 250)
+            process.kill()
+    finally:
+        process.kill()
+    whole, killed = sorted((tmp_path / 'node' / 'runs').iterdir())
+    code, result = run(whole, tmp_path)
+    assert code == 0, result
+    compared = result['compared']
+    assert compared['samples'] > 200
+    assert compared['impacts'] > 10
+    assert (compared['changes'], compared['resets'], compared['pauses']) == (3, 1, 1)
+    assert result['node'] == '/replayed/sim_node'
+    code, result = run(killed, tmp_path)
+    assert code == 3
+    assert result['first_difference'] is None
+    assert 'not complete' in result['faults'][0]
+    code, result = run(recover_run(killed).output, tmp_path)
+    assert code == 0, result
+    assert result['compared']['samples'] > 50

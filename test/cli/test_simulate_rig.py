@@ -1,0 +1,387 @@
+"""The headless command, run as users run it: as a process, with files."""
+
+import csv
+import io
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+from impact_damper_ros.bag import RunReader
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.cli.simulate_rig import main
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.rig import EventKind, RigParameters, Sample, Simulator
+from impact_damper_ros.rig.swing import Swing
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+PAPER = ROOT / 'config' / 'paper.yaml'
+INCLINED = ('angle=0.7853981633974483', 'gravity=1', 'force_frequencies=[1.02]')
+
+
+def table(path):
+    return list(csv.DictReader(io.StringIO(path.read_text())))
+
+
+def run(tmp_path, *arguments, settings=(), params=PAPER):
+    """Run the command in this process; return exit code and impacts."""
+    impacts = tmp_path / 'impacts.csv'
+    overrides = [word for setting in settings for word in ('--set', setting)]
+    code = main([str(params), '--impacts', str(impacts), *arguments, *overrides])
+    rows = table(impacts) if impacts.exists() else []
+    return code, [{k: int(v) if k == 'stop' else float(v) for k, v in r.items()} for r in rows]
+
+
+def test_first_impacts_from_rest(tmp_path):
+    code, rows = run(tmp_path, '--duration', '51', settings=['gravity=0'])
+    assert code == 0
+    assert [row['stop'] for row in rows] == [1, 2, 1, 2]
+    expected = [43.62266009691099, 45.40718583180668, 46.77474766084761, 50.874097144989875]
+    assert [row['time'] for row in rows] == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'golden', 'largest'),
+    [
+        (
+            ('gravity=0',),
+            {1: (0.733784, 9.9294, -1.9340, -18.0987), 2: (0.233784, -9.9294, 1.9340, 18.0987)},
+            None,
+        ),
+        (
+            (*INCLINED, 'friction=0'),
+            {
+                1: (0.7513744, 4.2199719, -1.3654370, -15.4743588),
+                2: (0.2632173, -4.0551342, 1.8294568, 13.9932174),
+            },
+            '0.2032358',
+        ),
+        (
+            (*INCLINED, 'friction=0.5'),
+            {
+                1: (0.7579950, 4.1321400, -1.9067334, -15.9650212),
+                2: (0.2697923, -3.9291024, 2.3620421, 14.4522209),
+            },
+            '0.2113439',
+        ),
+    ],
+    ids=['horizontal', 'inclined', 'inclined with friction'],
+)
+def test_golden_steady_states(tmp_path, capsys, settings, golden, largest):
+    code, rows = run(tmp_path, '--duration', '12000', settings=settings)
+    assert code == 0
+    frequency = 1.0 if 'gravity=0' in settings else 1.02
+    digits = 0.5e-6 if 'gravity=0' in settings else 0.5e-7
+    for row in rows[-2:]:
+        phase, x, primary, damper = golden[row['stop']]
+        assert row['time'] * frequency / math.tau % 1.0 == pytest.approx(phase, abs=digits * 1.01)
+        tolerance = 0.51e-4 if 'gravity=0' in settings else 0.51e-7
+        assert row['x'] == pytest.approx(x, abs=tolerance)
+        assert row['primary_velocity_after'] == pytest.approx(primary, abs=tolerance)
+        assert row['damper_velocity_after'] == pytest.approx(damper, abs=tolerance)
+    if largest is not None:
+        assert f', {largest} of the ' in capsys.readouterr().err
+
+
+def test_sticking_and_release_are_events(tmp_path):
+    events = tmp_path / 'events.csv'
+    code, rows = run(
+        tmp_path, '--duration', '26', '--events', str(events),
+        settings=[*INCLINED, 'friction=0.5'],
+    )  # fmt: skip
+    assert code == 0
+    kinds = [row for row in table(events) if row['kind'] != 'reversal']
+    instants = {row['kind']: float(row['time']) for row in kinds}
+    assert instants['stick'] == pytest.approx(0.733769482104, abs=1e-12)
+    assert instants['release'] == pytest.approx(1.71677134162, abs=1e-11)
+    expected = [10.061379083930, 20.433504840227, 22.929063529950, 24.931810684244]
+    assert [row['time'] for row in rows] == pytest.approx(expected, abs=1e-12)
+
+
+def test_events_show_the_frequency(tmp_path):
+    """That of the first harmonic from the event on; of a step, the one that it leads to."""
+    events = tmp_path / 'events.csv'
+    settings = ['sweep_mode=up_down', 'sweep_low=0.9', 'sweep_high=1.0', 'sweep_step=0.04']
+    code, _ = run(
+        tmp_path, '--duration', '380', '--events', str(events),
+        settings=['gravity=0', 'sweep_dwell=60', 'gap=8', *settings],
+    )  # fmt: skip
+    assert code == 0
+    rows = [(r['kind'], float(r['time']), float(r['force_frequency'])) for r in table(events)]
+    steps = [(instant, frequency) for kind, instant, frequency in rows if kind == 'frequency_step']
+    expected = [0.94, 0.98, 1.0, 0.98, 0.94, 0.9]
+    assert steps == [(60.0 * (k + 1), pytest.approx(w)) for k, w in enumerate(expected)]
+    assert {kind for kind, *_ in rows} == {'impact', 'frequency_step'}
+    for _, instant, frequency in rows:
+        assert frequency == pytest.approx([0.9, *expected][int(instant // 60.0)])
+    # One frequency all the time
+    run(tmp_path, '--duration', '60', '--events', str(events), settings=['gravity=0'])
+    assert {row['force_frequency'] for row in table(events)} == {'1'}
+
+
+def test_seventeen_digits_round_trip(tmp_path):
+    _, rows = run(tmp_path, '--duration', '200')
+    exact = Simulator(RigParameters(gravity=1.0)).advance(200.0)
+    assert [row['time'] for row in rows] == [event.time for event in exact]
+    assert [row['x'] for row in rows] == [event.x for event in exact]
+
+
+def test_states_lie_on_the_grid_and_do_not_disturb(tmp_path):
+    states = tmp_path / 'states.csv'
+    _, alone = run(tmp_path, '--duration', '60')
+    _, sampled = run(tmp_path, '--duration', '60', '--states', str(states), '--rate', '37')
+    assert sampled == alone
+    rows = table(states)
+    assert [float(row['time']) for row in rows] == [k / 37 for k in range(60 * 37 + 1)]
+    assert float(rows[0]['x']) == 0.0
+    assert float(rows[0]['stop_1']) == 18.5
+
+
+def test_chatter_is_reported_once_as_rest(tmp_path):
+    # A vertical rig that is hardly shaken: the ball bounces on stop 1 and comes to rest.
+    code, rows = run(
+        tmp_path, '--duration', '60',
+        settings=['angle=1.5708', 'one_sided=true', 'gap=2', 'force_amplitudes=[0.001]'],
+    )  # fmt: skip
+    assert code == 0
+    last = rows[-1]
+    assert last['damper_velocity_before'] == last['primary_velocity_before']
+    assert last['damper_velocity_after'] == last['primary_velocity_after']
+    rests = [r for r in rows if r['damper_velocity_before'] == r['primary_velocity_before']]
+    assert rests == [last]
+    assert len(rows) < 100
+
+
+def test_swing_finds_the_turning_point_between_samples():
+    swing = Swing()
+    for k in range(65):
+        t = 0.013 + k * math.tau / 64
+        x, v = 3.0 * math.sin(t), 3.0 * math.cos(t)
+        swing.look(Sample(t, x, v, *[0.0] * 6), [])
+    assert swing.largest == pytest.approx(3.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'words'),
+    [
+        (['gap=-1'], ['gap is -1.0 m', '1e-09', '1e+09']),
+        (['gap=.nan'], ['gap is nan']),
+        (['gap=wide'], ["gap is 'wide'", 'give a number']),
+        (['angel=1'], ['--set angel=1', 'angle']),
+        (['damping=3'], ['damping is 3.0', 'underdamped']),
+        (['force_phases=[0, 1]'], ['force_phases has 2 entries', 'same length']),
+        (['initial_damper_offset=20'], ['initial_damper_offset is 20.0', '18.5']),
+    ],
+)
+def test_bad_settings_are_explained(tmp_path, capsys, settings, words):
+    code, rows = run(tmp_path, '--duration', '1', settings=settings)
+    assert code == 2
+    assert rows == []
+    message = capsys.readouterr().err
+    for word in words:
+        assert word in message
+
+
+@pytest.mark.parametrize('text', ['', '- a\n- b\n', '{', '/**: 3\n', 'other:\n  a: 1\n', '\0\1'])
+def test_bad_files_are_explained(tmp_path, capsys, text):
+    path = tmp_path / 'params.yaml'
+    path.write_text(text)
+    code, _ = run(tmp_path, '--duration', '1', params=path)
+    assert code == 2
+    assert str(path) in capsys.readouterr().err
+
+
+def test_full_disk_is_explained(capsys):
+    code = main([str(PAPER), '--duration', '5000', '--impacts', '/dev/full'])
+    assert code == 1
+    assert 'No space left' in capsys.readouterr().err
+
+
+def test_missing_directory_is_explained(tmp_path, capsys):
+    code = main([str(PAPER), '--duration', '5', '--impacts', str(tmp_path / 'no' / 'x.csv')])
+    assert code == 1
+    assert 'a directory that exists' in capsys.readouterr().err
+
+
+def test_interrupt_keeps_what_was_simulated(tmp_path):
+    impacts = tmp_path / 'impacts.csv'
+    process = subprocess.Popen(
+        [
+            *(sys.executable, '-m', 'impact_damper_ros.cli.simulate_rig', str(PAPER)),
+            *('--duration', '1e8', '--impacts', str(impacts)),
+        ],
+        stderr=subprocess.PIPE,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        text=True,
+    )
+    try:
+        deadline = time.monotonic() + 60
+        while not (impacts.exists() and impacts.stat().st_size > 10_000):
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, message = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 130
+    assert 'interrupted' in message
+    text = impacts.read_text()
+    assert text.endswith('\n')
+    rows = list(csv.reader(text.splitlines()))
+    assert {len(row) for row in rows} == {7}
+    exact = Simulator(RigParameters(gravity=1.0)).advance(float(rows[50][0]))
+    assert float(rows[50][0]) == exact[-1].time
+
+
+def test_imports_no_ros():
+    code = (
+        'import sys; import impact_damper_ros.cli.simulate_rig; '
+        'print([m for m in sys.modules if m.startswith(("rclpy", "matplotlib", "scipy"))])'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == '[]'
+
+
+def test_gap_control_from_the_command_line(tmp_path):
+    """The same control as in the library, and what the stops do among the events."""
+    events, states = tmp_path / 'events.csv', tmp_path / 'states.csv'
+    settings = (
+        'gravity=0',
+        'gap_control=timed',
+        'gap_control_rate=5',
+        'actuator_speed=30',
+        'actuator_delay=0.1',
+    )
+    files = ('--events', str(events), '--states', str(states), '--rate', '2')
+    code, rows = run(tmp_path, '--duration', '400', *files, settings=settings)
+    assert code == 0
+    rig = ControlledRig(
+        RigParameters(gravity=0.0),
+        control=GapControlParameters(
+            gap_control='timed', gap_control_rate=5.0, actuator_speed=30.0, actuator_delay=0.1
+        ),
+    )
+    expected = rig.advance(400.0)
+    found = [(row['kind'], float(row['time'])) for row in table(events)]
+    assert found == [(event.kind.name.lower(), event.time) for event in expected]
+    assert {'crossing', 'stop_arrived', 'stop_touched', 'impact'} == {kind for kind, _ in found}
+    assert len(rows) == sum(kind == 'impact' for kind, _ in found)
+    # The stops are seen to move.
+    gaps = {round(float(row['stop_1']) - float(row['stop_2']), 3) for row in table(states)}
+    assert len(gaps) > 100
+
+
+def test_gap_control_from_the_parameters_file(tmp_path, capsys):
+    params = tmp_path / 'rig.yaml'
+    head = '/**:\n  ros__parameters:\n    gravity: 0.0\n'
+    params.write_text(head + '    gap_control: timed\n    gap_control_rate: 5\n')
+    assert run(tmp_path, '--duration', '900', params=params)[0] == 0
+    summary = capsys.readouterr().err
+    assert 'gap control timed: ' in summary
+    # From 0.27 of the motion without impacts, with the gap of the paper
+    share = float(summary.partition(' m in the last 20 cycles, ')[2].partition(' ')[0])
+    assert share == pytest.approx(0.0277, abs=0.0005)
+    # Unquoted, YAML takes off for false.
+    params.write_text(head + '    gap_control: off\n')
+    assert run(tmp_path, '--duration', '50', params=params)[0] == 0
+    assert 'gap control' not in capsys.readouterr().err
+    params.write_text(head + '    gap_min: 2.0\n    gap_max: 1.0\n')
+    assert run(tmp_path, '--duration', '50', params=params)[0] == 2
+    assert 'give a gap_min below gap_max' in capsys.readouterr().err
+    code, _ = run(tmp_path, '--duration', '50', settings=['gap_control=always'])
+    assert code == 2
+    assert 'give one of off, amplitude, timed' in capsys.readouterr().err
+    params.write_text(head + '    gap_contol: timed\n')
+    assert run(tmp_path, '--duration', '50', params=params)[0] == 2
+    assert 'did you mean gap_control?' in capsys.readouterr().err
+
+
+def test_a_rig_with_events_without_end_is_said_in_a_line(tmp_path, capsys):
+    settings = {
+        'gap': 1e-9,
+        'restitution_1': 1,
+        'restitution_2': 1,
+        'gravity': 0,
+        'initial_damper_velocity': 1e9,
+    }
+    code, _ = run(
+        tmp_path,
+        *('--duration', '0.1', '--bag', str(tmp_path / 'bag')),
+        settings=[f'{name}={value}' for name, value in settings.items()],
+    )
+    said = capsys.readouterr().err
+    assert code == 1
+    # First what runs
+    rig, reason = said.splitlines()
+    assert 'natural frequency' in rig
+    assert reason.startswith('simulate_rig: the rig has more than 10000 events at once, at ')
+    assert 'give a wider gap, a restitution below 1, or a slower start' in said
+    assert RunReader(tmp_path / 'bag').complete
+
+
+def test_parameters_change_during_the_run(tmp_path):
+    """As `Simulator.change` makes it; changes at one time take effect together."""
+    words = ['--change', '20:gap=30', '--change', '33.25:friction=0.1', '--change', '20:angle=0.1']
+    code, rows = run(tmp_path, '--duration', '80', *words, settings=['gravity=1'])
+    rig = Simulator(RigParameters(gravity=1.0))
+    events = rig.advance(20.0)
+    events += rig.change(rig.parameters.replace(gap=30.0, angle=0.1))
+    events += rig.advance(33.25)
+    events += rig.change(rig.parameters.replace(friction=0.1))
+    events += rig.advance(80.0)
+    impacts = [event for event in events if event.kind is EventKind.IMPACT]
+    assert code == 0
+    assert [row['time'] for row in rows] == [impact.time for impact in impacts]
+    assert len(rows) > 3
+
+
+def test_changes_are_recorded(tmp_path, capsys):
+    words = ['--change', '5:gap_control=timed', '--change', '9.0001:gap_control=off']
+    bag = tmp_path / 'bag'
+    assert main(['bench_rig', '--duration', '14', '--bag', str(bag), '--quiet', *words]) == 0
+    assert replay_run([str(bag)]) == 0
+    assert 'meanwhile   2 changes' in capsys.readouterr().out
+    assert compare_run([str(bag)]) == 0
+    text = capsys.readouterr().out
+    assert 'begins with: gap_control = timed (was off)\n' in text
+    assert 'begins with: gap_control = off (was timed)\n' in text
+    assert 'fault' not in text
+
+
+@pytest.mark.parametrize(
+    ('change', 'reason'),
+    [
+        ('90:gap=30', 'above 0 s and up to the 80 s'),
+        ('0:gap=30', 'above 0 s and up to the 80 s'),
+        ('nan:gap=30', 'above 0 s and up to the 80 s'),
+        ('gap=30', 'give TIME:NAME=VALUE'),
+        ('5:gab=30', 'with one of the names'),
+        ('5:gap=-3', 'gap is -3'),
+        ('5:gap', 'give NAME=VALUE'),
+    ],
+)
+def test_inadmissible_changes(tmp_path, capsys, change, reason):
+    assert run(tmp_path, '--duration', '80', '--change', change) == (2, [])
+    assert reason in capsys.readouterr().err
+
+
+def test_two_tables_do_not_share_a_file(tmp_path, capsys):
+    path = str(tmp_path / 'a.csv')
+    assert main(['paper', '--duration', '5', '--states', path, '--impacts', path]) == 2
+    assert 'two tables go to this file' in capsys.readouterr().err
+    assert not Path(path).exists()

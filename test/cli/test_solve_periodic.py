@@ -1,0 +1,192 @@
+"""The command, run as users run it: from a parameters file, with files and exit codes."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+from impact_damper_ros.cli.solve_periodic import main
+from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros.rig import RigParameters, load_parameters
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+PAPER = ROOT / 'config' / 'paper.yaml'
+INCLINED = ('angle=0.7853981633974483', 'gravity=1', 'force_frequencies=[1.02]')
+
+
+def run(tmp_path, *arguments, settings=(), params=PAPER):
+    """Run the command in this process; return exit code and motions."""
+    path = tmp_path / 'orbits.json'
+    overrides = [word for setting in settings for word in ('--set', setting)]
+    code = main([str(params), '--json', str(path), *arguments, *overrides])
+    return code, json.loads(path.read_text()) if path.exists() else None
+
+
+def test_golden_row_with_friction(tmp_path):
+    code, orbits = run(tmp_path, '--impacts', '2', settings=(*INCLINED, 'friction=0.5'))
+    assert code == 0
+    first = orbits[0]
+    assert first['stops'] == [1, 2]
+    assert first['cycles'] == 1
+    assert first['phases'] == pytest.approx([0.7579950, 0.2697923], abs=0.51e-7)
+    assert first['x'] == pytest.approx([4.1321400, -3.9291024], abs=0.51e-7)
+    assert first['primary_velocity_after'] == pytest.approx([-1.9067334, 2.3620421], abs=0.51e-7)
+    assert first['damper_velocity_after'] == pytest.approx([-15.9650212, 14.4522209], abs=0.51e-7)
+    assert first['x_max'] / 23.9993887 == pytest.approx(0.2113439, abs=1e-7)
+    moduli = [math.hypot(*pair) for pair in first['multipliers']]
+    assert moduli == pytest.approx([0.94107, 0.94107, 0.57960, 0.57960], abs=0.51e-5)
+    assert first['stable'] is True
+    assert first['viable'] is True
+    assert first['reason'] == ''
+    assert first['residual'] < 1e-14
+    assert first['residual_history']
+    assert orbits[1]['viable'] is False
+    assert 'from beyond it' in orbits[1]['reason']
+
+
+def test_file_is_what_the_library_finds(tmp_path):
+    code, orbits = run(tmp_path, '--impacts', '3', '--stops', '1,1,2', settings=('gap=16',))
+    parameters, _, _ = load_parameters(PAPER)
+    found = find_orbits(parameters.replace(gap=16.0), (1, 1, 2)).orbits
+    assert orbits == [orbit.as_dict() for orbit in found]
+    assert code == (0 if any(orbit.viable for orbit in found) else 4)
+
+
+def test_all_sequences_if_none_is_named(tmp_path, capsys):
+    settings = ('gap=8', 'force_frequencies=[1.02]')
+    code, orbits = run(tmp_path, '--impacts', '4', '--cycles', '1', settings=settings)
+    assert code == 0
+    assert orbits[0]['stops'] == [1, 1, 2, 2]
+    assert orbits[0]['stable']
+    assert orbits[0]['viable']
+    assert {tuple(orbit['stops']) for orbit in orbits} == {
+        (1, 1, 2, 2),
+        (1, 1, 1, 2),
+        (1, 2, 2, 2),
+    }
+    output = capsys.readouterr().out
+    assert (
+        'stops 1,2,1,2: 0 found; 0 of 600 (0%) systematic starts, 0 of 0 from simulation' in output
+    )
+
+
+def test_phases_are_in_the_period(tmp_path):
+    _, orbits = run(tmp_path, '--impacts', '2', '--cycles', '3')
+    assert orbits
+    for orbit in orbits:
+        assert 0.0 <= orbit['phases'][0] < 1.0
+        assert all(0.0 <= phase < 3.0 for phase in orbit['phases'])
+    _, orbits = run(tmp_path, '--impacts', '2')
+    assert all(0.0 <= phase < 1.0 for orbit in orbits for phase in orbit['phases'])
+
+
+def test_table_has_units_and_numbers(capsys):
+    code = main([str(PAPER), '--impacts', '2', '--set', 'gravity=0'])
+    assert code == 0
+    output = capsys.readouterr().out
+    assert 'stops 1,2: all solutions, 2 found' in output
+    assert 'phase [cycles]' in output
+    assert '0.733783806     9.9293552   -3.4542642   -1.9339743' in output
+    assert 'largest |X|  10.4644051 m, 0.1046441 of the 100 m without impacts' in output
+    assert 'multipliers  0.949520 (pair at +-9.34 deg), 0.574083 (pair at +-41.02 deg)' in output
+    assert 'NOT VIABLE' in output
+    assert max(len(line) for line in output.splitlines() if 'not viable' not in line) <= 99
+
+
+def test_json_to_stdout_keeps_the_table_apart(capsys):
+    assert main([str(PAPER), '--impacts', '2', '--json', '-']) == 0
+    captured = capsys.readouterr()
+    assert len(json.loads(captured.out)) == 2
+    assert 'all solutions' in captured.err
+
+
+def test_quiet(capsys):
+    assert main([str(PAPER), '--impacts', '2', '--quiet']) == 0
+    assert capsys.readouterr() == ('', '')
+
+
+def test_no_solution(tmp_path, capsys):
+    code, orbits = run(tmp_path, '--impacts', '1')
+    assert code == 3
+    assert orbits == []
+    assert 'no periodic motion with 1 impacts in 1 cycles' in capsys.readouterr().err
+
+
+def test_not_viable(tmp_path, capsys):
+    code, orbits = run(tmp_path, '--impacts', '2', '--cycles', '3')
+    assert code == 4
+    assert orbits
+    assert not any(orbit['viable'] for orbit in orbits)
+    message = capsys.readouterr().err
+    assert 'none of the 12 solutions' in message
+    assert 'm would pass stop' in message
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'settings', 'words'),
+    [
+        (('--impacts', '2'), ('gap=-1',), 'gap is -1.0 m: give a number from'),
+        (('--impacts', '2'), ('gap',), 'give NAME=VALUE'),
+        (('--impacts', '2'), ('damping=3',), 'underdamped'),
+        (('--impacts', '3', '--stops', '1,2'), (), '--stops 1,2 names 2 impacts'),
+        (('--impacts', '2', '--stops', '1,2'), ('one_sided=true',), 'no stop 2'),
+        (('--impacts', '2'), ('force_amplitudes=[0]',), 'both different from 0'),
+        (
+            ('--impacts', '2'),
+            ('force_amplitudes=[1, 1]', 'force_frequencies=[1, 2.5]', 'force_phases=[0, 0]'),
+            'turns 2.5 times in 1 cycles',
+        ),
+        (('--impacts', '9'), (), 'name one, such as 1,2,1,2,1,2,1,2,1'),
+    ],
+)
+def test_input_that_is_not_usable(tmp_path, capsys, arguments, settings, words):
+    code, orbits = run(tmp_path, *arguments, settings=settings)
+    assert code == 2
+    assert orbits is None
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [('--impacts', '0'), ('--impacts', 'x'), ('--impacts', '2', '--stops', '1,3'), ()],
+)
+def test_arguments_that_cannot_be_read(capsys, arguments):
+    with pytest.raises(SystemExit) as failure:
+        main([str(PAPER), *arguments])
+    assert failure.value.code == 2
+    assert 'usage' in capsys.readouterr().err
+
+
+def test_missing_file(tmp_path, capsys):
+    assert main([str(tmp_path / 'none.yaml'), '--impacts', '2']) == 2
+    assert 'none.yaml' in capsys.readouterr().err
+
+
+def test_file_that_cannot_be_written(tmp_path, capsys):
+    path = tmp_path / 'no' / 'such.json'
+    assert main([str(PAPER), '--impacts', '2', '--json', str(path)]) == 1
+    assert 'cannot write' in capsys.readouterr().err
+
+
+def test_as_a_process(tmp_path):
+    path = tmp_path / 'orbits.json'
+    done = subprocess.run(
+        [
+            *(sys.executable, '-m', 'impact_damper_ros.cli.solve_periodic', str(PAPER)),
+            *('--impacts', '2', '--cycles', '1', '--stops', '1,2', '--json', str(path)),
+        ],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert done.stderr == ''
+    orbits = json.loads(path.read_text())
+    expected = find_orbits(RigParameters(gravity=1.0), (1, 2)).orbits
+    assert [orbit['x'] for orbit in orbits] == [list(orbit.x) for orbit in expected]

@@ -1,0 +1,56 @@
+"""The command that writes docs/gap_control."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+from impact_damper_ros.cli import study_gap_control
+from impact_damper_ros.cli.study_gap_control import main
+from impact_damper_ros.studies.gap_control import runs as gap_study_plan
+
+DOCS = Path(impact_damper_ros.__file__).parents[1] / 'docs' / 'gap_control'
+FIGURES = {'level', 'broadband', 'sweep', 'load', 'incline', 'sensitivity'}
+
+
+def test_the_whole_study_in_small(tmp_path, monkeypatch, capsys):
+    """Every run, table and figure, but short."""
+    pytest.importorskip('matplotlib')
+    small = replace(
+        gap_study_plan.Extent.quick(), levels=(0.5, 1.0), gaps=(0.8,), broadband_gaps=(16.0,),
+        settle=4.0, watch=4.0, broadband=8.0, sweep_step=0.2, sweep_dwell=2.0, load_span=4.0,
+    )  # fmt: skip
+    monkeypatch.setattr(gap_study_plan.Extent, 'quick', classmethod(lambda _: small))
+    assert main(['--quick', '--output', str(tmp_path / 'study'), '--jobs', '1']) == 0
+    files = {path.name for path in (tmp_path / 'study').iterdir()}
+    assert files == {'README.md', *(f'{figure}.png' for figure in FIGURES)}
+    text = (tmp_path / 'study' / 'README.md').read_text(encoding='utf-8')
+    assert text.count('\n| ') > 60
+    assert all(f'({figure}.png)' in text for figure in FIGURES)
+    assert ' nan' not in text
+    assert capsys.readouterr().out.count('at most') == 4
+
+
+def test_the_page_in_the_repository_is_whole():
+    text = (DOCS / 'README.md').read_text(encoding='utf-8')
+    for figure in FIGURES:
+        assert f'({figure}.png)' in text
+        assert (DOCS / f'{figure}.png').stat().st_size > 20_000
+    assert text.count('| met |') == 4
+
+
+def test_what_cannot_be_written(tmp_path, capsys):
+    blocker = tmp_path / 'file'
+    blocker.write_text('in the way')
+    assert main(['--quick', '--output', str(blocker / 'docs')]) == 1
+    assert 'give a directory that can be written' in capsys.readouterr().err
+
+
+def test_arguments(capsys):
+    for words in (['--jobs', '0'], ['--jobs', 'many']):
+        with pytest.raises(SystemExit) as exit_:
+            main(words)
+        assert exit_.value.code == 2
+    assert 'whole number from 1 to 64' in capsys.readouterr().err
+    assert study_gap_control.__all__ == ['main']

@@ -1,0 +1,324 @@
+"""The command, as users run it: killed, interrupted, on a full disk, with wrong inputs."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from small_disk import mounted
+
+import impact_damper_ros
+from impact_damper_ros.cli.sweep_rig import main
+
+pytest.importorskip('pyarrow')
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+PAPER = ROOT / 'config' / 'paper.yaml'
+AT_102 = ('--set', 'gravity=0', '--set', 'force_frequencies=[1.02]')
+#: Mostly chaotic: long enough to be cut short.
+LONG = (*AT_102, '--vary', 'gap=3:13:120', '--cycles', '600', '--watch', '60')
+BRIEF = (*AT_102, '--vary', 'gap=24:37:4', '--jobs', '1')
+
+
+def run(*arguments, params=PAPER):
+    return main([str(params), *map(str, arguments)])
+
+
+def started(*arguments):
+    """Start the command in a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, '-m', 'impact_damper_ros.cli.sweep_rig', str(PAPER), *arguments],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        stdin=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def wait_for_rigs(journal, count):
+    """Wait until some rigs are on disk; return how many are."""
+    deadline = time.monotonic() + 200.0
+    while time.monotonic() < deadline:
+        if journal.exists() and (lines := journal.read_bytes().count(b'\n')) > count:
+            return lines - 1
+        time.sleep(0.01)
+    raise AssertionError('no rigs came')
+
+
+def children_of(pid):
+    return [int(one) for one in Path(f'/proc/{pid}/task/{pid}/children').read_text().split()]
+
+
+def is_running(pid):
+    try:
+        return ') Z' not in Path(f'/proc/{pid}/stat').read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def test_sweep_with_figure_and_findings(tmp_path, capsys):
+    pytest.importorskip('matplotlib')
+    table, figure, found = (tmp_path / name for name in ('a.parquet', 'a.svg', 'a.json'))
+    words = (*BRIEF, '-o', table, '--figure', figure, '--json', found)
+    assert run(*words, '--measure', 'x_max') == 0
+    rows = pd.read_parquet(table)
+    assert list(rows.impacts_per_cycle) == [2.0] * 4
+    assert figure.read_text().startswith('<?xml')
+    summary = json.loads(found.read_text())
+    assert summary['motions'] == {'periodic': 4}
+    assert summary['optimum']['at_edge'] is True
+    assert summary['optimum']['values'] == [37.0]
+    said = capsys.readouterr().err
+    assert f'{table}: 4 rigs: 4 periodic' in said
+    assert 'least x_max: 4.8' in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['a.json', 'a.parquet', 'a.svg']
+    # Again: nothing is run, and another measure may be asked for
+    written = table.stat().st_mtime_ns
+    assert run(*words, '--measure', 'x_rms') == 0
+    assert table.stat().st_mtime_ns == written
+    assert json.loads(found.read_text())['optimum']['measure'] == 'x_rms'
+
+
+def test_frequencies_that_look_like_hertz(tmp_path, capsys):
+    words = ('--jobs', 1, '--no-search', '--cycles', 50, '--watch', 21)
+    bench = ROOT / 'config' / 'bench_rig.yaml'
+    hertz = ('--vary', 'force_frequencies=4,6', *words, '-o', tmp_path / 'a.csv')
+    assert run(*hertz, params=bench) == 0
+    said = capsys.readouterr().err
+    assert 'natural frequency 5.00 Hz (31.42 rad/s), ζ 1.00 %' in said
+    assert 'if Hz were meant, give 25.1327 to 37.6991' in said
+    right = ('--vary', 'force_frequencies=25,38', *words, '-o', tmp_path / 'b.csv')
+    assert run(*right, params=bench) == 0
+    assert 'Hz were meant' not in capsys.readouterr().err
+
+
+def test_ranges_from_a_file(tmp_path):
+    ranges = tmp_path / 'ranges.yaml'
+    ranges.write_text('vary:\n  gap: {from: 24, to: 37, count: 2}\n')
+    table, other = tmp_path / 'a.parquet', tmp_path / 'b.parquet'
+    assert run(*AT_102, '--ranges', ranges, '--jobs', 1, '-o', table, '--quiet') == 0
+    assert run(*AT_102, '--vary', 'gap=24,37', '--jobs', 1, '-o', other, '--quiet') == 0
+    assert table.read_bytes() == other.read_bytes()
+
+
+def test_rigs_under_gap_control(tmp_path):
+    """By the parameters file or --set, with a parameter of the control varied."""
+    params = tmp_path / 'controlled.yaml'
+    params.write_text(
+        '/**:\n  ros__parameters:\n    gravity: 0.0\n    gap_control: timed\n'
+        '    gap_control_rate: 4.0\n'
+    )
+    few = ('--cycles', 60, '--watch', 21, '--jobs', 1, '--quiet', '--measure', 'x_max')
+    table, other, figure, found = (
+        tmp_path / name for name in ('a.parquet', 'b.parquet', 'a.svg', 'a.json')
+    )
+    words = ('--vary', 'gap_control_park=1.2,1.8', *few)
+    assert run(*words, '-o', table, '--figure', figure, '--json', found, params=params) == 0
+    rows = pd.read_parquet(table)
+    assert list(rows.gap_control_park) == [1.2, 1.8]
+    assert list(rows.impacts_per_cycle) == pytest.approx([2.0, 2.0], abs=0.1)
+    assert (rows.x_max < 10.0).all()
+    assert (rows.lyapunov_exponent < rows.lyapunov_uncertainty).all()
+    assert json.loads(found.read_text())['optimum']['grid_measure'] == rows.x_max.min()
+    assert 'gap control: timed' in figure.read_text()
+    assert 'Lyapunov' in figure.read_text()
+    sets = ('--set', 'gravity=0', '--set', 'gap_control=timed', '--set', 'gap_control_rate=4')
+    assert run(*words, *sets, '-o', other) == 0
+    assert pd.read_parquet(other).equals(rows)
+    # Off by --set, the stops of the same file stay where they are
+    assert run('--set', 'gap_control=off', *words, '-o', other, params=params) == 2
+
+
+def test_killed_sweep_loses_nothing_and_goes_on(tmp_path):
+    """Kill -9 in the middle; the workers end too; the same command completes the table."""
+    whole, table = tmp_path / 'whole.parquet', tmp_path / 'killed.parquet'
+    journal = tmp_path / 'killed.parquet.part'
+    process = started(*LONG, '--jobs', '2', '-o', str(table))
+    try:
+        done = wait_for_rigs(journal, 3)
+        workers = children_of(process.pid)
+    finally:
+        process.kill()
+        process.communicate()
+    assert len(workers) >= 2
+    deadline = time.monotonic() + 100.0
+    while any(map(is_running, workers)):
+        assert time.monotonic() < deadline, 'a worker outlives the sweep'
+        time.sleep(0.01)
+    assert not table.exists()
+    kept = journal.read_bytes().count(b'\n') - 1
+    assert done <= kept < 120
+    assert run(*LONG, '--jobs', 1, '-o', table, '--quiet') == 0
+    assert not journal.exists()
+    assert run(*LONG, '--jobs', 1, '-o', whole, '--quiet') == 0
+    assert table.read_bytes() == whole.read_bytes()
+
+
+@pytest.mark.parametrize(('number', 'jobs'), [(signal.SIGINT, '2'), (signal.SIGTERM, '1')])
+def test_interrupt_says_how_to_go_on(tmp_path, number, jobs):
+    table = tmp_path / 'cut.parquet'
+    process = started(*LONG, '--jobs', jobs, '-o', str(table))
+    try:
+        wait_for_rigs(tmp_path / 'cut.parquet.part', 1)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=100)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert 'interrupted' in said
+    assert 'of 120 rigs are in' in said
+    assert 'give the same command again to go on' in said
+    assert 'Traceback' not in said
+    assert [path.name for path in tmp_path.iterdir()] == ['cut.parquet.part']
+
+
+def test_another_command_on_the_same_output_is_refused(tmp_path, capsys):
+    table = tmp_path / 'a.parquet'
+    assert run(*BRIEF, '-o', table, '--quiet') == 0
+    before = table.read_bytes()
+    assert run(*BRIEF, '--set', 'damping=0.02', '-o', table, '--quiet') == 2
+    said = capsys.readouterr().err
+    assert f'{table} is the table of a sweep with other inputs' in said
+    assert 'parameters.damping: 0.01 there, 0.02 here' in said
+    assert '--overwrite' in said
+    assert table.read_bytes() == before
+    assert run(*BRIEF, '--set', 'damping=0.02', '-o', table, '--quiet', '--overwrite') == 0
+    assert table.read_bytes() != before
+
+
+@pytest.mark.parametrize('name', ['notes.parquet', 'notes.csv'])
+def test_a_foreign_file_is_not_overwritten(tmp_path, capsys, name):
+    foreign = tmp_path / name
+    foreign.write_text('mine')
+    assert run(*BRIEF, '-o', foreign, '--quiet') == 2
+    assert f'{name} is no table of a sweep' in capsys.readouterr().err
+    assert foreign.read_text() == 'mine'
+
+
+@pytest.mark.parametrize('name', ['a.txt', 'a', 'a.parquet.bak', '.csv'])
+def test_the_table_has_a_format_by_its_name(tmp_path, capsys, name):
+    assert run(*BRIEF, '-o', tmp_path / name, '--quiet') == 2
+    assert 'a name that ends in .parquet' in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_csv_holds_what_parquet_does(tmp_path):
+    """With harmonics that fail, lists, texts with commas and what is not known."""
+    words = (*AT_102, '--vary', 'damping=0.01,1.9,2.1', '--jobs', 1, '--quiet')
+    text, table, found = (tmp_path / name for name in ('a.csv', 'a.parquet', 'a.json'))
+    assert run(*words, '-o', table) == 0
+    assert run(*words, '-o', text, '--json', found) == 0
+    rows, expected = pd.read_csv(text, comment='#'), pd.read_parquet(table)
+    assert list(rows.columns) == list(expected.columns)
+    for name in ('x_max', 'lyapunov_exponent', 'x_max_ratio', 'period'):
+        assert list(rows[name].fillna(-1)) == list(expected[name].astype(float).fillna(-1))
+    assert list(rows.ok) == [True, True, False]
+    assert 'damping is 2.1' in rows.reason[2]
+    lists = [json.loads(cell) for cell in rows.section_x.dropna()]
+    assert lists == [list(cell) for cell in expected.section_x.dropna()]
+    head = [line for line in text.read_text().splitlines() if line.startswith('#')]
+    assert json.loads(head[2].removeprefix('# units: '))['x_max'] == 'm'
+    assert json.loads(found.read_text())['failed'] == 1
+    # Again: nothing is run; another sweep is refused
+    written = text.stat().st_mtime_ns
+    assert run(*words, '-o', text) == 0
+    assert text.stat().st_mtime_ns == written
+    assert run(*words, '--cycles', 600, '-o', text) == 2
+    text.write_text(''.join(text.read_text().splitlines(keepends=True)[:5])[:-40])
+    assert run(*words, '-o', text) == 2
+
+
+def test_full_disk_keeps_what_is_done(tmp_path, capsys):
+    with mounted(tmp_path / 'disk', 64) as disk:
+        table = disk / 'a.parquet'
+        words = (*AT_102, '--vary', 'gap=3:13:12', '--cycles', 100, '--jobs', 1, '-o', table)
+        assert run(*words, '--quiet') == 1
+        said = capsys.readouterr().err
+        assert 'No space left on device' in said
+        assert 'of 12 rigs are in' in said
+        assert 'once that is put right' in said
+        journal = disk / 'a.parquet.part'
+        kept = journal.read_bytes()
+        assert kept.count(b'\n') > 3
+        # Elsewhere there is room
+        (tmp_path / 'a.parquet.part').write_bytes(kept)
+        assert run(*words[:-1], tmp_path / 'a.parquet', '--quiet') == 0
+    assert len(pd.read_parquet(tmp_path / 'a.parquet')) == 12
+
+
+def test_every_rig_failed(tmp_path, capsys):
+    assert run('--vary', 'damping=2,3', '--jobs', 1, '-o', tmp_path / 'a.parquet') == 4
+    assert '1 failed: damping is 3.0 N s/m, a damping ratio of 1.5' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (('--vary', 'gab=1:2:3'), "'gab' is not a parameter of the rig: did you mean gap?"),
+        (('--vary', 'gap=1:2:0'), 'gap=1:2:0: 0 values'),
+        (
+            ('--vary', 'angle=0:45:4'),
+            'angle=0:45:4: angle is 15.0 rad: give a number from -1.5708 to 1.5708 rad '
+            '(10° = 0.1745 rad)',
+        ),
+        (('--vary', 'gap=1,2', '--set', 'angle=45'), 'angle is 45.0 rad: give a number from'),
+        (('--vary', 'restitution_1=restitution_2=0.5:1.5:9'), 'restitution_1 is 1.125: give'),
+        (('--vary', 'force_frequencies=-1,2'), 'force_frequencies[0] is -1.0 rad/s: give'),
+        (('--vary', 'multisine_lines=1,1000'), 'multisine_lines is 1000'),
+        (('--vary', 'initial_damper_velocity=0,1e10'), 'initial_damper_velocity is 1'),
+        (('--vary', 'gap=nan:2:3'), "'nan' is not a finite number"),
+        ((), 'nothing is varied'),
+        (('--vary', 'gap=1,2', '--cycles', '0'), 'cycles is 0: give a whole number'),
+        (('--vary', 'gap=1,2', '--set', 'gap=-1'), 'gap is -1.0 m'),
+        (('--vary', 'gap=1,2', '--figure', 'a.gif'), 'a name that ends in .png, .svg or .pdf'),
+        (('--vary', 'gap=1,2', '--figure', 'no/a.png'), 'is no directory: make it'),
+        (('--vary', 'gap=1,2', '--figure', 'a.parquet'), 'two outputs have the same name'),
+        (
+            ('--vary', 'gap=1', '--vary', 'friction=0', '--vary', 'angle=0', '--figure', 'a.png'),
+            'a figure shows one axis or two, not 3',
+        ),
+        (('--ranges', 'no.yaml'), 'no.yaml: cannot be read'),
+        (('--vary', 'gap_min=1,2'), 'gap_min is varied, but gap_control is off'),
+        (
+            ('--vary', 'gap=1,2', '--set', 'sweep_mode=up'),
+            'has no steady state; give --set sweep_mode=off',
+        ),
+        (('--vary', 'initial_damper_offset=0,1', '--follow', 'up'), 'cannot be followed'),
+    ],
+)
+def test_inputs_that_cannot_be_used(tmp_path, monkeypatch, capsys, words, message):
+    monkeypatch.chdir(tmp_path)
+    assert run(*words, '-o', 'a.parquet') == 2
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_output_in_a_directory_that_is_not_there(tmp_path, capsys):
+    assert run('--vary', 'gap=1,2', '-o', tmp_path / 'no' / 'a.parquet') == 2
+    assert 'is no directory: make it' in capsys.readouterr().err
+
+
+def test_without_pyarrow_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'pyarrow', None)
+    monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
+    assert run('--vary', 'gap=1,2', '-o', tmp_path / 'a.parquet') == 2
+    assert 'extra [sweep]' in capsys.readouterr().err
+
+
+def test_without_distributed_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    words = ('--vary', 'gap=1,2', '-o', tmp_path / 'a.parquet', '--scheduler', 'tcp://127.0.0.1:9')
+    assert run(*words) == 2
+    assert 'extra [dask]' in capsys.readouterr().err
+
+
+def test_no_optimum_says_why(tmp_path, capsys):
+    """Chaotic, or not settled yet."""
+    words = ('--vary', 'gap=12,12.5', '--set', 'gravity=0', '--cycles', 50, '--watch', 21)
+    assert run(*words, '--jobs', 1, '-o', tmp_path / 'a.parquet') == 0
+    assert 'no optimum, since no motion repeats: give more --cycles' in capsys.readouterr().err

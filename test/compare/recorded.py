@@ -1,0 +1,93 @@
+"""Stretches as a recording has them, simulated: stamps of impacts on whole nanoseconds."""
+
+import math
+
+import numpy as np
+
+from impact_damper_ros.compare.compare_stretch import compare_stretch
+from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
+from impact_damper_ros.compare.run_comparison import Beginning
+from impact_damper_ros.compare.stretch_meter import StretchMeter
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+
+HORIZONTAL = RigParameters(gravity=0.0)
+OFF_RESONANCE = HORIZONTAL.replace(force_frequencies=(1.02,))
+INCLINED = RigParameters(
+    angle=math.radians(45.0), gravity=1.0, friction=0.5, force_frequencies=(1.02,)
+)
+VERTICAL = RigParameters(
+    angle=math.radians(90.0),
+    gravity=1.0,
+    one_sided=True,
+    damping=0.1,
+    damper_mass=0.01,
+    force_amplitudes=(0.8,),
+    force_frequencies=(10.0,),
+)
+#: The rig of config/bench_rig.yaml
+BENCH = RigParameters(
+    primary_mass=2.0,
+    stiffness=1974.0,
+    damping=1.26,
+    damper_mass=0.1,
+    gap=0.024,
+    restitution_1=0.6,
+    restitution_2=0.6,
+    friction=0.02,
+    force_amplitudes=(1.2,),
+    force_frequencies=(31.416,),
+)
+DISPLACED = InitialConditions(initial_primary_position=1.0)
+
+
+def impact_rows(events):
+    """Return impacts as they are logged."""
+    hits = [e for e in events if e.kind is EventKind.IMPACT]
+    if not hits:
+        return RecordedImpacts.none()
+    rows = [
+        (
+            round(e.time * 1e9) / 1e9,
+            float(e.stop),
+            e.x,
+            e.x + e.y,
+            e.primary_velocity_after,
+            e.damper_velocity_after,
+            e.impulse if e.stop == 1 else -e.impulse,
+            -e.impulse if e.stop == 1 else e.impulse,
+        )
+        for e in hits
+    ]
+    return RecordedImpacts(*np.array(rows).T)
+
+
+def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40):
+    """Return joint states, impacts and force of a run from its start."""
+    rig = Simulator(parameters, initial)
+    cycle = math.tau / parameters.force_frequencies[0]
+    samples, events = [], []
+    for k in range(round(cycles * per_cycle) + 1):
+        instant = round(k * cycle / per_cycle * 1e9) / 1e9
+        events += rig.advance(instant)
+        samples.append(rig.sample())
+    clock = ForceClock(parameters, 0.0, (0.0,) * len(parameters.force_phases))
+    return RecordedStates(*np.array(samples).T), impact_rows(events), clock
+
+
+def metered(states, impacts, clock, *, part=3000, **options):
+    """Return a stretch as it is read, part by part, and the search for its faults."""
+    meter = StretchMeter(
+        1, Beginning.START, 'start of the bag', 0.0, clock.parameters, {}, clock, 0, 0.0, **options
+    )
+    done = 0
+    for begin in range(0, len(states), part):
+        some = states[begin : begin + part]
+        until = int(np.searchsorted(impacts.time, some.time[-1], side='right'))
+        meter.take(some, impacts[done:until], final=begin + part >= len(states))
+        done = until
+    return meter.finish(), meter.search
+
+
+def compared(parameters, cycles, initial=DISPLACED, per_cycle=40):
+    """Return what comes out of comparing a simulated run with theory."""
+    return compare_stretch(*metered(*recorded(parameters, cycles, initial, per_cycle)))

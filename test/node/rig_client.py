@@ -1,0 +1,269 @@
+"""What the integration tests need: the node as a process, and a plain rclpy client."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import QoSProfile
+from std_srvs.srv import SetBool, Trigger
+
+import impact_damper_ros
+
+#: Generous: the tests wait for conditions, not for times, also on a machine with much else to do.
+DEADLINE_S = 100.0
+#: After which a request is made again whose answer may have been lost.
+ASK_AGAIN_S = 1.0
+#: A small rig at its resonance of 5 Hz, whose damper rattles within the first second.
+LIVELY = {
+    'primary_mass': 1.0,
+    'stiffness': 1000.0,
+    'damping': 0.6,
+    'damper_mass': 0.1,
+    'gap': 0.01,
+    'force_amplitudes': '[10.0]',
+    'force_frequencies': '[31.6]',
+}
+
+#: Of a node, beside the one that it is met by.
+SERVICES = {
+    'describe_parameters': DescribeParameters,
+    'get_parameters': GetParameters,
+    'list_parameters': ListParameters,
+    'set_parameters': SetParameters,
+    'set_parameters_atomically': SetParametersAtomically,
+    'pause': SetBool,
+    'reset': Trigger,
+}
+
+SOURCE = Path(impact_damper_ros.__file__).parents[1]
+
+
+def stamp_ns(stamp):
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def until(condition, what='nothing happened', deadline=DEADLINE_S):
+    """Wait for a condition and return its value."""
+    end = time.monotonic() + deadline
+    while not (value := condition()):
+        assert time.monotonic() < end, what() if callable(what) else what
+        time.sleep(0.005)
+    return value
+
+
+class SimProcess:
+    """
+    One `sim_node` as a process of its own.
+
+    Parameters
+    ----------
+    directory : Path
+        Where it runs, and where its output is kept.
+    remaps : sequence of str
+        Given as `-r from:=to`.
+    code : str, optional
+        A program to run instead of the module.
+    parameters_file : Path, optional
+        Given as `--params-file`.
+    **parameters : object
+        Given as `-p name:=value`.
+    """
+
+    def __init__(self, directory, remaps=(), code=None, parameters_file=None, **parameters):
+        program = ['-c', code] if code else ['-m', 'impact_damper_ros.node.sim_node']
+        arguments = ['--ros-args']
+        for remap in remaps:
+            arguments += ['-r', remap]
+        if parameters_file:
+            arguments += ['--params-file', str(parameters_file)]
+        for name, value in parameters.items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            arguments += ['-p', f'{name}:={text}']
+        directory.mkdir(exist_ok=True)
+        self._output = directory / 'output.txt'
+        path = os.pathsep.join(filter(None, [str(SOURCE), os.environ.get('PYTHONPATH')]))
+        with self._output.open('ab') as output:
+            self._process = subprocess.Popen(
+                [sys.executable, *program, *arguments],
+                cwd=directory,
+                env={**os.environ, 'PYTHONPATH': path},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+
+    @property
+    def pid(self):
+        return self._process.pid
+
+    @property
+    def output(self):
+        return self._output.read_text()
+
+    def running(self):
+        return self._process.poll() is None
+
+    def send(self, number):
+        self._process.send_signal(number)
+
+    def wait(self):
+        """Return the exit code."""
+        return self._process.wait(DEADLINE_S)
+
+    def stop(self, number=signal.SIGINT):
+        self.send(number)
+        return self.wait()
+
+    def kill(self):
+        self._process.kill()
+        self._process.wait()
+
+
+class RigClient:
+    """A client of any number of rigs, spinning in a thread of its own."""
+
+    def __init__(self):
+        self.context = Context()
+        rclpy.init(args=[], context=self.context)
+        self.node = Node('test_client', context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._clients = {}
+        self._spinning = True
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+
+    def _spin(self):
+        while self._spinning:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._spinning = False
+        self._thread.join()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def listen(self, kind, topic, qos=None):
+        """Return a list that grows by what comes in."""
+        messages = []
+        self.node.create_subscription(kind, topic, messages.append, qos or QoSProfile(depth=1000))
+        return messages
+
+    def request(self, service, request):
+        """Send a request to a service of a node and return its future."""
+        node, _, _ = service.rpartition('/')
+        if service not in self._clients:
+            self._meet(node)
+        return self._clients[service].call_async(request)
+
+    def call(self, kind, service, request=None):
+        """Call a service of a node and return its response."""
+        future = self.request(service, request or kind.Request())
+        return until(lambda: future.done() and future.result(), f'{service} did not answer')
+
+    def _meet(self, node):
+        """
+        Make the clients of the services of a node, and wait until it knows them all.
+
+        That a client has found its service does not mean that the service has found the client:
+        until then an answer is lost. A client's endpoints are found in the order in which they
+        were made, so once the last client has had an answer, the others will have theirs. The
+        last one may be asked as often as need be.
+        """
+        for name, kind in SERVICES.items():
+            service = f'{node}/{name}'
+            self._clients[service] = self.node.create_client(kind, service)
+        last = self.node.create_client(GetParameterTypes, f'{node}/get_parameter_types')
+        for client in (*(self._clients[f'{node}/{name}'] for name in SERVICES), last):
+            until(client.service_is_ready, f'{client.srv_name} is not there')
+        futures = []
+        asked = -math.inf
+
+        def answered():
+            nonlocal asked
+            if time.monotonic() >= asked + ASK_AGAIN_S:
+                futures.append(last.call_async(GetParameterTypes.Request()))
+                asked = time.monotonic()
+            return any(future.done() for future in futures)
+
+        until(answered, f'{node} does not answer')
+
+
+class RigParametersClient:
+    """The parameters of one node, as `ros2 param` and `ros2 service call` reach them."""
+
+    def __init__(self, client, node='/sim_node'):
+        self._client = client
+        self.node = node
+
+    def get(self, *names):
+        response = self._client.call(
+            GetParameters, f'{self.node}/get_parameters', GetParameters.Request(names=names)
+        )
+        values = [parameter_value_to_python(value) for value in response.values]
+        return values[0] if len(names) == 1 and values else values
+
+    def names(self):
+        response = self._client.call(ListParameters, f'{self.node}/list_parameters')
+        return list(response.result.names)
+
+    def describe(self, *names):
+        response = self._client.call(
+            DescribeParameters,
+            f'{self.node}/describe_parameters',
+            DescribeParameters.Request(names=names),
+        )
+        return response.descriptors
+
+    def set(self, **values):
+        """Set one after the other; return the reasons of the rejections, empty if accepted."""
+        response = self._client.call(
+            SetParameters,
+            f'{self.node}/set_parameters',
+            SetParameters.Request(parameters=_messages(values)),
+        )
+        assert all(bool(r.reason) != r.successful for r in response.results)
+        reasons = [result.reason for result in response.results]
+        return reasons[0] if len(values) == 1 else reasons
+
+    def set_atomically(self, **values):
+        """Set all or none; return the reason of the rejection, empty if accepted."""
+        response = self._client.call(
+            SetParametersAtomically,
+            f'{self.node}/set_parameters_atomically',
+            SetParametersAtomically.Request(parameters=_messages(values)),
+        )
+        assert bool(response.result.reason) != response.result.successful
+        return response.result.reason
+
+
+def _messages(values):
+    return [
+        value
+        if isinstance(value, ParameterMessage)
+        else Parameter(name, value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]

@@ -1,0 +1,201 @@
+"""Absurd rigs over DDS: the node answers, says what keeps it, and ends with a whole bag."""
+
+import json
+import signal
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from impact_damper_ros.bag import RunReader
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.node.pacing import CATCH_UP_NS
+from impact_damper_ros.rig.published import PAUSED_FRAME
+from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
+
+ABSURD = {
+    'spring': {'stiffness': 1e15},
+    'air': {'air_force': 1e9, 'restitution_1': 1.0, 'restitution_2': 1.0},
+    'lines': {
+        'multisine_level': 1.0,
+        'multisine_low': 12000.0,
+        'multisine_high': 12566.0,
+        'multisine_lines': 512,
+    },
+}
+ENDLESS = {
+    'gap': 1e-9,
+    'gravity': 0.0,
+    'restitution_1': 1.0,
+    'restitution_2': 1.0,
+    'initial_damper_velocity': 1e9,
+}
+#: Asked for are 0.5 s and 2 s, on a machine of its own.
+ANSWER_S, END_S = 10.0, 30.0
+
+
+def bag_of(directory):
+    (bag,) = (directory / 'runs').iterdir()
+    reader = RunReader(bag)
+    assert reader.complete
+    assert reader.unusable == 0
+    return bag
+
+
+def statuses(reports, task):
+    return [s for r in list(reports) for s in r.status if s.name.endswith(f'sim_node: {task}')]
+
+
+@pytest.fixture
+def recording(client, launch, namespace):
+    """Start a node that records, and wait for it."""
+
+    def start(**parameters):
+        states = client.listen(JointState, f'{namespace}/joint_states')
+        values = {'record': True, 'predict_motion': False, **LIVELY, **parameters}
+        process = launch(f'__ns:={namespace}', **values)
+        until(lambda: len(states) > 20, lambda: process.output)
+        return process, states, RigParametersClient(client, f'{namespace}/sim_node')
+
+    return start
+
+
+@pytest.mark.parametrize('name', ABSURD)
+def test_it_answers_reports_and_ends(client, recording, namespace, tmp_path, name):
+    reports = client.listen(DiagnosticArray, '/diagnostics')
+    process, _, parameters = recording(state_rate=1000.0)
+    assert parameters.set_atomically(**ABSURD[name]) == ''
+    until(lambda: any('the rig is behind: ' in s.message for s in statuses(reports, 'pacing')))
+    for _ in range(2):
+        began = time.monotonic()
+        assert client.call(Trigger, f'{namespace}/sim_node/reset').success
+        assert parameters.set(damper_mass=0.11) == ''
+        assert time.monotonic() - began < ANSWER_S
+        time.sleep(0.5)
+    began = time.monotonic()
+    assert process.stop(signal.SIGINT) == 0, process.output
+    assert time.monotonic() - began < END_S
+    assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0
+
+
+def test_a_rig_with_events_without_end_is_held(client, recording, namespace, tmp_path):
+    reports = client.listen(DiagnosticArray, '/diagnostics')
+    process, states, parameters = recording()
+    assert parameters.set_atomically(**ENDLESS) == ''
+    assert client.call(Trigger, f'{namespace}/sim_node/reset').success
+    until(lambda: any(s.message.startswith('held: ') for s in statuses(reports, 'rig')))
+    held = next(s for s in statuses(reports, 'rig') if s.message.startswith('held: '))
+    assert held.level == DiagnosticStatus.ERROR
+    assert 'give a wider gap' in held.message
+    assert 'it waits for a changed parameter or ~/reset' in held.message
+    until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
+    # One that is no better leaves it as it was.
+    assert parameters.set(damper_mass=0.2) == ''
+    reports.clear()
+    until(lambda: any(s.message.startswith('held: ') for s in statuses(reports, 'rig')))
+    calm = {'gap': 0.01, 'restitution_1': 0.5, 'restitution_2': 0.5}
+    assert parameters.set_atomically(**calm) == ''
+    until(lambda: states[-1].header.frame_id == '')
+    until(lambda: statuses(reports, 'rig')[-1].level == DiagnosticStatus.OK)
+    assert process.stop() == 0, process.output
+    assert 'Traceback' not in process.output
+    assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0
+
+
+def late_ns(states, node):
+    """Return by how much the last stamp is behind the system time, ns."""
+    return node.get_clock().now().nanoseconds - stamp_ns(states[-1].header.stamp)
+
+
+def test_stamps_stay_with_ros_time_when_the_node_stood_still(
+    client, recording, namespace, tmp_path, capsys
+):
+    snapshots = client.listen(String, f'{namespace}/snapshot')
+    process, states, _ = recording()
+    process.send(signal.SIGSTOP)
+    time.sleep(2.0)
+    process.send(signal.SIGCONT)
+    until(lambda: any('"reason": "slip"' in m.data for m in snapshots))
+    until(lambda: late_ns(states, client.node) < CATCH_UP_NS)
+    until(lambda: 'its stamps are moved on' in process.output)
+    stamps = [stamp_ns(m.header.stamp) for m in states]
+    assert stamps == sorted(stamps)
+    assert process.stop() == 0, process.output
+    assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0
+    assert ', 1 slip' in capsys.readouterr().out
+
+
+def test_joint_states_go_on_while_paused_and_are_not_recorded(
+    client, recording, namespace, tmp_path
+):
+    process, states, _ = recording()
+    service = f'{namespace}/sim_node/pause'
+    assert client.call(SetBool, service, SetBool.Request(data=True)).success
+    until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
+    count = len(states)
+    until(lambda: len(states) > count + 5)
+    # So is what is looked up now.
+    assert late_ns(states, client.node) < 10 * CATCH_UP_NS
+    assert {tuple(m.position) for m in states[count:]} == {tuple(states[-1].position)}
+    assert client.call(SetBool, service, SetBool.Request(data=False)).success
+    until(lambda: states[-1].header.frame_id == '')
+    stamps = [stamp_ns(m.header.stamp) for m in states]
+    assert stamps == sorted(stamps)
+    assert process.stop() == 0, process.output
+    bag = bag_of(tmp_path / 'process_0')
+    recorded = [d.message.frame_id for d in RunReader(bag).messages([f'{namespace}/joint_states'])]
+    assert set(recorded) == {''}
+    assert replay_run([str(bag)]) == 0
+
+
+@pytest.mark.parametrize('factor', [3.0, 0.0])
+def test_another_pace_than_that_of_the_clock_has_a_clock_of_its_own(client, recording, factor):
+    quality = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    clocks = client.listen(Clock, '/clock', quality)
+    process, states, _ = recording(real_time_factor=factor, record=False)
+    until(lambda: clocks)
+    assert stamp_ns(states[0].header.stamp) < 10**15
+    assert stamp_ns(clocks[-1].clock) < 10**15
+    assert 'stamps count from 0, and /clock is published' in process.output
+    assert process.stop() == 0, process.output
+
+
+@pytest.mark.parametrize('nohup', [False, True])
+def test_a_lost_terminal_ends_the_node_with_a_whole_bag(
+    client, launch, namespace, tmp_path, nohup
+):
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    code = f"""
+import signal, sys
+signal.signal(signal.SIGHUP, signal.{'SIG_IGN' if nohup else 'SIG_DFL'})
+from impact_damper_ros.node import sim_node
+sys.exit(sim_node.main())
+"""
+    process = launch(f'__ns:={namespace}', code=code, record=True, **LIVELY)
+    until(lambda: len(states) > 20, lambda: process.output)
+    process.send(signal.SIGHUP)
+    if nohup:
+        count = len(states)
+        until(lambda: len(states) > count + 200)
+        assert process.running()
+        process.send(signal.SIGINT)
+    assert process.wait() == 0, process.output
+    assert 'recorded' in process.output
+    bag_of(tmp_path / 'process_0')
+
+
+def test_what_is_recorded_first_is_on_the_disk_at_once(recording, tmp_path):
+    """Killed some messages after its start, the node leaves a bag with a beginning."""
+    process, states, _ = recording()
+    until(lambda: len(states) > 60)
+    process.kill()
+    (bag,) = (tmp_path / 'process_0' / 'runs').iterdir()
+    reader = RunReader(bag)
+    snapshots = [d.message.data for d in reader.messages([reader.custom['snapshot']])]
+    found = [json.loads(text)['reason'] for text in snapshots]
+    assert found[:2] == ['record', 'start']

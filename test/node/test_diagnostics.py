@@ -1,0 +1,131 @@
+"""The levels and words of the reports."""
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from impact_damper_ros.control import Action, ControlRecord, GapControlParameters
+from impact_damper_ros.node.diagnostics import Diagnostics, RecordingStatus
+from impact_damper_ros.node.engine import ControlStatus, EngineStatus
+from impact_damper_ros.node.motion_report import MotionReport
+from impact_damper_ros.node.pacing import PacingCounts
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+START = EngineStatus(0, False, 'FREE', 0, 0, PacingCounts(0, 0, 0, 0, 0))
+
+
+def second(**changes):
+    """Return the engine's status one second on, with some things otherwise."""
+    pacing = PacingCounts(
+        ticks=changes.pop('ticks', 200),
+        overruns=changes.pop('overruns', 0),
+        slips=changes.pop('slips', 0),
+        slipped_ns=changes.pop('slipped_ns', 0),
+        worst_lateness_ns=1_500_000,
+    )
+    return START._replace(time_ns=10**9, impacts=3, pacing=pacing)._replace(**changes)
+
+
+def report(engine, recording=None, factor=1.0):
+    now = [1.0]
+    diagnostics = Diagnostics('/lab/rig', 200.0, factor, lambda: now[0])
+    now[0] = 2.0
+    array = diagnostics.report(1_500_000_000, engine, recording or RecordingStatus())
+    assert (array.header.stamp.sec, array.header.stamp.nanosec) == (1, 500_000_000)
+    assert [s.name for s in array.status] == [
+        f'lab/rig: {t}' for t in ('pacing', 'rig', 'recording', 'gap control')
+    ]
+    return array.status
+
+
+@pytest.mark.parametrize(
+    ('engine', 'factor', 'level', 'words'),
+    [
+        (second(), 1.0, OK, 'holds 200 Hz'),
+        (second(overruns=2), 1.0, WARN, '2 of 200 ticks late'),
+        (second(overruns=9, slips=1, slipped_ns=400_000_000), 1.0, ERROR, '0.400 s of wall time'),
+        (second(ticks=0, time_ns=0), 1.0, ERROR, 'no tick for 1.0 s'),
+        (second(ticks=0, time_ns=0, paused=True), 1.0, OK, 'paused'),
+        (second(ticks=4000, time_ns=20 * 10**9), 0.0, OK, '20 times as fast'),
+        (second(ticks=400), 2.0, OK, 'holds 400 Hz'),
+    ],
+)
+def test_pacing(engine, factor, level, words):
+    status = report(engine, factor=factor)[0]
+    assert status.level == level
+    assert words in status.message
+    values = {v.key: v.value for v in status.values}
+    assert float(values['Achieved rate [Hz]']) == engine.pacing.ticks
+    assert values['Overruns'] == str(engine.pacing.overruns)
+    assert values['Worst lateness since the last report [ms]'] == '1.500'
+
+
+def test_counts_are_totals_and_differences_are_since_the_last_report():
+    now = [0.0]
+    diagnostics = Diagnostics('/rig', 200.0, 1.0, lambda: now[0])
+    seen = []
+    for overruns in (3, 3, 5):
+        now[0] += 1.0
+        status = diagnostics.report(0, second(overruns=overruns), RecordingStatus()).status[0]
+        values = {v.key: v.value for v in status.values}
+        seen.append((values['Overruns'], values['Overruns since the last report']))
+    assert seen == [('3', '3'), ('3', '0'), ('5', '2')]
+
+
+def test_rig():
+    status = report(second(mode='REST_1'))[1]
+    values = {v.key: v.value for v in status.values}
+    assert (status.level, status.message) == (OK, 'rest 1')
+    assert (values['Impacts'], values['Time [s]']) == ('3', '1.000')
+    assert report(second(paused=True))[1].message == 'paused, free'
+
+
+def test_gap_control():
+    off = report(second())[3]
+    assert (off.level, off.message) == (OK, 'off')
+    assert {v.value for v in off.values} == {'off', 'independent', '', '0'}
+    act = ControlRecord(0.9, Action.ARRIVED, 8.5, -7.5, 2.25, 0.0, 0.0, 1.0, 0.5, 0.25)
+    law = GapControlParameters(gap_control='timed')
+    on = report(second(control=ControlStatus(law, 12, act)))[3]
+    assert on.message == 'timed'
+    values = {v.key: v.value for v in on.values}
+    assert values['Stop 1 to Y [m]'] == '8.5'
+    assert values['Amplitude of X [m]'] == '2.25'
+    assert values['Energy spent on stop 2 [J]'] == '0.25'
+    assert values['Commands'] == '12'
+
+
+def test_the_motion_goes_with_the_rest_or_alone():
+    diagnostics = Diagnostics('/lab/rig', 200.0, 1.0)
+    motion = [
+        MotionReport('measured motion', False, 'transient', {'Settled': False}),
+        MotionReport('predicted motion', True, 'unstable', {'Stable': False}),
+    ]
+    whole = diagnostics.report(0, second(), RecordingStatus(), motion)
+    alone = diagnostics.motion_report(2_000_000_001, motion)
+    assert (alone.header.stamp.sec, alone.header.stamp.nanosec) == (2, 1)
+    assert whole.status[4:] == alone.status
+    assert [s.name for s in alone.status] == [
+        'lab/rig: measured motion',
+        'lab/rig: predicted motion',
+    ]
+    assert [s.level for s in alone.status] == [OK, WARN]
+    assert [(v.key, v.value) for v in alone.status[1].values] == [('Stable', 'False')]
+
+
+@pytest.mark.parametrize(
+    ('recording', 'level', 'words'),
+    [
+        (RecordingStatus(), OK, 'off'),
+        (RecordingStatus(path='a.mcap', messages=5, size=100), OK, 'recording'),
+        (RecordingStatus(path='a.mcap', dropped=7), WARN, '7 messages dropped'),
+        (RecordingStatus(error='the disk is full'), ERROR, 'the disk is full'),
+    ],
+)
+def test_recording(recording, level, words):
+    status = report(second(), recording)[2]
+    assert status.level == level
+    assert words in status.message
+    values = {v.key: v.value for v in status.values}
+    assert values['File'] == recording.path
+    assert values['Messages'] == str(recording.messages)
+    assert values['Bytes'] == str(recording.size)

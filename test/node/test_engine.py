@@ -1,0 +1,590 @@
+"""The engine on its own: what it hands out, in which order and with which stamps."""
+
+import json
+import threading
+import time
+from itertools import pairwise
+
+import pytest
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from impact_damper_ros.bag import RunWriter
+from impact_damper_ros.bag.rig_recorder import rig_topics
+from impact_damper_ros.bag.run_history import RunHistory
+from impact_damper_ros.node.engine import LOG_BACKLOG, Engine
+from impact_damper_ros.node.motion_ahead import ticks_ahead
+from impact_damper_ros.node.pacing import CATCH_UP_NS
+from impact_damper_ros.node.publishing import Outlet, Outlets
+from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.replay import Replay
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig.published import PAUSED_FRAME
+from node.rig_client import DEADLINE_S, stamp_ns, until
+
+TYPES = {
+    'states': JointState,
+    'impacts': JointState,
+    'gap_control': JointState,
+    'snapshot': String,
+    'clock': Clock,
+}
+LIVELY = RigParameters(gap=1.0, gravity=0.0)
+
+
+class Bench:
+    """An engine whose messages are kept, and which is always stopped."""
+
+    def __init__(
+        self, parameters=LIVELY, initial=None, *, factor=0.0, rate=100.0, clock=True, priority=0
+    ):
+        self.sent = []
+        self.failed = threading.Event()
+        self.alive = True
+        outlets = Outlets(
+            *(Outlet(name, self._publisher(name)) for name in TYPES), 'events', 'diagnostics'
+        )
+        self.engine = Engine(
+            parameters,
+            initial or InitialConditions(),
+            outlets,
+            state_rate=rate,
+            real_time_factor=factor,
+            publish_clock=clock,
+            alive=lambda: self.alive,
+            on_failure=self.failed.set,
+            real_time_priority=priority,
+        )
+
+    def _publisher(self, name):
+        return lambda data: self.sent.append((name, data))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.engine.stop()
+
+    def messages(self, name):
+        return [deserialize_message(d, TYPES[name]) for n, d in list(self.sent) if n == name]
+
+    def samples(self):
+        return [m for m in self.messages('states') if m.header.frame_id != PAUSED_FRAME]
+
+    def paused(self):
+        return [m for m in self.messages('states') if m.header.frame_id == PAUSED_FRAME]
+
+    def snapshots(self):
+        return [json.loads(m.data) for m in self.messages('snapshot')]
+
+    def run_to(self, seconds):
+        self.engine.start()
+        until(lambda: self.engine.stamp_ns() >= seconds * 1e9 or self.failed.is_set())
+        self.engine.stop()
+
+
+class KeptLog:
+    """A recording in memory."""
+
+    def __init__(self):
+        self.messages = []
+        self.backlog = 0
+
+    def write(self, topic, data, stamp):
+        self.messages.append((topic, bytes(data), stamp))
+
+    def split_due(self, _stamp):
+        return False
+
+
+def event_bytes(node='/rig'):
+    return serialize_message(ParameterEvent(node=node))
+
+
+def test_states_and_impacts_are_those_of_the_simulator():
+    with Bench() as bench:
+        bench.run_to(60.0)
+    states = bench.messages('states')
+    rig = Simulator(LIVELY)
+    impacts = []
+    for tick, message in enumerate(states):
+        t_ns = tick * 10_000_000
+        assert stamp_ns(message.header.stamp) == t_ns
+        impacts += [e for e in rig.advance(t_ns / 1e9) if e.kind is EventKind.IMPACT]
+        sample = rig.sample()
+        assert list(message.position) == [sample.x, sample.z, sample.stop_1, sample.stop_2]
+        assert message.velocity[0] == sample.primary_velocity
+        assert message.velocity[1] == sample.damper_velocity
+    assert len(impacts) > 20
+    for event, message in zip(impacts, bench.messages('impacts'), strict=True):
+        assert stamp_ns(message.header.stamp) == round(event.time * 1e9)
+        assert message.header.frame_id == f'stop_{event.stop}'
+        assert list(message.position) == [event.x, event.x + event.y]
+        assert list(message.velocity) == [
+            event.primary_velocity_after,
+            event.damper_velocity_after,
+        ]
+        # The effort is the impulse that each received: its mass times its change of velocity.
+        change = event.damper_velocity_after - event.damper_velocity_before
+        assert message.effort[1] == pytest.approx(LIVELY.damper_mass * change, rel=1e-9)
+        assert message.effort[0] == -message.effort[1]
+
+
+def test_impacts_come_in_their_tick_and_before_its_states():
+    with Bench() as bench:
+        bench.run_to(20.0)
+    last_ns = 0
+    impacts = 0
+    for name, data in bench.sent:
+        if name == 'states':
+            last_ns = stamp_ns(deserialize_message(data, JointState).header.stamp)
+        elif name == 'impacts':
+            instant = stamp_ns(deserialize_message(data, JointState).header.stamp)
+            assert last_ns <= instant <= last_ns + 10_000_000
+            impacts += 1
+    assert impacts > 3
+
+
+def test_clock_precedes_the_states_it_belongs_to():
+    with Bench() as bench:
+        bench.run_to(1.0)
+    order = [name for name, _ in bench.sent if name in ('clock', 'states')]
+    assert order == ['clock', 'states'] * (len(order) // 2)
+    clocks = [stamp_ns(m.clock) for m in bench.messages('clock')]
+    assert clocks == [stamp_ns(m.header.stamp) for m in bench.messages('states')]
+
+
+def test_a_burst_of_chatter_goes_out_whole():
+    """Vertical, at rest on a spring: m bounces down to rest within one long tick."""
+    drop = RigParameters(
+        angle=1.5708, gap=1.0, one_sided=True, restitution_1=0.95, force_amplitudes=0.0
+    )
+    with Bench(drop, rate=1.0) as bench:
+        bench.run_to(30.0)
+    count = len(bench.messages('states'))
+    rig = Simulator(drop)
+    events = rig.advance(float(count - 1))
+    impacts = [e for e in events if e.kind is EventKind.IMPACT]
+    assert len(impacts) > 100
+    published = [stamp_ns(m.header.stamp) for m in bench.messages('impacts')]
+    assert published == [round(e.time * 1e9) for e in impacts]
+    assert bench.engine.failure is None
+
+
+def test_a_change_takes_effect_at_the_instant_recorded():
+    log = KeptLog()
+    with Bench(factor=20.0) as bench:
+        bench.engine.record_to(log, event_bytes('/dump'))
+        bench.engine.start()
+        until(lambda: bench.engine.stamp_ns() > 2e9)
+        changed = LIVELY.replace(gap=0.5, angle=0.3)
+        ticket = bench.engine.change(changed, event_bytes('/change'))
+        assert ticket.wait(DEADLINE_S)
+        until(lambda: bench.engine.stamp_ns() > ticket.time_ns + 2e9)
+    topics = [topic for topic, _, _ in log.messages]
+    assert topics[:2] == ['snapshot', 'events']
+    stamps = [stamp for _, _, stamp in log.messages]
+    assert stamps == sorted(stamps)
+    dump, change = [
+        deserialize_message(data, ParameterEvent)
+        for topic, data, _ in log.messages
+        if topic == 'events'
+    ]
+    assert (dump.node, stamp_ns(dump.stamp)) == ('/dump', 0)
+    assert (change.node, stamp_ns(change.stamp)) == ('/change', ticket.time_ns)
+    assert ticket.time_ns % 10_000_000 == 0
+    # From the bag alone: the first snapshot, the change at its instant, every sample after.
+    first = json.loads(deserialize_message(log.messages[0][1], String).data)
+    assert first['reason'] == 'record'
+    rig = Simulator.restore(first['state'])
+    for topic, data, stamp in log.messages:
+        if topic != 'states':
+            continue
+        rig.advance(stamp / 1e9)
+        if stamp == ticket.time_ns:
+            rig.change(changed)
+        sample = rig.sample()
+        position = list(deserialize_message(data, JointState).position)
+        assert position == [sample.x, sample.z, sample.stop_1, sample.stop_2]
+    reasons = [json.loads(m.data)['reason'] for m in bench.messages('snapshot')]
+    assert reasons == ['record', 'start', 'change']
+
+
+@pytest.mark.parametrize(
+    ('period_ns', 'factor', 'ticks'),
+    [
+        (1_000_000, 1.0, 20),
+        (5_000_000, 1.0, 4),
+        (20_000_000, 1.0, 1),
+        (1_000_000_000, 1.0, 1),
+        (10_000_000, 20.0, 20),
+        (1_000_000, 0.001, 1),
+        (1_000_000, 0.0, 20),
+    ],
+)
+def test_ticks_are_made_ahead_where_they_come_thick_and_fast(period_ns, factor, ticks):
+    assert ticks_ahead(period_ns, factor) == ticks
+
+
+def test_what_is_recorded_is_what_is_published():
+    log = KeptLog()
+    with Bench() as bench:
+        bench.engine.record_to(log, event_bytes())
+        bench.run_to(10.0)
+    published = [(n, d) for n, d in bench.sent if n != 'clock']
+    assert [(t, d) for t, d, _ in log.messages if t != 'events'] == published
+
+
+def test_nothing_is_recorded_after_recording_has_stopped():
+    log = KeptLog()
+    with Bench(factor=1.0) as bench:
+        bench.engine.start()
+        bench.engine.record_to(log, event_bytes())
+        until(lambda: len(log.messages) > 10)
+        ticket = bench.engine.stop_recording()
+        assert ticket.wait(DEADLINE_S)
+        assert ticket.result is log
+        # Up to and including the joint states of the tick at which it stopped.
+        topic, _, stamp = log.messages[-1]
+        assert (topic, stamp) == ('states', bench.engine._stamps.offset_ns + ticket.time_ns)
+        assert len({s for t, _, s in log.messages if t == 'states'}) == sum(
+            t == 'states' for t, _, _ in log.messages
+        )
+        count = len(log.messages)
+        tick = bench.engine.stamp_ns()
+        until(lambda: bench.engine.stamp_ns() > tick + 50_000_000)
+        assert len(log.messages) == count
+
+
+def test_a_free_running_rig_waits_for_its_recording():
+    log = KeptLog()
+    log.backlog = LOG_BACKLOG + 1
+    with Bench() as bench:
+        bench.engine.record_to(log, event_bytes())
+        bench.engine.start()
+        until(lambda: log.messages)
+        reached = bench.engine.stamp_ns()
+        time.sleep(0.1)
+        assert bench.engine.stamp_ns() - reached <= 20_000_000
+        log.backlog = 0
+        until(lambda: bench.engine.stamp_ns() > reached + 1e9)
+
+
+def test_reset_puts_the_rig_back_and_time_goes_on():
+    with Bench(factor=50.0) as bench:
+        bench.engine.start()
+        until(lambda: bench.engine.stamp_ns() > 1e9)
+        initial = InitialConditions(initial_primary_position=2.0, initial_damper_offset=-0.25)
+        ticket = bench.engine.reset(initial)
+        assert ticket.wait(DEADLINE_S)
+        assert ticket.error is None
+        until(lambda: bench.engine.stamp_ns() > ticket.time_ns + 1e9)
+    states = bench.messages('states')
+    (index,) = [i for i, m in enumerate(states) if stamp_ns(m.header.stamp) == ticket.time_ns]
+    assert list(states[index].position) == [2.0, 1.75, 2.5, 1.5]
+    steps = {stamp_ns(b.header.stamp) - stamp_ns(a.header.stamp) for a, b in pairwise(states)}
+    assert steps == {10_000_000}
+    assert json.loads(bench.messages('snapshot')[-1].data)['reason'] == 'reset'
+
+
+def test_a_reset_to_outside_the_gap_is_refused_and_harmless():
+    with Bench(factor=1.0) as bench:
+        bench.engine.start()
+        ticket = bench.engine.reset(InitialConditions(initial_damper_offset=5.0))
+        assert ticket.wait(DEADLINE_S)
+        assert 'between the stops' in str(ticket.error)
+        reached = bench.engine.stamp_ns()
+        until(lambda: bench.engine.stamp_ns() > reached)
+        assert bench.engine.failure is None
+
+
+@pytest.mark.parametrize('clock', [True, False])
+def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
+    log = KeptLog()
+    with Bench(factor=1.0, clock=clock) as bench:
+        bench.engine.record_to(log, event_bytes())
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 3)
+        ticket = bench.engine.pause(True)
+        assert ticket.wait(DEADLINE_S)
+        assert ticket.result is True
+        held, stamp = bench.engine.status().time_ns, bench.engine.stamp_ns()
+        # A request is served before the states of its tick go out.
+        until(lambda: stamp_ns(bench.samples()[-1].header.stamp) == stamp)
+        count = len(bench.samples())
+        ticks = len(bench.messages('clock'))
+        again = bench.engine.pause(True)
+        assert again.wait(DEADLINE_S)
+        assert again.result is False
+        time.sleep(0.3)
+        # /clock and joint states go on, and a change is possible, where the rig is held.
+        until(lambda: len(bench.messages('clock')) > ticks or not clock)
+        until(lambda: len(bench.paused()) > 1)
+        change = bench.engine.change(LIVELY.replace(gap=2.0), event_bytes())
+        assert change.wait(DEADLINE_S)
+        assert change.time_ns == held == bench.engine.status().time_ns
+        assert len(bench.samples()) == count
+        assert bench.engine.pause(False).wait(DEADLINE_S)
+        until(lambda: len(bench.samples()) > count + 3)
+    stamps = [stamp_ns(m.header.stamp) for m in bench.samples()]
+    steps = [b - a for a, b in pairwise(stamps)]
+    long = [step for step in steps if step != 10_000_000]
+    if clock:
+        assert not long
+    else:
+        assert len(long) == 1
+        assert long[0] >= 300_000_000
+    assert stamps[count - 1] == stamp
+    (last,) = [s for s in bench.snapshots() if s['reason'] == 'resume']
+    assert last['time_ns'] == held
+    assert last['stamp_offset_ns'] + held + 10_000_000 == stamps[count]
+    repeated = bench.paused()
+    positions = {tuple(m.position) for m in repeated[:2]}
+    assert positions == {tuple(bench.samples()[count - 1].position)}
+    times = [stamp_ns(m.header.stamp) for m in repeated]
+    if clock:
+        assert set(times) == {stamp}
+    else:
+        assert all(a < b for a, b in pairwise([stamp, *times, stamps[count]]))
+    # What only repeats is in no recording.
+    recorded = [deserialize_message(d, JointState) for t, d, _ in log.messages if t == 'states']
+    assert {m.header.frame_id for m in recorded} == {''}
+
+
+@pytest.mark.parametrize('clock', [True, False])
+def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
+    """As `ros2 bag record` does it: all that is published, stamped with the time of arrival."""
+    with Bench(factor=1.0, clock=clock) as bench:
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 30)
+        assert bench.engine.pause(True).wait(DEADLINE_S)
+        until(lambda: len(bench.paused()) > 2)
+        assert bench.engine.pause(False).wait(DEADLINE_S)
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 30)
+    log = recording(tmp_path / 'bag')
+    for number, (name, data) in enumerate(bench.sent):
+        if name != 'clock':
+            log.write(name, data, 10**18 + 1_000_003 * number)
+    assert log.close().error is None
+    replay = Replay(RunHistory(tmp_path / 'bag'))
+    assert sum(1 for _ in replay.ticks()) == len(bench.samples())
+    assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
+
+
+def test_several_pauses_do_not_add_up_to_a_delay():
+    """Each pause falls somewhere between two ticks; stamps are not late by that part of it."""
+    with Bench(factor=1.0, rate=2.0, clock=False) as bench:
+        bench.engine.start()
+        began_ns = time.time_ns()
+        for _ in range(8):
+            assert bench.engine.pause(True).wait(DEADLINE_S)
+            time.sleep(0.05)
+            assert bench.engine.pause(False).wait(DEADLINE_S)
+        (stamp, time_ns) = [(s['stamp_offset_ns'], s['time_ns']) for s in bench.snapshots()][-1]
+        assert abs(stamp + time_ns - time.time_ns()) < 0.25 * (time.time_ns() - began_ns)
+
+
+@pytest.mark.parametrize('clock', [True, False])
+def test_a_slip_moves_wall_stamps_on(clock):
+    """The engine's thread stands still for twice the time that is made up for."""
+    troubles = []
+    with Bench(factor=1.0, clock=clock) as bench:
+        bench.engine._on_trouble = troubles.append
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 3)
+        before_ns = bench.engine._stamps.offset_ns
+        ticket = bench.engine._requests.submit(lambda: time.sleep(2.0 * CATCH_UP_NS * 1e-9))
+        assert ticket.wait(DEADLINE_S)
+        until(lambda: bench.engine.status().pacing.slips)
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 3)
+        late_ns = time.time_ns() - stamp_ns(bench.samples()[-1].header.stamp)
+        after_ns = bench.engine._stamps.offset_ns
+        slips = bench.engine.status().pacing.slips
+    stamps = [stamp_ns(m.header.stamp) for m in bench.samples()]
+    slipped = [s for s in bench.snapshots() if s['reason'] == 'slip']
+    if clock:
+        assert {b - a for a, b in pairwise(stamps)} == {10_000_000}
+        assert (slipped, troubles, after_ns) == ([], [], before_ns)
+        return
+    assert late_ns < CATCH_UP_NS or slips > 1
+    assert len(slipped) >= 1
+    assert 'its stamps are moved on' in troubles[0]
+    first = slipped[0]
+    assert first['stamp_offset_ns'] - before_ns >= CATCH_UP_NS
+    at = stamps.index(first['stamp_offset_ns'] + first['time_ns'])
+    assert stamps[at] - stamps[at - 1] > CATCH_UP_NS
+    assert stamps[at - 1] == before_ns + first['time_ns'] - 10_000_000
+
+
+def test_a_priority_comes_back_once_the_pace_has_held(monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.node.engine.STEADY_AGAIN_NS', 100_000_000)
+    with Bench(factor=1.0, priority=2) as bench:
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 3)
+        first = bench.engine.status().scheduling
+        if 'SCHED_FIFO' in first and 'no permission' not in first:
+            bench.engine._requests.submit(bench.engine._slip).wait(DEADLINE_S)
+            until(lambda: 'could not be held' in bench.engine.status().scheduling)
+        until(lambda: bench.engine.status().scheduling == first)
+
+
+SLOW = {
+    'spring': ({'stiffness': 1e15}, ()),
+    'force': ({'force_frequencies': 1e6, 'friction': 0.1}, ()),
+    'gap': (
+        {'gap': 1e-9, 'gravity': 1e4, 'angle': 0.785, 'restitution_1': 1.0, 'restitution_2': 1.0},
+        (),
+    ),
+    'lines': (
+        {
+            'multisine_level': 1.0,
+            'multisine_low': 12000.0,
+            'multisine_high': 12566.0,
+            'multisine_lines': 512,
+        },
+        (),
+    ),
+    'runaway': (
+        {'gap': 1e-9, 'restitution_1': 1.0, 'restitution_2': 1.0},
+        {'initial_damper_velocity': 1e9},
+    ),
+}
+
+
+def recording(directory):
+    """Return the recording of an engine whose topics are those of a `Bench`."""
+    names = {name: name for name in ('impacts', 'gap_control', 'snapshot')}
+    topics = rig_topics('states', *names.values(), 'events', 'diagnostics')
+    notes = {'node': '/rig', 'joint_states': 'states', **names}
+    return RunWriter(directory, topics, custom=notes)
+
+
+def change_event(before, after):
+    """Return the parameter event of a change from one rig to another."""
+    was, now = before.as_dict(), after.as_dict()
+    changed = [
+        Parameter(n, value=list(v) if isinstance(v, tuple) else v).to_parameter_msg()
+        for n, v in now.items()
+        if v != was[n]
+    ]
+    return serialize_message(ParameterEvent(node='/rig', changed_parameters=changed))
+
+
+@pytest.mark.parametrize('name', SLOW)
+def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
+    values, initial = SLOW[name]
+    initial = InitialConditions(**dict(initial))
+    slow, calm = LIVELY.replace(**values), LIVELY.replace(gap=0.5)
+    log = recording(tmp_path / 'bag')
+
+    def stuck():
+        status = bench.engine.status()
+        return status.load.busy_ns > busy_ns + 4e8 or status.held
+
+    with Bench(slow, initial, factor=1.0, rate=1000.0) as bench:
+        bench.engine.record_to(log, event_bytes())
+        bench.engine.start()
+        busy_ns = 0
+        until(stuck)
+        # In one go, the answer would take from half a minute to for ever.
+        assert bench.engine.change(calm, change_event(slow, calm)).wait(20.0)
+        reset = bench.engine.reset(InitialConditions())
+        assert reset.wait(20.0)
+        until(lambda: bench.engine.status().time_ns > reset.time_ns + 50_000_000)
+        assert bench.engine.status().held == ''
+        assert bench.engine.change(slow, change_event(calm, slow)).wait(20.0)
+        assert bench.engine.reset(initial).wait(20.0)
+        busy_ns = bench.engine.status().load.busy_ns
+        until(stuck)
+        bench.engine.stop(20.0)
+        assert not bench.engine._thread.is_alive()
+    assert bench.engine.failure is None
+    assert log.close().error is None
+    replay = Replay(RunHistory(tmp_path / 'bag'))
+    count = sum(1 for _ in replay.ticks())
+    assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
+    assert (count > 40, replay.findings.resets) == (True, 2)
+
+
+def test_a_rig_that_cannot_go_on_is_held_until_it_is_changed():
+    values, initial = SLOW['runaway']
+    troubles = []
+    rig = LIVELY.replace(**values)
+    with Bench(rig, InitialConditions(**initial), factor=1.0, clock=False) as bench:
+        bench.engine._on_trouble = troubles.append
+        bench.engine.start()
+        until(lambda: bench.engine.status().held)
+        status = bench.engine.status()
+        assert 'give a wider gap' in status.held
+        assert 'it waits for a change or a reset' in troubles[0]
+        until(lambda: len(bench.paused()) > 1)
+        assert not bench.failed.is_set()
+        # A pause on top, and a change that leaves the rig as it is, do not set it going.
+        assert bench.engine.pause(True).wait(DEADLINE_S)
+        assert bench.engine.pause(False).wait(DEADLINE_S)
+        assert bench.engine.change(None, event_bytes()).wait(DEADLINE_S)
+        assert bench.engine.status().held
+        # A reset to the same end
+        count = len(troubles)
+        assert bench.engine.reset(InitialConditions(**initial)).wait(DEADLINE_S)
+        until(lambda: len(troubles) > count)
+        held = bench.engine.status().time_ns
+        assert bench.engine.reset(InitialConditions()).wait(DEADLINE_S)
+        until(lambda: bench.engine.status().time_ns > held + 100_000_000)
+        assert bench.engine.status().held == ''
+    stamps = [stamp_ns(m.header.stamp) for m in bench.messages('states')]
+    assert stamps == sorted(stamps)
+    assert [s['reason'] for s in bench.snapshots()].count('reset') == 2
+
+
+def test_a_request_between_two_far_ticks_is_answered_at_once():
+    with Bench(factor=0.001, rate=1.0) as bench:
+        bench.engine.start()
+        # The next one is a quarter of an hour away.
+        ticket = bench.engine.change(LIVELY.replace(gap=2.0), event_bytes())
+        assert ticket.wait(DEADLINE_S)
+        assert ticket.time_ns == 0
+        bench.engine.stop(DEADLINE_S)
+        assert not bench.engine._thread.is_alive()
+
+
+def test_a_failure_is_reported_and_requests_are_turned_away(monkeypatch):
+    with Bench() as bench:
+
+        def fail(_time, **_):
+            raise RuntimeError('no root')
+
+        monkeypatch.setattr(bench.engine._simulator, 'advance', fail)
+        bench.engine.start()
+        assert bench.failed.wait(DEADLINE_S)
+        assert isinstance(bench.engine.failure, RuntimeError)
+        ticket = bench.engine.pause(True)
+        assert ticket.wait(DEADLINE_S)
+        assert 'shutting down' in str(ticket.error)
+
+
+def test_the_log_is_whole_when_ros_shuts_down_in_the_midst_of_a_tick():
+    log = KeptLog()
+    with Bench() as bench:
+
+        def publish(data):
+            bench.sent.append(('states', data))
+            if len(bench.messages('states')) == 50:
+                bench.alive = False
+            if not bench.alive:
+                raise RuntimeError('context is invalid')
+
+        outlet = Outlet('states', publish)
+        bench.engine._outlets = bench.engine._outlets._replace(joint_states=outlet)
+        bench.engine.record_to(log, event_bytes())
+        bench.engine.start()
+        bench.engine._thread.join(DEADLINE_S)
+        assert bench.engine.failure is None
+        assert not bench.failed.is_set()
+        assert sum(topic == 'states' for topic, _, _ in log.messages) == 50

@@ -1,0 +1,141 @@
+"""Gap control on the running node: switched live over DDS, published, recorded, replayed."""
+
+import json
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from impact_damper_ros.bag import RunReader
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.control import GAP_CONTROL_SPECS, ControlledRig, GapControlParameters
+from impact_damper_ros.rig import RigParameters
+from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
+
+CONTROL = {
+    'gap_min': 0.002,
+    'gap_max': 0.5,
+    'gap_control_rate': 200.0,
+    'gap_control_noise_position': 1e-5,
+    'gap_control_noise_velocity': 1e-3,
+    'gap_control_seed': 7,
+    'actuator_speed': 0.5,
+    'actuator_delay': 0.004,
+}
+
+
+@pytest.fixture
+def node(client, launch, namespace):
+    """Start a node of its own, recording is off, and return how to talk to it."""
+    acts = client.listen(JointState, f'{namespace}/gap_control')
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    reports = client.listen(DiagnosticArray, '/diagnostics')
+    process = launch(f'__ns:={namespace}', predict_motion=False, **LIVELY)
+    until(lambda: states or not process.running(), 'no joint states come')
+    assert process.running(), process.output
+    parameters = RigParametersClient(client, f'{namespace}/sim_node')
+
+    def status():
+        name = f'{namespace[1:]}/sim_node: gap control'
+        for report in reversed(list(reports)):
+            for one in report.status:
+                if one.name == name:
+                    return one.message, {v.key: v.value for v in one.values}
+        return '', {}
+
+    return process, parameters, acts, status
+
+
+def _told(message):
+    return stamp_ns(message.header.stamp), message.header.frame_id, *message.position
+
+
+def test_live_switching_while_recording_is_replayed_bit_for_bit(node, tmp_path, capsys):
+    process, parameters, acts, status = node
+    assert parameters.set_atomically(**CONTROL, bag_directory=str(tmp_path / 'runs')) == ''
+    assert not acts
+    assert parameters.set(record=True) == ''
+    for change in (
+        {'gap_control': 'amplitude'},
+        {'gap_control': 'timed'},
+        # While it is on: the gap, the law's other form, sensors and actuators
+        {'gap': 0.02},
+        {'gap_control_stops': 'symmetric', 'gap_control_smoothing': 0.5},
+        {'actuator_speed': 0.0, 'gap_control_rate': 1000.0},
+        {'gap_control': 'amplitude', 'restitution_1': 0.6},
+        {'gap_control': 'off'},
+        {'gap_control': 'timed', 'gap_control_stops': 'independent', 'actuator_delay': 0.02},
+    ):
+        count = len(acts)
+        assert parameters.set_atomically(**change) == ''
+        if change.get('gap_control') != 'off':
+            until(lambda n=count: len(acts) > n + 12)
+    until(lambda: status()[0] == 'timed' and int(status()[1]['Commands']) > 20)
+    until(lambda: float(status()[1]['Amplitude of X [m]']) > 0.0)
+    assert parameters.set(record=False) == ''
+    (directory,) = (tmp_path / 'runs').iterdir()
+    assert replay_run([str(directory)]) == 0
+    assert 'of the gap control' in capsys.readouterr().out
+    # What came over DDS is what was recorded.
+    reader = RunReader(directory)
+    (topic,) = [name for name in reader.topics if name.endswith('/gap_control')]
+    told = {_told(deserialize_message(r.content, JointState)) for r in reader.records([topic])}
+    assert len(told) > 60
+    until(lambda: told <= {_told(message) for message in list(acts)}, 'acts are missing')
+    # A crossing, and what the stops do, with names, units and frames as documented
+    heard = list(acts)
+    assert {m.header.frame_id for m in heard} == {'command', 'arrived', 'touched', 'crossing'}
+    assert all(list(m.name) == ['stop_1', 'stop_2', 'primary'] for m in heard)
+    assert {len(v) for m in heard for v in (m.position, m.velocity, m.effort)} == {3}
+    assert process.running(), process.output
+
+
+def test_what_is_rejected_changes_nothing(node):
+    _, parameters, acts, status = node
+    for values, words in (
+        ({'gap_control': 'always'}, 'off, amplitude, timed'),
+        ({'gap_min': 2.0, 'gap_max': 1.0}, 'below gap_max'),
+        ({'gap_control': 'timed', 'actuator_speed': 1e-9}, '0 (at once)'),
+        ({'gap_control_rate': 0.0}, '0.001'),
+        ({'gap_contol': 'timed'}, 'gap_control'),
+    ):
+        assert words in parameters.set_atomically(**values)
+    names = list(GAP_CONTROL_SPECS)
+    before = [spec.default for spec in GAP_CONTROL_SPECS.values()]
+    assert parameters.get(*names) == before
+    until(lambda: status()[1])
+    assert status()[0] == 'off'
+    assert not acts
+    # `ros2 param set` hands an unquoted off over as false.
+    assert parameters.set(gap_control=False) == ''
+    assert parameters.get('gap_control') == 'off'
+
+
+def test_control_from_the_start_is_that_of_the_library(client, launch, namespace):
+    """Without a clock of its own, stamps from 0: the acts are those of a rig run offline."""
+    acts = client.listen(JointState, f'{namespace}/gap_control')
+    values = {**CONTROL, 'gap_control': 'timed'}
+    process = launch(
+        f'__ns:={namespace}', predict_motion=False, publish_clock=True, **LIVELY, **values
+    )
+    until(lambda: len(acts) > 60 or not process.running(), 'the control does not act')
+    assert process.running(), process.output
+    twin = ControlledRig(
+        RigParameters(**{name: json.loads(str(value)) for name, value in LIVELY.items()}),
+        control=GapControlParameters(**values),
+    )
+    first = {
+        (stamp_ns(m.header.stamp), m.header.frame_id, *m.position, *m.velocity, *m.effort)
+        for m in list(acts)[:50]
+    }
+    records = []
+    for tick in range(1, max(stamp for stamp, *_ in first) // 5_000_000 + 2):
+        # As the node goes, on whole nanoseconds
+        twin.advance(5_000_000 * tick / 1e9)
+        records += twin.records
+    assert first <= {
+        (round(r.time * 1e9), r.frame_id, *(v for part in r.numbers for v in part))
+        for r in records
+    }
+    assert process.stop() == 0

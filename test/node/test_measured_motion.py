@@ -1,0 +1,278 @@
+"""What the engine notes of the motion, and what is made of it."""
+
+import math
+
+import pytest
+
+from impact_damper_ros.node.measured_motion import KEPT, MeasuredMotion, MotionTrace, measure
+from impact_damper_ros.node.motion_report import (
+    MotionMonitor,
+    compare,
+    measured_report,
+    predicted_report,
+)
+from impact_damper_ros.node.prediction import Answer, PredictedMotion, Predictor, PredictorStatus
+from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros.orbits.rhythm import MotionKind, Rhythm
+from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
+
+INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
+ORBIT = find_orbits(INCLINED, (1, 2)).orbits[0]
+CYCLE = math.tau / 1.02
+RATE = 10.0
+
+
+def traced(rig, cycles, trace=None, rate=RATE):
+    """Let a rig run for some cycles as the engine does."""
+    trace = trace or MotionTrace.at(rig.parameters, rig.snapshot())
+    began = rig.time
+    for k in range(1, int(cycles * CYCLE * rate) + 1):
+        events = rig.advance(began + k / rate)
+        if events:
+            trace = trace.after(events)
+        trace.sample(rig.sample())
+    return trace
+
+
+def test_a_settled_rig_is_measured_as_the_theory_has_it():
+    measured = measure(traced(Simulator(INCLINED), 250), RATE)
+    assert (measured.kind, measured.settled) == (MotionKind.PERIODIC, True)
+    assert measured.impacts_per_cycle == 2.0
+    assert measured.cycles == pytest.approx(250, abs=0.1)
+    rhythm = measured.rhythm
+    assert (rhythm.stops, rhythm.cycles) == ((1, 2), 1)
+    assert rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
+    assert rhythm.x == pytest.approx(ORBIT.x, rel=1e-5)
+    assert measured.x_max == pytest.approx(ORBIT.x_max, rel=1e-5)
+    assert measured.amplitude_ratio == pytest.approx(0.2113439, rel=1e-5)
+
+
+def test_phases_go_on_where_the_frequency_changes():
+    rig = Simulator(INCLINED.replace(force_frequencies=1.2, angle=0.3))
+    traced(rig, 7.3)
+    rig.change(INCLINED)
+    measured = measure(traced(rig, 250), RATE)
+    assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
+    rig.reset()
+    measured = measure(traced(rig, 250), RATE)
+    assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
+
+
+def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_the_force():
+    sweep = INCLINED.replace(
+        sweep_mode='up', sweep_low=1.01, sweep_high=1.02, sweep_step=0.01, sweep_dwell=40.0
+    )
+    rig = Simulator(sweep)
+    trace = traced(rig, 3)
+    assert trace.frequency == 1.01
+    trace = traced(rig, 300, trace)
+    assert (trace.frequency, trace.began) == (1.02, 40.0)
+    measured = measure(trace, RATE)
+    assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
+    assert measured.amplitude_ratio == pytest.approx(0.2113439, rel=1e-5)
+
+
+def test_states_on_the_way():
+    rig = Simulator(INCLINED)
+    trace = MotionTrace.at(INCLINED, rig.snapshot())
+    assert measure(trace, RATE).kind is MotionKind.UNDECIDED
+    measured = measure(traced(rig, 3, trace), RATE)
+    assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)
+    assert measured_report(measured).values['Reason'].endswith('3 cycles after the last change')
+    measured = measure(traced(rig, 90, trace), RATE)
+    assert measured.kind is MotionKind.TRANSIENT
+    assert measured.rhythm.stops == (1, 2)
+    assert not measured.settled
+
+
+def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
+    wide = Simulator(RigParameters(gravity=0.0, gap=600.0))
+    measured = measure(traced(wide, 30), RATE)
+    assert (measured.kind, measured.impacts_per_cycle) == (MotionKind.NO_IMPACTS, 0.0)
+    assert measured.x_max > 50.0
+    chaotic = Simulator(INCLINED.replace(gap=60.0))
+    measured = measure(traced(chaotic, 260), RATE)
+    assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)
+    assert 0.5 < measured.impacts_per_cycle < 4.0
+    constant = Simulator(RigParameters(force_frequencies=0.0))
+    assert measure(traced(constant, 3), RATE).kind is MotionKind.NOT_PERIODICALLY_DRIVEN
+    broadband = Simulator(INCLINED.replace(multisine_level=1.0))
+    measured = measure(traced(broadband, 30), RATE)
+    assert (measured.kind, measured.rhythm) == (MotionKind.NOT_PERIODICALLY_DRIVEN, None)
+    assert measured.x_max > 0.1
+
+
+def test_chaos_is_never_settled_nor_settling():
+    """The tilted bench rig, from the first cycle on."""
+    tilted = load_parameters('bench_rig')[0].replace(angle=0.2)
+    rig = Simulator(tilted)
+    trace = MotionTrace.at(tilted, rig.snapshot())
+    rate = 8.0 * 31.416 / math.tau
+    for k in range(1, 2401):
+        trace = trace.after(rig.advance(k / rate))
+        trace.sample(rig.sample())
+        if k % 8 == 0:
+            measured = measure(trace, rate)
+            assert measured.kind is MotionKind.UNDECIDED
+            words = measured_report(measured)
+            assert words.values['Reason']
+            assert 'settl' not in words.message
+
+
+def test_impacts_that_stop_are_no_rhythm():
+    rig = Simulator(INCLINED)
+    trace = traced(rig, 200)
+    assert measure(trace, RATE).rhythm is not None
+    still = rig.sample()
+    for k in range(int(30 * CYCLE * RATE)):
+        trace.sample(still._replace(time=still.time + k / RATE, primary_velocity=0.0))
+    assert measure(trace, RATE).kind is MotionKind.NO_IMPACTS
+
+
+def test_too_few_samples_tell_no_largest_displacement():
+    measured = measure(traced(Simulator(INCLINED), 250, rate=0.7), 0.7)
+    assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
+    assert (measured.x_max, measured.amplitude_ratio) == (None, None)
+    values = measured_report(measured).values
+    assert (values['Largest X [m]'], values['Largest X / A']) == ('', '')
+
+
+def test_the_trace_does_not_grow():
+    trace = traced(Simulator(INCLINED), 800)
+    assert len(trace.impacts()) == KEPT
+    assert len(trace._turns) == KEPT
+
+
+PREDICTED = PredictedMotion(
+    Rhythm.of(ORBIT), ORBIT.amplitude_ratio, abs(ORBIT.multipliers[0]), True, True, ''
+)
+OTHER = PredictedMotion(Rhythm((1, 2), 1, (0.6, 0.1), (1.0, -1.0), 2.0), 0.1, 1.2, False, True, '')
+ANSWER = Answer(1, (PREDICTED, OTHER), PREDICTED, 'run ahead', '', True, 0.25)
+MEASURED = MeasuredMotion(MotionKind.PERIODIC, 200.0, 2.0, Rhythm.of(ORBIT), x_max=ORBIT.x_max)
+
+
+def shifted(phase=0.0, x=0.0, drift=0.0):
+    """Return the measured motion, somewhat off, and counted from the other impact."""
+    rhythm = Rhythm(
+        (2, 1),
+        1,
+        tuple(p + phase for p in reversed(ORBIT.phases)),
+        tuple(v + x * ORBIT.x_max for v in reversed(ORBIT.x)),
+        ORBIT.x_max,
+        drift,
+    )
+    return MeasuredMotion(MotionKind.PERIODIC, 200.0, 2.0, rhythm, x_max=ORBIT.x_max)
+
+
+@pytest.mark.parametrize(
+    ('measured', 'verdict'),
+    [
+        (shifted(), 'agrees'),
+        (shifted(phase=9e-4), 'agrees'),
+        (shifted(phase=2e-3), 'disagrees'),
+        (shifted(x=2e-3), 'disagrees'),
+        # Still so far to go at the rate of the largest multiplier, 0.94
+        (shifted(phase=2e-3, drift=8e-5), 'agrees'),
+    ],
+)
+def test_the_agreement_allows_for_what_is_left_of_the_transient(measured, verdict):
+    agreement = compare(measured, ANSWER)
+    assert agreement.verdict == verdict
+    assert agreement.basis == 'measured'
+    assert agreement.motion.rhythm.stops == (2, 1)
+    assert agreement.phase == pytest.approx(measured.rhythm.phases[0] - ORBIT.phases[1], abs=1e-12)
+
+
+def test_the_motion_of_the_same_kind_that_is_nearest_is_chosen():
+    rhythm = Rhythm((1, 2), 1, (0.601, 0.101), (1.0, -1.0), 2.0)
+    agreement = compare(MeasuredMotion(MotionKind.PERIODIC, rhythm=rhythm), ANSWER)
+    assert agreement.motion.largest_multiplier == 1.2
+    kind = Rhythm((1, 1, 2), 1, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0), 2.0)
+    agreement = compare(MeasuredMotion(MotionKind.PERIODIC, rhythm=kind), ANSWER)
+    assert (agreement.verdict, agreement.motion) == ('disagrees', PREDICTED)
+
+
+def reported(measured=MEASURED, answer=ANSWER, **status):
+    status = PredictorStatus(course=1, answer=answer, **status)
+    return predicted_report(status, compare(measured, answer))
+
+
+@pytest.mark.parametrize(
+    ('measured', 'answer', 'status', 'state', 'warning', 'words'),
+    [
+        (MEASURED, ANSWER, {}, 'found', False, 'stable; the measured motion agrees'),
+        (shifted(phase=0.01), ANSWER, {}, 'found', True, 'the measured motion disagrees'),
+        (MeasuredMotion(MotionKind.TRANSIENT), ANSWER, {}, 'found', False, '2 impacts in 1 cycle'),
+        (MEASURED, Answer(), {}, 'computing', False, 'computing'),
+        (MEASURED, Answer(), {'enabled': False}, 'off', False, 'predict_motion'),
+        (MEASURED, Answer(), {'trouble': 'it ended'}, 'unavailable', True, 'it ended'),
+        # What was found stays true.
+        (MEASURED, ANSWER, {'trouble': 'it ended'}, 'found', True, 'agrees; it ended'),
+        (MEASURED, Answer(1, error='no memory'), {}, 'unavailable', True, 'no memory'),
+        (
+            MeasuredMotion(MotionKind.UNDECIDED),
+            Answer(1, (OTHER,), OTHER, 'listed', 'it does not repeat', True),
+            {},
+            'found',
+            True,
+            'unstable; it does not repeat',
+        ),
+        (
+            MeasuredMotion(MotionKind.UNDECIDED),
+            Answer(1, reason='two incommensurate harmonics', complete=True),
+            {},
+            'none',
+            False,
+            'two incommensurate harmonics',
+        ),
+        (MEASURED, Answer(1, complete=True), {}, 'none', True, 'theory has none like it'),
+        (
+            MEASURED,
+            Answer(1, reason='gap_control is timed', complete=True, applies=False),
+            {},
+            'none',
+            False,
+            'gap_control is timed',
+        ),
+    ],
+)
+def test_what_is_reported_and_when_it_is_a_warning(
+    measured, answer, status, state, warning, words
+):
+    report = reported(measured, answer, **status)
+    assert report.values['State'] == state
+    assert report.warning is warning
+    assert words in report.message
+
+
+def test_the_keys_are_the_same_whatever_is_known():
+    full = reported()
+    for other in (reported(answer=Answer()), reported(MeasuredMotion(MotionKind.TRANSIENT))):
+        assert list(other.values) == list(full.values)
+    full = measured_report(MEASURED)
+    for kind in (MotionKind.TRANSIENT, MotionKind.NOT_PERIODICALLY_DRIVEN):
+        assert list(measured_report(MeasuredMotion(kind)).values) == list(full.values)
+
+
+def test_values_are_written_for_machines():
+    other = PredictedMotion(
+        Rhythm((1, 1, 2), 1, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0), 2.0), 0.5, 0.9, True, True, ''
+    )
+    values = reported(answer=Answer(3, (PREDICTED, other), PREDICTED, 'run ahead')).values
+    assert values['Stop sequence'] == '[1, 2]'
+    assert values['Phases [cycles of the force]'] == '[0.757995034, 0.269792326]'
+    assert values['Largest X / A'] == '0.21134393'
+    assert values['Largest multiplier modulus'] == '0.941065209'
+    assert (values['Stable'], values['Viable']) == (True, True)
+    assert values['Other stable motions'] == (
+        '[{"stops": [1, 1, 2], "cycles": 1, "largest_x_over_a": 0.5, "largest_multiplier": 0.9}]'
+    )
+
+
+def test_who_has_just_looked_may_look_again_a_little_later():
+    predictor = Predictor(lambda: None, print, enabled=False)
+    monitor = MotionMonitor(lambda: traced(Simulator(INCLINED), 2), predictor, RATE)
+    assert [report.task for report in monitor.look()] == ['measured motion', 'predicted motion']
+    assert not monitor.may_look(1e6)
+    assert monitor.may_look(0.0)
+    predictor.close()

@@ -1,0 +1,139 @@
+"""The grid of ticks, and what is made of lateness."""
+
+from fractions import Fraction
+
+import pytest
+
+from impact_damper_ros.node.pacing import CATCH_UP_NS, Pacer, TickGrid
+
+MS = 1_000_000
+
+
+class FakeTime:
+    """A clock that only sleeping and `spend` move on."""
+
+    def __init__(self):
+        self.now = 5_000_000_000
+
+    def clock(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += round(seconds * 1e9)
+
+    def spend(self, ns):
+        self.now += ns
+
+
+def pacer(period_ns, factor=1.0):
+    time = FakeTime()
+    made = Pacer(period_ns, factor, clock=time.clock, sleep=time.sleep)
+    made.anchor(0)
+    return made, time
+
+
+def never():
+    return False
+
+
+@pytest.mark.parametrize('rate', [1.0, 3.0, 200.0, 333.3, 1000.0, 1999.0])
+def test_ticks_are_rounded_one_by_one(rate):
+    grid = TickGrid(rate)
+    for tick in (0, 1, 2, 7, 1000, 123_456_789, 10**12):
+        exact = Fraction(tick) * 10**9 / Fraction(rate)
+        assert abs(grid.instant(tick) - exact) <= Fraction(1, 2)
+
+
+def test_deadlines_are_absolute():
+    """Work and late awakenings within a period do not add up."""
+    made, time = pacer(5 * MS)
+    for tick in range(1, 1001):
+        assert made.approach(tick * 5 * MS, never)
+        made.wait(tick * 5 * MS)
+        assert time.now == 5_000_000_000 + tick * 5 * MS
+        time.spend(tick % 5 * MS)
+    assert made.counts()[:4] == (1000, 0, 0, 0)
+
+
+def test_late_ticks_are_made_up_for_and_counted():
+    made, time = pacer(5 * MS)
+    made.wait(5 * MS)
+    time.spend(52 * MS)
+    started = []
+    for tick in range(2, 15):
+        made.wait(tick * 5 * MS)
+        started.append(time.now - 5_000_000_000)
+    # Ticks 2 to 11 are due by 57 ms: they come at once, then the old deadlines hold again.
+    assert started == [57 * MS] * 10 + [60 * MS, 65 * MS, 70 * MS]
+    counts = made.counts()
+    # Tick 11 is only 2 ms late and tick 10 is 7 ms late: 2 to 10 miss a whole period.
+    assert counts.overruns == 9
+    assert counts.slips == 0
+    assert counts.worst_lateness_ns == 47 * MS
+    assert made.counts().worst_lateness_ns == 0
+    assert made.counts().overruns == 9
+
+
+def test_a_long_stall_is_given_up_once():
+    made, time = pacer(5 * MS)
+    time.spend(10_000 * MS)
+    made.wait(5 * MS)
+    assert made.counts()[1:4] == (1, 1, 9995 * MS)
+    before = time.now
+    made.wait(10 * MS)
+    assert time.now == before + 5 * MS
+    assert made.counts()[1:4] == (1, 1, 9995 * MS)
+
+
+def test_just_within_the_bound_nothing_is_given_up():
+    made, time = pacer(5 * MS)
+    time.spend(5 * MS + CATCH_UP_NS)
+    made.wait(5 * MS)
+    assert made.counts().slips == 0
+
+
+@pytest.mark.parametrize('factor', [0.5, 2.0, 1000.0])
+def test_real_time_factor_scales_the_deadlines(factor):
+    made, time = pacer(5 * MS, factor)
+    for tick in range(1, 101):
+        made.wait(tick * 5 * MS)
+        assert abs(time.now - 5_000_000_000 - tick * 5 * MS / factor) <= 1
+
+
+def test_free_running_waits_for_nothing_but_leaves_the_processor_at_times():
+    made, time = pacer(5 * MS, 0.0)
+    began = time.now
+    for tick in range(1, 10_001):
+        made.wait(tick * 5 * MS)
+        time.spend(20_000)
+    rested = time.now - began - 10_000 * 20_000
+    assert 0.01 < rested / (time.now - began) < 0.1
+    assert made.counts()[:4] == (10_000, 0, 0, 0)
+
+
+def test_a_long_wait_can_be_interrupted():
+    made, time = pacer(1000 * MS)
+    calls = []
+
+    def interrupted():
+        calls.append(time.now)
+        return len(calls) == 3
+
+    assert not made.approach(1000 * MS, interrupted)
+    assert time.now < 5_000_000_000 + 100 * MS
+    assert made.counts().ticks == 0
+    assert made.approach(1000 * MS, never)
+    assert 5_000_000_000 + 950 * MS < time.now < 5_000_000_000 + 1000 * MS
+    made.wait(1000 * MS)
+    assert time.now == 5_000_000_000 + 1000 * MS
+    assert made.counts()[:2] == (1, 0)
+
+
+def test_a_pause_ends_at_its_instant_and_is_no_tick():
+    made, time = pacer(5 * MS)
+    made.pause_until(3 * MS)
+    assert time.now == 5_000_000_000 + 3 * MS
+    time.spend(2 * MS)
+    made.pause_until(4 * MS)
+    assert time.now == 5_000_000_000 + 5 * MS
+    assert made.counts() == (0, 0, 0, 0, 0)

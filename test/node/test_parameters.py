@@ -1,0 +1,225 @@
+"""The parameters of a running node, over the services that `ros2 param` uses."""
+
+import json
+import math
+
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+
+from impact_damper_ros.cli.simulate_rig import main
+from impact_damper_ros.node.parameters import ALL_SPECS, READ_ONLY
+from impact_damper_ros.rig import load_parameters
+from node.rig_client import until
+
+TYPES = {
+    'bool': ParameterType.PARAMETER_BOOL,
+    'double': ParameterType.PARAMETER_DOUBLE,
+    'double_array': ParameterType.PARAMETER_DOUBLE_ARRAY,
+    'integer': ParameterType.PARAMETER_INTEGER,
+    'string': ParameterType.PARAMETER_STRING,
+}
+
+
+def test_every_parameter_is_declared_and_described(rig):
+    assert set(ALL_SPECS) <= set(rig.parameters.names())
+    descriptors = rig.parameters.describe(*ALL_SPECS)
+    for spec, described in zip(ALL_SPECS.values(), descriptors, strict=True):
+        assert described.name == spec.name
+        assert described.type == TYPES[spec.kind]
+        assert spec.description in described.description
+        assert spec.unit in described.description
+        assert described.read_only == (spec.name in READ_ONLY)
+        if spec.low is not None:
+            ranges = described.integer_range or described.floating_point_range
+            (limits,) = ranges
+            assert (limits.from_value, limits.to_value) == (spec.low, spec.high)
+
+
+@pytest.mark.parametrize(
+    ('name', 'given', 'stored'),
+    [
+        ('gap', 0.02, 0.02),
+        ('gap', 2, 2.0),
+        ('gap', '5e-3', 0.005),
+        ('one_sided', True, True),
+        ('force_amplitudes', [7], [7.0]),
+        ('force_amplitudes', 7, [7.0]),
+        ('force_amplitudes', 7.5, [7.5]),
+        ('bag_directory', 'elsewhere', 'elsewhere'),
+        ('multisine_lines', 37.0, 37),
+        ('multisine_lines', '12', 12),
+        ('multisine_level', 1, 1.0),
+        ('sweep_mode', 'up', 'up'),
+        ('sweep_mode', False, 'off'),
+    ],
+)
+def test_accepted_values_are_stored(rig, name, given, stored):
+    assert rig.parameters.set(**{name: given}) == ''
+    assert rig.parameters.get(name) == stored
+
+
+@pytest.mark.parametrize(
+    ('name', 'given', 'words'),
+    [
+        ('gap', -1.0, ['gap', '-1.0 m', 'from']),
+        ('gap', math.nan, ['nan']),
+        ('gap', math.inf, ['inf']),
+        ('gap', True, ['True', 'number']),
+        ('gap', 'wide', ["'wide'", 'number']),
+        ('force_phases', [math.nan], ['force_phases[0]', 'nan']),
+        ('one_sided', 1, ['true or false']),
+        ('damping', 1000.0, ['underdamped']),
+        ('initial_damper_offset', 1.0, ['between the stops']),
+        ('state_rate', 100.0, ['fixed', 'start']),
+        ('publish_clock', True, ['fixed', 'start']),
+        ('stifness', 1.0, ['did you mean stiffness?']),
+        ('bag_directory', '', ['bag_directory']),
+        ('multisine_lines', 12.5, ['12.5', 'whole number from 1 to 512']),
+        ('multisine_lines', 513, ['513', 'from 1 to 512']),
+        ('sweep_mode', 'sideways', ["'sideways'", 'off, up, down, up_down']),
+    ],
+)
+def test_rejected_values_are_explained_and_change_nothing(rig, name, given, words):
+    names = rig.parameters.names()
+    before = rig.parameters.get(*names)
+    rig.reset()
+    count = len(rig.snapshots)
+    for reason in (
+        rig.parameters.set(**{name: given}),
+        rig.parameters.set_atomically(**{name: given}),
+    ):
+        for word in words:
+            assert word in reason
+    assert rig.parameters.get(*names) == before
+    rig.await_states(3)
+    assert len(rig.snapshots) == count
+
+
+def test_a_parameter_cannot_be_undeclared(rig):
+    nothing = Parameter(name='gap', value=ParameterValue())
+    assert 'gap' in rig.parameters.set(gap=nothing)
+    assert rig.parameters.get('gap') == 0.01
+
+
+def test_several_are_set_all_or_none(rig):
+    before = rig.parameters.get('stiffness', 'gap')
+    reason = rig.parameters.set_atomically(stiffness=2000.0, gap=0.02, restitution_1=1.5)
+    assert 'restitution_1' in reason
+    assert rig.parameters.get('stiffness', 'gap') == before
+    # Either change alone is out of range; together they are not.
+    assert rig.parameters.set_atomically(damping=100, stiffness=4000) == ''
+    assert rig.parameters.get('damping', 'stiffness') == [100.0, 4000.0]
+    assert 'underdamped' in rig.parameters.set(stiffness=1000)
+
+
+def test_the_force_arrays_are_set_one_at_a_time(rig):
+    arrays = ('force_amplitudes', 'force_frequencies', 'force_phases')
+    assert rig.parameters.set(force_amplitudes='[10, 0.5, 2]') == ''
+    assert rig.parameters.get(*arrays) == [[10.0, 0.5, 2.0], [31.6, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    assert rig.parameters.set(force_frequencies=[31.6, 63.2, 94.8]) == ''
+    assert rig.parameters.set(force_phases=[0.0, 1.0]) == ''
+    assert rig.parameters.get(*arrays) == [[10.0, 0.5], [31.6, 63.2], [0.0, 1.0]]
+    reason = rig.parameters.set_atomically(
+        force_amplitudes=[1.0], force_frequencies=[1.0, 2.0, 3.0]
+    )
+    assert 'same length' in reason
+    assert rig.parameters.get('force_amplitudes') == [10.0, 0.5]
+    assert 'entries' in rig.parameters.set(force_amplitudes=[])
+
+
+def test_a_malformed_request_does_not_harm_the_rig(rig):
+    """A type that does not exist raises within rclpy, before any callback of the node."""
+    bad = Parameter(name='gap', value=ParameterValue(type=99))
+    rig.client.request('/sim_node/set_parameters', SetParameters.Request(parameters=[bad]))
+    assert rig.parameters.set(gap=0.02) == ''
+    assert rig.parameters.get('gap') == 0.02
+    rig.await_states(10)
+    assert 'a callback failed' in rig.process.output
+
+
+def test_bad_parameters_at_start_end_the_node(launch):
+    cases = {
+        'write stiffness': {'stifness': 3},
+        'give a number from 1e-09': {'gap': -1},
+        "damping is 'soft'": {'damping': 'soft'},
+        'between the stops': {'initial_damper_offset': 30},
+        'not [1, 0.5]': {'force_amplitudes': '[1, 0.5]'},
+        'cannot record to': {'record': True, 'bag_directory': '/dev/null/runs'},
+    }
+    processes = {words: launch(**parameters) for words, parameters in cases.items()}
+    for words, process in processes.items():
+        assert process.wait() == 1
+        assert words in process.output
+        assert 'Traceback' not in process.output
+        (line,) = [line for line in process.output.splitlines() if 'cannot start' in line]
+        assert words in line
+
+
+def test_commands_take_a_parameters_file_with_all_that_the_node_has(rig, tmp_path):
+    """As `ros2 param dump` writes it; the commands read it without ROS, by a list of names."""
+    names = rig.parameters.names()
+    values = dict(zip(names, rig.parameters.get(*names), strict=True))
+    assert {'real_time_priority', 'predict_motion'} <= values.keys()
+    lines = [f'    {name}: {json.dumps(_plain(value))}' for name, value in values.items()]
+    path = tmp_path / 'dumped.yaml'
+    path.write_text('\n'.join(['/sim_node:', '  ros__parameters:', *lines, '']))
+    loaded, initial, other = load_parameters(path)
+    named = {**loaded.as_dict(), **initial.as_dict(), **other}
+    assert named.keys() == values.keys()
+    assert named['stiffness'] == values['stiffness']
+    assert main([str(path), '--duration', '0.1', '--quiet']) == 0
+
+
+def _plain(value):
+    return list(value) if hasattr(value, '__len__') and not isinstance(value, str) else value
+
+
+HEAD = '/**:\n  ros__parameters:\n'
+
+
+def test_parameters_files_that_ros_would_take_long_for(launch, tmp_path):
+    """Or would take the last of two values from."""
+    cases = {
+        'more than 20000 names and values': HEAD
+        + f'    force_amplitudes: [{", ".join(["1.0"] * 100_000)}]\n',
+        'longer than 1 MB': HEAD + '    gap: 3.0\n' + '# no\n' * 300_000,
+        "line 4: 'gap' stands there twice": HEAD + '    gap: 3.0\n    gap: 4.0\n',
+        'line 1: &a is an anchor or alias': '&a {/**: *a}',
+        'nested more than 16 deep': '/**: ' + '[' * 100_000,
+        'cannot start': '\x00',
+    }
+    processes = {}
+    for number, (words, text) in enumerate(cases.items()):
+        path = tmp_path / f'case_{number}.yaml'
+        path.write_text(text)
+        processes[words] = launch(parameters_file=path)
+    for words, process in processes.items():
+        assert process.wait() == 1
+        (line,) = [line for line in process.output.splitlines() if 'cannot start' in line]
+        assert words in line
+        assert len(line) < 700
+        assert 'Traceback' not in process.output
+
+
+def test_a_thousand_parameters_of_other_nodes_are_warned_of_in_a_few_lines(launch, tmp_path):
+    path = tmp_path / 'many.yaml'
+    lines = ''.join(f'    p{k}: {k}\n' for k in range(1000))
+    path.write_text(HEAD + lines + '    "\\e[31mred": 1\n    gap: 3.0\n')
+    process = launch(parameters_file=path)
+    until(lambda: 'runs in real time' in process.output, lambda: process.output)
+    said = process.output
+    assert said.count('is not one of this node; it is ignored') == 8
+    assert '993 parameters more are ignored as well' in said
+    assert '\x1b[31m' not in said
+    assert process.stop() == 0
+
+
+def test_values_in_rejections_are_short(rig):
+    reason = rig.parameters.set(gap='x' * 100_000)
+    assert 'gap' in reason
+    assert len(reason) < 300
+    reason = rig.parameters.set(**{'y' * 100_000: 1.0})
+    assert len(reason) < 300
+    reason = rig.parameters.set(gap_control='\x1b[2J')
+    assert '\x1b' not in reason

@@ -1,0 +1,321 @@
+"""How parameters are read, judged and described, without a running node."""
+
+import math
+import re
+
+import pytest
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
+from impact_damper_ros.node.parameters import (
+    ALL_SPECS,
+    LiveParameters,
+    NodeParameters,
+    descriptor,
+    nearest_name,
+    parameters_from_overrides,
+    promoted,
+)
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    ParameterError,
+    ParametersFileError,
+    RigParameters,
+    load_parameters,
+)
+
+Type = Parameter.Type
+
+
+def live(prepare=lambda *_: None, apply=lambda *_: None, **values):
+    return LiveParameters(NodeParameters.from_values(values), prepare=prepare, apply=apply)
+
+
+def objection(parameters, **values):
+    return live(**values).objection(parameters, ALL_SPECS.__contains__)
+
+
+@pytest.mark.parametrize(
+    ('name', 'given', 'meant'),
+    [
+        ('gap', 37, 37.0),
+        ('gap', '1e-3', 0.001),
+        ('gap', 'wide', 'wide'),
+        ('gap', True, True),
+        ('gap', [37.0], [37.0]),
+        ('one_sided', True, True),
+        ('one_sided', 1, 1),
+        ('force_amplitudes', 2, [2.0]),
+        ('force_amplitudes', 2.5, [2.5]),
+        ('force_amplitudes', [1, 2], [1.0, 2.0]),
+        ('force_amplitudes', '[1, 0.5]', [1.0, 0.5]),
+        ('force_amplitudes', '3e-1', [0.3]),
+        ('force_amplitudes', ['a'], ['a']),
+        ('bag_directory', 2024, '2024'),
+        ('bag_directory', 'runs/a', 'runs/a'),
+        ('state_rate', 500, 500.0),
+        ('multisine_lines', 37, 37),
+        ('multisine_lines', 37.0, 37),
+        ('multisine_lines', '37', 37),
+        ('multisine_lines', '1e2', 100),
+        ('multisine_lines', 37.5, 37.5),
+        ('multisine_lines', 'many', 'many'),
+        ('multisine_level', 2, 2.0),
+        ('sweep_mode', 'up', 'up'),
+        ('sweep_mode', False, 'off'),
+    ],
+)
+def test_values_are_read_as_they_are_meant(name, given, meant):
+    value = promoted(Parameter(name, value=given)).value
+    assert value == meant
+    assert type(value) is type(meant)
+
+
+def test_an_empty_list_is_a_list_of_numbers():
+    for kind in (Type.BYTE_ARRAY, Type.BOOL_ARRAY, Type.STRING_ARRAY, Type.INTEGER_ARRAY):
+        assert promoted(Parameter('force_phases', kind, [])).type_ is Type.DOUBLE_ARRAY
+
+
+@pytest.mark.parametrize(
+    ('given', 'expected'),
+    [
+        ({'force_amplitudes': [2.0, 3.0]}, ((2.0, 3.0), (1.0, 0.0), (0.0, 0.0))),
+        ({'force_frequencies': [2.0, 3.0]}, ((1.0, 0.0), (2.0, 3.0), (0.0, 0.0))),
+        ({'force_phases': [0.0, 1.0]}, ((1.0, 0.0), (1.0, 0.0), (0.0, 1.0))),
+        (
+            {'force_phases': [0.0, 1.0], 'force_amplitudes': [1.0, 5.0]},
+            ((1.0, 5.0), (1.0, 0.0), (0.0, 1.0)),
+        ),
+        ({'force_phases': [0.5]}, ((1.0,), (1.0,), (0.5,))),
+    ],
+)
+def test_force_arrays_follow_each_other_in_length(given, expected):
+    accepted = []
+    rig = live(apply=lambda _before, after, _changed: accepted.append(after.rig))
+    parameters = rig.promote([Parameter(name, value=v) for name, v in given.items()])
+    assert rig.validate(parameters).successful
+    rig.accept(parameters)
+    (after,) = accepted
+    forces = (after.force_amplitudes, after.force_frequencies, after.force_phases)
+    assert forces == expected
+    one = rig.promote([Parameter('force_frequencies', value=[7.0])])
+    assert rig.validate(one).successful
+    rig.accept(one)
+    assert [len(v) for v in (rig.now.rig.force_amplitudes, rig.now.rig.force_phases)] == [1, 1]
+
+
+def test_contradictory_lengths_are_rejected():
+    request = [
+        Parameter('force_amplitudes', value=[1.0, 2.0]),
+        Parameter('force_phases', value=[1.0, 2.0, 3.0]),
+    ]
+    assert 'same length' in objection(request)
+    rig = live()
+    assert not rig.validate(rig.promote(request)).successful
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    'name', [name for name, spec in ALL_SPECS.items() if spec.kind.startswith('double')]
+)
+def test_what_is_not_finite_is_rejected_everywhere(name, value):
+    if ALL_SPECS[name].kind == 'double_array':
+        value = [value]
+    rig = live()
+    result = rig.validate([Parameter(name, value=value)])
+    assert not result.successful
+    assert name in result.reason
+    with pytest.raises(ParameterError, match=name):
+        parameters_from_overrides({name: value}, (), pytest.fail)
+
+
+@pytest.mark.parametrize(
+    ('parameter', 'words'),
+    [
+        (Parameter('gap', value=-1.0), ['gap', '-1.0 m', 'from']),
+        (Parameter('gap', value='wide'), ['gap', "'wide'", 'from']),
+        (Parameter('gap', Type.NOT_SET), ['gap', 'None']),
+        (Parameter('gpa', value=1.0), ['gpa', 'did you mean gap?']),
+        (Parameter('xyzzy', value=1.0), ['xyzzy', 'ros2 param list']),
+        (Parameter('state_rate', value=100), ['state_rate', 'fixed', '-p state_rate:=100']),
+        (Parameter('one_sided', value=1), ['one_sided', 'true or false']),
+        (Parameter('damping', value=5.0), ['underdamped', '1.9998']),
+        (Parameter('bag_directory', value=' '), ['bag_directory']),
+        (Parameter('initial_damper_offset', value=20.0), ['from -18.5 to 18.5 m']),
+        (Parameter('force_amplitudes', Type.BOOL_ARRAY, []), ['0 entries']),
+        (Parameter('multisine_lines', value=37.5), ['37.5', 'whole number from 1 to 512']),
+        (Parameter('multisine_lines', value=0), ['multisine_lines', 'from 1 to 512']),
+        (Parameter('sweep_mode', value='fast'), ["'fast'", 'one of off, up, down, up_down']),
+        (Parameter('sweep_mode', value=3), ["'3'", 'one of off, up, down, up_down']),
+    ],
+)
+def test_an_objection_names_value_range_and_remedy(parameter, words):
+    reason = objection([parameter])
+    for word in words:
+        assert word in reason
+
+
+def test_a_request_is_judged_as_a_whole():
+    stiff = [Parameter('damping', value=5), Parameter('stiffness', value=100)]
+    assert objection(stiff) == ''
+    assert objection(stiff[:1]) != ''
+    assert objection([*stiff, Parameter('gap', value=0)]) != ''
+
+
+def test_what_prepare_raises_rejects_the_request():
+    def prepare(_before, _after):
+        raise OSError('the disk is full')
+
+    rig = live(prepare=prepare)
+    result = rig.validate([Parameter('record', value=True)])
+    assert (result.successful, result.reason) == (False, 'the disk is full')
+    assert rig.now.record is False
+
+
+def test_overrides_are_read_tolerantly():
+    warnings = []
+    parameters = parameters_from_overrides(
+        {
+            'gap': 30,
+            'force_amplitudes': [1, 2],
+            'robot_description': '<robot/>',
+            'use_sim_time': True,
+            'qos_overrides./clock.subscription.depth': 1,
+            'record': False,
+        },
+        ('use_sim_time',),
+        warnings.append,
+    )
+    expected = RigParameters(gap=30.0).replace(
+        force_amplitudes=(1.0, 2.0), force_frequencies=(1.0, 0.0), force_phases=(0.0, 0.0)
+    )
+    assert parameters.rig == expected
+    (warning,) = warnings
+    assert 'robot_description' in warning
+
+
+def test_a_misspelt_override_is_an_error():
+    with pytest.raises(ParameterError, match='write damper_mass'):
+        parameters_from_overrides({'dampermass': 1}, (), pytest.fail)
+
+
+@pytest.mark.parametrize('factor', [1e-9, 0.0009])
+def test_a_factor_too_slow_to_be_meant_is_an_error(factor):
+    with pytest.raises(ParameterError, match='give 0'):
+        NodeParameters.from_values({'real_time_factor': factor})
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'words'),
+    [
+        ('max_bag_size', 99_999, r'is 99999: give 0 \(no limit\) or a number from 100000 to'),
+        ('max_bag_size', -1, 'from 0 to'),
+        ('max_bag_duration', 0.999, r'is 0.999: give 0 \(no limit\) or a number from 1 to'),
+        ('max_bag_duration', float('nan'), 'max_bag_duration is nan'),
+    ],
+)
+def test_limits_to_files_too_small_to_be_meant_are_an_error(name, value, words):
+    with pytest.raises(ParameterError, match=words):
+        NodeParameters.from_values({name: value})
+    least = {'max_bag_size': SMALLEST_FILE, 'max_bag_duration': SHORTEST_FILE}[name]
+    for good in (0, least):
+        assert getattr(NodeParameters.from_values({name: type(least)(good)}), name) == good
+    assert f'0, or at least {least:g}.' in descriptor(ALL_SPECS[name]).additional_constraints
+
+
+def test_nearest_name():
+    assert nearest_name('restitution1') == 'restitution_1'
+    assert nearest_name('zzzz') == ''
+
+
+@pytest.mark.parametrize('name', ALL_SPECS)
+def test_descriptors_say_it_all(name):
+    spec, made = ALL_SPECS[name], descriptor(ALL_SPECS[name])
+    assert made.name == name
+    assert made.description.startswith(spec.description)
+    assert (f'Unit: {spec.unit}.' in made.description) == bool(spec.unit)
+    fixed = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_priority')
+    assert made.read_only == (name in fixed)
+    if spec.choices:
+        assert made.additional_constraints.startswith(f'One of {", ".join(spec.choices)}.')
+    if spec.low is None:
+        assert not made.floating_point_range
+        assert not made.integer_range
+    elif spec.kind == 'integer':
+        (limits,) = made.integer_range
+        assert (limits.from_value, limits.to_value, limits.step) == (spec.low, spec.high, 1)
+        assert not made.floating_point_range
+    else:
+        (limits,) = made.integer_range or made.floating_point_range
+        assert (limits.from_value, limits.to_value) == (spec.low, spec.high)
+
+
+def test_defaults_are_those_of_the_rig():
+    values = NodeParameters.from_values({}).as_dict()
+    for name, spec in {**PARAMETER_SPECS, **INITIAL_SPECS}.items():
+        assert values[name] == spec.default
+    assert set(values) == set(ALL_SPECS)
+
+
+def test_directory_of_recordings_in_the_home_directory(monkeypatch):
+    monkeypatch.setenv('HOME', '/home/rig')
+    for text, directory in (
+        ('~/runs', '/home/rig/runs'),
+        ('~', '/home/rig'),
+        ('runs/~x', 'runs/~x'),
+        ('./~', './~'),
+        ('a b/ü', 'a b/ü'),
+    ):
+        node = NodeParameters.from_values({'bag_directory': text})
+        assert node.bag_directory == directory
+        assert NodeParameters.from_values({}).changed({'bag_directory': text}) == node
+
+
+@pytest.mark.parametrize(
+    'text', ['runs\nrm', 'runs\x1b[2J', 'a\tb', 'x' * 1001, '~nobody-of-this-name/runs', 'a\0b']
+)
+def test_directories_that_nobody_means(text):
+    with pytest.raises(ParameterError, match=r'^bag_directory is ') as refused:
+        NodeParameters.from_values({'bag_directory': text})
+    assert str(refused.value).isprintable()
+    assert len(str(refused.value)) < 300
+
+
+#: Entries of a parameters file in which the order, the namespace or a wildcard decides.
+ENTRIES = {
+    'two rigs': '/rig1/sim_node: {gap: 2.0}\n/rig2/sim_node: {gap: 3.0}',
+    'in common': '/**: {gap: 1.0, friction: 0.1}\n/rig1/sim_node: {gap: 2.0}',
+    'in common, last': '/rig1/sim_node: {gap: 2.0}\n/**: {gap: 1.0, friction: 0.1}',
+    'bare name': 'sim_node: {gap: 4.0}\n/rig2/other: {gap: 5.0}',
+    'nested': 'rig2:\n  sim_node: {gap: 3.0}\n/a:\n  b:\n    sim_node: {angle: 0.9}',
+    'nested with a slash': '/rig2/:\n  sim_node: {gap: 3.0}',
+    'one part': '/*/sim_node: {damping: 0.5}\n/rig2/*: {angle: 0.5}\n/*: {gap: 6.0}',
+    'any parts': '/**/sim_node: {gap: 0.5}\n/a/**: {gap: 7.0}\n/*/*: {friction: 0.3}',
+}
+NAMESPACES = ('', '/rig1', '/rig2', '/a/b')
+
+
+@pytest.mark.parametrize('entries', ENTRIES.values(), ids=ENTRIES)
+def test_the_rig_of_a_file_is_that_which_ros_gives_the_node(entries, tmp_path):
+    text = re.sub(r'\{(.+)\}', r'{ros__parameters: {\1}}', entries)
+    path = tmp_path / 'rigs.yaml'
+    path.write_text(text, encoding='utf-8')
+    context = Context()
+    context.init(['--ros-args', '--params-file', str(path)])
+    try:
+        for namespace in NAMESPACES:
+            node = Node('sim_node', namespace=namespace, context=context, enable_rosout=False)
+            name = node.get_fully_qualified_name()
+            given = {p: value.value for p, value in node._parameter_overrides.items()}
+            node.destroy_node()
+            if given:
+                rig, _, _ = load_parameters(path, node=name)
+                assert rig == RigParameters(**given), name
+            else:
+                with pytest.raises(ParametersFileError, match=f'no parameters for {name} among'):
+                    load_parameters(path, node=name)
+    finally:
+        context.try_shutdown()

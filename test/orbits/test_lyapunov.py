@@ -1,0 +1,175 @@
+"""How deviations grow: against finite differences, the event map and pairs of motions."""
+
+import math
+
+import numpy as np
+import pytest
+from sweep.example_rigs import CHATTERING, ON_THE_STOP
+
+from impact_damper_ros.orbits.event_map import run_course
+from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent, monodromy_of
+from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
+from impact_damper_ros.rig.long_run import LongRun
+from impact_damper_ros.rig.mode import Origin, make_machine
+from impact_damper_ros.sweep.steady_state import steady_state
+
+#: Frictionless and horizontal, with many impacts that never repeat.
+CHAOTIC = RigParameters(gravity=0.0, force_frequencies=1.02, gap=12.0)
+RIGS = {
+    'frictionless': CHAOTIC,
+    'inclined, with friction': RigParameters(angle=0.6, gravity=1.0, friction=0.4, gap=20.0),
+    'air': RigParameters(angle=-0.3, gravity=1.0, friction=0.2, gap=20.0, air_force=0.02),
+    'sticking': RigParameters(gravity=1.0, friction=4.0, gap=9.0),
+    'two harmonics': RigParameters(
+        angle=0.2,
+        gravity=1.0,
+        friction=0.3,
+        gap=15.0,
+        force_amplitudes=(1.0, 0.6),
+        force_frequencies=(1.02, 2.3),
+        force_phases=(0.4, 1.9),
+    ),
+    'chattering': CHATTERING.replace(force_phases=0.6 * math.tau),
+}
+
+
+def along_run(parameters, initial, start, end):
+    """Return the run at the start, at the end, and the deviations between."""
+    run = LongRun(parameters, initial)
+    run.advance(start, record=False)
+    begun = run.snapshot()
+    stretch = run.advance(end)
+    along = deviations(
+        make_machine(parameters),
+        (0.0,) * len(parameters.force_phases),
+        stretch.events,
+        begun['origin']['mode'],
+        begun['origin']['last_stop'],
+        start,
+        end,
+    )
+    return begun, stretch, along
+
+
+def run_from(parameters, state):
+    """Return a run from X, X', Z and Z'; round-off must not put m beyond a stop."""
+    half = 0.5 * parameters.gap
+    x, velocity, z, damper = state
+    initial = InitialConditions(
+        initial_primary_position=x,
+        initial_primary_velocity=velocity,
+        initial_damper_offset=min(max(z - x, -half), half),
+        initial_damper_velocity=damper,
+    )
+    # A few events: not worth compiling for each number of harmonics
+    return LongRun(parameters, initial, compiled=False)
+
+
+def state_of(run):
+    sample = run.simulator().sample()
+    return np.array([sample.x, sample.primary_velocity, sample.z, sample.damper_velocity])
+
+
+@pytest.mark.parametrize('name', RIGS)
+def test_matrix_is_the_derivative_of_the_flow(name):
+    """By central differences of whole runs from disturbed starts, m free at the start."""
+    rig = RIGS[name]
+    half = 0.5 * rig.gap
+    start = np.array([1.3, -0.4, 1.3 + 0.3 * half, 9.0])
+    if name == 'chattering':
+        # In the flight of the settled motion: impact, chatter, rest, release and flight again
+        settled = steady_state(LongRun(rig, ON_THE_STOP), Settling()).section[-1]
+        start = np.array([*settled[:2], *(settled[2:] + settled[:2])])
+        assert settled[2] < half - 1e-5
+    cycle = math.tau / rig.force_frequencies[0]
+    end = (1.0 if name == 'chattering' else 1.7) * cycle
+    run = run_from(rig, start)
+    begun, stretch = run.snapshot(), run.advance(end)
+    kinds = {EventKind(kind) for kind in stretch.events['kind']}
+    assert EventKind.IMPACT in kinds
+    assert (EventKind.STICK in kinds) is (name == 'sticking')
+    assert (EventKind.REST in kinds) is (name == 'chattering')
+    along = deviations(
+        make_machine(rig),
+        begun['origin']['angles'],
+        stretch.events,
+        begun['origin']['mode'],
+        0,
+        0.0,
+        end,
+    )
+    (matrix,) = monodromy_of(along, np.array([end]))
+    step = 1e-7 * (1.0 if name == 'chattering' else 10.0)
+    for column in range(4):
+        ends = []
+        for sign in (1.0, -1.0):
+            disturbed = start.copy()
+            disturbed[column] += sign * step
+            other = run_from(rig, disturbed)
+            other.advance(end)
+            ends.append(state_of(other))
+        difference = (ends[0] - ends[1]) / (2.0 * step)
+        assert matrix[:, column] == pytest.approx(difference, rel=2e-4, abs=2e-5), column
+
+
+@pytest.mark.parametrize('name', ['frictionless', 'inclined, with friction', 'air', 'sticking'])
+def test_product_is_that_of_the_event_map(name):
+    rig = RIGS[name]
+    cycle = math.tau / rig.force_frequencies[0]
+    start, end = 30.0 * cycle, 33.0 * cycle
+    begun, stretch, along = along_run(rig, None, start, end)
+    products = monodromy_of(along, np.linspace(start, end, 4)[1:])
+    whole = products[2] @ products[1] @ products[0]
+    origin = {**begun['origin'], 'angles': tuple(begun['origin']['angles'])}
+    origin = {k: math.inf if v is None else v for k, v in origin.items()}
+    first = Origin(**origin)
+    lead = run_course(make_machine(rig), first, start - first.time - first.time_low)
+    course = run_course(make_machine(rig), lead.end, end - start)
+    assert len(course.incidents) == len(stretch.events) > 5
+    assert whole == pytest.approx(course.matrix, rel=1e-7, abs=1e-7 * np.abs(whole).max())
+
+
+def test_determinant_is_what_damping_and_impacts_leave():
+    start, end = 100.0, 160.0
+    _, stretch, along = along_run(CHAOTIC, None, start, end)
+    (matrix,) = monodromy_of(along, np.array([end]))
+    expected = math.exp(-2.0 * CHAOTIC.zeta * 60.0) * 0.75 ** (2 * len(stretch.impacts()))
+    assert len(stretch.impacts()) > 20
+    assert np.linalg.det(matrix) == pytest.approx(expected, rel=1e-5)
+
+
+def test_exponent_of_a_chaotic_rig_against_pairs_of_motions():
+    """Benettin's method: a second motion, 1e-7 off, brought near again after each cycle."""
+    found = steady_state(LongRun(CHAOTIC), Settling(cycles=300, watch=1500))
+    assert found.kind is MotionKind.CHAOTIC
+    cycle = found.cycle
+    x, velocity, offset, relative = found.section[-1]
+    here = np.array([x, velocity, x + offset, velocity + relative])
+    offset = 1e-7 * np.array([0.5, 0.5, -0.5, 0.5])
+    growth = []
+    for _ in range(500):
+        ends = []
+        for state in (here, here + offset):
+            run = run_from(CHAOTIC, state)
+            run.advance(cycle, record=False)
+            ends.append(state_of(run))
+        apart = ends[1] - ends[0]
+        size = float(np.linalg.norm(apart))
+        growth.append(math.log(size / 1e-7))
+        here, offset = ends[0], apart * (1e-7 / size)
+    rates = np.array(growth[20:]) / cycle
+    error = 2.0 * rates.std() / math.sqrt(len(rates) / 4)
+    assert found.exponent.value > 10.0 * found.exponent.uncertainty
+    assert found.exponent.value == pytest.approx(
+        rates.mean(), abs=error + found.exponent.uncertainty
+    )
+
+
+def test_uncertainty_shrinks_with_the_root_of_the_time():
+    short = along_run(CHAOTIC, None, 2000.0, 2000.0 + 500 * 6.16)[2]
+    long = along_run(CHAOTIC, None, 2000.0, 2000.0 + 8000 * 6.16)[2]
+    one, other = growth_exponent(short, 1.0), growth_exponent(long, 1.0)
+    assert other.uncertainty == pytest.approx(one.uncertainty / 4.0, rel=0.5)
+    assert abs(one.value - other.value) < one.uncertainty + other.uncertainty

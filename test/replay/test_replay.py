@@ -1,0 +1,645 @@
+"""Runs replayed from their logs, whole and faulty; written without ROS as the node would."""
+
+import json
+import random
+import struct
+import time
+from itertools import pairwise
+
+import pytest
+from bag import samples
+from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
+
+from impact_damper_ros.bag import RecordingError, RunWriter
+from impact_damper_ros.bag.messages import CdrError, decode
+from impact_damper_ros.bag.rig_messages import JointStateBytes, header_ns, parameter_event
+from impact_damper_ros.bag.run_history import RunHistory
+from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.replay import Replay
+from impact_damper_ros.replay.what_if import WhatIf
+from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, Simulator
+from impact_damper_ros.rig.simulator import ARITHMETIC
+
+
+def replayed(bag, node=None):
+    """Replay one by one, and many at once: both find the same."""
+    replay = Replay(RunHistory(bag, node))
+    for _ in replay.ticks():
+        pass
+    assert repr(Replay(RunHistory(bag, node)).run()) == repr(replay.findings)
+    return replay.findings
+
+
+def places(messages, topic):
+    return [i for i, m in enumerate(messages) if m[0] == topic]
+
+
+def flipped(message, value):
+    """Flip the last bit of the double that a message holds."""
+    topic, content, stamp = message
+    old = struct.pack('<d', value)
+    at = content.index(old)
+    new = bytes([old[0] ^ 1]) + old[1:]
+    return topic, content[:at] + new + content[at + 8 :], stamp
+
+
+def with_arrival_times(messages, seed=1):
+    """Return what `ros2 bag record` makes of a run: times of arrival, topics overtaking."""
+    rng = random.Random(seed)
+    delays = {topic: 3_000_000 for topic, *_ in messages}
+    arrived = []
+    for topic, content, stamp in messages:
+        delays[topic] = max(delays[topic] - 1_000_000, 0) + rng.randrange(3_000_000)
+        if topic == '/parameter_events':
+            # rclpy publishes its own, with its own stamp.
+            own = struct.pack('<iI', (stamp - 5000) // 10**9 % 2**31, (stamp - 5000) % 10**9)
+            content = content[:4] + own + content[12:]
+            stamp -= 4_000_000
+        arrived.append((topic, content, stamp + 777 + delays[topic]))
+    last = {}
+    for number, (topic, content, stamp) in enumerate(arrived):
+        # Within a topic the order is kept.
+        last[topic] = max(stamp, last.get(topic, 0) + 1)
+        arrived[number] = (topic, content, last[topic])
+    return sorted(arrived, key=lambda m: m[2])
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_random_histories_come_out_bit_for_bit(tmp_path, seed):
+    rig = random_run(seed, rate=[200.0, 20.0, 333.0, 1000.0][seed % 4])
+    findings = replayed(rig.save(tmp_path / 'bag'))
+    assert findings.differences == []
+    assert findings.verdict is Verdict.IDENTICAL
+    counts = {topic: len(places(rig.messages, topic)) for topic, *_ in rig.messages}
+    assert findings.samples == counts['/joint_states']
+    assert findings.impacts == counts.get('/impacts', 0)
+    assert findings.snapshots == counts['/snapshot']
+    assert findings.changes > 0
+    assert not findings.remarks
+    assert not findings.faults
+    assert not findings.gap_count
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_excitation_changed_on_the_way(tmp_path, seed):
+    """Multisine and sweep, switched live and in the middle of a sweep, a reset among them."""
+    rng = random.Random(seed)
+    rig = RecordedRig().start().run(50)
+    for _ in range(10):
+        request = rng.choice(
+            [
+                ('change', {'multisine_level': rng.choice([0.0, 2.0])}),
+                ('change', {'multisine_lines': rng.randrange(1, 12), 'multisine_seed': 3}),
+                ('change', {'multisine_low': 20.0, 'multisine_high': rng.uniform(25.0, 60.0)}),
+                (
+                    'change',
+                    {
+                        'sweep_mode': rng.choice(['off', 'up', 'down', 'up_down']),
+                        'sweep_low': 20.0,
+                        'sweep_high': 40.0,
+                        'sweep_step': 1.0,
+                        'sweep_dwell': rng.choice([0.01, 0.0137]),
+                    },
+                ),
+                ('change', {'gap': rng.uniform(0.005, 0.02)}),
+                ('change', {'friction': rng.choice([0.0, 0.1])}),
+                ('reset', None),
+            ]
+        )
+        # The band first, so that it is one at every change
+        if 'multisine_level' in (request[1] or {}):
+            rig.run(1, ('change', {'multisine_low': 20.0, 'multisine_high': 50.0}))
+        rig.run(rng.randrange(5, 40), request)
+    findings = replayed(rig.save(tmp_path / 'bag'))
+    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.samples == len(places(rig.messages, '/joint_states'))
+    assert not findings.faults
+    assert not findings.remarks
+
+
+def of_version_0_1(messages):
+    """Return the messages as they were before stops moved and frequencies were swept."""
+    new = ('multisine_', 'sweep_')
+    old = []
+    for topic, content, stamp in messages:
+        if topic == '/snapshot':
+            text = json.loads(content[8:-1])
+            state = text['state']
+            state['format'] = 1
+            del state['sweep']
+            names = ['target_1', 'target_2', 'stop_velocity_1', 'stop_velocity_2', 'side']
+            for name in names:
+                del state['origin'][name]
+            parameters = state['parameters']
+            state['parameters'] = {n: v for n, v in parameters.items() if not n.startswith(new)}
+            message = samples.make(samples.STRING, json.dumps(text))
+            content = samples.serialise(samples.STRING, message)
+        elif topic == '/parameter_events':
+            event = decode(samples.PARAMETER_EVENT, content)
+            if event.new_parameters:
+                listed = {p.name: p.value for p in event.new_parameters}
+                listed = {n: v for n, v in listed.items() if not n.startswith(new)}
+                content = parameter_event(event.stamp_ns, event.node, listed, new=True)
+        old.append((topic, content, stamp))
+    return old
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_bags_of_version_0_1_are_replayed(tmp_path, seed):
+    rig = random_run(seed, ticks=200, version=1)
+    messages = of_version_0_1(rig.messages)
+    assert all(b'sweep' not in content for _, content, _ in messages)
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.snapshots == len(places(messages, '/snapshot'))
+
+
+def test_positions_are_those_in_the_laboratory(tmp_path):
+    """They go on where the static equilibrium moves; in a bag of format 1 they count from it."""
+    changes = (
+        {'angle': 0.3},
+        {'gravity': 3.0},
+        {'stiffness': 1500.0, 'primary_mass': 4.0},
+        {'angle': -0.2, 'gravity': 9.81},
+    )
+    steps = {}
+    for version in (1, 2):
+        rig = RecordedRig(rate=1000.0, version=version).start().run(500)
+        for change in changes:
+            rig.run(400, ('change', change))
+        bag = rig.save(tmp_path / f'bag_{version}')
+        findings = replayed(bag)
+        assert findings.verdict is Verdict.IDENTICAL, findings.differences
+        assert findings.impacts > 50
+        assert findings.changes == len(changes)
+        assert RunHistory(bag).start.version == version
+        # A tick carries a stretch of a thousandth of a second with it.
+        states = [
+            decode('sensor_msgs/msg/JointState', rig.messages[place][1])
+            for place in places(rig.messages, '/joint_states')
+        ]
+        steps[version] = [
+            abs((b - a) - 0.5e-3 * (v + w)) / (0.5e-3 * abs(w - v) + 1e-4)
+            for one, other in pairwise(states)
+            for a, b, v, w in zip(
+                one.position, other.position, one.velocity, other.velocity, strict=True
+            )
+        ]
+    assert max(steps[2]) < 1.0
+    # All four joints jump at the four changes, by a millimetre and more.
+    assert sum(step > 5.0 for step in steps[1]) == 16
+    mistaken = [
+        (topic, content.replace(b'"format": 2', b'"format": 1', 1), stamp)
+        for topic, content, stamp in rig.messages
+    ]
+    assert replayed(samples.record(tmp_path / 'mistaken', mistaken)).verdict is Verdict.DIFFERENT
+    # What a what-if holds against is X, whatever the messages show.
+    recorded = [list(Replay(RunHistory(tmp_path / f'bag_{v}')).ticks()) for v in (1, 2)]
+    assert [tick.x for tick in recorded[0]] == [tick.x for tick in recorded[1]]
+    assert all(tick.x == tick.sample.x for tick in recorded[1])
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_histories_of_format_1_come_out_too(tmp_path, seed):
+    rig = random_run(seed, ticks=200, version=1)
+    findings = replayed(rig.save(tmp_path / 'bag'))
+    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_run_recorded_by_ros2_bag_is_replayed_too(tmp_path, seed):
+    rig = random_run(seed, rate=[200.0, 20.0][seed % 2])
+    messages = with_arrival_times(rig.messages)
+    findings = replayed(samples.record(tmp_path / 'bag', messages))
+    assert findings.differences == []
+    assert findings.samples == len(places(messages, '/joint_states'))
+    assert findings.impacts == len(places(messages, '/impacts'))
+    retraced = [fault for fault in findings.faults if 'cannot be retraced' not in fault]
+    assert retraced == []
+
+
+def test_a_quiet_run_recorded_by_ros2_bag(tmp_path):
+    rig = RecordedRig().start().run(200).run(100, ('change', {'gap': 0.007}))
+    rig.run(100, ('change', {'initial_primary_position': 0.002}), ('reset', None))
+    messages = with_arrival_times(rig.messages)
+    findings = replayed(samples.record(tmp_path / 'bag', messages))
+    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+    assert (findings.samples, findings.changes, findings.resets) == (401, 1, 1)
+    assert findings.impacts == len(places(messages, '/impacts')) > 20
+    # The recorder may lose messages.
+    del messages[places(messages, '/impacts')[5]]
+    for place in reversed(places(messages, '/joint_states')[50:60]):
+        del messages[place]
+    findings = replayed(samples.record(tmp_path / 'lossy', messages))
+    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+    assert (findings.missing_impacts, findings.missing_samples, findings.gap_count) == (1, 10, 1)
+
+
+def test_without_a_dump_a_reset_is_taken_from_its_snapshot(tmp_path):
+    rig = RecordedRig(initial=InitialConditions(initial_primary_position=0.003)).start().run(100)
+    rig.run(100, ('reset', None))
+    messages = [m for m in rig.messages if m[0] != '/parameter_events']
+    findings = replayed(samples.record(tmp_path / 'bag', messages))
+    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+    assert findings.resets == 1
+    assert 'were taken from its snapshot' in findings.remarks[0]
+
+
+def test_a_reset_that_begins_with_an_impact(tmp_path):
+    initial = {'initial_damper_offset': 0.005, 'initial_damper_velocity': 0.5}
+    rig = RecordedRig().start().run(50).run(50, ('change', initial), ('reset', None))
+    rig.run(50, ('reset', None), ('change', {'gap': 0.02}))
+    # The impact is reported after the change, from which on X counts from another place.
+    rig.run(50, ('reset', None), ('change', {'angle': 0.3}))
+    bag = rig.save(tmp_path / 'bag')
+    findings = replayed(bag)
+    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+    assert findings.resets == 3
+    assert findings.impacts == len(places(rig.messages, '/impacts'))
+    other, rows = what_if(bag, damper_mass=0.1)
+    assert other.from_initial
+    assert (
+        sum(e.kind is EventKind.IMPACT for *_, events in rows for e in events) == findings.impacts
+    )
+
+
+@pytest.fixture
+def messages():
+    """Return a run of 2 s with a change after one."""
+    return RecordedRig().start().run(200).run(200, ('change', {'gap': 0.009})).messages
+
+
+def test_one_flipped_bit_is_found(tmp_path, messages):
+    place = places(messages, '/joint_states')[150]
+    positions = JointStateBytes(messages[place][1]).numbers(messages[place][1])[0]
+    messages[place] = flipped(messages[place], positions[1])
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.verdict is Verdict.DIFFERENT
+    (found,) = findings.differences
+    assert (found.topic, found.quantity) == ('/joint_states', 'position of damper')
+    assert found.time == 0.75
+    assert found.replayed == positions[1]
+    assert found.ulps == 1.0
+    assert found.after == 'the start of the bag'
+    assert (findings.divergence.samples, findings.divergence.first) == (1, 0.75)
+
+
+def test_a_zero_of_the_other_sign_is_a_difference(tmp_path):
+    rig = RecordedRig().start().run(10)
+    place = places(rig.messages, '/joint_states')[0]
+    topic, content, stamp = rig.messages[place]
+    shape = JointStateBytes(content)
+    positions, velocities, _ = shape.numbers(content)
+    assert positions[0] == 0.0
+    rig.messages[place] = (topic, shape.filled(stamp, (-0.0, *positions[1:]), velocities), stamp)
+    findings = replayed(rig.save(tmp_path / 'bag'))
+    assert [d.quantity for d in findings.differences] == ['position of primary']
+
+
+@pytest.mark.parametrize('shift', [1, -700, 40_000_000])
+@pytest.mark.parametrize('logged', [True, False], ids=['log time too', 'in the message only'])
+def test_a_shifted_impact_is_found(tmp_path, messages, shift, logged):
+    place = places(messages, '/impacts')[7]
+    topic, content, stamp = messages[place]
+    shape = JointStateBytes(content)
+    moved = shape.filled(stamp + shift, *shape.numbers(content))
+    messages[place] = (topic, moved, stamp + (shift if logged else 0))
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    found = findings.first
+    assert findings.verdict is Verdict.DIFFERENT
+    assert found.topic == '/impacts'
+    assert found.time == pytest.approx((stamp - samples.START) / 1e9, abs=1e-9)
+    if shift < 1000:
+        assert findings.difference_count == 1
+        assert (found.quantity, found.amount) == ('stamp', shift)
+    assert findings.by_topic.keys() == {'/impacts'}
+
+
+def test_missing_and_invented_impacts_are_found(tmp_path, messages):
+    hits = places(messages, '/impacts')
+    removed = messages[hits[3]]
+    topic, content, stamp = messages[hits[9]]
+    shape = JointStateBytes(content)
+    changed = list(messages)
+    changed.insert(
+        hits[9] + 1, (topic, shape.filled(stamp + 9, *shape.numbers(content)), stamp + 9)
+    )
+    del changed[hits[3]]
+    findings = replayed(samples.record(tmp_path / 'bag', changed, custom=NOTES))
+    missing, invented = findings.differences
+    assert (missing.quantity, missing.recorded, missing.stamp_ns) == ('impact', None, removed[2])
+    assert (invented.quantity, invented.replayed, invented.stamp_ns) == ('impact', None, stamp + 9)
+    assert findings.impacts == len(hits) - 1
+
+
+def test_an_unlogged_change_is_found_where_it_was_made(tmp_path):
+    rig = RecordedRig().start().run(100, ('change', {'restitution_1': 0.7})).run(99)
+    rig.rig.change(rig.rig.parameters.replace(gap=0.012))
+    rig.run(200)
+    findings = replayed(rig.save(tmp_path / 'bag'))
+    found = findings.first
+    assert found.topic == '/joint_states'
+    assert found.time == 1.0
+    # The change begins a flight, so that X may differ too, but by round-off.
+    assert found.quantity in ('position of stop_1', 'position of stop_2')
+    assert found.after == 'restitution_1 = 0.7 at 0.005 s'
+    divergence = findings.divergence
+    assert divergence.samples == 200
+    assert [mark[0] for mark in divergence.marks] == [1, 2, 5, 10, 20, 50, 100, 200]
+    assert divergence.largest_x > 1e-4
+    assert not findings.by_another_library
+
+
+def test_a_change_without_its_event_is_told_but_followed(tmp_path, messages):
+    del messages[places(messages, '/parameter_events')[1]]
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    (found,) = findings.differences
+    assert (found.topic, found.quantity, found.replayed) == ('/parameter_events', 'gap', 0.009)
+    assert found.time == 1.005
+
+
+def test_a_falsified_snapshot_is_found(tmp_path, messages):
+    place = places(messages, '/snapshot')[-1]
+    topic, content, stamp = messages[place]
+    messages[place] = (topic, content.replace(b'"last_stop": 1', b'"last_stop": 2'), stamp)
+    if messages[place][1] == content:
+        messages[place] = (topic, content.replace(b'"last_stop": 2', b'"last_stop": 1'), stamp)
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    (found,) = findings.differences
+    assert (found.topic, found.quantity) == ('/snapshot', 'origin.last_stop')
+
+
+def changed_event(messages, value, *, new=False):
+    """Return the messages with another gap in the list of all parameters, or in a change."""
+    changed = list(messages)
+    for place in places(messages, '/parameter_events'):
+        topic, content, stamp = messages[place]
+        event = decode('rcl_interfaces/msg/ParameterEvent', content)
+        listed = event.new_parameters if new else event.changed_parameters
+        values = {p.name: p.value for p in listed}
+        if 'gap' in values:
+            content = parameter_event(stamp, event.node, {**values, 'gap': value}, new=new)
+            changed[place] = topic, content, stamp
+            return changed
+    raise AssertionError('no such event')
+
+
+@pytest.fixture(scope='module')
+def contradicted():
+    """Return the messages of a run whose gap changes once."""
+    return RecordedRig().start().run(100).run(100, ('change', {'gap': 0.012})).messages
+
+
+def test_a_parameter_event_that_the_snapshot_contradicts(tmp_path, contradicted):
+    messages = changed_event(contradicted, 0.0125)
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.by_topic == {'/parameter_events': 1}
+    assert (findings.first.quantity, findings.first.recorded) == ('gap', 0.0125)
+    assert findings.first.replayed == 0.012
+
+
+def test_a_list_of_parameters_that_the_snapshot_contradicts(tmp_path, contradicted):
+    messages = changed_event(contradicted, 0.0101, new=True)
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.by_topic == {'/parameter_events': 1}
+    assert (findings.first.recorded, findings.first.replayed) == (0.0101, 0.01)
+
+
+@pytest.mark.parametrize('number', [0, 1, 2])
+def test_a_gap_changed_in_a_snapshot_only(tmp_path, contradicted, number):
+    place = places(contradicted, '/snapshot')[number]
+    topic, content, stamp = contradicted[place]
+    held = json.loads(decode('std_msgs/msg/String', content).data)
+    held['state']['parameters']['gap'] *= 1.001
+    altered = samples.serialise(samples.STRING, samples.make(samples.STRING, json.dumps(held)))
+    messages = [*contradicted[:place], (topic, altered, stamp), *contradicted[place + 1 :]]
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.verdict is Verdict.DIFFERENT
+
+
+def test_a_rate_at_which_the_joint_states_do_not_lie(tmp_path):
+    rig = RecordedRig(rate=200.0)
+    rig.rate = 200.2
+    rig.record()
+    rig.rate = 200.0
+    rig.announce('start')
+    rig.states()
+    findings = replayed(rig.run(300).save(tmp_path / 'bag'))
+    assert findings.by_topic == {'/parameter_events': 1}
+    assert (findings.first.quantity, findings.first.recorded) == ('state_rate', 200.2)
+
+
+def test_missing_samples_are_a_fault_unless_the_recorder_dropped_them(tmp_path, messages):
+    kept = [m for m in messages if not 600_000_000 < m[2] - samples.START < 700_000_000]
+    findings = replayed(samples.record(tmp_path / 'bag', kept, custom=NOTES))
+    assert findings.verdict is Verdict.PARTIAL
+    text = 'the bag is not whole: 19 joint states are missing, the first after 0.6 s, of which'
+    assert findings.faults == [f'{text} the recorder notes 0 as dropped']
+    notes = {**NOTES, 'dropped': '19'}
+    findings = replayed(samples.record(tmp_path / 'dropped', kept, custom=notes))
+    assert findings.verdict is Verdict.IDENTICAL
+    assert '19 joint states are missing' in findings.remarks[0]
+    assert 'it has dropped 19 messages' in findings.remarks[1]
+    assert (findings.missing_samples, findings.gap_count) == (19, 1)
+    assert findings.gaps[0].time == 0.6
+    assert findings.missing_impacts > 0
+
+
+def test_messages_twice_and_out_of_order(tmp_path, messages):
+    states = places(messages, '/joint_states')
+    doubled = [*messages[: states[20]], messages[states[20]], *messages[states[20] :]]
+    findings = replayed(samples.record(tmp_path / 'doubled', doubled, custom=NOTES))
+    assert findings.verdict is Verdict.PARTIAL
+    assert 'messages of /joint_states twice: 1' in findings.faults[0]
+    a, b = states[30], states[31]
+    swapped = list(messages)
+    swapped[a] = (*messages[b][:2], messages[a][2])
+    swapped[b] = (*messages[a][:2], messages[b][2])
+    findings = replayed(samples.record(tmp_path / 'swapped', swapped, custom=NOTES))
+    assert findings.verdict is Verdict.DIFFERENT
+    assert (findings.first.quantity, findings.difference_count) == ('stamp', 2)
+    assert 'messages of /joint_states out of order: 1' in findings.faults[0]
+
+
+def test_a_cut_bag_is_compared_as_far_as_it_goes(tmp_path, messages):
+    bag = tmp_path / 'bag'
+    with RunWriter(bag, samples.TOPICS, custom=NOTES, flush_period=0.02) as writer:
+        for number, message in enumerate(messages):
+            writer.write(*message)
+            if number % 50 == 0:
+                time.sleep(0.03)
+    (file,) = bag.glob('*.mcap')
+    whole = file.read_bytes()
+    assert replayed(file).verdict is Verdict.IDENTICAL
+    damaged = bytearray(whole)
+    damaged[len(whole) // 3] ^= 255
+    file.write_bytes(damaged)
+    findings = replayed(file)
+    assert findings.verdict is Verdict.PARTIAL
+    assert 'is damaged' in findings.faults[0]
+    assert 50 < findings.samples < 350
+    for share in (0.5, 0.8, 0.95):
+        file.write_bytes(whole[: int(len(whole) * share)])
+        findings = replayed(file)
+        assert findings.verdict is Verdict.PARTIAL
+        assert 'the bag is not complete' in findings.faults[0]
+        assert 0 < findings.samples <= 401
+        assert findings.impacts > 0
+
+
+@pytest.mark.parametrize('lost', range(1, 8))
+def test_a_bag_may_end_anywhere(tmp_path, messages, lost):
+    end = places(messages, '/impacts')[-lost] + 1
+    findings = replayed(samples.record(tmp_path / 'bag', messages[:end], custom=NOTES))
+    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.impacts == len(places(messages[:end], '/impacts'))
+
+
+def test_other_formats_are_refused(tmp_path, messages):
+    topic, content, stamp = messages[0]
+    other = (topic, content.replace(b'"format": 2', b'"format": 7', 1), stamp)
+    with pytest.raises(RecordingError, match='is of format 7; this version reads format 1 and 2'):
+        replayed(samples.record(tmp_path / 'all', [other, *messages[1:]], custom=NOTES))
+    place = places(messages, '/snapshot')[-1]
+    topic, content, stamp = messages[place]
+    messages[place] = (topic, content.replace(b'"format": 2', b'"format": 3', 1), stamp)
+    findings = replayed(samples.record(tmp_path / 'later', messages, custom=NOTES))
+    assert findings.verdict is Verdict.PARTIAL
+    assert findings.samples == 201
+    assert 'format 3' in findings.faults[0]
+
+
+def test_a_bag_of_another_arithmetic_says_so(tmp_path, messages):
+    topic, content, stamp = messages[0]
+    now = f'"arithmetic": {ARITHMETIC}'.encode()
+    assert content.count(now) == 1
+    older = content.replace(now, b'"arithmetic": 1')
+    findings = replayed(
+        samples.record(tmp_path / 'older', [(topic, older, stamp), *messages[1:]], custom=NOTES)
+    )
+    assert f'recorded with arithmetic 1, this version has {ARITHMETIC}' in findings.remarks[0]
+    same = replayed(samples.record(tmp_path / 'same', messages, custom=NOTES))
+    assert same.remarks == []
+
+
+def test_bags_without_a_rig_are_refused(tmp_path, messages):
+    def without(*topics):
+        left = [m for m in messages if m[0] not in topics]
+        return samples.record(tmp_path / str(len(topics)), left)
+
+    with pytest.raises(RecordingError, match='no message on /snapshot'):
+        replayed(without('/snapshot'))
+    with pytest.raises(RecordingError, match='no whole message'):
+        replayed(samples.record(tmp_path / 'empty', []))
+    foreign = samples.record(tmp_path / 'foreign', samples.run(5))
+    with pytest.raises(RecordingError, match='not complete'):
+        replayed(foreign)
+
+
+def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
+    arrived = with_arrival_times(messages)
+    place = places(arrived, '/joint_states')[100]
+    topic, content, stamp = arrived[place]
+    shape = JointStateBytes(content)
+    late = shape.filled(header_ns(content) + 2**25 * 10**9, *shape.numbers(content))
+    arrived[place] = (topic, late, stamp)
+    findings = replayed(samples.record(tmp_path / 'bag', arrived))
+    assert findings.verdict is Verdict.PARTIAL
+    assert findings.samples == 400
+    assert any('impossible stamps: 1' in fault for fault in findings.faults)
+
+
+def test_another_library_of_mathematics_is_suspected(tmp_path, messages):
+    for place in places(messages, '/joint_states')[100:]:
+        positions = JointStateBytes(messages[place][1]).numbers(messages[place][1])[0]
+        messages[place] = flipped(messages[place], positions[0])
+    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
+    assert findings.by_another_library
+    assert findings.divergence.samples == findings.difference_count == 301
+
+
+def test_joint_state_bytes():
+    content = samples.state(3, samples.START)
+    shape = JointStateBytes(content)
+    positions, velocities = samples.state_values(3)
+    assert shape.numbers(content) == (tuple(positions), tuple(velocities), ())
+    assert shape.fits(samples.state(4, samples.START + 5))
+    assert not shape.fits(samples.impact(4, samples.START))
+    assert shape.filled(samples.START + 7, *samples.state_values(9)) == samples.state(
+        9, samples.START + 7
+    )
+    assert header_ns(content) == samples.START
+    for cut in (3, 11, 40, 100):
+        with pytest.raises(CdrError):
+            JointStateBytes(content[:cut])
+
+
+# What if
+
+
+def what_if(bag, **held):
+    history = RunHistory(bag)
+    replay = Replay(history)
+    other, rows = None, []
+    for tick in replay.ticks():
+        other = other or WhatIf(history.start, replay.replayed.first_initial, held)
+        rows.append((tick.time_ns, *other.follow(tick)))
+    return other, rows
+
+
+def test_what_if_is_the_direct_simulation(tmp_path):
+    rig = RecordedRig().start().run(100).run(100, ('change', {'friction': 0.1}))
+    rig.run(100, ('change', {'gap': 0.02}), ('reset', None))
+    other, rows = what_if(rig.save(tmp_path / 'bag'), gap=0.006)
+    assert other.from_initial
+    direct = Simulator(LIVELY.replace(gap=0.006))
+    for time_ns, sample, events in rows:
+        expected = direct.advance(time_ns / 1e9)
+        if time_ns == 505_000_000:
+            expected += direct.change(direct.parameters.replace(friction=0.1))
+        if time_ns == 1_005_000_000:
+            direct.reset()
+        assert events == expected
+        assert sample == direct.sample()
+    assert sum(e.kind is EventKind.IMPACT for *_, events in rows for e in events) > 30
+
+
+def test_what_if_in_the_middle_of_a_run_is_a_change_at_its_start(tmp_path):
+    rig = RecordedRig()
+    rig.run(140)
+    rig.record()
+    start = json.loads(json.dumps(rig.rig.snapshot()))
+    rig.run(100)
+    direct = Simulator.restore(start)
+    offset = abs(direct.sample().z - direct.sample().x)
+    # Too narrow for m where it is
+    gap = offset
+    assert gap > 1e-3
+    caused = direct.change(direct.parameters.replace(gap=gap))
+    other, rows = what_if(rig.save(tmp_path / 'bag'), gap=gap)
+    assert not other.from_initial
+    for time_ns, sample, events in rows:
+        assert events == caused + direct.advance(time_ns / 1e9)
+        assert sample == direct.sample()
+        caused = []
+
+
+def test_what_if_a_reset_does_not_fit(tmp_path):
+    initial = InitialConditions(initial_damper_offset=0.004)
+    rig = RecordedRig(initial=initial).start().run(100).run(100, ('reset', None))
+    other, rows = what_if(rig.save(tmp_path / 'bag'), gap=0.006)
+    # The gap closes on m at the start and at the reset, so that both go on alike.
+    assert not other.from_initial
+    assert rows[0][1].z - rows[0][1].x == 0.004
+    assert rows[101][1].z - rows[101][1].x == 0.004
+    assert rows[101][1][1:3] == (0.0, 0.0)
+
+
+def test_inadmissible_what_ifs(tmp_path):
+    bag = RecordedRig().start().run(5).save(tmp_path / 'bag')
+    with pytest.raises(ParameterError, match='force_amplitudes has 1'):
+        what_if(bag, force_frequencies=(1.0, 2.0))
+    history = RunHistory(bag)
+    with pytest.raises(ValueError, match='initial_primary_position cannot be set'):
+        WhatIf(history.start, None, {}, {'initial_primary_position': 0.1})

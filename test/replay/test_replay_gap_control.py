@@ -1,0 +1,162 @@
+"""Runs under gap control replayed from their logs: acts, noise and live switching included."""
+
+import json
+import random
+import struct
+
+import pytest
+from bag import samples
+from bag.recorded_rig import LIVELY, NOTES, RecordedRig
+from replay.test_replay import flipped, places, replayed, with_arrival_times
+
+from impact_damper_ros.bag.messages import CdrWriter, decode
+from impact_damper_ros.bag.rig_messages import JointStateBytes
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.replay.findings import Verdict
+
+# Of a rig of 5 Hz that moves centimetres
+CONTROL = GapControlParameters(
+    gap_control='timed',
+    gap_min=0.002,
+    gap_max=0.5,
+    gap_control_rate=200.0,
+    gap_control_noise_position=1e-5,
+    gap_control_noise_velocity=1e-3,
+    actuator_speed=0.5,
+    actuator_delay=0.004,
+)
+
+
+def _without_control(content):
+    held = json.loads(decode('std_msgs/msg/String', content).data)
+    del held['state']['gap_control']
+    return bytes(CdrWriter().string(json.dumps(held)).content)
+
+
+def random_switch(rng):
+    """Return a request that switches the control, or changes something under it."""
+    return rng.choice(
+        [
+            ('change', {'gap_control': 'off'}),
+            ('change', {'gap_control': 'timed'}),
+            ('change', {'gap_control': 'amplitude', 'gap': rng.uniform(0.005, 0.03)}),
+            ('change', {'gap_control': 'timed', 'gap_control_stops': 'symmetric'}),
+            ('change', {'actuator_delay': rng.choice([0.0, 0.03]), 'gap_control_seed': 5}),
+            ('change', {'actuator_speed': rng.choice([0.0, 0.1, 2.0])}),
+            ('change', {'gap': rng.uniform(0.005, 0.03)}),
+            ('change', {'friction': rng.choice([0.0, 0.2])}),
+            ('reset', None),
+            ('resume', rng.randrange(10**9)),
+        ]
+    )
+
+
+def switched_run(seed, ticks=500):
+    rng = random.Random(seed)
+    rig = RecordedRig(control=CONTROL, offset=rng.choice([0, samples.START])).start()
+    while rig.tick < ticks:
+        batch = [random_switch(rng) for _ in range(rng.choice([1, 1, 2, 3]))]
+        rig.run(rng.randrange(5, 80), *batch)
+    return rig
+
+
+@pytest.fixture(scope='module')
+def messages():
+    rig = RecordedRig(control=CONTROL).start().run(300)
+    return rig.run(200, ('change', {'gap_control': 'amplitude'})).messages
+
+
+def save(directory, messages):
+    return samples.record(directory, messages, samples.CONTROLLED, custom=NOTES)
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_random_switching_comes_out_bit_for_bit(tmp_path, seed):
+    rig = switched_run(seed)
+    findings = replayed(rig.save(tmp_path / 'bag'))
+    assert findings.differences == []
+    assert findings.faults == []
+    assert findings.verdict is Verdict.IDENTICAL
+    count = len(places(rig.messages, '/gap_control'))
+    assert findings.control == findings.recorded_control == count > 0
+
+
+def test_what_ros2_bag_record_makes_of_it(tmp_path, messages):
+    findings = replayed(save(tmp_path / 'bag', with_arrival_times(messages)))
+    assert findings.difference_count == 0
+    assert findings.control == len(places(messages, '/gap_control'))
+
+
+@pytest.mark.parametrize(('part', 'number'), [(0, 0), (1, 2), (2, 1)])
+def test_a_changed_bit_of_an_act_is_found(tmp_path, messages, part, number):
+    place = places(messages, '/gap_control')[40]
+    content = messages[place][1]
+    value = JointStateBytes(content).numbers(content)[part][number]
+    assert value != 0.0
+    changed = list(messages)
+    changed[place] = flipped(messages[place], value)
+    findings = replayed(save(tmp_path / 'bag', changed))
+    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.by_topic == {'/gap_control': 1}
+    (found,) = findings.differences
+    assert abs(found.ulps) == 1.0
+    assert found.stamp_ns == messages[place][2]
+
+
+def test_missing_and_surplus_acts_are_found(tmp_path, messages):
+    at = places(messages, '/gap_control')[40]
+    without = [m for i, m in enumerate(messages) if i != at]
+    findings = replayed(save(tmp_path / 'missing', without))
+    (found,) = findings.differences
+    assert (found.topic, found.recorded, found.stamp_ns) == ('/gap_control', None, messages[at][2])
+    topic, content, stamp = messages[at]
+    moved = content[:4] + struct.pack('<iI', *divmod(stamp + 1, 10**9)) + content[12:]
+    twice = [*messages[: at + 1], (topic, moved, stamp + 1), *messages[at + 1 :]]
+    findings = replayed(save(tmp_path / 'surplus', twice))
+    (found,) = findings.differences
+    assert (found.topic, found.replayed) == ('/gap_control', None)
+
+
+def test_another_noise_is_another_run(tmp_path, messages):
+    """The seed is in the log: with another one the run would not come out."""
+    start = next(c for t, c, _ in messages if t == '/snapshot')
+    other = start.replace(b'"gap_control_seed": 0', b'"gap_control_seed": 1')
+    assert other != start
+    changed = [(t, other if c == start else c, s) for t, c, s in messages]
+    assert replayed(save(tmp_path / 'bag', changed)).verdict is Verdict.DIFFERENT
+
+
+def test_a_bag_may_end_anywhere(tmp_path, messages):
+    for end in range(len(messages) - 24, len(messages)):
+        findings = replayed(save(tmp_path / f'bag_{end}', messages[:end]))
+        assert findings.difference_count == 0, end
+
+
+def test_a_bag_from_before_there_was_control(tmp_path):
+    """Neither its snapshots nor its parameters know of it."""
+    rig = RecordedRig().start().run(200).run(200, ('change', {'gap': 0.02}))
+    stripped = [m for m in rig.messages if m[0] != '/gap_control']
+    for k, (topic, content, stamp) in enumerate(stripped):
+        if topic == '/snapshot':
+            stripped[k] = (topic, _without_control(content), stamp)
+    notes = {name: topic for name, topic in NOTES.items() if name != 'gap_control'}
+    findings = replayed(samples.record(tmp_path / 'bag', stripped, custom=notes))
+    assert findings.verdict is Verdict.IDENTICAL
+    assert (findings.snapshots, findings.control) == (3, 0)
+
+
+def test_what_if_the_control_had_been_on(tmp_path, capsys):
+    rig = RecordedRig(LIVELY.replace(gap=0.06)).start().run(2400)
+    path = rig.save(tmp_path / 'bag')
+    settings = [
+        word for name, value in CONTROL.as_dict().items() for word in ('--set', f'{name}={value}')
+    ]
+    assert replay_run([str(path), *settings]) == 0
+    text = capsys.readouterr().out
+    assert "gap_control = 'timed' (recorded: 'off')" in text
+    ratio = float(text.partition('rms X [m]')[2].split()[2])
+    assert ratio < 0.9
+    twin = ControlledRig(rig.rig.parameters, control=CONTROL)
+    twin.advance(rig.time_ns / 1e9)
+    assert twin.control.active

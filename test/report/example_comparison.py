@@ -1,0 +1,205 @@
+"""A comparison as `compare_run` makes them, of a simulated rig; for tests of what shows it."""
+
+import math
+
+import numpy as np
+
+from impact_damper_ros.compare.run_comparison import (
+    Beginning,
+    Decay,
+    EnergyBalance,
+    Finding,
+    ImpactStates,
+    MeasuredMotion,
+    MotionKind,
+    RunComparison,
+    StretchComparison,
+    Verdict,
+)
+from impact_damper_ros.compare.run_curves import (
+    Convergence,
+    GapCurve,
+    ImpactCurve,
+    MotionCurve,
+    PredictedCurve,
+    Spectrum,
+    StretchCurves,
+    SwingEnvelope,
+)
+from impact_damper_ros.orbits import continue_orbit, find_orbits
+from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+
+INCLINED = RigParameters(
+    angle=math.radians(45.0), friction=0.5, gravity=1.0, force_frequencies=(1.02,)
+)
+
+
+def _impact_curve(hits, cycle):
+    columns = np.array([(e.time, e.stop, e.x, *e[5:]) for e in hits]).T
+    time, stop = columns[0], columns[1].astype(np.int64)
+    return ImpactCurve(time, time / cycle % 1.0, stop, *columns[2:])
+
+
+def _motion(parameters, start, end):
+    rig, rows, events = Simulator(parameters), [], []
+    for t in np.arange(0.0, end, 0.05):
+        for e in rig.advance(float(t)):
+            events.append(e)
+            for speed, relative in ((e[5], e[7] - e[5]), (e[6], e[8] - e[6])):
+                rows.append((e.time, e.x, speed, e.y, relative))
+        s = rig.sample()
+        rows.append((t, s.x, s[2], s.z - s.x, s[4] - s[2]))
+    rows = np.array([row for row in rows if row[0] >= start])
+    half = np.full(len(rows), parameters.gap / 2.0)
+    hits = [e for e in events if e.kind is EventKind.IMPACT]
+    return MotionCurve(*rows.T, half, -half), hits
+
+
+def _predicted(orbit):
+    rig = Simulator(orbit.parameters)
+    rig.advance(400 * orbit.cycle)
+    rows = []
+    for p in np.arange(400.0, 401.0, 0.004) + orbit.phases[0]:
+        for e in rig.advance(float(p * orbit.cycle)):
+            for speed, relative in ((e[5], e[7] - e[5]), (e[6], e[8] - e[6])):
+                rows.append((e.time / orbit.cycle - 400.0, e.x, speed, e.y, relative))
+        s = rig.sample()
+        rows.append((p - 400.0, s.x, s[2], s.z - s.x, s[4] - s[2]))
+    return PredictedCurve(*np.array(rows).T, 0.0, orbit.cycle, orbit.cycles)
+
+
+def example(*, bag='runs/run_20260101_120000', gap_curve=True):
+    """
+    Return a run of three stretches: settled, one that differs, and one without prediction.
+
+    The first is the golden motion at 45 degrees with friction 0.5; the others have the same
+    curves.
+    """
+    orbit = find_orbits(INCLINED, (1, 2)).orbits[0]
+    end, cycle = 600.0, orbit.cycle
+    motion, hits = _motion(INCLINED, end - 6 * cycle, end)
+    impulse = tuple(e.impulse for e in hits[-2:])
+    last = ImpactStates(
+        orbit.stops,
+        orbit.phases,
+        orbit.x,
+        orbit.primary_velocity_before,
+        orbit.primary_velocity_after,
+        orbit.damper_velocity_before,
+        orbit.damper_velocity_after,
+        impulse,
+    )
+    ratio = orbit.amplitude_ratio
+    measured = MeasuredMotion(
+        300.0, end, orbit.x_max, 0.7 * orbit.x_max, ratio, 97, 2.0, impulse[0], impulse[0], last
+    )
+    periods = np.arange(90)
+    distance = np.maximum(0.9411**periods, 1e-9)
+    frequency = np.linspace(0.0, 1.0, 400)
+    line = np.exp(-((np.minimum(frequency % 0.1624, -frequency % 0.1624) / 0.004) ** 2))
+    envelope_time = np.arange(0.0, end, 1.0)
+    swing = orbit.x_max * (1.0 + 0.5 * np.exp(-envelope_time / 60.0))
+    branch = None
+    if gap_curve:
+        followed = [
+            continue_orbit(orbit, 'gap', 20.0, 60.0, upwards=upwards) for upwards in (False, True)
+        ]
+        orbits = [*followed[0].orbits[::-1], *followed[1].orbits[1:]]
+        special = [s for b in followed for s in b.special]
+        branch = GapCurve(
+            np.array([o.parameters.gap for o in orbits]),
+            np.array([o.amplitude_ratio for o in orbits]),
+            np.array([o.stable for o in orbits]),
+            np.array([o.viable for o in orbits]),
+            np.array([s.value for s in special]),
+            np.array([s.orbit.amplitude_ratio for s in special]),
+            tuple(s.kind.value for s in special),
+            INCLINED.gap,
+            ratio,
+            orbit.stops,
+            followed[1].ended,
+        )
+    curves = StretchCurves(
+        SwingEnvelope(envelope_time, -swing, swing),
+        motion,
+        _impact_curve(hits, cycle),
+        _predicted(orbit),
+        Convergence(periods * cycle, distance, 1e-9, 10, 80, 0.9411, abs(orbit.multipliers[0])),
+        Spectrum(frequency, orbit.x_max * line * np.exp(-3.0 * frequency), 0.1624, 0.0025, 'Hann'),
+        branch,
+    )
+    common = {
+        'start': 0.0,
+        'end': end,
+        'samples': 12001,
+        'impacts': len(hits),
+        'parameters': INCLINED,
+        'cycles': 1,
+        'settled_at': 300.0,
+        'measured': measured,
+        'predicted': orbit,
+        'predicted_impulse': impulse,
+        'solver': 'impact equations, 1 motion',
+        'energy': EnergyBalance(
+            300.0, end, 48, 812.0, 0.0, 310.0, 201.0, 300.99, 0.01, 1e-4, 1e-3
+        ),
+        'decay': Decay(0.9411, abs(orbit.multipliers[0]), 70, 2e-9, 1e-9),
+        'curves': curves,
+        'measures': {'period_mismatch': 2e-9},
+    }
+    settled = StretchComparison(
+        number=1,
+        begins=Beginning.START,
+        cause='start of the bag',
+        kind=MotionKind.PERIODIC,
+        evidence='repeats after 1 cycle to 2e-9',
+        verdict=Verdict.AGREES,
+        sentence='agrees with the predicted motion to 2e-9 of its size',
+        **common,
+    )
+    wrong = Finding(
+        'gap', 'm', 605.0, 37.5, 37.0, 1e-9, 'the impacts are 37.5 m apart in Y, not 37 m'
+    )
+    differing = StretchComparison(
+        number=2,
+        begins=Beginning.CHANGE,
+        cause='damping = 0.02 N s/m (was 0.01 N s/m)',
+        kind=MotionKind.PERIODIC,
+        evidence='repeats after 1 cycle to 2e-9',
+        verdict=Verdict.DIFFERS,
+        sentence='differs: the gap is 37.5 m, logged is 37 m',
+        findings=(wrong,),
+        **{**common, 'start': 600.0, 'end': 1200.0},
+    )
+    chaotic = StretchComparison(
+        number=3,
+        begins=Beginning.RESET,
+        cause='reset',
+        kind=MotionKind.CHAOTIC,
+        evidence='0-1 test 0.98, Lyapunov exponent 0.21 per cycle',
+        verdict=Verdict.NO_PREDICTION,
+        sentence='no periodic motion to compare with',
+        **{
+            **common,
+            'start': 1200.0,
+            'end': 1800.0,
+            'cycles': 0,
+            'settled_at': None,
+            'predicted': None,
+            'predicted_impulse': (),
+            'decay': None,
+            'curves': StretchCurves(curves.envelope, motion, curves.impacts),
+        },
+    )
+    return RunComparison(
+        bag=bag,
+        node='/sim_node',
+        version='0.1.0',
+        complete=True,
+        stamps='rig time',
+        start=0.0,
+        end=1800.0,
+        samples=36001,
+        impacts=3 * len(hits),
+        stretches=(settled, differing, chaotic),
+    )

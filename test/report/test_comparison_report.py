@@ -1,0 +1,828 @@
+"""The report: all that was found is on the page, and nothing makes the page go wrong."""
+
+import dataclasses
+import errno
+import json
+import math
+import re
+import resource
+from importlib.resources import files
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from compare.recorded import BENCH, VERTICAL, compared
+from report.example_comparison import example
+
+from impact_damper_ros.compare.run_comparison import Beginning, MotionKind, Verdict
+from impact_damper_ros.orbits.continuation import SpecialKind
+from impact_damper_ros.report.glossary import TERMS, linked
+from impact_damper_ros.report.units import aligned, difference, instant, number, unit_for, worded
+from impact_damper_ros.rig import InitialConditions
+
+pytest.importorskip('matplotlib', reason='the report has plots')
+
+from impact_damper_ros.report.charts import (
+    draw_history,
+    draw_run,
+    filled_motion,
+    predicted_impacts,
+    predicted_motion,
+)
+from impact_damper_ros.report.html import COLORS, drawing_style, inline_svg
+from impact_damper_ros.report.page import (
+    MOST_DETAILED,
+    MOST_LISTED,
+    PICTURES,
+    report_page,
+    told_stretches,
+    write_report,
+)
+from impact_damper_ros.report.portraits import predicted_lines
+
+STYLE = (files('impact_damper_ros.report') / 'template' / 'report.css').read_text('utf-8')
+
+
+@pytest.fixture(scope='module')
+def run():
+    return example()
+
+
+@pytest.fixture(scope='module')
+def page(run):
+    return report_page(run, command='compare_run runs/run_20260101_120000 --report report')
+
+
+def parsed(page):
+    """Read the page strictly: it is well-formed as XML too, and its ids are unique."""
+    first, _, rest = page.partition('\n')
+    assert first == '<!DOCTYPE html>'
+    root = ElementTree.fromstring(rest)
+    ids = [element.get('id') for element in root.iter() if element.get('id')]
+    assert len(ids) == len(set(ids))
+    for element in root.iter():
+        for name in ('href', 'aria-labelledby'):
+            target = element.get(name, '')
+            if name == 'href' and not target.startswith('#'):
+                assert target == '' or target.startswith('data:image/png;base64,'), target
+            elif target:
+                assert target.lstrip('#') in ids
+        for reference in re.findall(r'url\(#([^)]+)\)', ' '.join(element.attrib.values())):
+            assert reference in ids
+        assert not {'src', 'srcset', 'onload', 'onclick'} & set(element.attrib)
+        assert element.tag not in ('script', 'iframe', 'object', 'link')
+    return root
+
+
+def section(root, number):
+    (found,) = (e for e in root.iter('section') if e.get('id') == f'stretch-{number}')
+    return found
+
+
+def text_of(element):
+    return ' '.join(''.join(element.itertext()).split())
+
+
+def rows_of(element, caption):
+    """Return the rows of the table with a caption, by their first cell; the last of equal ones."""
+    for table in element.iter('table'):
+        if text_of(table.find('caption')).startswith(caption):
+            return [[text_of(cell) for cell in row] for row in table.iter('tr')]
+    raise AssertionError(f'no table {caption}')
+
+
+def alone(run, n, **values):
+    """Return a run of one stretch, with some of its values changed."""
+    return dataclasses.replace(
+        run, stretches=(dataclasses.replace(run.stretches[n - 1], **values),)
+    )
+
+
+def changed(run, n, **values):
+    """Return a run in which a stretch is another one."""
+    stretches = list(run.stretches)
+    stretches[n - 1] = dataclasses.replace(stretches[n - 1], **values)
+    return dataclasses.replace(run, stretches=tuple(stretches))
+
+
+def test_all_plots_are_there(page):
+    root = parsed(page)
+    for n, missing in ((1, set()), (2, set()), (3, {'convergence', 'spectrum', 'gap'})):
+        part = section(root, n)
+        small = {svg for div in part.iter('div') if div.get('class') == 'slim' for svg in div}
+        shown = [svg.get('aria-label') for svg in part.iter('svg') if svg not in small]
+        # For a phone there is another picture of what is as wide as the page.
+        assert [svg.get('aria-label') for svg in small] == [f'Time history, stretch {n}']
+        assert len(shown) == len(PICTURES) - len(missing)
+        assert all(f'stretch {n}' in label for label in shown)
+        captions = [text_of(caption) for caption in part.iter('figcaption')]
+        assert any(c.startswith('Time history.') for c in captions)
+        assert any(c.startswith('Poincaré section.') for c in captions)
+        assert any(c.startswith('Largest |X| over the gap.') for c in captions) == (n != 3)
+    # Every figure is drawn in the page's own colours.
+    for svg in root.iter('svg'):
+        styles = ' '.join(e.get('style', '') for e in svg.iter())
+        assert 'var(--ink)' in styles
+        assert not re.search(r'#[0-9a-f]{6}', styles)
+
+
+def test_what_is_predicted_stands_beside_what_was_measured(run, page):
+    rows = rows_of(section(parsed(page), 1), 'Measured and predicted')
+    named = {row[0]: row for row in rows}
+    assert named['largest |X|'] == ['largest |X|', '5.072124', '5.072124', '0', 'm']
+    assert named['Xmax / A'][1:3] == ['0.2113439', '0.2113439']
+    assert named['decay per period'][1:3] == ['0.9411000', '0.9410652']
+    first = rows.index(['Impact 1, on stop 1'])
+    phase, x = rows[first + 1], rows[first + 2]
+    assert phase == ['phase', '0.7579950', '0.7579950', '0', 'cycles']
+    assert x[:3] == ['X', '4.132140', '4.132140']
+    # A wrong impact is told with its sign, in the same unit.
+    last = run.stretches[0].measured.last_period
+    wrong = dataclasses.replace(last, x=(last.x[0] - 0.002, last.x[1]))
+    measured = dataclasses.replace(run.stretches[0].measured, last_period=wrong)
+    other = rows_of(section(parsed(report_page(alone(run, 1, measured=measured))), 1), 'Measured')
+    assert other[first + 2] == ['X', '4.130140', '4.132140', '−0.002', 'm']
+
+
+def test_phases_are_compared_around_the_clock(run):
+    last = run.stretches[0].measured.last_period
+    orbit = dataclasses.replace(run.stretches[0].predicted, phases=(0.999, 0.2698))
+    turned = dataclasses.replace(last, phases=(0.001, 0.2698))
+    measured = dataclasses.replace(run.stretches[0].measured, last_period=turned)
+    page = report_page(alone(run, 1, measured=measured, predicted=orbit))
+    rows = rows_of(section(parsed(page), 1), 'Measured')
+    phases = [row for row in rows if row[0] == 'phase']
+    assert phases[0][1:4] == ['0.0010000', '0.9990000', '+0.002']
+
+
+def test_energy_adds_up_on_the_page(run, page):
+    rows = {row[0]: row for row in rows_of(section(parsed(page), 1), 'Energy balance')[1:]}
+    energy = run.stretches[0].energy
+    force = energy.force / energy.periods
+    assert float(rows['work of the force'][1]) == pytest.approx(force, rel=1e-4)
+    taken = ('dashpot', 'friction', 'impacts', 'change of what is stored', 'unexplained')
+    shares = [float(rows[name][2].replace('−', '-').split()[0]) for name in taken]
+    assert sum(shares) == pytest.approx(100.0, abs=0.2)
+
+
+def test_changes_and_findings_are_shown(run):
+    stiffer = run.stretches[1].parameters.replace(stiffness=1.25)
+    first = dataclasses.replace(run, stretches=run.stretches[:2])
+    root = parsed(report_page(changed(first, 2, parameters=stiffer)))
+    second = section(root, 2)
+    marked = [row for row in second.iter('tr') if row.get('class') == 'changed']
+    assert [[text_of(cell) for cell in row] for row in marked] == [
+        ['stiffness', '1.25', 'N/m', '1']
+    ]
+    assert 'the impacts are 37.5 m apart in Y, not 37 m' in text_of(second)
+    assert 'damping = 0.02 N s/m (was 0.01 N s/m)' in text_of(second.find('h2'))
+    (badge,) = (e for e in second.iter('span') if e.get('class') == 'badge bad')
+    assert text_of(badge) == '✗ differs'
+    assert not [row for row in section(root, 1).iter('tr') if row.get('class') == 'changed']
+
+
+def test_the_page_is_the_same_each_time(run, page):
+    first = alone(run, 1)
+    assert report_page(first) == report_page(first)
+    assert 'compare_run runs/run_20260101_120000 --report report' in page
+
+
+def test_the_readers_own_style_does_not_reach_the_page(run):
+    import matplotlib as mpl
+
+    short = dataclasses.replace(run, stretches=run.stretches[2:])
+    plain = report_page(short)
+    with mpl.rc_context({'lines.linewidth': 9, 'font.size': 20, 'axes.grid': False}):
+        before = dict(mpl.rcParams)
+        assert report_page(short) == plain
+        assert dict(mpl.rcParams) == before
+
+
+HOSTILE = '<script>alert(1)</script>"\'&amp;]]>\x00\x1b[31m\u202e\ud800 $title ${style}'
+
+
+def test_hostile_text_is_only_text(run):
+    named = dataclasses.replace(
+        changed(run, 1, cause=HOSTILE, sentence=HOSTILE, evidence=HOSTILE, solver=HOSTILE),
+        bag=f'runs/{HOSTILE}',
+        node=HOSTILE,
+        faults=(HOSTILE,),
+        remarks=(HOSTILE,),
+    )
+    finding = dataclasses.replace(run.stretches[1].findings[0], text=HOSTILE)
+    named = changed(named, 2, findings=(finding,), control={HOSTILE: HOSTILE})
+    page = report_page(named, command=HOSTILE)
+    root = parsed(page)
+    assert '<script' not in page
+    assert text_of(root).count('<script>alert(1)</script>') >= 10
+    assert '$title' in text_of(root)
+    assert not any(c in page for c in '\x00\x1b\u202e\ud800')
+
+
+def emptied(curves):
+    """Yield the curves with each of their arrays empty, and with nothing but NaN in it."""
+    for name in (f.name for f in dataclasses.fields(curves)):
+        part = getattr(curves, name)
+        if part is None:
+            continue
+        arrays = [f.name for f in dataclasses.fields(part)]
+        arrays = [a for a in arrays if isinstance(getattr(part, a), np.ndarray)]
+        empty = dataclasses.replace(part, **{a: getattr(part, a)[:0] for a in arrays})
+        yield f'{name} empty', dataclasses.replace(curves, **{name: empty})
+        one = dataclasses.replace(part, **{a: getattr(part, a)[:1] for a in arrays})
+        yield f'{name} of one', dataclasses.replace(curves, **{name: one})
+        for array in arrays:
+            values = getattr(part, array)
+            if values.dtype.kind == 'f':
+                lost = dataclasses.replace(part, **{array: np.full_like(values, np.nan)})
+                yield f'{name}.{array} nan', dataclasses.replace(curves, **{name: lost})
+                zero = dataclasses.replace(part, **{array: np.zeros_like(values)})
+                yield f'{name}.{array} zero', dataclasses.replace(curves, **{name: zero})
+
+
+#: In which plots the parts of the curves are.
+SHOWN_IN = {
+    'motion': ('history', 'portrait', 'relative'),
+    'impacts': ('history', 'section'),
+    'predicted': ('history', 'portrait', 'spectrum'),
+    'convergence': ('convergence',),
+    'spectrum': ('spectrum',),
+    'gap_curve': ('gap',),
+}
+
+
+def test_no_array_makes_a_plot_fail(run):
+    stretch = run.stretches[0]
+    names = []
+    with drawing_style():
+        for name, curves in emptied(stretch.curves):
+            broken = dataclasses.replace(stretch, curves=curves)
+            part = name.split()[0].split('.')[0]
+            pictures = [PICTURES[key](broken) for key in SHOWN_IN.get(part, ())]
+            if part == 'envelope':
+                pictures.append(draw_run([broken, run.stretches[1]]))
+            for picture in pictures:
+                # What is set up can be drawn; of each part, once it is drawn too.
+                if picture is not None and name.endswith('of one'):
+                    picture.figure.draw_without_rendering()
+            names.append(name)
+    assert len(names) > 60
+
+
+def test_nothing_known_but_the_stretch(run):
+    """No impacts, no measurement, no prediction, no curves; then no stretch at all."""
+    nothing = {
+        'measured': None,
+        'predicted': None,
+        'predicted_impulse': (),
+        'energy': None,
+        'decay': None,
+        'settled_at': None,
+        'solver': '',
+        'impacts': 0,
+        'curves': type(run.stretches[0].curves)(),
+        'verdict': Verdict.TOO_SHORT,
+    }
+    part = section(parsed(report_page(alone(run, 1, **nothing))), 1)
+    assert 'too little was recorded to draw' in text_of(part)
+    assert rows_of(part, 'Parameters')
+    bare = parsed(report_page(dataclasses.replace(run, stretches=())))
+    assert 'nothing to compare' in text_of(bare)
+
+
+def test_numbers_that_are_not(run):
+    measured = run.stretches[0].measured
+    lost = {
+        f.name: math.nan
+        for f in dataclasses.fields(measured)
+        if isinstance(getattr(measured, f.name), float)
+    }
+    energy = dataclasses.replace(
+        run.stretches[0].energy,
+        **dict.fromkeys(('force', 'air', 'dashpot', 'impacts', 'residual'), math.inf),
+        periods=0,
+    )
+    odd = alone(run, 1, measured=dataclasses.replace(measured, **lost), energy=energy)
+    part = section(parsed(report_page(odd)), 1)
+    assert rows_of(part, 'Measured')[2] == ['largest |X|', '–', '5.072124', '–', 'm']
+    assert 'nan' not in text_of(part).lower().split()
+
+
+def many(run, count):
+    """Return a run of many stretches, of which a few late ones differ."""
+    stretches = []
+    for n in range(1, count + 1):
+        template = run.stretches[1 if n % 150 == 149 else 0]
+        bare = dataclasses.replace(template.curves, motion=None, impacts=None, spectrum=None)
+        bare = dataclasses.replace(bare, gap_curve=None, convergence=None)
+        times = {'start': 10.0 * n, 'end': 10.0 * n + 10.0 + (n == 7)}
+        stretches.append(dataclasses.replace(template, number=n, curves=bare, **times))
+    return dataclasses.replace(run, stretches=tuple(stretches))
+
+
+def test_many_stretches_stay_readable(run):
+    page = report_page(many(run, 600))
+    root = parsed(page)
+    detailed = [int(e.get('id')[8:]) for e in root.iter('section') if e.get('class') == 'stretch']
+    assert len(detailed) == MOST_DETAILED
+    assert {149, 299, 449, 599, 7} <= set(detailed)
+    assert detailed == sorted(detailed)
+    rows = rows_of(root, 'All stretches')
+    assert len(rows) == MOST_LISTED + 1
+    text = text_of(root)
+    assert f'{MOST_DETAILED} of 600 are shown in detail' in text
+    assert f'{600 - MOST_LISTED} are left out here' in text
+    assert len(page) < 1_000_000
+
+
+def test_the_most_telling_stretches(run):
+    stretches = run.stretches
+    assert told_stretches(stretches, 1) == (stretches[1],)
+    assert told_stretches(stretches, 9) == stretches
+
+
+def test_a_coarse_recording_is_drawn_smooth(run):
+    """A free flight is a parabola, also between its samples; a gap in the log stays one."""
+    stretch = run.stretches[0]
+    time = np.array([0.0, 0.5, 1.0, 1.0, 1.5, 9.0])
+    y = np.array([0.0, 1.5, 2.0, 2.0, 0.5, 5.0])
+    rate = np.array([4.0, 2.0, 0.0, -2.0, -4.0, 1.0])
+    other = np.zeros(6)
+    motion = type(stretch.curves.motion)(time, other, other, y, rate, other + 2.0, other - 2.0)
+    coarse = dataclasses.replace(stretch.curves, motion=motion)
+    filled = filled_motion(dataclasses.replace(stretch, curves=coarse))
+    first = filled.time <= 1.0
+    assert len(filled.time) > 10
+    flight = filled.time[first][:6]
+    assert filled.y[:6] == pytest.approx(4.0 * flight - 2.0 * flight**2)
+    assert filled.relative_velocity[:6] == pytest.approx(4.0 - 4.0 * flight)
+    assert not np.any((filled.time > 1.5) & (filled.time < 9.0))
+    assert np.all(np.diff(filled.time) >= 0.0)
+    # What is sampled finely enough is left as it is.
+    assert filled_motion(stretch) is stretch.curves.motion
+
+
+def test_points_and_periods_that_show_nothing_more(run):
+    stretch = run.stretches[0]
+    impacts, convergence = stretch.curves.impacts, stretch.curves.convergence
+    arrays = {f.name: getattr(impacts, f.name) for f in dataclasses.fields(impacts)}
+    again = type(impacts)(**{name: np.tile(values[-2:], 10000) for name, values in arrays.items()})
+    floor = np.full(4000, 0.5 * convergence.floor)
+    settled = dataclasses.replace(
+        convergence,
+        time=6.16 * np.arange(4090),
+        distance=np.concatenate([convergence.distance, floor]),
+    )
+    curves = dataclasses.replace(stretch.curves, impacts=again, convergence=settled)
+    long = dataclasses.replace(stretch, curves=curves)
+    with drawing_style():
+        section = PICTURES['section'](long)
+        approach = PICTURES['convergence'](long)
+    svg = ElementTree.fromstring(inline_svg(section.figure, 'k', 'section'))
+    assert not list(svg.iter('image'))
+    assert [use for use in svg.iter('use') if 'fill:var(--primary)' in use.get('style', '')]
+    assert '20000 latest impacts' in section.caption
+    # The approach takes 90 periods; the rest lies on the floor.
+    assert 500.0 < approach.figure.axes[0].get_xlim()[1] < 1000.0
+
+
+def test_predicted_motion_is_laid_over_any_time(run):
+    stretch = run.stretches[0]
+    curve, orbit = stretch.curves.predicted, stretch.predicted
+    start, end = 590.0, 590.0 + 3.0 * orbit.period
+    hit, place = predicted_impacts(stretch, start, end)
+    assert len(hit) == 6
+    for at in stretch.curves.impacts.time:
+        if start <= at <= end:
+            assert np.abs(hit - at).min() < 0.01
+    assert np.abs(place).max() < 37.0 / 2.0 + orbit.x_max
+    time, x, y = predicted_motion(curve, start, end)
+    assert start <= time[0] < start + 0.1
+    assert end - 0.1 < time[-1] <= end
+    assert np.abs(x).max() == pytest.approx(orbit.x_max, rel=1e-3)
+    assert np.abs(y).max() == pytest.approx(37.0 / 2.0, rel=1e-9)
+    measured = stretch.curves.motion
+    assert np.interp(592.0, time, x) == pytest.approx(
+        np.interp(592.0, measured.time, measured.x), abs=0.05
+    )
+
+
+def test_predicted_lines_are_the_fourier_coefficients(run):
+    curve = run.stretches[0].curves.predicted
+    angle = np.linspace(0.0, math.tau, 4001)
+    known = dataclasses.replace(
+        curve,
+        phase=0.3 + 2.0 * angle / math.tau,
+        x=3.0 * np.cos(angle - 0.4) + 0.5 * np.sin(4.0 * angle) + 7.0,
+        cycle=0.5,
+        cycles=2,
+    )
+    frequency, amplitude = predicted_lines(known, 5.0)
+    assert frequency == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0])
+    assert amplitude == pytest.approx([3.0, 0.0, 0.0, 0.5, 0.0], abs=1e-5)
+
+
+#: As a terminal has it, and as no page has it.
+UNPRINTED = {
+    'negative zero': re.compile(r'[-−]0(\.0*)?(?![\d.])(?! ?×)'),
+    'ASCII minus': re.compile(r'(?<![\w)\]-])-\d'),
+    'power': re.compile(r'\^'),
+    'plus or minus': re.compile(r'\+/?-'),
+    'exponent': re.compile(r'\d[eE][-+]?\d'),
+    'micro': re.compile(r'\d us\b'),
+    'prime': re.compile(r"\b[XYZ]'"),
+    'no number': re.compile(r'\b(nan|inf|None)\b'),
+}
+
+
+@pytest.fixture(scope='module')
+def runs(run):
+    """Return runs of all kinds: settled, chaotic, without impacts, one-sided, empty."""
+    cases = [
+        (BENCH, 130),
+        (BENCH.replace(angle=0.2), 150),
+        (BENCH.replace(gap=0.3), 60),
+        (VERTICAL, 40),
+    ]
+    stretches = []
+    for rig, cycles in cases:
+        stretch = compared(rig, cycles, InitialConditions())
+        stretches.append(dataclasses.replace(stretch, number=len(stretches) + 1))
+    gravity = 'gravity = 8 m/s^2 (was -9.81 m/s^2)'
+    stretches[1] = dataclasses.replace(stretches[1], begins=Beginning.CHANGE, cause=gravity)
+    found = dataclasses.replace(run.stretches[1].findings[0], text="X' is off by -1e-07 m/s")
+    wrong = {'findings': (found,), 'verdict': Verdict.DIFFERS, 'sentence': 'off by +-2.5e+03 us'}
+    stretches[2] = dataclasses.replace(stretches[2], **wrong)
+    measured = dataclasses.replace(stretches[0].measured, x_rms=-0.0)
+    energy = dataclasses.replace(stretches[0].energy, residual=-1e-12)
+    stretches[0] = dataclasses.replace(stretches[0], measured=measured, energy=energy)
+    several = dataclasses.replace(run, stretches=tuple(stretches), faults=('-0.000 m/s^2',))
+    return [run, several, dataclasses.replace(run, stretches=())]
+
+
+@pytest.fixture(scope='module')
+def pages(runs):
+    return [parsed(report_page(each)) for each in runs]
+
+
+def test_signs_and_units_are_printed_ones(pages):
+    for root in pages:
+        command = {e for dl in root.iter('dl') if dl.get('class') == 'facts' for e in dl.iter()}
+        text = ' '.join(
+            part
+            for element in root.iter()
+            if element not in command and element.tag != 'style'
+            for part in (element.text, element.tail, element.get('title'), element.get('alt'))
+            if part
+        )
+        for name, pattern in UNPRINTED.items():
+            found = pattern.search(text)
+            assert found is None, (name, text[max(found.start() - 40, 0) : found.end() + 20])
+    several = text_of(pages[1])
+    assert 'gravity = 8 m/s² (was −9.81 m/s²)' in several
+    assert '±' in several
+    assert 'X′ is off by −1 × 10⁻⁷ m/s' in several
+    assert 'off by ±2.5 × 10³ µs' in several
+    assert '0.000 m/s²' in several
+
+
+def test_words_as_printed():
+    for plain, printed in (
+        ('a = -0.000 m/s^2', 'a = 0.000 m/s²'),
+        ('1.9e-09 of it', '1.9\xa0×\xa010⁻⁹ of it'),
+        ('[-0.5, 1e+20, -0]', '[−0.5, 1\xa0×\xa010²⁰, 0]'),
+        ('+0.371 +- 0.084 per cycle', '+0.371 ± 0.084 per cycle'),
+        ("X' before, 20 us late", 'X′ before, 20 µs late'),
+        ('runs/run_2026-01-05_1e5-2, 0.1.0', 'runs/run_2026-01-05_1e5-2, 0.1.0'),
+        ('the 0-1 test, stops 1,2', 'the 0-1 test, stops 1,2'),
+    ):
+        assert worded(plain) == printed
+    assert number(-0.0) == instant(-1e-5) == '0'
+    assert aligned([1.0, -1e-9], 4) == ['1.000', '0.000']
+    assert number(-1e-9, 2) == '−1\xa0×\xa010⁻⁹'
+
+
+def lines_of(picture):
+    """Yield points of the lines of a picture that are drawn in the units of its axes."""
+    (axes,) = picture.figure.axes
+    for line in axes.lines:
+        x, y = np.array(line.get_data(), dtype=float)
+        if line.get_transform() == axes.transData and len(x) > 2 and np.isfinite(y).any():
+            yield axes, line, (x, y)
+
+
+def test_the_predicted_orbit_closes(runs):
+    """Also where it was cut open, at its first impact; on the page too."""
+    shown = [s for s in runs[1].stretches if s.curves.predicted is not None]
+    assert len(shown) == 3
+    for stretch in shown:
+        curve, orbit = stretch.curves.predicted, stretch.predicted
+        columns = (curve.x, curve.velocity, curve.y, curve.relative_velocity)
+        for column in columns:
+            assert column[-1] == column[0]
+        assert curve.phase[-1] - curve.phase[0] == pytest.approx(orbit.cycles)
+        # Each impact is a step of the velocity at one X.
+        steps = np.abs(np.diff(curve.velocity)) > 0.02 * np.ptp(curve.velocity)
+        steps &= np.abs(np.diff(curve.x)) < 1e-9 * np.ptp(curve.x)
+        impulses = np.abs(stretch.predicted_impulse) / stretch.parameters.primary_mass
+        assert steps.sum() == (impulses > 0.02 * np.ptp(curve.velocity)).sum() > 0
+        for name in ('portrait', 'relative'):
+            with drawing_style():
+                picture = PICTURES[name](stretch)
+                svg = ElementTree.fromstring(inline_svg(picture.figure, 'k', name))
+            dashed = [
+                path.get('d')
+                for path in svg.iter('path')
+                if 'stroke-dasharray' in path.get('style', '') and path.get('clip-path')
+            ]
+            assert len(dashed) == 1
+            start, steps = re.fullmatch('M(.*?)l(.*)', dashed[0]).groups()
+            assert len(start.split()) == 2
+            numbers = re.findall(r'-?(?:\d+\.?\d*|\.\d+)', steps)
+            moved = np.array(numbers, dtype=float).reshape(-1, 2).sum(axis=0)
+            assert np.abs(moved).max() < 0.05
+
+
+def test_no_curve_is_cut(runs):
+    seen = 0
+    pictures = []
+    with drawing_style():
+        pictures += [draw_run(runs[0].stretches, wide=wide) for wide in (True, False)]
+        for each in runs:
+            for stretch in each.stretches:
+                pictures += [draw(stretch) for draw in PICTURES.values()]
+                pictures.append(draw_history(stretch, wide=False))
+    for picture in filter(None, pictures):
+        for axes, _, (x, y) in lines_of(picture):
+            (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+            slack = 1e-9 * (right - left)
+            assert np.nanmin(x) >= left - slack, picture.title
+            assert np.nanmax(x) <= right + slack, picture.title
+            assert np.nanmax(y) <= high * (1.0 + 1e-9), picture.title
+            # What is below the floor of the spectrum is no curve to be seen.
+            assert np.nanmin(y) >= low - 1e-9 * abs(low) or picture.title == 'Spectrum'
+            seen += 1
+    assert seen > 50
+
+
+def gap_curve(run, factor):
+    """Draw the curve over the gap with its part that is not viable made taller."""
+    stretch = run.stretches[0]
+    curve = stretch.curves.gap_curve
+    viable = np.arange(len(curve.gap)) < len(curve.gap) // 2
+    ratio = np.where(viable, 0.2, 0.2 * factor)
+    # A bend up to there, and back
+    tall = dataclasses.replace(
+        curve, ratio=ratio, viable=viable, special_ratio=curve.special_ratio[:0] + 0.2
+    )
+    with drawing_style():
+        return PICTURES['gap'](
+            dataclasses.replace(
+                stretch, curves=dataclasses.replace(stretch.curves, gap_curve=tall)
+            )
+        )
+
+
+def test_what_is_not_viable_is_shown_or_said_to_be_left_out(run):
+    whole, cut = gap_curve(run, 2.0), gap_curve(run, 40.0)
+    assert whole.figure.axes[0].get_ylim()[1] > 0.4
+    assert 'left out' not in whole.caption
+    assert max(np.nanmax(y) for _, _, (_, y) in lines_of(whole)) == pytest.approx(0.4)
+    top = cut.figure.axes[0].get_ylim()[1]
+    assert top < 0.3
+    assert f'What is not viable is left out above {number(top, 2)}.' in cut.caption
+    assert max(np.nanmax(y) for _, _, (_, y) in lines_of(cut)) <= top
+
+
+#: Words of the field that a reader need not know.
+JARGON = (
+    'viable|multiplier|unit circle|Neimark-Sacker|special point|Lyapunov exponent|0-1 test|fold|'
+    'grazing|period doubling|branch point|quasi-periodic|chaotic|transient|undecided|stretch|'
+    'Poincaré section|phase portrait|rms|rig time|impulse|decay|unexplained|steady|stable|Xmax / A'
+)
+
+
+def test_every_term_has_an_entry(pages):
+    keys = [term.key for term in TERMS]
+    assert len(set(keys)) == len(keys)
+    names = {term.name for term in TERMS}
+    assert {kind.value for kind in SpecialKind} <= names
+    assert {verdict.value for verdict in Verdict} <= names
+    assert {kind.value for kind in MotionKind} - {'without impacts'} <= names
+    for term in TERMS:
+        assert re.fullmatch(r'[A-Z].*[^.]\.( [A-Z].*\.)?', term.sentence), term.name
+    for root in pages:
+        (glossary,) = (e for e in root.iter('details') if e.get('class') == 'glossary')
+        assert glossary.get('open') is None
+        entries = {e.get('id') for e in glossary.iter('dt')}
+        assert entries == {f'term-{key}' for key in keys}
+        links = [e for e in root.iter('a') if e.get('class') == 'term']
+        assert {link.get('href')[1:] for link in links} <= entries
+        known = {text_of(link).lower() for link in links}
+        inside = set(glossary.iter())
+        parts = []
+        for element in root.iter():
+            if element not in inside and element.tag not in ('style', 'text', 'title'):
+                parts += [element.text or '', element.tail or '']
+        # Each of these words that stands on the page is linked somewhere on it.
+        for word in {w.lower() for w in re.findall(JARGON, ' '.join(parts), re.IGNORECASE)}:
+            assert any(word in link for link in known), word
+    # Each entry is what a link from its own name leads to.
+    for term in TERMS:
+        assert f'"#term-{term.key}"' in linked(term.name) or term.key == 'x-y-z'
+
+
+def test_links_to_terms():
+    assert linked('a quasi-periodic one') == (f'a {linked("quasi-periodic")} one')
+    html = linked('not viable, viable; period <doubling>; largest multiplier -1 & more stops')
+    assert re.findall('#term-([a-z-]+)"', html) == ['viable', 'period', 'multiplier', 'stop']
+    assert '&lt;doubling&gt;' in html
+    assert '−1 &amp; more' in html
+    assert linked(linked('stable')) == linked('stable')
+    for text in ('unstop', 'stretchable', 'branching', 'nonperiodic'):
+        assert linked(text) == text
+
+
+def test_numbers_over_the_whole_run(runs, pages):
+    rows = rows_of(pages[1], 'Swing, impacts and energy')
+    assert [row[0] for row in rows[1:]] == ['1', '2', '3', '4', 'all']
+    overall, units = runs[1].overall, rows[0]
+    unit = unit_for('m', overall.x_max)
+    assert units[2:4] == [f'largest |X| [{unit.name}]', f'rms of X [{unit.name}]']
+    assert units[7] == 'work of the force [J]'
+    last = rows[-1]
+    assert last[1] == instant(overall.duration)
+    assert last[2:4] == [number(unit.factor * x, 5) for x in (overall.x_max, overall.x_rms)]
+    counts = [overall.impacts, overall.impacts_on_stop_1, overall.impacts_on_stop_2]
+    assert last[4:7] == [str(count) for count in counts]
+    energies = [overall.force_work, overall.impact_energy, overall.dashpot_energy]
+    assert last[7:] == [number(energy, 5).replace('\xa0', ' ') for energy in energies]
+    # Of one stretch there is no sum; where samples are missing, that is said.
+    part = runs[1].stretches[0]
+    gone = dataclasses.replace(part.overall, covered=0.5 * part.overall.duration)
+    one = parsed(report_page(alone(runs[1], 1, overall=gone)))
+    assert [row[0] for row in rows_of(one, 'Swing, impacts and energy')[1:]] == ['1']
+    assert 'Samples are missing: rms and work go over' in text_of(one)
+    assert 'Swing, impacts and energy' not in text_of(parsed(report_page(alone(runs[0], 3))))
+
+
+def test_the_axis_of_points_at_one_place(run):
+    """The numbers at the axis have no more digits than there is room for."""
+    stretch = run.stretches[2]
+    impacts = stretch.curves.impacts
+    arrays = {f.name: getattr(impacts, f.name)[:1] for f in dataclasses.fields(impacts)}
+    arrays['damper_velocity_after'] = np.array([-0.187654321])
+    curves = dataclasses.replace(stretch.curves, impacts=type(impacts)(**arrays))
+    with drawing_style():
+        picture = PICTURES['section'](dataclasses.replace(stretch, curves=curves))
+        picture.figure.draw_without_rendering()
+    labels = [label.get_text() for label in picture.figure.axes[0].get_yticklabels()]
+    assert len(labels) > 2
+    assert max(map(len, labels)) <= 6
+    assert len(set(labels)) == len(labels)
+
+
+def test_pictures_for_a_phone(run):
+    stretch = run.stretches[0]
+    with drawing_style():
+        wide, slim = draw_history(stretch), draw_history(stretch, wide=False)
+    assert slim.figure.get_size_inches()[0] < 0.5 * wide.figure.get_size_inches()[0]
+    (start, end), (late, last) = (p.figure.axes[0].get_xlim() for p in (wide, slim))
+    assert last == end
+    assert late - start == pytest.approx(5.0 / 8.0 * (end - start), rel=0.02)
+
+
+def test_a_very_long_cause_is_shortened(run):
+    names = [f'gap_control_{name}' for name in ('gain', 'lead', 'park', 'rate', 'seed')]
+    changes = [f'{name} = 0.5 (was none)' for name in names]
+    changes += ['gap_control = timed (was off)', 'force_amplitudes = [1, 2] N (was [1.2] N)']
+    root = parsed(report_page(alone(run, 1, cause=', '.join(changes))))
+    title = text_of(section(root, 1).find('h2'))
+    assert title.startswith(
+        'Stretch 1: gap_control = timed (was off), force_amplitudes = [1, 2] N (was [1.2] N), '
+    )
+    assert title.endswith(' and 3 more changes')
+    # A few changes are all named, in their order.
+    root = parsed(report_page(alone(run, 1, cause=', '.join(changes[4:]))))
+    assert ', '.join(changes[4:]) in text_of(section(root, 1).find('h2'))
+
+
+def test_numbers_of_stretches_do_not_cover_each_other(run):
+    """Three stretches of 10 s, 0.1 s and 10 s."""
+    envelope = run.stretches[0].curves.envelope
+    stretches = []
+    for number_, (start, end) in enumerate(((0.0, 10.0), (10.0, 10.1), (10.1, 20.0)), 1):
+        part = type(envelope)(np.array([start]), np.array([-1.0]), np.array([1.0]))
+        curves = dataclasses.replace(run.stretches[0].curves, envelope=part)
+        values = {'number': number_, 'start': start, 'end': end, 'curves': curves}
+        stretches.append(dataclasses.replace(run.stretches[0], **values))
+    with drawing_style():
+        picture = draw_run(stretches)
+    assert [text.get_text() for text in picture.figure.axes[0].texts] == ['1', '2']
+
+
+def test_numbers_for_readers():
+    assert number(0.00012345678) == '0.000123457'
+    assert number(-1.5e-7, 3) == '−1.5\xa0×\xa010⁻⁷'
+    assert number(math.nan) == number(None) == '–'
+    assert number(math.inf) == '∞'
+    assert difference(1.234e-9) == '+1.2\xa0×\xa010⁻⁹'
+    assert difference(0.0) == '0'
+    assert instant(12.0) == '12'
+    assert instant(0.12345) == '0.123'
+    assert unit_for('m', [0.003, math.nan]) == (1e3, 'mm')
+    assert unit_for('N s', 2e-5) == (1e6, 'µN s')
+    assert unit_for('m', []) == (1.0, 'm')
+
+
+def schemes():
+    """Return the colours of the page in each scheme, by name."""
+    blocks = re.findall(r':root \{(.*?)\n\s*\}', STYLE, re.DOTALL)
+    return [dict(re.findall(r'--([\w-]+): (#[0-9a-f]{6})', block)) for block in blocks]
+
+
+def contrast(one, other):
+    """Return the contrast ratio of WCAG 2."""
+
+    def luminance(color):
+        parts = [int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+        linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+        return float(np.dot(linear, [0.2126, 0.7152, 0.0722]))
+
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_colours_can_be_told_apart():
+    light, dark, printed = schemes()
+    assert printed == {**light, 'link': light['ink']}
+    assert set(dark) == set(light)
+    assert {name: light[name] for name in COLORS} == COLORS
+    for scheme in (light, dark):
+        for text, back in (
+            ('ink', 'page'),
+            ('ink', 'panel'),
+            ('ink', 'mark'),
+            ('ink', 'bad-back'),
+            ('ink', 'none-back'),
+            ('quiet', 'page'),
+            ('quiet', 'panel'),
+            ('link', 'page'),
+            ('link', 'panel'),
+            ('good', 'good-back'),
+            ('bad', 'bad-back'),
+            ('open', 'open-back'),
+        ):
+            assert contrast(scheme[text], scheme[back]) >= 4.5, (text, back)
+        for line in ('primary', 'damper', 'theory', 'special'):
+            assert contrast(scheme[line], scheme['page']) >= 3.0, line
+
+
+def test_files(run, tmp_path):
+    place = tmp_path / 'new' / 'report'
+    seen = []
+    path = write_report(run, place, drawn=lambda done, total: seen.append((done, total)))
+    assert path == place / 'report.html'
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert sorted(p.name for p in place.iterdir()) == ['report.html', 'report.json']
+    parsed(path.read_text(encoding='utf-8'))
+    numbers = json.loads((place / 'report.json').read_text(encoding='utf-8'))
+    assert numbers['stretches'][1]['verdict'] == 'differs'
+    assert numbers['stretches'][0]['predicted']['x_max'] == run.stretches[0].predicted.x_max
+
+
+def test_a_place_that_cannot_be_written(run, tmp_path):
+    short = dataclasses.replace(run, stretches=())
+    taken = tmp_path / 'taken'
+    taken.write_text('a file')
+    with pytest.raises(NotADirectoryError) as caught:
+        write_report(short, taken)
+    assert caught.value.filename == str(taken)
+    # What is there already stays whole when the new one cannot be written.
+    place = tmp_path / 'report'
+    write_report(short, place)
+    before = (place / 'report.html').read_bytes()
+    (place / '.report.html.part').mkdir()
+    with pytest.raises(OSError) as caught:
+        write_report(short, place, command='another')
+    assert caught.value.filename.endswith('report.html')
+    assert (place / 'report.html').read_bytes() == before
+    assert len(list(place.iterdir())) == 3
+
+
+def test_a_full_disk(run, tmp_path):
+    """A limit on the size of files stands for it: cut within a write, and without a name."""
+    short = dataclasses.replace(run, stretches=())
+    path = write_report(short, tmp_path)
+    before = path.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        with pytest.raises(OSError) as caught:
+            write_report(alone(run, 1), tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert caught.value.errno == errno.EFBIG
+    assert caught.value.filename == str(path)
+    assert path.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['report.html', 'report.json']

@@ -1,0 +1,47 @@
+"""The picture of a run: whatever is drawn in it is in its legend."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip('matplotlib', reason='it draws')
+
+from matplotlib.colors import to_hex
+from matplotlib.patches import Rectangle
+
+from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
+
+
+def figure(closeups):
+    time = np.linspace(0.0, 4.0, 401)
+    x = 0.003 * np.sin(6.0 * time)
+    edge = np.full(len(time), 0.012)
+    hits = np.array([0.5, 1.5, 2.5])
+    stops = np.array([1, 2, 1])
+    motion = Motion(time, x, 2.0 * x, x + edge, x - edge, hits, 0.0 * hits, stops, 1.0 + hits)
+    return draw_motion(motion, closeups)
+
+
+def test_the_bands_are_in_the_legend():
+    drawn = figure([Closeup(0.0, 1.0, 'first'), Closeup(3.0, 4.0, 'last')])
+    overview = drawn.axes[0]
+    bands = [patch for patch in overview.patches if isinstance(patch, Rectangle)]
+    assert [band.get_x() for band in bands] == [0.0, 3.0]
+    (legend,) = drawn.legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    shown = dict(zip(texts, legend.legend_handles, strict=True))
+    patch = shown['close up below']
+    for band in bands:
+        assert to_hex(band.get_facecolor(), keep_alpha=True) == to_hex(
+            patch.get_facecolor(), keep_alpha=True
+        )
+    # No mass, stop or line has that colour.
+    others = [handle for text, handle in shown.items() if text != 'close up below']
+    colors = {
+        to_hex(h.get_color() if hasattr(h, 'get_color') else h.get_facecolor()) for h in others
+    }
+    assert to_hex(patch.get_facecolor()) not in colors
+    drawn.draw_without_rendering()
+    width = drawn.get_window_extent().width
+    box = legend.get_window_extent()
+    assert box.x0 >= 0.0
+    assert box.x1 <= width

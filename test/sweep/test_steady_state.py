@@ -1,0 +1,219 @@
+"""What a rig settles into: golden motions, shares of time, kinds of motion."""
+
+import math
+
+import numpy as np
+import pytest
+from sweep.example_rigs import CHATTERING, ON_THE_STOP
+
+from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.orbits.settling_rig import EndlessEventsError, Settling
+from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.rig.long_run import LongRun
+from impact_damper_ros.sweep.steady_state import steady_state
+
+DISPLACED = InitialConditions(initial_primary_position=1.0)
+#: Strong friction: m sticks twice in a cycle.
+STICKING = RigParameters(gravity=1.0, friction=8.0, gap=30.0)
+
+
+def settled(parameters, initial=None, compiled=None, **options):
+    return steady_state(LongRun(parameters, initial, compiled=compiled), Settling(**options))
+
+
+@pytest.mark.parametrize(
+    ('gap', 'stops'),
+    [
+        (8.0, '1122'),
+        (16.0, '122'),
+        (18.0, '122'),
+        (24.0, '12'),
+        (30.0, '12'),
+        (37.0, '12'),
+    ],
+)
+def test_attractors_of_the_frictionless_rig(gap, stops):
+    """From X = 1: 4 impacts per cycle at d = 8, 3 at 16 and 18, 2 from 24 to 37."""
+    state = settled(RigParameters(gravity=0.0, force_frequencies=1.02, gap=gap), DISPLACED)
+    assert state.kind is MotionKind.PERIODIC
+    assert state.period == 1
+    assert state.impacts_per_cycle == state.impacts == len(stops)
+    mirrored = stops.translate(str.maketrans('12', '21'))
+    turns = {text[i:] + text[:i] for text in (stops, mirrored) for i in range(len(stops))}
+    assert ''.join(state.stops) in turns
+
+
+@pytest.mark.parametrize(
+    ('friction', 'ratio', 'multiplier', 'phases'),
+    [
+        (0.0, 0.2032358, 0.94121, (0.7513744, 0.2632173)),
+        (0.5, 0.2113439, 0.94107, (0.7579950, 0.2697923)),
+    ],
+)
+def test_golden_motions(friction, ratio, multiplier, phases):
+    rig = RigParameters(angle=math.pi / 4, gravity=1.0, friction=friction, force_frequencies=1.02)
+    state = settled(rig)
+    assert state.stops == ('1', '2')
+    assert state.x_max / rig.response_amplitude == pytest.approx(ratio, abs=0.51e-7)
+    assert state.multiplier == pytest.approx(multiplier, abs=0.51e-5)
+    assert dict(zip(state.hits[:, 0], state.hits[:, 1], strict=True)) == pytest.approx(
+        {1.0: phases[0], 2.0: phases[1]}, abs=1e-7
+    )
+
+
+@pytest.mark.parametrize('friction', [0.0, 0.5])
+def test_exponent_is_that_of_the_largest_multiplier(friction):
+    rig = RigParameters(angle=math.pi / 4, gravity=1.0, friction=friction, force_frequencies=1.02)
+    orbit = find_orbits(rig, (1, 2), simulate=False).orbits[0]
+    state = settled(rig)
+    expected = math.log(abs(orbit.multipliers[0])) / orbit.cycle
+    assert state.exponent.value == pytest.approx(expected, rel=1e-8)
+    assert state.exponent.uncertainty < 1e-9
+    assert state.x_max == pytest.approx(orbit.x_max, rel=2e-9)
+
+
+def test_largest_and_rms_displacement_against_dense_samples():
+    rig = RigParameters(gravity=0.0, force_frequencies=1.02, gap=16.0)
+    state = settled(rig, DISPLACED)
+    simulator = Simulator(rig, DISPLACED)
+    count, x = 20_000, []
+    for k in range(count):
+        simulator.advance((600 + (k + 0.5) / count) * state.cycle)
+        x.append(simulator.sample().x)
+    assert state.x_max == pytest.approx(np.abs(x).max(), rel=1e-7)
+    assert state.x_rms == pytest.approx(math.sqrt(np.mean(np.square(x))), rel=1e-7)
+    assert state.x_mean == pytest.approx(np.mean(x), abs=1e-7)
+
+
+def test_shares_of_chatter_and_rest_against_the_event_log():
+    state = settled(CHATTERING, ON_THE_STOP)
+    assert state.stops == ('1~',)
+    assert state.period == 1
+    run = LongRun(CHATTERING, ON_THE_STOP)
+    run.advance(700.0 * state.cycle, record=False)
+    simulator = run.simulator()
+    # One period, from a release on: the flight, the chatter, and the rest
+    events = simulator.advance(704.0 * state.cycle)
+    begin, after = [e.time for e in events if e.kind is EventKind.RELEASE][:2]
+    inside = [e for e in events if begin < e.time <= after]
+    impacts = [e.time for e in inside if e.kind is EventKind.IMPACT]
+    (rest,) = (e.time for e in inside if e.kind is EventKind.REST)
+    assert after - begin == pytest.approx(state.cycle, rel=1e-7)
+    assert np.all(np.diff(np.diff(impacts)) < 0.0)
+    assert state.shares.chatter == pytest.approx((rest - impacts[0]) / state.cycle, rel=1e-6)
+    assert state.shares.rest == pytest.approx((after - rest) / state.cycle, rel=1e-6)
+    assert state.shares.stick == 0.0
+    assert len(impacts) == state.impacts
+
+
+def test_share_of_sticking_against_the_event_log():
+    state = settled(STICKING)
+    simulator = Simulator(STICKING)
+    simulator.advance(400.0 * state.cycle)
+    stuck, since = 0.0, simulator.time if simulator.mode is Mode.STICK else None
+    for event in simulator.advance(401.0 * state.cycle):
+        if event.kind is EventKind.STICK:
+            since = event.time
+        elif event.kind is EventKind.RELEASE:
+            stuck += event.time - since
+            since = None
+    if since is not None:
+        stuck += 401.0 * state.cycle - since
+    assert state.shares.stick == pytest.approx(stuck / state.cycle, rel=1e-6)
+    assert 0.05 < state.shares.stick < 0.07
+    assert state.shares.rest == state.shares.chatter == 0.0
+
+
+def test_one_plastic_impact_is_no_chatter():
+    rig = CHATTERING.replace(restitution_1=0.0)
+    state = settled(rig, ON_THE_STOP)
+    assert state.stops == ('1~',)
+    assert state.impacts == 1
+    assert state.shares.chatter == 0.0
+    assert state.shares.rest > 0.2
+
+
+def test_rest_for_ever_keeps_the_multipliers_of_the_joint_vibration():
+    """Driven too weakly to lift m: exp(-C T / (2 (M + m)))."""
+    rig = CHATTERING.replace(force_amplitudes=0.3)
+    state = settled(rig, ON_THE_STOP)
+    assert state.kind is MotionKind.NO_IMPACTS
+    assert state.shares.rest == 1.0
+    # A free vibration of ten cycles must not be taken for the period
+    assert state.period == 1
+    assert state.exponent.value == pytest.approx(-0.1 / (2.0 * 1.01), rel=1e-9)
+
+
+def test_motion_without_impacts_has_amplitude_a():
+    rig = RigParameters(gravity=0.0, force_frequencies=1.3)
+    state = settled(rig)
+    assert state.kind is MotionKind.NO_IMPACTS
+    assert state.impacts == 0
+    assert state.stops == ()
+    assert state.x_max == pytest.approx(rig.response_amplitude, rel=1e-7)
+    assert state.x_rms == pytest.approx(rig.response_amplitude / math.sqrt(2.0), rel=1e-7)
+
+
+def test_a_rig_without_force_comes_to_rest():
+    rig = RigParameters(force_amplitudes=0.0, gravity=1.0, friction=0.1)
+    state = settled(rig, InitialConditions(initial_primary_position=30.0))
+    assert state.kind is MotionKind.AT_REST
+    assert state.shares.stick == 1.0
+    assert state.x_max < 1e-4
+
+
+def test_period_of_several_cycles():
+    """Two impacts per cycle, of which each second pair is alike."""
+    state = settled(RigParameters(gravity=0.0, force_frequencies=1.02, gap=21.5))
+    assert state.period == 2
+    assert state.stops == ('1', '2', '1', '2')
+    assert state.impacts == 4
+    assert state.impacts_per_cycle == 2.0
+    assert len(state.section) == 2
+    assert abs(state.section[0, 0] - state.section[1, 0]) > 1e-3
+
+
+def test_incommensurate_harmonics_have_no_period():
+    rig = RigParameters(
+        gravity=0.0,
+        force_amplitudes=(1.0, 0.5),
+        force_frequencies=(1.02, 1.5),
+        force_phases=(0.0, 0.0),
+    )
+    state = settled(rig, compiled=False, cycles=200, watch=40)
+    assert state.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
+    assert state.period == 0
+
+
+def test_multisine_has_the_rms_of_its_lines():
+    """Without impacts each line makes a share of X that is known."""
+    rig = RigParameters(
+        gravity=0.0,
+        damping=0.2,
+        gap=1e6,
+        force_amplitudes=0.0,
+        multisine_level=1.0,
+        multisine_low=0.5,
+        multisine_high=1.5,
+        multisine_lines=11,
+    )
+    # The lines lie 0.1 rad/s apart: the motion repeats after 5 cycles of the first one
+    state = settled(rig, compiled=False, cycles=50, watch=25)
+    assert state.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
+    rates = np.linspace(0.5, 1.5, 11)
+    gains = 1.0 / ((1.0 - rates**2) ** 2 + (0.2 * rates) ** 2)
+    assert state.x_rms == pytest.approx(math.sqrt(gains.mean()), rel=1e-6)
+
+
+def test_too_many_events_are_an_error_that_names_the_remedy():
+    with pytest.raises(EndlessEventsError, match=r'events .* s, the last of them in mode'):
+        settled(CHATTERING, ON_THE_STOP, events=2000)
+
+
+@pytest.mark.parametrize(
+    ('option', 'value'), [('cycles', 0), ('watch', 20), ('tolerance', 1.0), ('events', 0)]
+)
+def test_settling_says_what_it_takes(option, value):
+    with pytest.raises(ValueError, match=f'{option} is {value}.*: give a'):
+        Settling(**{option: value})

@@ -1,0 +1,221 @@
+"""Sweeps of rigs under gap control: what they settle into, however and by whom they are run."""
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from control.controlled_rigs import IDEAL, TRIAL, control
+from sweep.shuffled_executor import Shuffled
+
+from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.orbits.settling_rig import EndlessEventsError, Settling
+from impact_damper_ros.rig import InitialConditions
+from impact_damper_ros.rig.long_run import LongRun
+from impact_damper_ros.sweep.columns import columns_of
+from impact_damper_ros.sweep.execution import Here, run_sweep
+from impact_damper_ros.sweep.optimum import find_optimum, summary_of, summary_text
+from impact_damper_ros.sweep.plan import AxisError, Follow, SweepPlan, axis_from_text
+from impact_damper_ros.sweep.steady_state import steady_state
+from impact_damper_ros.sweep.table import SweepTable, write_table
+from impact_damper_ros.sweep.work import Journal, journal_path, rig_row
+
+pytest.importorskip('pyarrow')
+
+#: Sixteen samples in each cycle of the force, whose frequency is 1 rad/s.
+IN_STEP = 16 / math.tau
+TIMED = control('timed', gap_control_rate=IN_STEP)
+START = InitialConditions(initial_primary_position=1.0)
+BRIEF = Settling(cycles=200, watch=25, section=10)
+
+
+def plan_of(*ranges, rig=TRIAL, law=TIMED, follow=Follow.NONE, settling=BRIEF):
+    axes = tuple(axis_from_text(text, rig) for text in ranges)
+    return SweepPlan(rig, START, axes, follow, settling, law)
+
+
+#: From a smallest gap that cannot be on.
+VARIED = plan_of('gap_min=1e-3,0.1,2e3', 'force_amplitudes=0.5,1')
+FOLLOWED = plan_of(
+    'gap_control_park=1.2:1.8:3',
+    law=control('timed', actuator_delay=0.1, actuator_speed=40.0),
+    follow=Follow.BOTH,
+    settling=Settling(cycles=60, watch=21, section=10),
+)
+
+
+def table_of(plan, path, executor=None, **options):
+    with Journal(journal_path(path), plan.inputs()) as journal:
+        run_sweep(plan, journal, executor or Here(), **{'at_once': 1, **options})
+        write_table(plan, journal, path)
+    journal_path(path).unlink()
+    return path.read_bytes()
+
+
+def sampled_rms(law, cycles, watched):
+    """Return the rms of X over the last cycles, by many samples of the controlled rig."""
+    rig = ControlledRig(TRIAL, START, control=law)
+    rig.advance(math.tau * (cycles - watched))
+    squares = []
+    for k in range(1, 64 * watched + 1):
+        rig.advance(math.tau * (cycles - watched + k / 64))
+        squares.append(rig.sample().x ** 2)
+    return math.sqrt(np.mean(squares))
+
+
+def test_a_timed_law_in_step_repeats():
+    state = steady_state(ControlledRun(TRIAL, START, TIMED), BRIEF)
+    assert state.kind is MotionKind.PERIODIC
+    assert (state.period, state.impacts, state.stops) == (1, 2, ('1', '2'))
+    assert state.impacts_per_cycle == 2.0
+    assert state.x_max / TRIAL.response_amplitude == pytest.approx(IDEAL, rel=0.03)
+    assert state.x_rms == pytest.approx(sampled_rms(TIMED, 250, 4), rel=1e-5)
+    assert sorted(state.hits[:, 0]) == [1, 2]
+    # Half a cycle apart
+    assert abs(np.ptp(state.hits[:, 1]) - 0.5) < 1e-3
+
+
+def test_samples_out_of_step_or_noisy_are_measured_all_the_same():
+    for law in (
+        control('amplitude', gap_control_rate=5.0),
+        control('timed', gap_control_rate=IN_STEP, gap_control_noise_position=0.02),
+    ):
+        state = steady_state(ControlledRun(TRIAL, START, law), BRIEF)
+        assert state.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
+        assert (state.period, state.settling_cycles, state.measured_cycles) == (0, 200, 25)
+        assert state.impacts_per_cycle == pytest.approx(2.0, abs=0.05)
+        assert state.x_rms == pytest.approx(sampled_rms(law, 225, 25), rel=1e-5)
+
+
+def test_a_law_whose_stops_come_to_a_stand_repeats_whenever_it_samples():
+    law = control('amplitude', gap_control_rate=5.0, gap_control_stops='symmetric')
+    state = steady_state(ControlledRun(TRIAL, START, law), BRIEF)
+    assert state.kind is MotionKind.PERIODIC
+    assert (state.period, state.stops) == (1, ('1', '2'))
+
+
+def test_stops_on_their_way_are_not_a_settled_motion():
+    """The damper at rest and far off, the stops creep towards it for a hundred cycles."""
+    rig = TRIAL.replace(damping=1.0, gap=900.0)
+    law = control('amplitude', gap_control_rate=IN_STEP, actuator_speed=0.5)
+    state = steady_state(ControlledRun(rig, control=law), BRIEF)
+    fixed = steady_state(LongRun(rig), BRIEF)
+    assert fixed.kind is MotionKind.NO_IMPACTS
+    assert fixed.settling_cycles == 50
+    assert state.settling_cycles > 2 * fixed.settling_cycles
+
+
+def test_rows_of_varied_control(tmp_path):
+    table_of(VARIED, tmp_path / 'a.parquet')
+    table = pd.read_parquet(tmp_path / 'a.parquet')
+    assert list(table.gap_min) == [1e-3, 1e-3, 0.1, 0.1, 2e3, 2e3]
+    assert list(table.ok) == [True] * 4 + [False] * 2
+    assert 'gap_min is 2000.0 m and gap_max 1000.0 m: give a gap_min below' in table.reason[4]
+    assert (table.lyapunov_exponent[:4].abs() <= table.lyapunov_uncertainty[:4]).all()
+    assert list(table.largest_multiplier[:4]) == pytest.approx([1.0] * 4, abs=1e-5)
+    meanings = {column.name: column.description for column in columns_of(VARIED)}
+    assert meanings['gap_min'].startswith('Smallest gap to which the control')
+    # The timed law does not depend on the level of the force
+    assert table.x_max_ratio[0] == pytest.approx(table.x_max_ratio[1], rel=1e-3)
+    assert SweepTable(tmp_path / 'a.parquet').plan == VARIED
+    assert table.attrs['inputs']['gap_control']['gap_control'] == 'timed'
+
+
+def test_followed_rigs_take_over_rig_and_control():
+    row, state = rig_row(TRIAL, START, (), BRIEF, None, TIMED)
+    assert state['time'] == pytest.approx(math.tau * (row['settling_cycles'] + 3))
+    assert state['gap_control']['state']['roused'] is True
+    plan = plan_of('gap_control_park=1.4,1.6', follow=Follow.UP)
+    settings = plan.settings(plan.point(1))
+    following, _ = rig_row(TRIAL, START, settings, BRIEF, state, TIMED)
+    fresh, _ = rig_row(TRIAL, START, settings, BRIEF, None, TIMED)
+    assert following['settled']
+    assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
+    assert following['settling_cycles'] <= fresh['settling_cycles']
+    assert following['impact_phase'] == pytest.approx(fresh['impact_phase'], abs=1e-6)
+
+
+@pytest.mark.parametrize('plan', [VARIED, FOLLOWED], ids=['independent', 'followed'])
+def test_the_table_does_not_depend_on_how_it_was_run(plan, tmp_path, monkeypatch):
+    """Whoever runs it, and cut short after each rig."""
+    whole = table_of(plan, tmp_path / 'whole.parquet')
+    shuffled = Shuffled()
+    with shuffled.pool:
+        assert table_of(plan, tmp_path / 'other.parquet', shuffled, at_once=5) == whole
+    monkeypatch.setattr('impact_damper_ros.sweep.execution._SECONDS', 0.0)
+
+    def stop(_):
+        raise KeyboardInterrupt
+
+    path = tmp_path / 'cut.parquet'
+    for _ in range(4):
+        with pytest.raises(KeyboardInterrupt):
+            table_of(plan, path, progress=stop)
+    assert table_of(plan, path) == whole
+
+
+def test_the_optimum_of_a_control_lies_between_the_values_of_the_grid(tmp_path, monkeypatch):
+    """A stop that closes slowly hits late, one that closes fast after another sample."""
+    monkeypatch.setattr('impact_damper_ros.sweep.optimum._FINEST', 0.02)
+    law = control('timed', gap_control_rate=IN_STEP, actuator_delay=0.3, gap_control_park=1.2)
+    plan = plan_of('actuator_speed=12,20,60', 'gap_control_seed=0,1', law=law)
+    table_of(plan, tmp_path / 'a.parquet')
+    table = SweepTable(tmp_path / 'a.parquet')
+    on_grid = find_optimum(table, 'x_rms', refine=False)
+    assert on_grid.value == table.numbers('x_rms').min()
+    assert on_grid.values == (20.0, 0.0)
+    assert on_grid.trials == 0
+    trials = []
+    found = find_optimum(table, 'x_rms', progress=lambda: trials.append(1))
+    assert found.trials == len(trials) > 5
+    assert found.grid_values == on_grid.values
+    assert found.value < on_grid.value - 1e-5
+    assert 21.0 < found.values[0] < 26.0
+    # Nothing lies between two seeds
+    assert found.values[1] == 0.0
+    fine, settings = [], plan.settings(plan.point(found.point))[1:]
+    state = json.loads(table.texts('state')[found.point])
+    for speed in (*np.linspace(18.0, 30.0, 7), found.values[0]):
+        varied = [(plan.axes[0].targets[0], float(speed)), *settings]
+        fine.append(rig_row(TRIAL, START, varied, BRIEF, state, law)[0]['x_rms'])
+    assert fine[-1] == found.value <= min(fine)
+
+
+def test_what_scatters_must_be_better_by_more_than_that(tmp_path):
+    """Out of step, none of these repeats to the last digits."""
+    law = control('timed', gap_control_rate=5.0, gap_control_noise_position=0.02)
+    plan = plan_of('gap_control_park=0.6,1.5,3', law=law, settling=Settling(cycles=60, watch=21))
+    table_of(plan, tmp_path / 'a.parquet')
+    table = SweepTable(tmp_path / 'a.parquet')
+    assert not table.flags('settled').any()
+    optimum = find_optimum(table, 'x_rms')
+    assert optimum.grid_measure == table.numbers('x_rms').min()
+    # From 1.5 on the parked stops are out of the way
+    assert optimum.grid_values[0] >= 1.5
+    assert 0.0 < optimum.scatter < 0.01 * optimum.value
+    assert optimum.value == optimum.grid_measure
+    text = summary_text(tmp_path, summary_of(table, optimum))
+    assert f' +- {optimum.scatter:.1g} at gap_control_park = ' in text
+
+
+def test_endless_events_are_a_reason():
+    rig = TRIAL.replace(
+        restitution_1=1.0, restitution_2=1.0, air_force=0.3, gap=2.0, force_amplitudes=[3.0]
+    )
+    law = control('amplitude', gap_max=2.0)
+    with pytest.raises(EndlessEventsError, match='allow more events'):
+        steady_state(ControlledRun(rig, START, law), Settling(cycles=100, events=3000))
+
+
+def test_plans_with_control():
+    with pytest.raises(AxisError, match=r'gap_control_park is varied, but gap_control is off'):
+        plan_of('gap_control_park=1,2', law=control('off'))
+    with pytest.raises(AxisError, match='gap_control is a text and has no range'):
+        plan_of('gap_control=timed,off')
+    assert SweepPlan.from_inputs(VARIED.inputs()) == VARIED
+    plain = SweepPlan(TRIAL, START, VARIED.axes[1:])
+    assert 'gap_control' not in plain.inputs()
+    assert SweepPlan.from_inputs(plain.inputs()) == plain
