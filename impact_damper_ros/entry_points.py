@@ -45,11 +45,6 @@ def begin(command: str) -> None:
     Ctrl-C says that the command is interrupted, with exit code 130. The node ends with 0 on
     SIGINT, SIGTERM and SIGHUP, as when it runs. A Ctrl-C that the process was started to ignore
     stays ignored.
-
-    Parameters
-    ----------
-    command : str
-        Its name.
     """
     if command == _NODE:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -68,22 +63,7 @@ def begin_module() -> None:
 
 
 def run(command: str, main: Callable[[], int]) -> int:
-    """
-    Run a command whose modules are imported.
-
-    Parameters
-    ----------
-    command : str
-        Its name.
-    main : callable
-        Does the work, and returns the exit code.
-
-    Returns
-    -------
-    int
-        That exit code; 130 if a Ctrl-C comes out of `main`, or an error that it has led to; 1 if
-        it is a rig with events without end, which is said in a line.
-    """
+    """Run a command whose modules are imported."""
     if command == _NODE:
         return main()  # which takes the signals itself, for good
     interrupted = False

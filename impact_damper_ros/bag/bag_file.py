@@ -505,14 +505,7 @@ class BagFile:
         return self.metadata().whole.end_ns
 
     def expected_size(self, waiting: int) -> float:
-        """
-        Return about how long the present file would be if it ended with what waits.
-
-        Parameters
-        ----------
-        waiting : int
-            Messages that are still to be added.
-        """
+        """Return about how long the present file would be if it ended with what waits."""
         counts, _, _, size = self._committed
         there = sum(counts) - sum(self._before)
         each = (size - self._head + self._guess * _GUESSED) / (there + _GUESSED)
@@ -543,26 +536,7 @@ class BagFile:
     def add(
         self, channel: int, content: bytes, stamp_ns: int, sequence: int | None = None
     ) -> None:
-        """
-        Add a message to the current chunk.
-
-        Parameters
-        ----------
-        channel : int
-            Index of the channel.
-        content : bytes
-            The serialised message.
-        stamp_ns : int
-            Its stamp, 0 to 2**63 - 1; both log time and publish time.
-        sequence : int, optional
-            Number of the message in its channel; counted on from 0 through all files if not
-            given.
-
-        Raises
-        ------
-        OSError
-            If chunks had to be handed over and that fails.
-        """
+        """Add a message to the current chunk."""
         if sequence is None:
             sequence = self.counts[channel] & 0xFFFFFFFF
         self._writer.add_message(self._channel_ids[channel], stamp_ns, content, sequence)
@@ -575,14 +549,7 @@ class BagFile:
             self.flush()
 
     def flush(self) -> None:
-        """
-        Close the chunk and hand all that is pending to the operating system.
-
-        Raises
-        ------
-        OSError
-            If that fails; the file then ends with the last good flush.
-        """
+        """Close the chunk and hand all that is pending to the operating system."""
         self._writer.flush()
         self._commit()
 
@@ -603,15 +570,7 @@ class BagFile:
         self._stream.sync()
 
     def next_file(self) -> None:
-        """
-        Finish the present file, if there is anything in it, and go on to a new one.
-
-        Raises
-        ------
-        RecordingError
-            If that fails. What was flushed before stays salvageable; where only the new file
-            cannot be made, the present one is whole.
-        """
+        """Finish the present file, if there is anything in it, and go on to a new one."""
         if self.counts == self._before:
             return
         path = self.path
@@ -640,14 +599,7 @@ class BagFile:
         self._commit()
 
     def finish(self) -> None:
-        """
-        Write summary and footer, then, last of all, ``metadata.yaml``.
-
-        Raises
-        ------
-        OSError
-            If that fails; what was flushed before stays salvageable.
-        """
+        """Write summary and footer, then, last of all, ``metadata.yaml``."""
         try:
             self._end_file()
             self.sync()
@@ -661,14 +613,7 @@ class BagFile:
                 stream.close()
 
     def abandon(self) -> int:
-        """
-        Close the files as they are, without raising; count only what is in them.
-
-        Returns
-        -------
-        int
-            Number of messages that were added and did not reach a file.
-        """
+        """Close the files as they are, without raising; count only what is in them."""
         if not self._stream.closed:
             with suppress(OSError):
                 self.sync()

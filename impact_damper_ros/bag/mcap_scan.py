@@ -207,14 +207,7 @@ class Scan:
 
 
 def open_file(path: Path) -> BinaryIO:
-    """
-    Open a file for reading; a pipe or device is not waited for.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, or is no regular file.
-    """
+    """Open a file for reading; a pipe or device is not waited for."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | getattr(os, 'O_CLOEXEC', 0))
     except OSError as error:
@@ -270,22 +263,6 @@ def read_block(
     Return the messages of a block in file order; schemas and channels go into `scan`.
 
     Of a block that is not whole, the messages that are.
-
-    Parameters
-    ----------
-    scan : Scan
-        The file; takes note of what is wrong with a block when it is read for the first time.
-    stream : file
-        The same, opened.
-    block : Block
-        One of its blocks.
-    channels : collection of int, optional
-        Those whose messages are wanted; all if not given.
-
-    Raises
-    ------
-    RecordingError
-        If the block is damaged, or larger than any that is read.
     """
     try:
         if block.length > LARGEST_CHUNK:
@@ -343,14 +320,7 @@ def _expanded(packed: bytes, size: int) -> bytes:
 
 
 def plain_content(content: bytes) -> bytes:
-    """
-    Return a message as it was sent: rosbag2 may compress each one by itself.
-
-    Raises
-    ------
-    ValueError
-        If it is damaged, or larger than any that is read.
-    """
+    """Return a message as it was sent: rosbag2 may compress each one by itself."""
     if content[:4] != _ZSTD:
         return content
     try:
@@ -506,18 +476,6 @@ def scan_file(path: Path, source: Path | None = None) -> Scan:
 
     The chunks of a finished file are skipped: its index tells what they hold. Those of any other
     are read through, one at a time.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    source : Path, optional
-        The file to be named in messages, if `path` is an expanded copy of it.
-
-    Raises
-    ------
-    RecordingError
-        If the file is empty, cannot be read or is not an MCAP file.
     """
     try:
         with open_file(path) as stream:

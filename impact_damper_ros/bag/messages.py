@@ -325,21 +325,7 @@ DECODABLE = tuple(_DECODERS)
 
 
 def decode(interface: str, content: bytes) -> Message:
-    """
-    Decode a message.
-
-    Parameters
-    ----------
-    interface : str
-        Full name of its type.
-    content : bytes
-        The message in CDR.
-
-    Raises
-    ------
-    CdrError
-        If the type is not known here, or the bytes are no such message.
-    """
+    """Decode a message."""
     try:
         decoder = _DECODERS[interface]
     except KeyError:

@@ -151,14 +151,7 @@ class BagMetadata:
         return dump_yaml(self.as_mapping())
 
     def write(self, directory: Path) -> None:
-        """
-        Write ``metadata.yaml`` so that at any instant there is a whole one or none.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
+        """Write ``metadata.yaml`` so that at any instant there is a whole one or none."""
         text = dump_yaml({'rosbag2_bagfile_information': self.as_mapping()}) + '\n'
         draft = directory / f'{FILE_NAME}.tmp'
         try:
@@ -185,14 +178,7 @@ def sync_directory(directory: Path) -> None:
 
 
 def read_listing(directory: Path) -> dict[str, Any] | None:
-    """
-    Return what ``metadata.yaml`` says of a bag; None if there is none.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, or is no list of the files of a bag.
-    """
+    """Return what ``metadata.yaml`` says of a bag; None if there is none."""
     path = directory / FILE_NAME
     if not path.exists():
         return None
@@ -241,14 +227,7 @@ def counted(number: int, noun: str = 'message') -> str:
 
 
 def check_summary(scan: Scan) -> None:
-    """
-    Hold the summary of a finished file against what was found in it.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be read.
-    """
+    """Hold the summary of a finished file against what was found in it."""
     if not scan.finished:
         return
     for kind, text in (*_count_faults(scan), *_chunk_faults(scan), *_checksum_faults(scan)):
@@ -378,13 +357,6 @@ def number_faults(scans: Sequence[Scan], *, later: bool = False) -> Iterator[str
 
     A file may begin to count anew, or go on from the one before. Where a chunk could not be read,
     nothing is known. Of each topic, the first place is given.
-
-    Parameters
-    ----------
-    scans : sequence of Scan
-        The files of the bag, which have been read.
-    later : bool, optional
-        Whether the first file goes on from one that is not read.
     """
     last: dict[str, int] = {}
     wrong: set[str] = set()
@@ -430,21 +402,7 @@ def _items(content: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
 def listing_faults(
     listing: Mapping[str, Any], scans: Sequence[Scan], counts: Mapping[str, int], *, own: bool
 ) -> Iterator[str]:
-    """
-    Yield what ``metadata.yaml`` says otherwise than it is.
-
-    Parameters
-    ----------
-    listing : mapping
-        What ``metadata.yaml`` holds.
-    scans : sequence of Scan
-        The files of the bag, all of them finished.
-    counts : mapping of str to int
-        Messages by topic.
-    own : bool
-        Whether the bag is the node's own; other recorders lose messages that they have counted,
-        and their times are not exact.
-    """
+    """Yield what ``metadata.yaml`` says otherwise than it is."""
     topics: dict[str, int] = {}
     for item in _items(listing, 'topics_with_message_count'):
         about = item.get('topic_metadata')

@@ -338,20 +338,7 @@ def snapshot_message(offset_ns: int, time_ns: int, reason: str, state: Mapping[s
 def parameter_event(
     stamp_ns: int, node: str, values: Mapping[str, Any], *, new: bool = False
 ) -> bytes:
-    """
-    Return a rcl_interfaces/ParameterEvent.
-
-    Parameters
-    ----------
-    stamp_ns : int
-        Its stamp.
-    node : str
-        Full name of the node.
-    values : mapping
-        The parameters: numbers, texts, bools, and sequences of floats.
-    new : bool, optional
-        Whether they are declared, as in a list of all parameters; otherwise they changed.
-    """
+    """Return a rcl_interfaces/ParameterEvent."""
     writer = CdrWriter().time_ns(stamp_ns).string(node)
     for listed in (new, not new, False):
         writer.put('I', len(values) if listed else 0)

@@ -71,14 +71,7 @@ def _finite(text: str) -> float:
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """
-    Return what the text of a snapshot holds.
-
-    Raises
-    ------
-    ValueError
-        If it is no JSON object, too long or nested too deep, or has numbers that no rig has.
-    """
+    """Return what the text of a snapshot holds."""
     if len(text) > _LONGEST:
         raise ValueError(f'it is {len(text)} characters long; at most {_LONGEST} are read')
     try:
@@ -100,21 +93,7 @@ def _deeper(held: object, depth: int) -> bool:
 
 
 def checked_state(state: Mapping[str, Any], time: float) -> None:
-    """
-    Check that a rig can be restored from a state.
-
-    Parameters
-    ----------
-    state : mapping
-        The state, in the present format and with its gap control.
-    time : float
-        Rig time of the message, s.
-
-    Raises
-    ------
-    ValueError
-        If not; the text names the value and what is allowed.
-    """
+    """Check that a rig can be restored from a state."""
     origin = state['origin']
     _check_origin(origin)
     _check_number('time', state['time'])
@@ -378,22 +357,6 @@ def find_topics(
 
     The recorder's notes tell them; else their names do, and, where they were remapped, what is in
     their messages.
-
-    Parameters
-    ----------
-    reader : RunReader
-        The bag.
-    node : str, optional
-        Name or namespace of the node, if there are several.
-    purpose : str, optional
-        What the bag is read for, as a verb: for messages.
-    snapshot_needed : bool, optional
-        Whether a rig without a snapshot counts.
-
-    Raises
-    ------
-    RecordingError
-        If there is no rig in it, or a choice between several.
     """
     topics = reader.topics
     events = next((t.name for t in topics.values() if t.type == PARAMETER_EVENT), '')

@@ -76,14 +76,7 @@ class Unpacked:
         self._count = 0
 
     def file(self, path: Path) -> Path:
-        """
-        Return the plain MCAP file of a bag's file: itself, or an expanded copy.
-
-        Raises
-        ------
-        RecordingError
-            If it cannot be read, or expanded within the limits.
-        """
+        """Return the plain MCAP file of a bag's file: itself, or an expanded copy."""
         plain = path
         try:
             with open_file(path) as stream:
@@ -262,14 +255,7 @@ _NOTED = ('joint_states', 'impacts', 'snapshot')
 
 
 def bag_files(path: Path | str) -> list[Path]:
-    """
-    Return the files of a bag, in order: its own path, or those in the directory.
-
-    Raises
-    ------
-    RecordingError
-        If there are none.
-    """
+    """Return the files of a bag, in order: its own path, or those in the directory."""
     path = Path(path)
     if not path.is_dir():
         if not path.exists():

@@ -46,14 +46,7 @@ def type_hashes() -> dict[str, str]:
 
 
 def type_hash(interface: str) -> str:
-    """
-    Return the hash of one type, such as ``RIHS01_...``.
-
-    Raises
-    ------
-    KeyError
-        If no definition of this type is shipped.
-    """
+    """Return the hash of one type, such as ``RIHS01_...``."""
     try:
         return type_hashes()[interface]
     except KeyError:
@@ -231,11 +224,6 @@ def load_yaml(text: str) -> Any:
 
     The text is looked through before anything is built of it: libyaml goes as deep into the stack
     as the text is nested, and an alias may stand for any amount of text.
-
-    Raises
-    ------
-    yaml.YAMLError
-        If it is no YAML, or longer, deeper or of more parts than any bag's metadata.
     """
     if len(text) > LONGEST_YAML:
         raise yaml.YAMLError(f'it is {len(text)} characters long; at most {LONGEST_YAML} are read')

@@ -54,16 +54,7 @@ _REMEDIES = {
 
 
 def in_words(error: OSError, path: Path | None = None) -> str:
-    """
-    Say what cannot be written, why, and what to do.
-
-    Parameters
-    ----------
-    error : OSError
-        What the attempt ended with.
-    path : Path, optional
-        What is meant where the error does not name it.
-    """
+    """Say what cannot be written, why, and what to do."""
     remedy = _REMEDIES.get(
         error.errno or 0, 'give a directory that exists and can be written, with room on the disk'
     )
@@ -91,19 +82,7 @@ def _is_stream(path: Path) -> bool:
 
 
 def check_file(path: Path) -> None:
-    """
-    Find out before the work whether a file can be written after it; nothing is changed.
-
-    Parameters
-    ----------
-    path : Path
-        The file; - stands for standard output.
-
-    Raises
-    ------
-    OSError
-        If it cannot; its `filename` is the path.
-    """
+    """Find out before the work whether a file can be written after it; nothing is changed."""
     if str(path) == '-':
         return
     if path.is_dir():
@@ -117,16 +96,7 @@ def check_file(path: Path) -> None:
 
 
 def check_figure(path: Path) -> None:
-    """
-    Find out before the work whether a figure can be drawn after it.
-
-    Raises
-    ------
-    ValueError
-        If its name does not say a known format, or matplotlib is missing.
-    OSError
-        If the file cannot be written.
-    """
+    """Find out before the work whether a figure can be drawn after it."""
     if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
         raise ValueError(f'{path}: give a name that ends in .png, .svg or .pdf')
     if find_spec('matplotlib') is None:
@@ -138,14 +108,7 @@ def check_figure(path: Path) -> None:
 
 
 def check_directory(path: Path) -> None:
-    """
-    Find out before the work whether a directory can be made, and written into; nothing is changed.
-
-    Raises
-    ------
-    OSError
-        If it cannot; its `filename` is the path.
-    """
+    """Check that a directory can be made and written into, without making it."""
     place = path.absolute()
     while not place.exists():
         place = place.parent
@@ -156,24 +119,7 @@ def check_directory(path: Path) -> None:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """
-    Write a file so that at any instant there is a whole one, the old or the new, or none.
-
-    Parameters
-    ----------
-    path : Path
-        The file. A pipe or a device is just written to.
-
-    Yields
-    ------
-    Path
-        Where to write it; it has the same suffix.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; its `filename` is the path.
-    """
+    """Write a file so that at any instant there is a whole one, the old or the new, or none."""
     if _is_stream(path):
         yield path
         return
@@ -238,20 +184,7 @@ def announce(
     *,
     frequencies: tuple[float, float] | None = None,
 ) -> None:
-    """
-    Say which rig a command works on, before it does, and whether a frequency may be in Hz.
-
-    Parameters
-    ----------
-    command : str
-        Its name.
-    rig : RigParameters
-        The rig.
-    control : GapControlParameters, optional
-        Its gap control.
-    frequencies : tuple of float, optional
-        Lowest and highest frequency of the first harmonic, rad/s, if it is varied.
-    """
+    """Say which rig a command works on, before it does, and whether a frequency may be in Hz."""
     say(command, rig_line(rig, control))
     hint(command, rig, frequencies)
 
@@ -283,22 +216,7 @@ def add_jobs_option(parser: argparse.ArgumentParser) -> None:
 
 
 def outcome(command: str, work: Callable[[], int]) -> int:
-    """
-    Do the work of a command.
-
-    Parameters
-    ----------
-    command : str
-        Its name, for messages.
-    work : callable
-        Does the work and returns the exit status.
-
-    Returns
-    -------
-    int
-        That exit status; 1 if something cannot be written, 2 if the bag or an argument cannot be
-        used, 130 on Ctrl-C.
-    """
+    """Do the work of a command."""
     try:
         return work()
     except (RecordingError, ValueError) as error:

@@ -194,14 +194,7 @@ def _report(arguments: argparse.Namespace, comparison: RunComparison, command: s
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the command.
-
-    Returns
-    -------
-    int
-        Exit status, as the help says.
-    """
+    """Run the command."""
     arguments = _parser().parse_args(argv)
     words = sys.argv[1:] if argv is None else argv
     if arguments.report is not None and find_spec('matplotlib') is None:

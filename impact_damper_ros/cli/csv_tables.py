@@ -38,14 +38,7 @@ def impact_rows(events: Sequence[Event]) -> str:
 
 
 def open_table(path: Path, columns: Sequence[str], stack: ExitStack) -> IO[str]:
-    """
-    Open a file for a table and write its head.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Open a file for a table and write its head."""
     stream = stack.enter_context(path.open('w', encoding='utf-8', newline=''))
     stream.write(row(columns))
     return stream

@@ -302,14 +302,7 @@ def _print_verdicts(directory: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the demonstration.
-
-    Returns
-    -------
-    int
-        0, or 1 with a message if something did not work.
-    """
+    """Run the demonstration."""
     parser = argparse.ArgumentParser('demo', description=__doc__.split('\n\n')[0])
     parser.add_argument('directory', nargs='?', type=Path, default=Path('demo_run'))
     parser.add_argument('--duration', type=float, default=30.0, help='seconds, at least 15 [30]')

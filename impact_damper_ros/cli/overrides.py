@@ -86,26 +86,7 @@ def _values(
 def overridden(
     settings: Sequence[str], parameters: RigParameters, initial: InitialConditions
 ) -> tuple[RigParameters, InitialConditions]:
-    """
-    Apply ``--set`` options to a rig, all at once.
-
-    Parameters
-    ----------
-    settings : sequence of str
-        What was given, each NAME=VALUE.
-    parameters, initial : RigParameters, InitialConditions
-        The rig of the parameters file.
-
-    Returns
-    -------
-    parameters, initial : RigParameters, InitialConditions
-        The rig with the changes.
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, a value cannot be read, or the changed rig is not admissible.
-    """
+    """Apply ``--set`` options to a rig, all at once."""
     changes = _values(settings, [*PARAMETER_SPECS, *INITIAL_SPECS])
     parameters = parameters.replace(**{k: v for k, v in changes.items() if k in PARAMETER_SPECS})
     start = {k: v for k, v in changes.items() if k in INITIAL_SPECS}
@@ -117,28 +98,7 @@ def overridden(
 def overridden_control(
     settings: Sequence[str], control: GapControlParameters
 ) -> tuple[list[str], GapControlParameters]:
-    """
-    Apply those ``--set`` options that are of the gap control.
-
-    Parameters
-    ----------
-    settings : sequence of str
-        What was given, each NAME=VALUE.
-    control : GapControlParameters
-        The control of the parameters file.
-
-    Returns
-    -------
-    others : list of str
-        The options that are left, for `overridden`.
-    control : GapControlParameters
-        The control with the changes.
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, a value cannot be read, or the control is not admissible.
-    """
+    """Apply those ``--set`` options that are of the gap control."""
     # An unknown name is told with all that may stand there.
     changes = _values(settings, [*PARAMETER_SPECS, *INITIAL_SPECS, *GAP_CONTROL_SPECS])
     own = {name: value for name, value in changes.items() if name in GAP_CONTROL_SPECS}
@@ -152,24 +112,7 @@ def timed_changes(
     control: GapControlParameters,
     duration: float,
 ) -> list[TimedChange]:
-    """
-    Read ``--change`` options, in the order of their instants.
-
-    Parameters
-    ----------
-    settings : sequence of str
-        What was given, each TIME:NAME=VALUE; those of one instant take effect together.
-    parameters, control : RigParameters, GapControlParameters
-        The rig at the start.
-    duration : float
-        Length of the run, s.
-
-    Raises
-    ------
-    ValueError
-        If an instant is not within the run, a name is unknown, a value cannot be read, or a
-        changed rig is not admissible.
-    """
+    """Read ``--change`` options, in the order of their instants."""
     timed = []
     for setting in settings:
         text, colon, change = setting.partition(':')

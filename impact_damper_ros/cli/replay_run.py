@@ -64,27 +64,7 @@ _MOST_IN_FIGURE = 3
 
 
 def held_values(settings: Sequence[str], logged: Setting) -> tuple[dict[str, Any], dict[str, Any]]:
-    """
-    Read ``--set`` options.
-
-    Parameters
-    ----------
-    settings : sequence of str
-        What was given, each NAME=VALUE.
-    logged : Setting
-        The rig and its control as recorded.
-
-    Returns
-    -------
-    held, held_initial : dict
-        Parameters of rig and control, and initial conditions, with the values at which to hold
-        them.
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, a value cannot be read, or the changed rig is not admissible.
-    """
+    """Read ``--set`` options."""
     others, control = overridden_control(settings, logged.control)
     rig, initial = overridden(others, logged.rig, InitialConditions())
     changed = Setting(rig, control).as_dict()
@@ -388,14 +368,7 @@ def _report(arguments: argparse.Namespace, replay: Replay, comparison: Compariso
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the command.
-
-    Returns
-    -------
-    int
-        Exit status, as the help says.
-    """
+    """Run the command."""
     parser = _parser()
     arguments = parser.parse_args(argv)
     if arguments.figure is not None and not arguments.set:

@@ -384,15 +384,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the command.
-
-    Returns
-    -------
-    int
-        0; 1 if the files could not be written, or the rig has events without end; 2 if the input
-        is not usable; 130 on Ctrl-C, with everything simulated so far written.
-    """
+    """Run the command."""
     arguments = _parser().parse_args(argv)
     try:
         parameters, initial, other = load_parameters(arguments.params)

@@ -182,15 +182,7 @@ def _verdict(searches: list[OrbitSearch], arguments: argparse.Namespace) -> tupl
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the command.
-
-    Returns
-    -------
-    int
-        0; 1 if the file could not be written; 2 if the input is not usable; 3 if there is no
-        solution; 4 if no solution is viable; 130 on Ctrl-C.
-    """
+    """Run the command."""
     arguments = _parser().parse_args(argv)
     try:
         parameters, initial, _ = load_parameters(arguments.params)

@@ -90,15 +90,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the command.
-
-    Returns
-    -------
-    int
-        0; 1 if a file could not be written or a process died; 2 if the input is not usable; 130
-        on Ctrl-C.
-    """
+    """Run the command."""
     arguments = _parser().parse_args(argv)
     try:
         import matplotlib  # noqa: F401

@@ -220,14 +220,7 @@ def _ranges(path: Path, rig: RigParameters) -> list[Axis]:
 
 
 def plan_of(arguments: argparse.Namespace) -> SweepPlan:
-    """
-    Return the sweep that was asked for.
-
-    Raises
-    ------
-    ValueError
-        If something is not usable; the message says what, and the remedy.
-    """
+    """Return the sweep that was asked for."""
     parameters, initial, other = load_parameters(arguments.params)
     control = GapControlParameters(**{k: v for k, v in other.items() if k in GAP_CONTROL_SPECS})
     settings, control = overridden_control(arguments.set, control)
@@ -463,15 +456,7 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the command.
-
-    Returns
-    -------
-    int
-        0; 1 if something could not be written or workers died; 2 if the input is not usable; 4 if
-        every rig failed; 130 on Ctrl-C or SIGTERM, with all finished rigs on disk.
-    """
+    """Run the command."""
     arguments = parser().parse_args(argv)
     try:
         need_pyarrow()

@@ -196,14 +196,7 @@ class RigAt:
 
     @classmethod
     def of_snapshot(cls, state: Mapping[str, Any]) -> Self:
-        """
-        Return the rig of a snapshot.
-
-        Raises
-        ------
-        ValueError
-            If the snapshot is of another format or lacks something.
-        """
+        """Return the rig of a snapshot."""
         snapshot = Snapshot.from_dict(dict(state))
         origin = snapshot.origin
         time = origin.time + origin.time_low
@@ -216,14 +209,7 @@ class RigAt:
         return cls(snapshot.parameters, clock, origin.last_stop, control, moving)
 
     def changed(self, values: Mapping[str, Any], time: float) -> RigAt:
-        """
-        Return the rig after a change at an instant, s; the harmonics keep their angles.
-
-        Raises
-        ------
-        ParameterError
-            If the rig cannot be changed so.
-        """
+        """Return the rig after a change at an instant, s; the harmonics keep their angles."""
         named = {name: value for name, value in values.items() if name in PARAMETER_SPECS}
         parameters = self.parameters.replace(**named)
         clock = self.clock

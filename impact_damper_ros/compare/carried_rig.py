@@ -226,23 +226,7 @@ def _settled_after(recurrence: Recurrence, impacts: RecordedImpacts, begin: floa
 
 
 def carry_on(clock: ForceClock, impacts: RecordedImpacts, recorded: float) -> CarriedMotion | None:
-    """
-    Let the rig of the theory go on from the last impact.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    impacts : RecordedImpacts
-        The recorded impacts.
-    recorded : float
-        Cycles of the force that they take.
-
-    Returns
-    -------
-    CarriedMotion or None
-        None without impacts, or if the rig has too many events to be run for a few cycles.
-    """
+    """Let the rig of the theory go on from the last impact."""
     if not len(impacts):
         return None
     rig = _CarriedRig(clock, impacts)

@@ -77,20 +77,7 @@ def judged_log(log: list[Finding]) -> Judgement:
 def judged_period(
     kind: StretchKind, part: PeriodicPart, log: list[Finding], solver: str
 ) -> Judgement:
-    """
-    Judge a motion that repeats, or comes to.
-
-    Parameters
-    ----------
-    kind : StretchKind
-        What it is.
-    part : PeriodicPart
-        The motion, and its prediction.
-    log : list of Finding
-        What is wrong with the log.
-    solver : str
-        Why there is no prediction, if there is none.
-    """
+    """Judge a motion that repeats, or comes to."""
     orbit = part.match.orbit
     distance = float(part.match.distance)
     if log:
@@ -135,25 +122,7 @@ def judged_period(
 def irregular_judgement(
     clock: ForceClock, kind: StretchKind, log: list[Finding]
 ) -> tuple[Judgement, PeriodicOrbit | None]:
-    """
-    Judge a motion that does not repeat, by the simplest motion that theory has here.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    kind : StretchKind
-        What the motion is.
-    log : list of Finding
-        What is wrong with the log.
-
-    Returns
-    -------
-    judgement : Judgement
-        The verdict.
-    orbit : PeriodicOrbit or None
-        That motion.
-    """
+    """Judge a motion that does not repeat, by the simplest motion that theory has here."""
     rig = clock.counted_from_zero()
     stops = (1,) if rig.one_sided else (1, 2)
     orbits: tuple[PeriodicOrbit, ...] = ()
@@ -198,18 +167,7 @@ def _beside(
 
 
 def judged_oscillation(found: Oscillation | None, x_max: float, log: list[Finding]) -> Judgement:
-    """
-    Judge a motion without impacts.
-
-    Parameters
-    ----------
-    found : Oscillation or None
-        What the theory has.
-    x_max : float
-        Measured largest |X|, m.
-    log : list of Finding
-        What is wrong with the log.
-    """
+    """Judge a motion without impacts."""
     if log:
         return judged_log(log)
     if found is None:

@@ -88,25 +88,7 @@ def impact_curve(stretch: RecordedStretch, impacts: RecordedImpacts) -> ImpactCu
 def predicted_curve(
     clock: ForceClock, orbit: PeriodicOrbit, period: ImpactStates | None, time: float
 ) -> PredictedCurve | None:
-    """
-    Return one period of a predicted motion.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    orbit : PeriodicOrbit
-        The motion; counted as the measured one, if there is one.
-    period : ImpactStates or None
-        The measured period.
-    time : float
-        Instant of its first impact, rig time, s; any instant without it.
-
-    Returns
-    -------
-    PredictedCurve or None
-        None if the rig cannot move so.
-    """
+    """Return one period of a predicted motion."""
     if not orbit.viable or not orbit.impacts:
         return None
     rig = clock.counted_from_zero()
@@ -158,16 +140,7 @@ def predicted_curve(
 
 
 def spectrum(states: RecordedStates, force_frequency: float) -> Spectrum | None:
-    """
-    Return the amplitude spectrum of X, of the end of some joint states.
-
-    Parameters
-    ----------
-    states : RecordedStates
-        Joint states in a row.
-    force_frequency : float
-        Of the first harmonic, Hz; 0 without a force.
-    """
+    """Return the amplitude spectrum of X, of the end of some joint states."""
     steps = np.diff(states.time)
     if len(steps) < 16:
         return None

@@ -57,20 +57,7 @@ class FollowedRig:
     def course(
         self, knots: Knots, first: int, duration: float, *, differentiate: bool = False
     ) -> Course | None:
-        """
-        Return the motion from just after a knot on.
-
-        Parameters
-        ----------
-        knots : Knots
-            The knots.
-        first : int
-            Where to begin.
-        duration : float
-            How long, s.
-        differentiate : bool, optional
-            Whether to work out its derivative.
-        """
+        """Return the motion from just after a knot on."""
         x, z = float(knots.x[first]), float(knots.z[first])
         velocity = float(knots.velocity[first])
         relative = float(knots.damper_velocity[first]) - velocity
@@ -103,21 +90,7 @@ class FollowedRig:
         return not self.rig.one_sided and bool((beyond & (knots.touched[[first, last]] > 0)).any())
 
     def next_knot(self, knots: Knots, first: int) -> Array | None:
-        """
-        Return X, X', Z and Z' just before the knot after the next interval.
-
-        Parameters
-        ----------
-        knots : Knots
-            The knots.
-        first : int
-            Where the interval begins.
-
-        Returns
-        -------
-        ndarray, shape (4,), or None
-            None if an impact comes that is not recorded there, or does not come.
-        """
+        """Return X, X', Z and Z' just before the knot after the next interval."""
         last = first + 1
         duration = float(knots.time[last] - knots.time[first])
         at_impact = knots.stop[last] > 0.0
@@ -143,20 +116,7 @@ class FollowedRig:
     def reaches(
         self, course: Course, knots: Knots, last: int, tolerances: Array
     ) -> tuple[Array, bool]:
-        """
-        Return by how much a course misses a joint state, and whether that can be told.
-
-        Parameters
-        ----------
-        course : Course
-            The course, with its derivative.
-        knots : Knots
-            The knots.
-        last : int
-            Where it ends.
-        tolerances : ndarray, shape (4,)
-            How well X, X', Z and Z' are known.
-        """
+        """Return by how much a course misses a joint state, and whether that can be told."""
         missed = _recorded(knots, last) - _state_of(course)
         scale = np.array(
             [
@@ -278,16 +238,7 @@ class FaultSearch:
         return min(1.0, done / self.intervals) if self.intervals else 0.0
 
     def look(self, knots: Knots, *, final: bool = False) -> None:
-        """
-        Take the next knots.
-
-        Parameters
-        ----------
-        knots : Knots
-            Those after the ones before.
-        final : bool, optional
-            Whether they are the last ones.
-        """
+        """Take the next knots."""
         if self._held is not None:
             knots = Knots.joined([self._held, knots])
         self._held = None

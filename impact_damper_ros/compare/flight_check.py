@@ -221,18 +221,7 @@ class Intervals:
 def knots_of(
     parameters: RigParameters, states: RecordedStates, impacts: RecordedImpacts, last_stop: int
 ) -> Knots:
-    """
-    Put joint states and impacts in order.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig, as logged.
-    states, impacts : RecordedStates, RecordedImpacts
-        What was recorded.
-    last_stop : int
-        Stop hit last before all of them, or 0.
-    """
+    """Put joint states and impacts in order."""
     zeros = np.zeros(len(states))
     columns = [
         (states.time, impacts.time),
@@ -334,16 +323,7 @@ def tolerances_of(parameters: RigParameters, knots: Knots) -> Array:
 
 
 def check_intervals(clock: ForceClock, knots: Knots) -> Intervals:
-    """
-    Hold what is recorded at each knot against what the one before it leads to.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    knots : Knots
-        At least two.
-    """
+    """Hold what is recorded at each knot against what the one before it leads to."""
     # Wrong numbers may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
         flights, plain = _flights(clock.parameters, knots)

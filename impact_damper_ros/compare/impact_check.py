@@ -84,16 +84,7 @@ def _misplaced(
 def gap_findings(
     parameters: RigParameters, states: RecordedStates, impacts: RecordedImpacts
 ) -> Iterator[Finding]:
-    """
-    Find out whether m hits the stops, and these stand, where the logged gap has them.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        As logged; no control moves the stops.
-    states, impacts : RecordedStates, RecordedImpacts
-        What was recorded.
-    """
+    """Find out whether m hits the stops, and these stand, where the logged gap has them."""
     half = 0.5 * parameters.gap
     length = max(half, largest_size(states.x, impacts.x))
     tolerance = _TOLERANCE * (half + length)
@@ -165,19 +156,7 @@ def contact_findings(
 def stop_findings(
     parameters: RigParameters, control: Mapping[str, Any], states: RecordedStates
 ) -> Iterator[Finding]:
-    """
-    Find joint states in which a stop is where, or as fast as, it cannot be.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        As logged.
-    control : mapping of str to value
-        Gap-control parameters as logged; under control a stop may be anywhere in its range, and
-        as fast as its actuator.
-    states : RecordedStates
-        What was recorded.
-    """
+    """Find joint states in which a stop is where, or as fast as, it cannot be."""
     half, active = 0.5 * parameters.gap, control.get('gap_control', 'off') != 'off'
     speed = float(control.get('actuator_speed') or 0.0) if active else 0.0
     reach = max(half, 0.5 * float(control.get('gap_max', 0.0))) if active else half

@@ -198,21 +198,7 @@ def _rates(
 
 
 def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Exponent | None:
-    """
-    Measure how fast motions next to the recorded one part from it, or join it.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    impacts : RecordedImpacts
-        The impacts.
-
-    Returns
-    -------
-    Exponent or None
-        None if there are too few impacts.
-    """
+    """Measure how fast motions next to the recorded one part from it, or join it."""
     impacts = impacts[-_MOST_IMPACTS:]
     if len(impacts) < 2 * _PARTS:
         return None
@@ -274,16 +260,7 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Exponent | 
 
 
 def zero_one_test(values: Array, seed: int = 1) -> float:
-    """
-    Return the K of the 0-1 test: near 0 for regular, near 1 for chaotic sequences.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-        One number per impact or cycle; the last 1000 are used. NaN if fewer than 100.
-    seed : int, optional
-        Of the random frequencies, of whose correlations the median is taken.
-    """
+    """Return the K of the 0-1 test: near 0 for regular, near 1 for chaotic sequences."""
     values = values[-_MOST_NUMBERS:]
     n = len(values)
     if n < _LEAST_NUMBERS or float(values.std()) == 0.0:

@@ -108,23 +108,7 @@ def _candidates(rig: RigParameters) -> list[tuple[str, str, float, float, _Chang
 def fit_one_parameter(
     clock: ForceClock, states: RecordedStates, impacts: RecordedImpacts, last_stop: int
 ) -> ParameterFit | None:
-    """
-    Look for the one parameter whose logged value is wrong.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    states, impacts : RecordedStates, RecordedImpacts
-        What was recorded, in a row.
-    last_stop : int
-        Stop hit last before all of them, or 0.
-
-    Returns
-    -------
-    ParameterFit or None
-        The one that explains all but a fiftieth of the residuals; None if none does.
-    """
+    """Look for the one parameter whose logged value is wrong."""
     states = states[:_MOST_KNOTS]
     if len(states) < 2:
         return None
@@ -277,21 +261,7 @@ def log_findings(
     controlled: bool,
     replayed: Sequence[Finding] | None = None,
 ) -> list[Finding]:
-    """
-    Return what is wrong with the log of a stretch, the earliest first.
-
-    Parameters
-    ----------
-    stretch : RecordedStretch
-        The stretch.
-    search : FaultSearch or None
-        What its flights told; None if the force is not known.
-    controlled : bool
-        Whether a control moves the stops.
-    replayed : sequence of Finding, optional
-        What a bit-for-bit replay found, which decides whether anything is wrong. The motion itself
-        then says what, where it can.
-    """
+    """Return what is wrong with the log of a stretch, the earliest first."""
     if replayed is not None and not replayed:
         return []
     found = _motion_findings(stretch, search, controlled=controlled)

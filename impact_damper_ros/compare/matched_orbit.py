@@ -183,22 +183,7 @@ def match_orbit(
     recurrence: Recurrence,
     table: ImpactTable,
 ) -> MatchedOrbit:
-    """
-    Solve the periodic problem of the logged rig that a measured motion poses.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    period : ImpactStates
-        The measured period.
-    measured : ndarray, shape (4 N,)
-        The same as a row of `approach.period_states`, its phases counted as in `period`.
-    recurrence : Recurrence
-        How it repeats.
-    table : ImpactTable
-        What scales it.
-    """
+    """Solve the periodic problem of the logged rig that a measured motion poses."""
     rig = clock.counted_from_zero()
     cycle = clock.cycle
     instants = cycle * np.array(period.phases)

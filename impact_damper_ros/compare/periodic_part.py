@@ -71,20 +71,7 @@ def measured_motion(
     period: ImpactStates | None = None,
     per_cycle: float = math.nan,
 ) -> MeasuredMotion:
-    """
-    Measure a part of a stretch, as far as it was kept.
-
-    Parameters
-    ----------
-    stretch : RecordedStretch
-        The stretch.
-    start, end : float
-        The part, rig time, s.
-    period : ImpactStates, optional
-        The last period, if the motion has one.
-    per_cycle : float, optional
-        Impacts per cycle of the force, if known; counted otherwise.
-    """
+    """Measure a part of a stretch, as far as it was kept."""
     knots = knots_between(stretch, start, end)
     if len(knots):
         start, end = float(knots.time[0]), float(knots.time[-1])
@@ -127,20 +114,7 @@ def period_end(stops: Array, impacts: int) -> int:
 def last_period(
     clock: ForceClock, impacts: RecordedImpacts, recurrence: Recurrence, end: int
 ) -> ImpactStates:
-    """
-    Return the impacts of a period.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    impacts : RecordedImpacts
-        The impacts that repeat.
-    recurrence : Recurrence
-        How they do.
-    end : int
-        Index after the last impact of the period.
-    """
+    """Return the impacts of a period."""
     period = impacts[end - recurrence.impacts : end]
     phases = clock.phase(period.time)
     phases = phases - math.floor(phases[0])
@@ -192,24 +166,7 @@ class DecayRate:
 
 
 def period_states(table: ImpactTable, recurrence: Recurrence, end: int) -> Array:
-    """
-    Return the states of the last periods, one row for each, with whole periods taken out.
-
-    Parameters
-    ----------
-    table : ImpactTable
-        The impacts.
-    recurrence : Recurrence
-        Their period.
-    end : int
-        Index after the last impact of the last period, in the last period of the table.
-
-    Returns
-    -------
-    ndarray, shape (p, 4 N)
-        For each of the N impacts of a period, its instant in cycles and its scaled states; the
-        last period last.
-    """
+    """Return the states of the last periods, one row for each, with whole periods taken out."""
     n, k = recurrence.impacts, recurrence.cycles
     begin = len(table) - (len(recurrence.distance) + 1) * n
     count = (end - begin) // n
@@ -227,16 +184,7 @@ def distances_to(states: Array, reference: Array) -> Array:
 
 
 def decay_rate(states: Array, floor: float) -> DecayRate:
-    """
-    Measure the decay of the differences of successive periods.
-
-    Parameters
-    ----------
-    states : ndarray, shape (p, 4 N)
-        As `period_states` returns.
-    floor : float
-        What the rounding of stamps makes of a distance.
-    """
+    """Measure the decay of the differences of successive periods."""
     steps = np.diff(states, axis=0)
     sizes = np.abs(steps).max(axis=1)
     large = np.flatnonzero(sizes > _LINEAR)
@@ -396,18 +344,7 @@ class PeriodicPart:
 
 
 def periodic_part(clock: ForceClock, kind: StretchKind, *, predict: bool) -> PeriodicPart:
-    """
-    Analyse a motion that repeats.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    kind : StretchKind
-        How the motion repeats, and its impacts.
-    predict : bool
-        Whether there is a theory for it.
-    """
+    """Analyse a motion that repeats."""
     recurrence, impacts = kind.recurrence, kind.impacts
     assert recurrence is not None
     n = recurrence.impacts

@@ -107,16 +107,7 @@ class Prediction:
 
 
 def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
-    """
-    Run a rig on until its impacts repeat.
-
-    Parameters
-    ----------
-    rig : Simulator or ControlledRig
-        The rig; the first harmonic of its force must turn, and last.
-    most_cycles : int, optional
-        Where to give up, in cycles of the force.
-    """
+    """Run a rig on until its impacts repeat."""
     frequency = rig.parameters.force_frequencies[0]
     began, turned, cycle = rig.time, turned_cycles(rig.snapshot(), frequency), math.tau / frequency
     instants: list[float] = []
@@ -148,14 +139,7 @@ def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
 
 
 def _period_of_force(parameters: RigParameters) -> int:
-    """
-    Return the period of the force in cycles of its first harmonic.
-
-    Raises
-    ------
-    OrbitError
-        If it has none.
-    """
+    """Return the period of the force in cycles of its first harmonic."""
     for cycles in range(1, MOST_CYCLES + 1):
         try:
             check_forcing(parameters, cycles)

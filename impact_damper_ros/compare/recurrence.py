@@ -71,16 +71,7 @@ class ImpactTable:
         damper_velocity: Array,
         cycle: float,
     ) -> ImpactTable:
-        """
-        Scale the impacts by the largest of their second half.
-
-        Parameters
-        ----------
-        time, stop, x, velocity, damper_velocity : ndarray of shape (n,)
-            Instants, s, stops, X, m, X' and Z' just after, m/s.
-        cycle : float
-            Duration of a cycle of the force, s.
-        """
+        """Scale the impacts by the largest of their second half."""
         late = slice(len(time) // 2, None)
         length = float(np.abs(x[late]).max(initial=0.0)) or 1.0
         speeds = np.maximum(np.abs(velocity), np.abs(damper_velocity))
@@ -92,14 +83,7 @@ class ImpactTable:
         return len(self.phase)
 
     def distances(self, impacts: int, cycles: int) -> Array:
-        """
-        Return the distance of each impact from the one a period later; inf if of another stop.
-
-        Parameters
-        ----------
-        impacts, cycles : int
-            Impacts and cycles of the force in a period.
-        """
+        """Return the distance of each impact from the one a period later (inf: another stop)."""
         late = np.abs(self.phase[impacts:] - self.phase[:-impacts] - cycles)
         moved = np.abs(self.states[impacts:] - self.states[:-impacts]).max(axis=1)
         far: Array = np.maximum(late, moved)
@@ -198,23 +182,7 @@ def _period(table: ImpactTable, cycles: int) -> Recurrence | None:
 
 
 def find_recurrence(table: ImpactTable, most_cycles: int = MOST_CYCLES) -> Recurrence | None:
-    """
-    Find the shortest period of the impacts at the end of a stretch.
-
-    Parameters
-    ----------
-    table : ImpactTable
-        The impacts.
-    most_cycles : int, optional
-        Longest period looked for, in cycles of the force.
-
-    Returns
-    -------
-    Recurrence or None
-        The shortest period whose distances end at the floor, or shrink on and on; else the
-        shortest one that repeats to within `SETTLED` for four periods and more, such as a motion
-        that noise keeps from settling. None if there is no such period.
-    """
+    """Find the shortest period of the impacts at the end of a stretch."""
     if len(table) < 3:
         return None
     last = table.phase[-1] - table.phase[0]

@@ -296,21 +296,7 @@ def cubic_rates(step: Array, rise: Array, begin: Array, end: Array) -> tuple[Arr
 def turning_points(
     step: Array, rise: Array, begin: Array, end: Array
 ) -> tuple[NDArray[np.intp], Array]:
-    """
-    Return where the velocity changes sign between two knots.
-
-    Parameters
-    ----------
-    step, rise, begin, end : ndarray of shape (n,)
-        As for `cubic_rates`.
-
-    Returns
-    -------
-    intervals : ndarray of int, shape (t,)
-        The intervals with a turn.
-    displacement : ndarray of shape (t,)
-        Displacement from the first knot to the turn.
-    """
+    """Return where the velocity changes sign between two knots."""
     turns = np.flatnonzero(begin * end < 0.0)
     step, v_0 = step[turns], begin[turns]
     b, a = cubic_rates(step, rise[turns], v_0, end[turns])

@@ -59,21 +59,7 @@ class Oscillation:
 
 
 def oscillation(clock: ForceClock, states: RecordedStates) -> Oscillation | None:
-    """
-    Hold the last joint state against the steady vibration.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    states : RecordedStates
-        Joint states without an impact among them.
-
-    Returns
-    -------
-    Oscillation or None
-        None if m slides, or the rig is undamped and driven at resonance.
-    """
+    """Hold the last joint state against the steady vibration."""
     rig = clock.parameters
     still = states.damper_velocity == states.velocity
     joined = bool(still.all())
@@ -336,26 +322,7 @@ def _doubt(found: Indications | None, carried: CarriedMotion | None, spent: floa
 
 
 def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) -> StretchKind:
-    """
-    Find out what a motion with impacts is.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged; its force repeats.
-    impacts : RecordedImpacts
-        All of them.
-    sound : bool, optional
-        Whether the recording obeys the equations of the logged rig. If not, only what is
-        recorded counts, and not how that rig would go on.
-
-    Returns
-    -------
-    StretchKind
-        `CHAOTIC` and `QUASI_PERIODIC` only where both the exponent and the regularity are
-        certain, by the thresholds of `irregularity`, and the recording does not contradict;
-        else `UNDECIDED`, with the reason.
-    """
+    """Find out what a motion with impacts is."""
     counted = counted_impacts(impacts)
     table = impact_table(counted, clock.zero, clock.cycle)
     spent = float(table.phase[-1] - table.phase[0]) if len(table) else 0.0
@@ -405,16 +372,7 @@ def _confirmed(recurrence: Recurrence, carried: CarriedMotion) -> bool:
 
 
 def kind_without_force_phase(impacts: RecordedImpacts, cycle: float) -> StretchKind:
-    """
-    Find out what a motion is where the phase of the force is not known.
-
-    Parameters
-    ----------
-    impacts : RecordedImpacts
-        All of them.
-    cycle : float
-        Duration of a cycle of the force, s.
-    """
+    """Find out what a motion is where the phase of the force is not known."""
     counted = counted_impacts(impacts)
     recurrence = find_recurrence(impact_table(counted, 0.0, cycle))
     if recurrence is not None:

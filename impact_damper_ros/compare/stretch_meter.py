@@ -155,16 +155,7 @@ class StretchMeter:
     def take(
         self, states: RecordedStates, impacts: RecordedImpacts, *, final: bool = False
     ) -> None:
-        """
-        Take the next part.
-
-        Parameters
-        ----------
-        states, impacts : RecordedStates, RecordedImpacts
-            What was recorded after the part before; the last of it is a joint state, if possible.
-        final : bool, optional
-            Whether it is the last part.
-        """
+        """Take the next part."""
         knots = knots_of(self.parameters, states, impacts, self.last_stop)
         if self.search is not None and self.search.intervals * self._lines <= _MOST_LINES:
             self.search.look(knots, final=final)
@@ -208,14 +199,7 @@ class StretchMeter:
             self._kept_impacts -= len(self._impacts.pop(0))
 
     def finish(self, end: float | None = None) -> RecordedStretch:
-        """
-        Return the stretch.
-
-        Parameters
-        ----------
-        end : float, optional
-            Its end, s, if it is not the last message.
-        """
+        """Return the stretch."""
         number, begins, cause, start, control = self._head
         impacts = RecordedImpacts.joined([*self._first_impacts, *self._impacts])
         left_out = self._impact_count - len(impacts)

@@ -44,18 +44,7 @@ def stored_energy(
 def work_between(
     rig: RigParameters, clock: ForceClock | None, begin: Knots, end: Knots
 ) -> tuple[float, float, float]:
-    """
-    Return the work of the force on M, that there and back, and what the dashpot takes, J.
-
-    Parameters
-    ----------
-    rig : RigParameters
-        As logged.
-    clock : ForceClock or None
-        The force; its work is NaN if it is not known.
-    begin, end : Knots
-        Beginnings and ends of the intervals, none of them empty.
-    """
+    """Return the work of the force on M, that there and back, and what the dashpot takes, J."""
     step = end.time - begin.time
     v_0 = begin.velocity
     b, a = cubic_rates(step, end.x - begin.x, v_0, end.velocity_before)
@@ -82,23 +71,7 @@ def _path_length(step: Array, rise: Array, begin: Array, end: Array) -> float:
 
 
 def energy_balance(clock: ForceClock, knots: Knots, periods: int) -> EnergyBalance | None:
-    """
-    Balance the energy from the first knot to the last one, both after their impact, if any.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    knots : Knots
-        Joint states and impacts in a row.
-    periods : int
-        Periods between the first and the last one.
-
-    Returns
-    -------
-    EnergyBalance or None
-        None if there are fewer than two knots.
-    """
+    """Balance the energy from the first knot to the last one, both after their impact, if any."""
     if len(knots) < 2:
         return None
     rig = clock.parameters
@@ -169,18 +142,7 @@ class StretchTotals:
         self._impacts = [0, 0]
 
     def take(self, knots: Knots, impacts: RecordedImpacts, longest: float) -> None:
-        """
-        Take the next part.
-
-        Parameters
-        ----------
-        knots : Knots
-            Its joint states and impacts, in order.
-        impacts : RecordedImpacts
-            The impacts alone.
-        longest : float
-            Time from one joint state to the next above which samples are missing between, s.
-        """
+        """Take the next part."""
         # A log may hold any number; what overflows is no number in the result.
         with np.errstate(over='ignore', invalid='ignore'):
             self._count(impacts)

@@ -91,16 +91,7 @@ class Actuators:
     def start(
         self, places: tuple[float, float], p: GapControlParameters
     ) -> tuple[float | None, float | None]:
-        """
-        Begin the next command, and return its targets.
-
-        Parameters
-        ----------
-        places : tuple of float
-            Where the stops are, Y in m.
-        p : GapControlParameters
-            Speed, and mass of a stop.
-        """
+        """Begin the next command, and return its targets."""
         _, stop_1, stop_2 = self.waiting.pop(0)
         for i, target in enumerate((stop_1, stop_2)):
             if target is None:

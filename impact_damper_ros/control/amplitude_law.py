@@ -47,20 +47,7 @@ class StopTiming:
     def cross(
         self, time: float, observer: Observer, search: Search, p: GapControlParameters
     ) -> tuple[float, float]:
-        """
-        Return the distances of both stops from the middle after a passage of X through zero, m.
-
-        Parameters
-        ----------
-        time : float
-            Its instant, s.
-        observer : Observer
-            Has taken in the passage, and holds the impacts seen in the half cycle before.
-        search : Search
-            Tells how far out a stop may be to be found by m.
-        p : GapControlParameters
-            Gains and range.
-        """
+        """Return the distances of both stops from the middle after a zero crossing of X, m."""
         if not self.places:
             here = Measurement(*observer.last)
             self.places = [here.stop_1, -here.stop_2]

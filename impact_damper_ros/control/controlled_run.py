@@ -109,11 +109,6 @@ class AccountedSimulator(Simulator):
         """
         Work out the samples at instants ahead, for `sample` to return once they are reached.
 
-        Parameters
-        ----------
-        instants : ndarray
-            Ascending, s; not before the present time.
-
         Notes
         -----
         To the last bit they are what `sample` returns without this, if nobody does anything to

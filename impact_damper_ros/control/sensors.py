@@ -77,16 +77,7 @@ def _uniform(word: int) -> float:
 
 
 def noise(seed: int, index: int) -> tuple[float, float, float, float]:
-    """
-    Return independent standard normal numbers for the channels of one sample.
-
-    Parameters
-    ----------
-    seed : int
-        Which noise.
-    index : int
-        Which sample.
-    """
+    """Return independent standard normal numbers for the channels of one sample."""
     key = _mixed(_mixed(seed & _WORD) ^ (index & _WORD))
     values: list[float] = []
     for pair in range(_CHANNELS // 2):
@@ -98,18 +89,7 @@ def noise(seed: int, index: int) -> tuple[float, float, float, float]:
 
 
 def measured(sample: Sample, index: int, parameters: GapControlParameters) -> Measurement:
-    """
-    Return what the sensors show.
-
-    Parameters
-    ----------
-    sample : Sample
-        The motion at that instant.
-    index : int
-        Which sample it is.
-    parameters : GapControlParameters
-        Noise and its seed.
-    """
+    """Return what the sensors show."""
     x, x_rate = sample.x, sample.primary_velocity
     y, y_rate = sample.z - x, sample.damper_velocity - x_rate
     stop_1, stop_2 = sample.stop_1 - x, sample.stop_2 - x
@@ -190,18 +170,7 @@ class Observer:
     hit_2: list[float] = field(default_factory=list)
 
     def see(self, sample: Measurement, rebound: float, noise: float) -> None:
-        """
-        Take a sample.
-
-        Parameters
-        ----------
-        sample : Measurement
-            The sample.
-        rebound : float
-            Jump in Z' by an impact, over the approach speed: (1 + R)/(1 + mu).
-        noise : float
-            Standard deviation of the noise on a velocity, m/s.
-        """
+        """Take a sample."""
         if self.last:
             self._look_for_impact(Measurement(*self.last), sample, rebound, noise)
         self.peak = max(self.peak, abs(sample.x))
@@ -233,14 +202,7 @@ class Observer:
         return self.crossed is not None and time - self.crossed <= _HOLD_OFF * self.half_cycle
 
     def cross(self, time: float, smoothing: float) -> bool:
-        """
-        Take the trigger of the crossing detector.
-
-        Returns
-        -------
-        bool
-            Whether a whole half cycle has been seen by now.
-        """
+        """Take the trigger of the crossing detector."""
         before, self.crossed = self.crossed, time
         peak, self.peak = self.peak, 0.0
         if before is None:

@@ -51,19 +51,6 @@ def stop_to_close(
     """
     Return which stop to close for a passage, 1 or 2, or 0 for none.
 
-    Parameters
-    ----------
-    at : Passage
-        Motion expected there.
-    parked : float
-        Distance of the parked stops from the middle, m.
-    optimal : float
-        Optimal gap d* of the present amplitude, m.
-    damper : Damper
-        The damper.
-    p : GapControlParameters
-        Range of the stops, and whether they are independent.
-
     Notes
     -----
     An impact of approach speed w changes the kinetic energy of M by (M/2)((X' - c w)^2 - X'^2) < 0
@@ -115,20 +102,7 @@ class TimedLaw:
         damper: Damper,
         p: GapControlParameters,
     ) -> Closing | None:
-        """
-        Return the command that lets a stop meet m at a passage ahead; None if not by now.
-
-        Parameters
-        ----------
-        at : Passage
-            Motion expected at the passage.
-        now : Measurement
-            Present instant, and where the stops are.
-        horizon : float
-            When the next chance to decide comes, s.
-        observer, damper, p : Observer, Damper, GapControlParameters
-            Rhythm, damper and actuators.
-        """
+        """Return the command that lets a stop meet m at a passage ahead; None if not by now."""
         optimal = damper.optimal_gap(observer.amplitude, p.gap_max)
         stop = stop_to_close(at, self.parked, optimal, damper, p)
         if stop == 0:

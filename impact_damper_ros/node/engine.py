@@ -356,21 +356,7 @@ class Engine:
         control: GapControlParameters | None = None,
         listing: bytes = b'',
     ) -> Ticket:
-        """
-        Change the rig or its control, if parameters of them are given, and record the event.
-
-        Parameters
-        ----------
-        parameters : RigParameters or None
-            The rig from then on.
-        event : bytes
-            A serialised rcl_interfaces/ParameterEvent; stamped with the instant of the change.
-        control : GapControlParameters or None
-            The control from then on.
-        listing : bytes
-            A serialised ParameterEvent with all parameters from then on, with which a further
-            file of the recording begins; empty to leave it as it was.
-        """
+        """Change the rig or its control, if parameters of them are given, and record the event."""
         return self._requests.submit(lambda: self._change(parameters, event, control, listing))
 
     def reset(self, initial: InitialConditions) -> Ticket:

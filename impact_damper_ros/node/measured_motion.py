@@ -185,16 +185,7 @@ class MeasuredMotion:
 
 
 def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
-    """
-    Say how a rig moves.
-
-    Parameters
-    ----------
-    trace : MotionTrace
-        What the engine has noted.
-    state_rate : float
-        Samples per second of rig time.
-    """
+    """Say how a rig moves."""
     parameters, frequency, now = trace.parameters, trace.frequency, trace.time
     if not (frequency and parameters.force_amplitudes[0] and not parameters.multisine_level):
         cycle = math.tau / parameters.omega

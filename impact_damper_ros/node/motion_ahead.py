@@ -47,16 +47,7 @@ AFTER_EVENT = 4
 
 
 def ticks_ahead(period_ns: int, real_time_factor: float) -> int:
-    """
-    Return for how many ticks joint states should be made in one go.
-
-    Parameters
-    ----------
-    period_ns : int
-        Rig time between two ticks.
-    real_time_factor : float
-        Rig seconds per wall second; 0 for as fast as possible.
-    """
+    """Return for how many ticks joint states should be made in one go."""
     return max(1, min(MOST_TICKS, int(SPAN_NS * (real_time_factor or 1.0) / period_ns)))
 
 
@@ -140,29 +131,7 @@ class MotionAhead:
         self.events = 0
 
     def move_to(self, time_ns: int, tick: int, offset_ns: int) -> Moved:
-        """
-        Move the rig to the next tick, whose joint states are not known, or as far as a slice goes.
-
-        Parameters
-        ----------
-        time_ns : int
-            Rig time at which the rig stands.
-        tick : int
-            Number of the tick.
-        offset_ns : int
-            Stamp of rig time 0.
-
-        Returns
-        -------
-        Moved
-            How far the rig has come; perhaps no further than it was, since a long search that is
-            not at its end yet moves nothing.
-
-        Raises
-        ------
-        RunawayError, ArithmeticError, ValueError
-            If the rig cannot go on; it stands where it stood.
-        """
+        """Move the rig to the next tick without known joint states, at most by one slice."""
         mark = self._rig.mark()
         try:
             return self._move(time_ns, tick, offset_ns, _slice())

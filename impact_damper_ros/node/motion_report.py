@@ -66,16 +66,7 @@ class Agreement:
 
 
 def compare(measured: MeasuredMotion, answer: Answer) -> Agreement:
-    """
-    Choose the predicted motion that the measured one is to be held against, and do so.
-
-    Parameters
-    ----------
-    measured : MeasuredMotion
-        How the rig moves.
-    answer : Answer
-        What theory has for it.
-    """
+    """Choose the predicted motion that the measured one is to be held against, and do so."""
     rhythm = measured.rhythm
     near = answer.nearest(rhythm) if rhythm is not None else None
     if rhythm is None or near is None:

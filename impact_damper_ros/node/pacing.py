@@ -203,21 +203,7 @@ class Pacer:
         return self._clock() - self._unsteady_ns
 
     def approach(self, rig_ns: int, interrupted: Callable[[], bool]) -> bool:
-        """
-        Sleep until an instant is no more than a nap away.
-
-        Parameters
-        ----------
-        rig_ns : int
-            The instant in rig time.
-        interrupted : callable
-            Called between naps; true ends the wait.
-
-        Returns
-        -------
-        bool
-            False if the wait was interrupted.
-        """
+        """Sleep until an instant is no more than a nap away."""
         if self._factor:
             deadline = self._deadline(rig_ns)
             while deadline - self._clock() > NAP_NS:

@@ -189,14 +189,7 @@ class NodeParameters:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> NodeParameters:
-        """
-        Check values and fill in the defaults.
-
-        Raises
-        ------
-        ParameterError
-            If a value or a combination of them is not admissible.
-        """
+        """Check values and fill in the defaults."""
         start = cls(
             rig=RigParameters(),
             initial=InitialConditions(),
@@ -208,14 +201,7 @@ class NodeParameters:
         return changed
 
     def changed(self, values: Mapping[str, Any]) -> NodeParameters:
-        """
-        Return the parameters with some of them changed, all at once.
-
-        Raises
-        ------
-        ParameterError
-            If that is not admissible.
-        """
+        """Return the parameters with some of them changed, all at once."""
         rig_values = {name: v for name, v in values.items() if name in PARAMETER_SPECS}
         initial_values = {name: v for name, v in values.items() if name in INITIAL_SPECS}
         settings: dict[str, Any] = {
@@ -250,14 +236,7 @@ class NodeParameters:
 
 
 def _directory(text: str) -> str:
-    """
-    Return where recordings go, with the home directory in place of ~.
-
-    Raises
-    ------
-    ParameterError
-        If the text is no path that anybody would mean.
-    """
+    """Return where recordings go, with the home directory in place of ~."""
     if len(text) > _LONGEST_PATH or printable(text) != text or {'\n', '\t'} & set(text):
         raise ParameterError(
             'bag_directory',
@@ -366,13 +345,6 @@ def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, li
 
     Surplus entries are dropped; new ones are zero, and a harmonic with a zero amplitude, or with
     frequency and phase zero, exerts no force.
-
-    Parameters
-    ----------
-    values : mapping
-        What is to be set.
-    rig : RigParameters
-        The rig so far.
     """
     given = {name: values[name] for name in FORCE_ARRAYS if name in values}
     if not all(hasattr(value, '__len__') for value in given.values()):
@@ -398,24 +370,7 @@ def nearest_name(name: str, cutoff: float = 0.5) -> str:
 def parameters_from_overrides(
     overrides: Mapping[str, Any], declared: Iterable[str], warn: Callable[[str], None]
 ) -> NodeParameters:
-    """
-    Read what the command line and the parameters files give at start.
-
-    Parameters
-    ----------
-    overrides : mapping
-        Name and value of every parameter given.
-    declared : iterable of str
-        Names that ROS itself has declared.
-    warn : callable
-        Takes a warning about parameters that the node does not have. Files for several nodes
-        hold such; a name that is nearly one of the rig's is an error.
-
-    Raises
-    ------
-    ParameterError
-        If a value is bad, or a name misspelt.
-    """
+    """Read what the command line and the parameters files give at start."""
     strange = [n for n in overrides if n not in ALL_SPECS and n not in set(declared)]
     foreign = [name for name in strange if not name.startswith('qos_overrides.')]
     for name in foreign:

@@ -267,33 +267,13 @@ class Predictor:
     # Called from other threads; none of these waits, but for `close`
 
     def ask(self, snapshot: str) -> None:
-        """
-        Ask for the motion of a rig that has taken a new course; from one thread only.
-
-        Parameters
-        ----------
-        snapshot : str
-            The content of a message on the topic `snapshot`.
-        """
+        """Ask for the motion of a rig that has taken a new course; from one thread only."""
         self._snapshot = snapshot
         self._course += 1
         self._orders.put(lambda: self._compose(None))
 
     def ask_like(self, rhythm: Rhythm, impact: Event, phase: float, course: int) -> None:
-        """
-        Ask for the motion on a course again, now that it is seen how the rig moves.
-
-        Parameters
-        ----------
-        rhythm : Rhythm
-            What the impacts repeat.
-        impact : Event
-            The last of them.
-        phase : float
-            Its instant in cycles of the force since its zero angle.
-        course : int
-            Number of the course; if there is a newer one nothing is asked.
-        """
+        """Ask for the motion on a course again, now that it is seen how the rig moves."""
         measured = {'rhythm': rhythm.as_dict(), 'impact': impact, 'phase': phase}
 
         def order() -> None:

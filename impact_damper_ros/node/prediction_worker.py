@@ -105,21 +105,7 @@ def _idle() -> None:
 
 
 def _work(line: bytes, began: float, out: int, given: int | None) -> NoReturn:
-    """
-    Answer a request, in a fork, and end.
-
-    Parameters
-    ----------
-    line : bytes
-        The request.
-    began : float
-        When it came, on the monotonic clock.
-    out : int
-        Where to write.
-    given : int or None
-        How many answers another fork has given already, so that this one must hurry; None for
-        the first fork.
-    """
+    """Answer a request, in a fork, and end."""
     with contextlib.suppress(AttributeError, OSError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.alarm(PATIENCE_S)

@@ -216,16 +216,7 @@ class JointStateTemplate:
         self._verify(header, names, fields)
 
     def filled(self, stamp_ns: int, *values: Sequence[float]) -> bytes:
-        """
-        Return the message as bytes.
-
-        Parameters
-        ----------
-        stamp_ns : int
-            Stamp of the header.
-        *values : sequence of float
-            One sequence for each field that the template carries, in the message's order.
-        """
+        """Return the message as bytes."""
         parts = [*divmod(stamp_ns, NS_PER_S), self._fixed[0]]
         for numbers, fixed in zip(values, self._fixed[1:], strict=True):
             parts += numbers
@@ -455,18 +446,7 @@ class TickMessages:
         offset_ns: int,
         deflection: float,
     ) -> list[Happening]:
-        """
-        Return the messages of impacts, then of what the gap control did.
-
-        Parameters
-        ----------
-        events, records : sequence of Event and of ControlRecord
-            What happened.
-        offset_ns : int
-            Stamp of rig time 0.
-        deflection : float
-            Static deflection of the rig then, m.
-        """
+        """Return the messages of impacts, then of what the gap control did."""
         out = []
         for event in events:
             if event.kind is EventKind.IMPACT:

@@ -75,11 +75,6 @@ class Recorder:
         Create the bag, in a new directory under `parent`, with limits to each of its files.
 
         The robot description is written beside it.
-
-        Raises
-        ------
-        RecordingError
-            If that cannot be done.
         """
         # Not needed, and not loaded, unless something is recorded.
         from impact_damper_ros.bag import RunWriter

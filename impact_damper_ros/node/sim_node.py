@@ -104,11 +104,6 @@ def check_params_files(arguments: Sequence[str]) -> None:
 
     Its parser refuses aliases by itself, but takes a minute for some ten thousand entries, and of
     a name that stands there twice the last value.
-
-    Raises
-    ------
-    ValueError
-        If one of them is not sensible; the message names it, the line and the remedy.
     """
     for option, name in pairwise(arguments):
         if option == '--params-file':
@@ -128,20 +123,7 @@ def in_words(error: Exception) -> str:
 
 
 def start_message(parameters: NodeParameters, outlets: Outlets, node: str, recording: str) -> str:
-    """
-    Return what runs, in a few lines.
-
-    Parameters
-    ----------
-    parameters : NodeParameters
-        As declared.
-    outlets : Outlets
-        The topics.
-    node : str
-        Fully qualified name of the node.
-    recording : str
-        Directory of the recording; empty if there is none.
-    """
+    """Return what runs, in a few lines."""
     control = parameters.control.gap_control if parameters.control.active else 'off'
     states = f'{outlets.joint_states.topic} at {parameters.state_rate:g} Hz'
     topics = [states, outlets.impacts.topic, outlets.gap_control.topic, outlets.snapshot.topic]
@@ -565,19 +547,7 @@ def _serve(arguments: Sequence[str], end: EndRequest) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the node.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Command line with the program's name first; that of the process if not given.
-
-    Returns
-    -------
-    int
-        Exit code: 0 after SIGINT, SIGTERM and SIGHUP, 1 if the node could not start or has failed.
-    """
+    """Run the node."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     end = EndRequest()
     try:

@@ -41,22 +41,7 @@ _VARIABLE = [
 
 
 def value_of(parameters: RigParameters, name: str) -> float:
-    """
-    Return the value of a parameter that a continuation can vary.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig.
-    name : str
-        Name of a number or an array of the rig's parameters, of which the first entry counts; or
-        'restitution' for both coefficients at once.
-
-    Raises
-    ------
-    OrbitError
-        If there is no such parameter.
-    """
+    """Return the value of a parameter that a continuation can vary."""
     if name == BOTH_RESTITUTIONS:
         return parameters.restitution_1
     spec = PARAMETER_SPECS.get(name)
@@ -70,14 +55,7 @@ def value_of(parameters: RigParameters, name: str) -> float:
 
 
 def with_value(parameters: RigParameters, name: str, value: float) -> RigParameters:
-    """
-    Return the rig with one parameter, as `value_of` names it, changed.
-
-    Raises
-    ------
-    ParameterError
-        If the rig is not admissible.
-    """
+    """Return the rig with one parameter, as `value_of` names it, changed."""
     if name == BOTH_RESTITUTIONS:
         return parameters.replace(restitution_1=value, restitution_2=value)
     if PARAMETER_SPECS[name].kind == 'double_array':
@@ -244,16 +222,7 @@ class ShootingFamily:
 
 
 def family_of(orbit: PeriodicOrbit, name: str) -> Family:
-    """
-    Return the family of a motion.
-
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        The motion.
-    name : str
-        The parameter varied, as `value_of` names it.
-    """
+    """Return the family of a motion."""
     value_of(orbit.parameters, name)
     solvable = single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
     if solvable and not orbit.nodes:

@@ -197,23 +197,7 @@ def _locate(
 
 
 def special_points(curve: Curve, start: Point, end: Point, step: float) -> list[SpecialPoint]:
-    """
-    Locate what happens between two neighbouring points of a branch.
-
-    Parameters
-    ----------
-    curve : Curve
-        The branch.
-    start, end : Point
-        The points.
-    step : float
-        The arclength from the one to the other along the start's tangent.
-
-    Returns
-    -------
-    list of SpecialPoint
-        In the order along the branch.
-    """
+    """Locate what happens between two neighbouring points of a branch."""
     turns = _fold(start) * _fold(end) < 0.0
     tests: tuple[tuple[SpecialKind, _Test], ...] = (
         (SpecialKind.FOLD, _fold),

@@ -108,14 +108,7 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
 
 
 def check_stops(parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
-    """
-    Check a stop sequence and a number of force cycles.
-
-    Raises
-    ------
-    OrbitError
-        If the rig has no such stops or the numbers are not positive.
-    """
+    """Check a stop sequence and a number of force cycles."""
     if not stops or any(stop not in (1, 2) for stop in stops):
         shown = ','.join(str(s) for s in stops)
         raise OrbitError(

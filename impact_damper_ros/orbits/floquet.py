@@ -79,21 +79,7 @@ def flight_matrix(oscillator: Oscillator, duration: float) -> Array:
 
 
 def joint_matrix(oscillator: Oscillator, duration: float) -> Array:
-    """
-    Carry deviations through a phase in which M and m move as one.
-
-    Parameters
-    ----------
-    oscillator : Oscillator
-        Both masses together.
-    duration : float
-        Duration of the phase, s.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        As `flight_matrix`; Z - X keeps its deviation, and the velocities are the same.
-    """
+    """Carry deviations through a phase in which M and m move as one."""
     matrix = np.zeros((4, 4))
     matrix[:2, :2] = _vibration(oscillator, duration)
     matrix[2] = matrix[0] + _RELATIVE_PLACE
@@ -102,19 +88,7 @@ def joint_matrix(oscillator: Oscillator, duration: float) -> Array:
 
 
 def saltation(jump: Array, before: Array, after: Array, normal: Array) -> Array:
-    """
-    Carry deviations at a fixed instant through an event.
-
-    Parameters
-    ----------
-    jump : ndarray, shape (4, 4)
-        Derivative of the state after the event by the state before it.
-    before, after : ndarray, shape (4,)
-        Rate of the state just before and just after the event.
-    normal : ndarray, shape (4,)
-        Gradient of the function whose root is the event; if it depends on time, `normal @ before`
-        is not its whole rate and this form does not hold.
-    """
+    """Carry deviations at a fixed instant through an event."""
     return jump + np.outer(after - jump @ before, normal) / (normal @ before)
 
 
@@ -162,21 +136,7 @@ def _rates_at_impacts(
 
 
 def monodromy(equations: ImpactEquations, x: Array, instants: Array) -> Array:
-    """
-    Return the derivative of the state one period later by the state.
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The motion's equations.
-    x, instants : ndarray, shape (N,)
-        Their root: displacements at the impacts, m, and instants, s.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        For (X, X', Z, Z') at a fixed instant, just after the first impact.
-    """
+    """Return the derivative of the state one period later by the state."""
     machine = make_machine(equations.parameters)
     before, after = _rates_at_impacts(equations, x, instants)
     lasts = equations.durations(instants)
@@ -190,21 +150,7 @@ def monodromy(equations: ImpactEquations, x: Array, instants: Array) -> Array:
 
 
 def section_matrix(matrix: Array, rates: Array) -> Array:
-    """
-    Return the derivative of the section map from that at a fixed instant.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (4, 4)
-        The monodromy matrix just after an impact.
-    rates : ndarray, shape (4,)
-        (X', X'', Z', Z'') there.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        For (X, X', Z', t) just after that impact.
-    """
+    """Return the derivative of the section map from that at a fixed instant."""
     # A section deviation, seen at the instant of the undisturbed impact
     into = np.array(
         [

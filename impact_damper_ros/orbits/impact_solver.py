@@ -122,25 +122,7 @@ def _allowed(lasts: Array, changes: Array) -> Array:
 def approach_roots(
     equations: ImpactEquations, x: Array, instants: Array, steps: int = 60
 ) -> tuple[Array, Array, Array]:
-    """
-    Bring many starts close to roots by damped least squares (Levenberg and Marquardt).
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The 2N equations.
-    x, instants : ndarray, shape (S, N)
-        Starts: displacements at the impacts, m, and instants, s.
-    steps : int, optional
-        Most iterations.
-
-    Returns
-    -------
-    x, instants : ndarray, shape (S, N)
-        What the starts have become.
-    residuals : ndarray, shape (S,)
-        Their largest residuals.
-    """
+    """Bring many starts close to roots by damped least squares (Levenberg and Marquardt)."""
     n = equations.impacts
     x, instants = x.copy(), instants.copy()
     scale, rate = equations.length, equations.rate
@@ -228,14 +210,7 @@ _LOOKS = 33
 
 
 def _plane_meets_cone(basis: Array) -> Iterator[Array]:
-    """
-    Yield the vectors of a plane with C^2 + S^2 = W^2, divided by W.
-
-    Parameters
-    ----------
-    basis : ndarray, shape (2, M)
-        Two vectors that span the plane; their last three entries are C, S and W.
-    """
+    """Yield the vectors of a plane with C^2 + S^2 = W^2, divided by W."""
     form = basis[:, -3:] @ np.diag([1.0, 1.0, -1.0]) @ basis[:, -3:].T
     angle = 0.5 * math.atan2(2.0 * form[0, 1], form[0, 0] - form[1, 1])
     mean = 0.5 * (form[0, 0] + form[1, 1])
@@ -266,14 +241,7 @@ def _start(equations: ImpactEquations, vector: Array, offsets: Array) -> tuple[A
 
 
 def one_impact_roots(equations: ImpactEquations) -> list[Root]:
-    """
-    Find all motions with one impact in a period: none, one or two.
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The equations for N = 1.
-    """
+    """Find all motions with one impact in a period: none, one or two."""
     offsets = np.zeros(1)
     rows = _scaled(equations, equations.linear_system(offsets))
     basis = np.linalg.svd(rows)[2][-2:]
@@ -359,16 +327,6 @@ def _closer(scan: _Scan, left: float, right: float, index: int) -> Iterator[tupl
 def two_impact_roots(equations: ImpactEquations) -> list[Root]:
     """
     Find all motions with two impacts in a period.
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The equations for N = 2.
-
-    Returns
-    -------
-    list of Root
-        Each root, in no order; the same may be there more than once.
 
     Notes
     -----
@@ -467,25 +425,7 @@ def _simulated_starts(equations: ImpactEquations) -> tuple[Array, Array]:
 def many_impact_roots(
     equations: ImpactEquations, starts: int, simulate: bool
 ) -> tuple[list[Root], StartReport]:
-    """
-    Find motions of one stop sequence from systematic starts and from simulation.
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The 2N equations.
-    starts : int
-        Number of systematic starts.
-    simulate : bool
-        Whether to take starts from simulated motion as well.
-
-    Returns
-    -------
-    roots : list of Root
-        The roots found; the same may be there more than once.
-    report : StartReport
-        How many starts converged; its `distinct` counts the roots returned.
-    """
+    """Find motions of one stop sequence from systematic starts and from simulation."""
     x, instants = _systematic_starts(equations, starts)
     if simulate:
         x_seen, instants_seen = _simulated_starts(equations)

@@ -335,16 +335,7 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
 
 
 def batched_exponent(growth: Array, spans: Array) -> Exponent:
-    """
-    Return the exponent from the growth in each part of a time.
-
-    Parameters
-    ----------
-    growth : ndarray, shape (BATCHES + 1,)
-        Growth of the logarithm of a deviation in each part; that in the first is left out.
-    spans : ndarray, shape (BATCHES + 1,)
-        How long each part is, s.
-    """
+    """Return the exponent from the growth in each part of a time."""
     rates: Any = growth[1:] / spans[1:]
     return Exponent(float(rates.mean()), _STUDENT * float(rates.std(ddof=1)) / math.sqrt(BATCHES))
 

@@ -94,14 +94,7 @@ def _gap_scale(rig: RigParameters) -> float:
 
 
 def gap_range(rig: RigParameters) -> tuple[float, float]:
-    """
-    Return the gaps that `optimal_gap` looks at unless told otherwise, m.
-
-    Raises
-    ------
-    OrbitError
-        If the rig is undamped and driven at resonance, so that it has no scale of length.
-    """
+    """Return the gaps that `optimal_gap` looks at unless told otherwise, m."""
     scale = _gap_scale(rig)
     if not math.isfinite(scale) or scale == 0.0:
         raise OrbitError(
@@ -114,20 +107,7 @@ def gap_range(rig: RigParameters) -> tuple[float, float]:
 def smallest_motion(
     rig: RigParameters, stops: Sequence[int] = (1, 2), cycles: int = 1, *, simulate: bool = False
 ) -> PeriodicOrbit | None:
-    """
-    Return the stable, viable motion with the smallest |X|, if there is one.
-
-    Parameters
-    ----------
-    rig : RigParameters
-        The rig, driven by one harmonic.
-    stops : sequence of int, optional
-        Stops hit in one period.
-    cycles : int, optional
-        Period in cycles of the force.
-    simulate : bool, optional
-        Whether simulated motion gives starts too; see `find_orbits`.
-    """
+    """Return the stable, viable motion with the smallest |X|, if there is one."""
     return _smallest(_motions(rig, stops, cycles, simulate))
 
 

@@ -68,25 +68,7 @@ def settled_impacts(
     watched: int,
     most_events: float = _EVENTS_PER_CYCLE,
 ) -> list[Event]:
-    """
-    Simulate and return the last impacts.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig.
-    initial : InitialConditions
-        Where it starts.
-    cycles, watched : int
-        Cycles of the force to simulate, and how many of the last ones to return.
-    most_events : float, optional
-        A run with more events than this in the mean of its cycles is left.
-
-    Returns
-    -------
-    list of Event
-        The impacts; empty if the rig has far more events than a motion that can be solved for.
-    """
+    """Simulate and return the last impacts."""
     rig = Simulator(parameters, initial)
     cycle = math.tau / parameters.force_frequencies[0]
     kept: list[Event] = []
@@ -104,23 +86,7 @@ def settled_impacts(
 def windows(
     impacts: Sequence[Event], stops: tuple[int, ...], period: float
 ) -> Iterator[tuple[list[float], list[float]]]:
-    """
-    Yield stretches of a run in which the stops are hit in an asked order within a period.
-
-    Parameters
-    ----------
-    impacts : sequence of Event
-        Impacts in a row.
-    stops : tuple of int
-        The order asked for, from its first impact.
-    period : float
-        Longest time from the first to the last of them, s.
-
-    Yields
-    ------
-    x, instants : list of float
-        Displacements (m) and instants (s).
-    """
+    """Yield stretches of a run in which the stops are hit in an asked order within a period."""
     n = len(stops)
     for i in range(len(impacts) - n + 1):
         chosen = impacts[i : i + n]

@@ -200,26 +200,7 @@ def _shot(machine: Machine, section: Section, state: Array, period: float) -> _S
 def follow_section(
     machine: Machine, section: Section, period: float
 ) -> tuple[Array, Array] | None:
-    """
-    Return what a period changes in the state of a section, and the map's derivative.
-
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    section : Section
-        Where to begin.
-    period : float
-        How long, s.
-
-    Returns
-    -------
-    change : ndarray, shape (n,)
-        The state at the end less that at the beginning.
-    matrix : ndarray, shape (n, n)
-        Derivative of the state at the end by that at the beginning. None stands for both if the
-        state at the end has another dimension.
-    """
+    """Return what a period changes in the state of a section, and the map's derivative."""
     shot = _shot(machine, section, section.state, period)
     return None if shot is None else (shot.change, shot.matrix)
 
@@ -227,20 +208,7 @@ def follow_section(
 def orbit_on(
     parameters: RigParameters, section: Section, cycles: int, history: tuple[float, ...]
 ) -> PeriodicOrbit:
-    """
-    Return the periodic motion through a state that is known to be a fixed point.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig.
-    section : Section
-        The fixed point.
-    cycles : int
-        Period in cycles of the force.
-    history : tuple of float
-        Residuals on the way to it.
-    """
+    """Return the periodic motion through a state that is known to be a fixed point."""
     period = cycles * math.tau / parameters.force_frequencies[0]
     shot = _shot(make_machine(parameters), section, section.state, period)
     if shot is None:
@@ -370,23 +338,7 @@ _LEAST_SHARE = 1.0 / 64.0
 def settled_sections(
     parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
 ) -> Iterator[Section]:
-    """
-    Yield states of simulated motion, after it has had time to settle.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig.
-    cycles : int
-        Period looked for, in cycles of the force.
-    most_events : int, optional
-        A run is left once several periods in a row have more events than this.
-
-    Yields
-    ------
-    Section
-        Several from each of several initial conditions.
-    """
+    """Yield states of simulated motion, after it has had time to settle."""
     machine = make_machine(parameters)
     period = cycles * math.tau / parameters.force_frequencies[0]
     for initial in starting_points(parameters):
@@ -415,21 +367,7 @@ def settled_sections(
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
-    """
-    Follow a motion from a simpler rig to another one.
-
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        A viable motion of the rig without friction, or with the first harmonic only, or both.
-    parameters : RigParameters
-        The rig with friction and all harmonics.
-
-    Returns
-    -------
-    PeriodicOrbit or None
-        The motion with the same stops there; None if it is lost on the way.
-    """
+    """Follow a motion from a simpler rig to another one."""
     section = section_on(orbit)
     simple = orbit.parameters.friction
     done, share = 0.0, _FIRST_SHARE
@@ -465,29 +403,7 @@ def shot_orbits(
     *,
     simulate: bool = True,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
-    """
-    Find motions of one stop sequence with the shooting solver.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig.
-    stops : tuple of int
-        Stops hit in one period.
-    cycles : int
-        Period in cycles of the force.
-    simpler : sequence of PeriodicOrbit
-        Viable motions with these stops of the rig without friction or further harmonics.
-    simulate : bool, optional
-        Whether simulated motion gives starts too.
-
-    Returns
-    -------
-    orbits : list of PeriodicOrbit
-        What was found; the same may be there more than once, and counted from any impact.
-    report : StartReport
-        How many starts converged.
-    """
+    """Find motions of one stop sequence with the shooting solver."""
     carried = [carried_over(orbit, parameters) for orbit in simpler]
     orbits = [orbit for orbit in carried if orbit is not None]
     converged = len(orbits)

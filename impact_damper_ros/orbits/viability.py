@@ -105,30 +105,12 @@ def _extremes(flight: Flight, duration: float, relative: bool) -> Extremes:
 
 
 def swing_extremes(flight: Flight, duration: float) -> Extremes:
-    """
-    Return the least and largest X of a flight.
-
-    Parameters
-    ----------
-    flight : Flight
-        The flight.
-    duration : float
-        How long it lasts, s.
-    """
+    """Return the least and largest X of a flight."""
     return _extremes(flight, duration, relative=False)
 
 
 def relative_extremes(flight: Flight, duration: float) -> Extremes:
-    """
-    Return the least and largest Y - Y(origin) of a flight.
-
-    Parameters
-    ----------
-    flight : Flight
-        The flight, not joint.
-    duration : float
-        How long it lasts, s.
-    """
+    """Return the least and largest Y - Y(origin) of a flight."""
     return _extremes(flight, duration, relative=True)
 
 
@@ -174,18 +156,7 @@ def _origin(
 def assumed_flights(
     equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
 ) -> list[Flight]:
-    """
-    Return the closed-form flights after each impact, as the equations assume them.
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The motion's equations.
-    x, instants : ndarray, shape (N,)
-        Their root: displacements at the impacts, m, and instants, s.
-    at : ImpactVelocities
-        The velocities there.
-    """
+    """Return the closed-form flights after each impact, as the equations assume them."""
     machine = make_machine(equations.parameters)
     relative = at.damper_after - at.primary_after
     return [
@@ -257,23 +228,7 @@ def _in_flight(
 def why_not_viable(
     equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
 ) -> str:
-    """
-    Say why the rig cannot move so.
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The motion's equations.
-    x, instants : ndarray, shape (N,)
-        Their root: displacements at the impacts, m, and instants, s.
-    at : ImpactVelocities
-        The velocities there.
-
-    Returns
-    -------
-    str
-        All that is wrong, with numbers; empty if nothing is.
-    """
+    """Say why the rig cannot move so."""
     machine = make_machine(equations.parameters)
     durations = equations.durations(instants)
     tolerance = TIME_TOLERANCE * equations.period

@@ -112,14 +112,7 @@ class ImpactLedger:
         self._findings.impacts += count
 
     def take(self, content: bytes) -> None:
-        """
-        Take a recorded message.
-
-        Raises
-        ------
-        CdrError
-            If it cannot be decoded, or is not one of a rig.
-        """
+        """Take a recorded message."""
         shape = next((s for s in self._shapes if s.fits(content)), None)
         if shape is None:
             shape = JointStateBytes(content)
@@ -163,14 +156,7 @@ class ImpactLedger:
         self._gaps.append(gap)
 
     def settle(self, *, final: bool = False) -> None:
-        """
-        Pair what can be paired.
-
-        Parameters
-        ----------
-        final : bool, optional
-            Whether nothing more will come, so that what is left has no counterpart.
-        """
+        """Pair what can be paired."""
         recorded, expected = self._recorded, self._expected
         while recorded and expected:
             if recorded[0].equals(expected[0]):
@@ -326,14 +312,7 @@ class SampleCheck:
         self._shape: JointStateBytes | None = None
 
     def numbers(self, content: bytes) -> tuple[tuple[float, ...], ...]:
-        """
-        Return positions and velocities of a recorded message.
-
-        Raises
-        ------
-        CdrError
-            If it is not a joint state of a rig.
-        """
+        """Return positions and velocities of a recorded message."""
         return self._shape_of(content).numbers(content)
 
     def compare(
@@ -344,27 +323,7 @@ class SampleCheck:
         numbers: _Numbers,
         before: Sequence[_Numbers] = (),
     ) -> None:
-        """
-        Compare a recorded message with the replayed sample.
-
-        Parameters
-        ----------
-        stamp_ns : int
-            The stamp that it should have.
-        content : bytes
-            The message.
-        time : float
-            Rig time, s.
-        numbers : tuple
-            Positions and velocities that it should hold.
-        before : sequence of tuple, optional
-            Those that it may hold instead, from just before changes at the same instant.
-
-        Raises
-        ------
-        CdrError
-            If it is not a joint state of a rig.
-        """
+        """Compare a recorded message with the replayed sample."""
         shape = self._shape or self._shape_of(content)
         self._findings.samples += 1
         if shape.filled(stamp_ns, *numbers) == content:
@@ -446,19 +405,7 @@ class SampleSpacing:
         return min(steps) > 0 and max(steps) <= 1.5 * self.period_ns
 
     def look(self, time_ns: int, stamp_ns: int) -> list[SampleGap]:
-        """
-        Take the next sample.
-
-        Parameters
-        ----------
-        time_ns, stamp_ns : int
-            Its rig time and stamp.
-
-        Returns
-        -------
-        list of SampleGap
-            Gaps that are known by now, usually none.
-        """
+        """Take the next sample."""
         last_ns = self._findings.end_ns
         self._findings.end_ns = time_ns
         if last_ns is None:

@@ -67,25 +67,7 @@ class BatchReplay:
     def reproduces(
         self, state: Snapshot, offset_ns: int, states: Recorded, impacts: Recorded | None
     ) -> Simulator | None:
-        """
-        Run a rig through recorded joint states.
-
-        Parameters
-        ----------
-        state : Snapshot
-            The rig before them.
-        offset_ns : int
-            Stamp of rig time 0.
-        states : Recorded
-            The joint states, in the order of time.
-        impacts : Recorded or None
-            All impacts up to the last of them; None if impacts are not recorded.
-
-        Returns
-        -------
-        Simulator or None
-            The rig at the last joint state; None if anything differs, or cannot be read.
-        """
+        """Run a rig through recorded joint states."""
         stamps_ns = np.array(states.stamps_ns, dtype=np.int64)
         instants = (stamps_ns - offset_ns) / 1e9
         if not (np.diff(stamps_ns) > 0).all() or instants[0] <= state.time:

@@ -223,14 +223,7 @@ class ReplayedRig:
         self.first_initial: InitialConditions | None = None
 
     def take_dump(self, values: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
-        """
-        Learn the initial conditions from a list of all parameters.
-
-        Returns
-        -------
-        list of (str, object, object)
-            Where the list contradicts the rig: name, listed value and that of the rig.
-        """
+        """Learn the initial conditions from a list of all parameters."""
         found = _contradictions(values, _setting(self.rig).as_dict())
         state = self.rig.snapshot()
         if state['time'] == state['origin']['time'] == 0.0 and not state['unreported']:
@@ -251,21 +244,7 @@ class ReplayedRig:
         self.rig = ControlledRig.restore(snapshot.state)
 
     def carry_out(self, changes: Sequence[Change], snapshot: SnapshotRecord | None) -> Batch:
-        """
-        Do to the rig what was done to it at the present instant.
-
-        Parameters
-        ----------
-        changes : sequence of Change
-            Parameter events; those that are not exact may belong to a later batch.
-        snapshot : SnapshotRecord or None
-            The snapshot afterwards; without one the changes are believed.
-
-        Raises
-        ------
-        ParameterError
-            If a change cannot be: the message is not one of the node's.
-        """
+        """Do to the rig what was done to it at the present instant."""
         if snapshot is None:
             self.rig, self.initial, batch = self._tried(changes)
             return batch

@@ -89,18 +89,7 @@ def _place(width: float, height: float, rows: int) -> tuple[float, float, float,
 def figure_of(
     x_label: str, y_label: str, *, wide: bool = False, height: float = 3.7
 ) -> tuple[Figure, Any]:
-    """
-    Return an empty figure and its axes.
-
-    Parameters
-    ----------
-    x_label, y_label : str
-        Labels with units.
-    wide : bool, optional
-        Whether it is as wide as the page.
-    height : float, optional
-        In inches.
-    """
+    """Return an empty figure and its axes."""
     from matplotlib.figure import Figure
 
     width = WIDE if wide else NARROW
@@ -112,18 +101,7 @@ def figure_of(
 
 
 def legend_above(axes: Any, entries: Sequence[tuple[str, str, str]], columns: int = 0) -> None:
-    """
-    Put a legend above the axes, where it hides nothing.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        The axes.
-    entries : sequence of (str, str, str)
-        What each looks like ('line', 'dashed', 'dotted', 'patch' or a marker), colour, label.
-    columns : int, optional
-        In how many columns; all in a row if not given.
-    """
+    """Put a legend above the axes, where it hides nothing."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -162,18 +140,7 @@ def legend_above(axes: Any, entries: Sequence[tuple[str, str, str]], columns: in
 def finite_range(
     *values: ArrayLike, margin: float = 0.06, least: float = 0.0
 ) -> tuple[float, float]:
-    """
-    Return limits of an axis that hold all finite values.
-
-    Parameters
-    ----------
-    values : array_like
-        The values.
-    margin : float, optional
-        Free room on both sides, as a share.
-    least : float, optional
-        Least width.
-    """
+    """Return limits of an axis that hold all finite values."""
     joined = np.concatenate([np.asarray(value, dtype=float).ravel() for value in values])
     joined = joined[np.isfinite(joined)]
     low, high = (float(joined.min()), float(joined.max())) if len(joined) else (-1.0, 1.0)
@@ -248,16 +215,7 @@ class Points(NamedTuple):
 
 
 def cloud(axes: Any, kinds: Sequence[Points]) -> None:
-    """
-    Draw points, very many as the pixels of an image, and those that would cover one another once.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        The axes, their limits set.
-    kinds : sequence of Points
-        All points of the picture.
-    """
+    """Draw points: coinciding ones once, very many as the pixels of an image."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     rows = []
     for kind in kinds:
@@ -303,19 +261,7 @@ def _between(time: Array, place: Array, rate: Array) -> tuple[Array, Array]:
 
 
 def filled_motion(stretch: StretchComparison) -> MotionCurve | None:
-    """
-    Return the end of a stretch in detail, with cubics between samples that are far apart.
-
-    Parameters
-    ----------
-    stretch : StretchComparison
-        The stretch.
-
-    Returns
-    -------
-    MotionCurve or None
-        None if there is nothing to show.
-    """
+    """Return the end of a stretch in detail, with cubics between samples that are far apart."""
     motion = stretch.curves.motion
     if motion is None or len(motion.time) < 2 or not np.isfinite(motion.time).all():
         return None
@@ -403,21 +349,7 @@ def _level_lines(
 
 
 def draw_run(stretches: Sequence[StretchComparison], *, wide: bool = True) -> Picture | None:
-    """
-    Draw X over the whole run, with what theory has for its largest value in each stretch.
-
-    Parameters
-    ----------
-    stretches : sequence of StretchComparison
-        All of them.
-    wide : bool, optional
-        Whether as wide as the page; for a phone otherwise.
-
-    Returns
-    -------
-    Picture or None
-        None if there is nothing to draw.
-    """
+    """Draw X over the whole run, with what theory has for its largest value in each stretch."""
     shown = [
         (stretch, stretch.curves.envelope)
         for stretch in stretches
@@ -498,21 +430,7 @@ def _occurrences(curve: PredictedCurve, phase: float, start: float, end: float) 
 def predicted_motion(
     curve: PredictedCurve, start: float, end: float
 ) -> tuple[Array, Array, Array]:
-    """
-    Return the predicted motion over a stretch of time.
-
-    Parameters
-    ----------
-    curve : PredictedCurve
-        One period.
-    start, end : float
-        Rig time, s.
-
-    Returns
-    -------
-    time, x, y : ndarray
-        Instants, s; X and Y there, m.
-    """
+    """Return the predicted motion over a stretch of time."""
     if not len(curve.phase):
         return np.empty(0), np.empty(0), np.empty(0)
     period = curve.cycles * curve.cycle
@@ -525,14 +443,7 @@ def predicted_motion(
 
 
 def predicted_impacts(stretch: StretchComparison, start: float, end: float) -> tuple[Array, Array]:
-    """
-    Return the predicted impacts from `start` to `end`, s.
-
-    Returns
-    -------
-    time, z : ndarray
-        Instants, s; where m then is, m.
-    """
+    """Return the predicted impacts from `start` to `end`, s."""
     orbit, curve = stretch.predicted, stretch.curves.predicted
     if orbit is None or curve is None:
         return np.empty(0), np.empty(0)
@@ -568,21 +479,7 @@ def _end_of(motion: MotionCurve) -> MotionCurve:
 
 
 def draw_history(stretch: StretchComparison, *, wide: bool = True) -> Picture | None:
-    """
-    Draw the end of a stretch as recorded, with the predicted motion and impacts over it.
-
-    Parameters
-    ----------
-    stretch : StretchComparison
-        The stretch.
-    wide : bool, optional
-        Whether as wide as the page; the last part for a phone otherwise.
-
-    Returns
-    -------
-    Picture or None
-        None if there is nothing to draw.
-    """
+    """Draw the end of a stretch as recorded, with the predicted motion and impacts over it."""
     motion, theory = filled_motion(stretch), stretch.curves.predicted
     if motion is None:
         return None

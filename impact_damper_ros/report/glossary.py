@@ -324,16 +324,7 @@ _PATTERN = re.compile(
 
 
 def linked(text: str, *, brief: bool = False) -> Html:
-    """
-    Return a text as it is printed, with the first of each of its terms linked to the glossary.
-
-    Parameters
-    ----------
-    text : str
-        From the analysis, or of the report.
-    brief : bool, optional
-        Whether the explanation does not come up over the word too.
-    """
+    """Return a text with the first use of each of its terms linked to the glossary."""
     if isinstance(text, Html):
         return text
     text = worded(text)

@@ -95,22 +95,7 @@ def table(
     note: str = '',
     marked: Iterable[str] = (),
 ) -> Html:
-    """
-    Return a table that scrolls by itself where the page is too narrow.
-
-    Parameters
-    ----------
-    caption : str
-        What it is.
-    columns : sequence of Column
-        Its columns; the first is the head of the rows.
-    groups : sequence of (str, sequence of rows)
-        Rows under a head of their own, if that is not empty.
-    note : str, optional
-        A line below the caption.
-    marked : iterable of str, optional
-        Rows to highlight, by their first cell.
-    """
+    """Return a table that scrolls by itself where the page is too narrow."""
     kinds = ['' if column.kind == 'number' else 'text' for column in columns]
     heads = [
         _cell('th', column.title, scope='col', **{'class': kind})
@@ -332,23 +317,7 @@ def _prune(parent: ElementTree.Element) -> None:
 
 
 def inline_svg(figure: Figure, key: str, label: str) -> str:
-    """
-    Return a figure as an element of an HTML page.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure, drawn within `drawing_style`, in colours of `COLORS` and `BOTH`.
-    key : str
-        Begins the ids; no other figure of the page may have it.
-    label : str
-        Read out in place of the picture.
-
-    Returns
-    -------
-    str
-        The element; well-formed as XML too. Its colours are variables of the page's style.
-    """
+    """Return a figure as an element of an HTML page."""
     content = io.BytesIO()
     nothing = dict.fromkeys(('Date', 'Creator', 'Format', 'Type'))
     figure.savefig(content, format='svg', metadata=nothing, dpi=144)

@@ -75,20 +75,7 @@ _MOST_FINDINGS = 20
 
 
 def figure_html(picture: Picture, key: str, where: str, narrow: Picture | None = None) -> Html:
-    """
-    Return a picture with its caption.
-
-    Parameters
-    ----------
-    picture : Picture
-        The picture; drawn within `drawing_style`.
-    key : str
-        Begins the ids of its parts.
-    where : str
-        What it is of, for those who have it read out.
-    narrow : Picture, optional
-        The same for a phone, if the picture is too wide for one.
-    """
+    """Return a picture with its caption."""
     label = f'{picture.title}, {where}'
     drawn = inline_svg(picture.figure, key, label)
     if narrow is not None:
@@ -178,21 +165,7 @@ def _pictures(stretch: StretchComparison) -> Html:
 
 
 def stretch_html(stretch: StretchComparison, before: StretchComparison | None) -> Html:
-    """
-    Return the section of a stretch.
-
-    Parameters
-    ----------
-    stretch : StretchComparison
-        The stretch.
-    before : StretchComparison or None
-        The one before it in the run, for what has changed.
-
-    Returns
-    -------
-    Html
-        To be made within `drawing_style`.
-    """
+    """Return the section of a stretch."""
     tables = [
         comparison_table(stretch) + multiplier_table(stretch),
         energy_table(stretch) + parameter_table(stretch, before),
@@ -358,18 +331,7 @@ def report_page(
     command: str = '',
     drawn: Callable[[int, int], None] | None = None,
 ) -> str:
-    """
-    Return the page.
-
-    Parameters
-    ----------
-    comparison : RunComparison
-        What it reports.
-    command : str, optional
-        The command line that was given.
-    drawn : callable, optional
-        Called with the number of stretches that are drawn, and of those to draw.
-    """
+    """Return the page."""
     detailed = told_stretches(comparison.stretches, MOST_DETAILED)
     before = {b.number: a for a, b in pairwise(comparison.stretches)}
     sections = []

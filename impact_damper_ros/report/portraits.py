@@ -226,21 +226,7 @@ def draw_convergence(stretch: StretchComparison) -> Picture | None:
 
 
 def predicted_lines(curve: PredictedCurve, highest: float) -> tuple[Array, Array]:
-    """
-    Return the lines of the spectrum of the predicted X.
-
-    Parameters
-    ----------
-    curve : PredictedCurve
-        One period.
-    highest : float
-        Highest frequency, Hz.
-
-    Returns
-    -------
-    frequency, amplitude : ndarray
-        Multiples of the motion's frequency, Hz; amplitudes there, m.
-    """
+    """Return the lines of the spectrum of the predicted X."""
     period = curve.cycles * curve.cycle
     if not (len(curve.phase) > 2 and highest * period >= 1.0):
         return np.empty(0), np.empty(0)

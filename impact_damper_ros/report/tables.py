@@ -108,18 +108,7 @@ def _swing_of(orbit: PeriodicOrbit | None, unit: Unit) -> str:
 def overview_table(
     stretches: Sequence[StretchComparison], detailed: Collection[int], note: str
 ) -> Html:
-    """
-    Return the table of all stretches.
-
-    Parameters
-    ----------
-    stretches : sequence of StretchComparison
-        Those to list.
-    detailed : collection of int
-        Numbers of those that have a section of their own, to link to.
-    note : str
-        What to say of those left out.
-    """
+    """Return the table of all stretches."""
     swings = [s.measured.x_max for s in stretches if s.measured is not None]
     unit = unit_for('m', swings)
     rows = []
@@ -158,18 +147,7 @@ def overview_table(
 def overall_table(
     stretches: Sequence[StretchComparison], overall: Overall | None, note: str
 ) -> Html:
-    """
-    Return swing, impacts and energy of whole stretches and of the run; empty if not known.
-
-    Parameters
-    ----------
-    stretches : sequence of StretchComparison
-        Those to list.
-    overall : Overall or None
-        The run.
-    note : str
-        What to say of those left out.
-    """
+    """Return swing, impacts and energy of whole stretches and of the run; empty if not known."""
     known = [(str(s.number), s.overall) for s in stretches if s.overall is not None]
     if overall is None or not known:
         return Html()
@@ -371,16 +349,7 @@ def _value(value: Any) -> str:
 
 
 def parameter_table(stretch: StretchComparison, before: StretchComparison | None) -> Html:
-    """
-    Return the parameters of a stretch, those highlighted that are not as before.
-
-    Parameters
-    ----------
-    stretch : StretchComparison
-        The stretch.
-    before : StretchComparison or None
-        The one before it.
-    """
+    """Return the parameters of a stretch, those highlighted that are not as before."""
     values = {**stretch.parameters.as_dict(), **stretch.control}
     earlier = {} if before is None else {**before.parameters.as_dict(), **before.control}
     changed = [name for name, value in values.items() if earlier.get(name, value) != value]

@@ -54,16 +54,7 @@ class Unit(NamedTuple):
 
 
 def unit_for(name: str, *values: ArrayLike) -> Unit:
-    """
-    Return the unit in which values are handy numbers.
-
-    Parameters
-    ----------
-    name : str
-        The SI unit; a prefix goes before it.
-    values : array_like
-        Values, of which the largest decides; what is not finite does not count.
-    """
+    """Return the unit in which values are handy numbers."""
     largest = 0.0
     for value in values:
         array = np.abs(np.asarray(value, dtype=float)).ravel()
@@ -96,14 +87,7 @@ def _printed_number(match: re.Match[str]) -> str:
 
 
 def worded(text: str) -> str:
-    """
-    Return a sentence of the analysis with its numbers, units and signs as they are printed.
-
-    Parameters
-    ----------
-    text : str
-        As for a terminal: ``-1.5e-07 m/s^2 +- 0.1``.
-    """
+    """Return a sentence of the analysis with its numbers, units and signs as they are printed."""
     text = _PLUS_MINUS.sub('\N{PLUS-MINUS SIGN}', text)
     text = _MICRO.sub('\N{MICRO SIGN}', text)
     text = _NUMBER.sub(_printed_number, text)
@@ -113,16 +97,7 @@ def worded(text: str) -> str:
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """
-    Return a number with so many significant digits, or a dash if there is none.
-
-    Parameters
-    ----------
-    value : float or None
-        The number.
-    digits : int, optional
-        Significant digits; zeros at the end are left out.
-    """
+    """Return a number with so many significant digits, or a dash if there is none."""
     if value is None or math.isnan(value):
         return NONE
     if math.isinf(value):
@@ -161,16 +136,7 @@ def power_of_ten(value: float) -> str:
 
 
 def aligned(values: Sequence[float] | Iterable[float], digits: int = 6) -> list[str]:
-    """
-    Return numbers of one column, with the same number of decimals.
-
-    Parameters
-    ----------
-    values : sequence of float
-        The column.
-    digits : int, optional
-        Significant digits of the largest.
-    """
+    """Return numbers of one column, with the same number of decimals."""
     column = list(values)
     largest = max((abs(v) for v in column if math.isfinite(v)), default=0.0)
     if largest == 0.0 or not 1e-4 <= largest < 1e6:

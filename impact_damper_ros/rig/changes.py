@@ -59,13 +59,6 @@ def kept_angles(
 
     Each keeps its own by its place, in the force arrays or among the lines of the multisine; added
     ones have turned none.
-
-    Parameters
-    ----------
-    angles : tuple of float
-        The angles before, those of the force arrays first, rad.
-    own, lines : tuple of int
-        Entries of the force arrays and lines of the multisine, before and after.
     """
     first = (angles[: own[0]] + (0.0,) * own[1])[: own[1]]
     others = (angles[own[0] :] + (0.0,) * lines[1])[: lines[1]]
@@ -75,26 +68,7 @@ def kept_angles(
 def changed(
     here: Origin, before: Machine, machine: Machine, shift: float, angles: tuple[float, ...]
 ) -> Origin:
-    """
-    Return the state just after a change, before m hits a stop that has come up to it.
-
-    Parameters
-    ----------
-    here : Origin
-        State just before the change.
-    before, machine : Machine
-        The rig before and after it.
-    shift : float
-        By how much X grows because its zero, the static equilibrium, moves, m.
-    angles : tuple of float
-        What the harmonics have turned, rad.
-
-    Returns
-    -------
-    Origin
-        The state, its mode still to be found. Stops go to their places if these have changed; else
-        they stay, or go on their way.
-    """
+    """Return the state just after a change, before m hits a stop that has come up to it."""
     if before.stop != machine.stop or before.one_sided != machine.one_sided:
         here = regapped(here, machine)
     return here._replace(x=here.x + shift, angles=angles)
@@ -116,14 +90,7 @@ class Outcome(IntEnum):
 
 
 def check_command(one_sided: bool, stop: int, target: float, speed: float) -> None:
-    """
-    Check the target and speed of a stop.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such stop, or a number is not admissible.
-    """
+    """Check the target and speed of a stop."""
     name = f'stop_{stop}'
     if stop == 2 and one_sided:
         raise ParameterError(
@@ -154,22 +121,7 @@ def supports(origin: Origin) -> tuple[bool, bool]:
 def commanded(
     one_sided: bool, here: Origin, stop: int, target: float, speed: float
 ) -> tuple[Origin, Outcome]:
-    """
-    Return the state just after a stop has been told to move, mode and velocities unchanged.
-
-    Parameters
-    ----------
-    one_sided : bool
-        Whether stop 2 is absent.
-    here : Origin
-        State just before.
-    stop : int
-        The stop, 1 or 2.
-    target : float
-        Position Y to which it is to go, m.
-    speed : float
-        Speed relative to M, m/s; infinite for at once.
-    """
+    """Return the state just after a stop has been told to move, mode and velocities unchanged."""
     outwards = 1.0 if stop == 1 else -1.0
     place = here.stop_1 if stop == 1 else here.stop_2
     clearance = here.clearance_1 if stop == 1 else here.clearance_2

@@ -84,17 +84,6 @@ def keeps_sign(
     """
     Return whether a function is certain to be positive between two nodes.
 
-    Parameters
-    ----------
-    f_a, d_a, f_b, d_b : float
-        The function and its first derivative at the nodes; `f_a` may be zero.
-    step : float
-        Time between the nodes.
-    bound : float
-        Bound of the fourth derivative's modulus between them.
-    error : float
-        Bound of the round-off in the values.
-
     Notes
     -----
     With s = (t - t_a)/step the function is no less than
@@ -124,24 +113,7 @@ def _turn(
     bound_5: float,
     error: float,
 ) -> FlightEnd:
-    """
-    Return the reversal between two nodes, or the contact that comes before it.
-
-    Parameters
-    ----------
-    flight : Flight
-        The flight.
-    side : float
-        Direction of the motion, +1 or -1.
-    node, start, rate : Node, Relative, float
-        The first node, and the relative acceleration there.
-    t_b, speed_b, rate_b : float
-        Time, speed and acceleration at the second one, the latter two in that direction.
-    bound_5 : float
-        Bound of the fourth derivative of the speed.
-    error : float
-        Bound of the round-off in the speeds.
-    """
+    """Return the reversal between two nodes, or the contact that comes before it."""
     t_a = start.tau
     speed_a = side * start.speed
     rate_a = side * rate
@@ -176,30 +148,7 @@ def _in_doubt(
     b: Relative,
     error: float,
 ) -> tuple[int, float, FlightEnd]:
-    """
-    Look closer at a step in which the speeds alone do not tell that m closes in on a stop.
-
-    Parameters
-    ----------
-    flight, motion : Flight, Motion
-        The flight, and its motion where the grid begins, for the bounds.
-    node_a, a, rate_a : Node, Relative, float
-        The first node, and the relative acceleration there.
-    node_b, b : Node, Relative
-        The second one.
-    error : float
-        Bound of the round-off in the speeds.
-
-    Returns
-    -------
-    verdict : int
-        `_CLOSING`: m closes in on one stop all the way; `_CLEAR`: it reaches neither, and does not
-        turn where that is an event; `_ENDED`: the flight ends, or what happens is in doubt.
-    side : float
-        That stop, +1 for stop 1 and -1 for stop 2.
-    end : FlightEnd
-        The end, if it has ended; without event in doubt.
-    """
+    """Look closer at a step in which the speeds alone do not tell that m closes in on a stop."""
     oscillator = flight.oscillator
     step = oscillator.grid.step
     fall = flight.relative_acceleration + flight.acceleration
@@ -258,24 +207,7 @@ def _rate(oscillator: Oscillator, first: float, fall: float, node: Node, reached
 
 @kernel(inline=True)
 def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
-    """
-    Search relative motion along the grid.
-
-    Parameters
-    ----------
-    flight : Flight
-        A flight with relative motion, its stops at rest where they should be.
-    tau : float
-        Time since the flight's origin up to which there is no event, s.
-    motion : Motion
-        The motion then.
-
-    Returns
-    -------
-    FlightEnd
-        The first event; or without one the time up to which there is none, which is `tau` if what
-        comes then is already in doubt.
-    """
+    """Search relative motion along the grid."""
     oscillator = flight.oscillator
     grid = oscillator.grid
     step = grid.step
@@ -335,21 +267,7 @@ def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
 
 @kernel
 def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
-    """
-    Search joint motion along the grid for the support to give way.
-
-    Parameters
-    ----------
-    flight : Flight
-        A flight of both masses as one.
-    tau, motion : float, Motion
-        As for `search_contact`.
-
-    Returns
-    -------
-    FlightEnd
-        As of `search_contact`.
-    """
+    """Search joint motion along the grid for the support to give way."""
     oscillator = flight.oscillator
     grid = oscillator.grid
     node = base_node(flight, tau, motion)

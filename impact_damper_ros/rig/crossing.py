@@ -85,29 +85,7 @@ def _root_of_x(flight: Flight, side: int, low: float, high: float) -> float:
 def first_crossing(
     flight: Flight, side: int, node: float, limit: float
 ) -> tuple[bool, float, float]:
-    """
-    Find the first passage of X through zero after a node.
-
-    Parameters
-    ----------
-    flight : Flight
-        The flight.
-    side : int
-        Sign of X at the node.
-    node : float
-        Time since the flight's origin: 0, or what an earlier call returned.
-    limit : float
-        Stop searching once the node is beyond this time.
-
-    Returns
-    -------
-    found : bool
-        Whether there is one up to the returned node.
-    tau : float
-        Its time since the origin.
-    node : float
-        The node reached; with the sign of X changed, if one was found.
-    """
+    """Find the first passage of X through zero after a node."""
     oscillator: Oscillator = flight.oscillator
     horizon = oscillator.horizon
     above = node
@@ -185,18 +163,7 @@ def has_side(oscillator: Oscillator, origin: Origin) -> bool:
 
 @kernel
 def sided(oscillator: Oscillator, before: Origin, flight: Flight, origin: Origin) -> Origin:
-    """
-    Return the origin of the next flight, with the side of X if X is too small to tell it.
-
-    Parameters
-    ----------
-    oscillator : Oscillator
-        M alone, for the scale of X.
-    before, flight : Origin, Flight
-        The flight that ends, with its origin.
-    origin : Origin
-        The state after whatever ends it, X being continuous.
-    """
+    """Return the origin of the next flight, with the side of X if X is too small to tell it."""
     if has_side(oscillator, origin):
         return origin
     return with_side(origin, _side_at(before, flight, origin.time))
@@ -251,11 +218,6 @@ class CrossingWatch:
         Return the first passage after one instant and not after another.
 
         Neither instant may be earlier than at the call before.
-
-        Raises
-        ------
-        SearchInterruptedError
-            If `interrupted`, which is called now and then, has returned true.
         """
         while True:
             self._seek(until, interrupted)

@@ -202,16 +202,7 @@ def _swing(rig: RigParameters) -> float:
 
 
 def picture_size(rig: RigParameters, gap_max: float = 0.0) -> PictureSize:
-    """
-    Return how large a rig is drawn.
-
-    Parameters
-    ----------
-    rig : RigParameters
-        The rig.
-    gap_max : float, optional
-        Largest gap of its gap control, m, if that is on.
-    """
+    """Return how large a rig is drawn."""
     swing = _swing(rig)
     damper = max(rig.gap, _DAMPER_PER_SWING * swing)
     widest = max(rig.gap, min(gap_max, _MOST_GAPS * rig.gap))
@@ -310,16 +301,7 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
 
 
 def rviz_setup(text: str, rig: RigParameters, gap_max: float = 0.0) -> str:
-    """
-    Return a set-up of RViz with its view fitted to a rig.
-
-    Parameters
-    ----------
-    text : str
-        The set-up, as in rviz/rig.rviz.
-    rig, gap_max : RigParameters, float
-        As for `robot_description`.
-    """
+    """Return a set-up of RViz with its view fitted to a rig."""
     size = picture_size(rig, gap_max)
     setup: dict[str, Any] = yaml.safe_load(text)
     manager = setup['Visualization Manager']

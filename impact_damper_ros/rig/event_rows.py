@@ -62,22 +62,7 @@ def write_event(
     damper_after: float,
     push: float,
 ) -> int:
-    """
-    Write one event into a row of the table; return the next row.
-
-    Parameters
-    ----------
-    numbers, codes : array of float and of int, shape (rows, 11)
-        The table; see `run_loop.run_through`.
-    row, kind, stop : int
-        The row, the kind of event and the stop.
-    origin : Origin
-        State after the event.
-    before, after, damper_before, damper_after : float
-        Velocities of M and of m just before and after it, m/s.
-    push : float
-        Impulse, N s.
-    """
+    """Write one event into a row of the table; return the next row."""
     numbers[row, 0] = origin.time
     numbers[row, 1] = origin.x
     numbers[row, 2] = offset_of(
@@ -123,24 +108,7 @@ def write_transition(
     codes: Any,
     row: int,
 ) -> int:
-    """
-    Write what an event is reported as, none to three rows; return the next free row.
-
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    damper_mass : float
-        Mass m, kg.
-    kind : int
-        The event, as `contact.first_event` names it.
-    ended : Origin
-        Origin of the flight that it ended.
-    transition : Transition
-        What it did.
-    numbers, codes, row : array, array, int
-        As for `write_event`.
-    """
+    """Write what an event is reported as, none to three rows; return the next free row."""
     origin = transition.origin
     mode = origin.mode
     before = transition.velocity_before
@@ -275,27 +243,7 @@ def support_events(mode_before: int, transition: Transition) -> list[Event]:
 def transition_events(
     machine: Machine, damper_mass: float, kind: int, before: Origin, transition: Transition
 ) -> list[Event]:
-    """
-    Report the event that ended a flight.
-
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    damper_mass : float
-        Its loose mass, kg.
-    kind : int
-        The event, as `contact.first_event` names it.
-    before : Origin
-        Origin of the flight that it ended.
-    transition : Transition
-        What it did.
-
-    Returns
-    -------
-    list of Event
-        None to three of them.
-    """
+    """Report the event that ended a flight."""
     table: _Table = {}
     rows = write_transition(machine, damper_mass, kind, before, transition, table, table, 0)
     return [_event(table, row) for row in range(rows)]

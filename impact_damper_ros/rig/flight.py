@@ -148,25 +148,7 @@ def _series(
     drive_rate: float,
     frequency: float,
 ) -> tuple[float, float, float]:
-    """
-    Sum the Taylor series of the response to one sinusoidal drive from the third order on.
-
-    Parameters
-    ----------
-    tau : float
-        Time since the origin, within the oscillator's `taylor_limit`.
-    decay, omega_squared : float
-        Constants a and w^2 of the oscillator.
-    x, velocity : float
-        Displacement and velocity at the origin.
-    drive, drive_rate, frequency : float
-        Driving acceleration at the origin, its first derivative, and its circular frequency.
-
-    Returns
-    -------
-    tuple of float
-        What the terms of third and higher order add to X, X' and X''.
-    """
+    """Sum the Taylor series of the response to one sinusoidal drive from the third order on."""
     before = x
     last = velocity * tau
     even = drive * tau * tau / 2.0

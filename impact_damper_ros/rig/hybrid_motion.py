@@ -170,34 +170,7 @@ class HybridMotion:
         most_events: float = inf,
         interrupted: Callable[[], bool] | None = None,
     ) -> list[Event]:
-        """
-        Let the rig run to a later time.
-
-        Parameters
-        ----------
-        time : float
-            Time to reach, s; not before the present one.
-        most_events : float, optional
-            After so many events the rig stops, at the last of them, if another one is due before
-            that time; it may go on from there. Elastic stops to which m is pressed can have any
-            number of events.
-        interrupted : callable, optional
-            Called after every event, and now and then during a search. Once it returns true, the
-            rig stops at the last event; it may go on from there, and searches nothing again.
-
-        Returns
-        -------
-        list of Event
-            All events after the present time up to and including the new one; and an impact with
-            which the rig started, or was reset.
-
-        Raises
-        ------
-        ValueError
-            If the time is before the present one or not finite.
-        RunawayError
-            If the rig has events without end at one instant; `go_back` leads out of it.
-        """
+        """Let the rig run to a later time."""
         return self._run(time, most_events, interrupted, watch=False)
 
     def advance_to_crossing(
@@ -208,25 +181,6 @@ class HybridMotion:
     ) -> list[Event]:
         """
         Let the rig run until X passes through zero, or to a later time.
-
-        Parameters
-        ----------
-        time : float
-            Time to reach at most, s; not before the present one.
-        most_events, interrupted : float and callable, optional
-            As of `advance`.
-
-        Returns
-        -------
-        list of Event
-            As of `advance`, up to and including the instant reached. If the last one is of kind
-            `CROSSING`, that is the first instant after the one before at which X passes through
-            zero.
-
-        Raises
-        ------
-        ValueError
-            If the time is before the present one or not finite.
 
         Notes
         -----
@@ -351,22 +305,7 @@ class HybridMotion:
     def preview(
         self, times: Sequence[float], interrupted: Callable[[], bool] | None = None
     ) -> list[Sample]:
-        """
-        Return the motion at later instants, as many of the first ones as the present flight lasts.
-
-        Parameters
-        ----------
-        times : sequence of float
-            Ascending, s; not before the present time.
-        interrupted : callable, optional
-            As of `advance`; there are fewer samples then.
-
-        Returns
-        -------
-        list of Sample
-            To the last bit what `sample` returns once the rig has been advanced to each of them,
-            if nobody does anything to it before; often fewer than asked for, or none.
-        """
+        """Return the motion at those of the later instants that the present flight reaches."""
         last = max(times, default=-inf)
         until = min(self._due, self._step_due)
         if self._due == inf and last >= self._clear:

@@ -110,16 +110,7 @@ def _is_open_to_all(path: Path) -> bool:
 
 
 def stamp_file() -> Path | None:
-    """
-    Return the file that stands for the kernels' sources, beside which numba keeps their code.
-
-    Returns
-    -------
-    Path or None
-        A file in the first writable of the directories that ``NUMBA_CACHE_DIR`` and
-        ``XDG_CACHE_HOME`` name and of ``~/.cache``; None if there is none, or no sources. One
-        that somebody else could have put code into is passed over.
-    """
+    """Return the file, beside which numba keeps its code, that stands for the kernels."""
     try:
         folder = f'kernels-{_digest()}'
     except (OSError, PackageNotFoundError):
@@ -142,14 +133,7 @@ def stamp_file() -> Path | None:
 
 @contextmanager
 def compiling_alone(stamp: Path | None) -> Iterator[None]:
-    """
-    Let one process compile at a time; the others find its result.
-
-    Parameters
-    ----------
-    stamp : Path or None
-        What `stamp_file` has returned; without a cache nobody waits.
-    """
+    """Let one process compile at a time; the others find its result."""
     if stamp is None:
         yield
         return
@@ -191,22 +175,7 @@ def kernel(*, inline: bool) -> Callable[[F], F]: ...
 
 
 def kernel(function: F | None = None, *, inline: bool = False) -> F | Callable[[F], F]:
-    """
-    Mark a function as a kernel and return it unchanged.
-
-    Parameters
-    ----------
-    function : callable
-        The function.
-    inline : bool, optional
-        Whether compiled callers contain it. Named tuples then stay in registers, where a call
-        would copy them; the price is compilation.
-
-    Raises
-    ------
-    ValueError
-        If another kernel has the same name.
-    """
+    """Mark a function as a kernel and return it unchanged."""
 
     def mark(function: F) -> F:
         _register(function.__name__)
@@ -235,18 +204,6 @@ def elementwise(function: Callable[..., Any] | None = None, *, results: int = 1)
     Return a kernel that applies a scalar one along its tuple arguments.
 
     Arguments that are not tuples are passed on to every call.
-
-    Parameters
-    ----------
-    function : callable
-        The scalar kernel.
-    results : int, optional
-        How many numbers it returns: if not one, a tuple for each of them.
-
-    Raises
-    ------
-    ValueError
-        If another kernel has the same name.
     """
 
     def mark(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -375,14 +332,7 @@ def stamp() -> Path | None:
 
 
 def _share(function: types.FunctionType, namespace: dict[str, Any]) -> None:
-    """
-    Put what a kernel refers to into the namespace of all of them.
-
-    Raises
-    ------
-    ValueError
-        If another kernel means something else by one of the names.
-    """
+    """Put what a kernel refers to into the namespace of all of them."""
     for name in function.__code__.co_names:
         if name in function.__globals__:
             value = function.__globals__[name]
@@ -394,24 +344,7 @@ def _share(function: types.FunctionType, namespace: dict[str, Any]) -> None:
 
 
 def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
-    """
-    Compile every kernel imported so far with numba.
-
-    Parameters
-    ----------
-    cached : tuple of str, optional
-        Kernels whose code, with all that they call, is kept for later processes.
-
-    Returns
-    -------
-    dict
-        Name and compiled function of each kernel; they compile at their first call.
-
-    Raises
-    ------
-    ImportError
-        If numba is not installed (extra ``compiled``).
-    """
+    """Compile every kernel imported so far with numba."""
     import numba
 
     namespace: dict[str, Any] = {}

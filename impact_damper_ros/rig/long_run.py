@@ -185,14 +185,7 @@ class EventTable:
         self._written += len(events)
 
     def room(self, done: float) -> Events:
-        """
-        Return rows to write to, enough for one transition at least; none if nothing is kept.
-
-        Parameters
-        ----------
-        done : float
-            Part of the run that is done, from which the rows for all of it are told.
-        """
+        """Return rows to write to, enough for one transition at least; none if nothing is kept."""
         return self._rows(MOST_ROWS, done) if self._record else self._table
 
     def wrote(self, count: int) -> None:

@@ -164,18 +164,7 @@ def air_acceleration(machine: Machine, origin: Origin) -> float:
 def support_need(
     machine: Machine, origin: Origin, sines: tuple[float, ...], velocity: float
 ) -> float:
-    """
-    Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops.
-
-    Parameters
-    ----------
-    machine, origin : Machine, Origin
-        The rig and its state.
-    sines : tuple of float
-        Sine of each harmonic's phase.
-    velocity : float
-        Common velocity of the two masses.
-    """
+    """Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops."""
     share = machine.mass_ratio / (1.0 + machine.mass_ratio)
     together = acceleration_at(machine.joint, share * machine.slope, sines, origin.x, velocity)
     return together - machine.slope - air_acceleration(machine, origin)
@@ -275,16 +264,7 @@ def _joint_flight(machine: Machine, origin: Origin, deadline_kind: int, deadline
 def moving_flight(
     machine: Machine, origin: Origin, deadline_kind: int = NO_EVENT, deadline: float = inf
 ) -> Flight:
-    """
-    Build a flight in which m moves relative to M.
-
-    Parameters
-    ----------
-    machine, origin : Machine, Origin
-        As for `launch`; the mode is `FREE`, `SLIDE_DOWN` or `SLIDE_UP`.
-    deadline_kind, deadline : int, float
-        What ends the flight at the latest, and when.
-    """
+    """Build a flight in which m moves relative to M."""
     sines, cosines = sines_and_cosines_of(machine.phases, origin.angles)
     mode = origin.mode
     standing_1 = origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0

@@ -92,23 +92,7 @@ def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: flo
 def placed(
     origin: Origin, flight: Flight, tau: float, travel: float
 ) -> tuple[float, float, float, float]:
-    """
-    Return where m and the stops are, once m has travelled relative to M.
-
-    Parameters
-    ----------
-    origin, flight : Origin, Flight
-        The flight with its origin.
-    tau : float
-        Time since the origin, s.
-    travel : float
-        Y - Y(origin), m.
-
-    Returns
-    -------
-    clearance_1, clearance_2, stop_1, stop_2 : float
-        Distance of m from each stop, and position Y of each stop, m.
-    """
+    """Return where m and the stops are, once m has travelled relative to M."""
     clearance_1 = origin.clearance_1
     clearance_2 = origin.clearance_2
     stop_1 = origin.stop_1
@@ -134,21 +118,7 @@ def placed(
 
 @kernel(inline=True)
 def stop_rates(origin: Origin, flight: Flight, relative_velocity: float) -> tuple[float, float]:
-    """
-    Return how fast the stops move in M during a flight.
-
-    Parameters
-    ----------
-    origin, flight : Origin, Flight
-        The flight with its origin.
-    relative_velocity : float
-        Y' at that instant, m/s.
-
-    Returns
-    -------
-    stop_rate_1, stop_rate_2 : float
-        Velocity of each stop relative to M, m/s; Y' of one that follows m.
-    """
+    """Return how fast the stops move in M during a flight."""
     stop_rate_1 = origin.stop_velocity_1
     stop_rate_2 = origin.stop_velocity_2
     if not flight.joint and flight.arrival < inf:
@@ -321,18 +291,7 @@ def stopped(
 
 @kernel
 def locked(one_sided: bool, origin: Origin, stop: int) -> Origin:
-    """
-    Return the state once a moving stop has come up to m and stays there.
-
-    Parameters
-    ----------
-    one_sided : bool
-        Whether stop 2 is absent.
-    origin : Origin
-        State at that instant, the stop still moving.
-    stop : int
-        The stop, 1 or 2.
-    """
+    """Return the state once a moving stop has come up to m and stays there."""
     stop_1 = origin.stop_1
     stop_2 = origin.stop_2
     target_1 = origin.target_1

@@ -90,16 +90,7 @@ class Harmonic(NamedTuple):
 
 
 def make_harmonic(decay: float, frequency: float, circular: float) -> Harmonic:
-    """
-    Return the constants of a harmonic.
-
-    Parameters
-    ----------
-    decay, frequency : float
-        The oscillator's a and b.
-    circular : float
-        Circular frequency W of the harmonic, rad/s.
-    """
+    """Return the constants of a harmonic."""
     detuning = circular - frequency
     total = circular + frequency
     if circular > 2.0 * frequency:
@@ -116,16 +107,7 @@ def make_harmonic(decay: float, frequency: float, circular: float) -> Harmonic:
 
 @kernel(inline=True)
 def free_response(decay: float, frequency: float, inverse: float, tau: float) -> Free:
-    """
-    Return the free vibration after a time.
-
-    Parameters
-    ----------
-    decay, frequency, inverse : float
-        The oscillator's a, b and 1/b.
-    tau : float
-        The time, s.
-    """
+    """Return the free vibration after a time."""
     phase = frequency * tau
     sine = sin(phase)
     cosine = cos(phase)
@@ -159,22 +141,7 @@ def driven_response(
     free: Free,
     tau: float,
 ) -> Driven:
-    """
-    Return the response from rest to one harmonic after a time.
-
-    Parameters
-    ----------
-    decay, frequency, inverse, omega_squared : float
-        The oscillator's a, b, 1/b and w^2.
-    circular : float
-        Circular frequency W of the harmonic.
-    detuning, near_re, near_im, far_re, far_im : float
-        Its constants, see `Harmonic`.
-    free : Free
-        The free vibration at that time.
-    tau : float
-        The time, s.
-    """
+    """Return the response from rest to one harmonic after a time."""
     # exp(i W tau) as exp(i b tau) exp(i beta tau), the latter from the half angle.
     half = 0.5 * detuning * tau
     sin_half = sin(half)
@@ -280,20 +247,7 @@ def drive_bound(
     order: int,
     horizon: float,
 ) -> float:
-    """
-    Bound what the drive adds to a derivative of X beyond its free vibration.
-
-    Parameters
-    ----------
-    omega, decay : float
-        Natural circular frequency w and decay a.
-    drive : sequence of (float, float)
-        Amplitude, m/s^2, and circular frequency, rad/s, of each harmonic.
-    order : int
-        Which derivative.
-    horizon : float
-        For how long, s.
-    """
+    """Bound what the drive adds to a derivative of X beyond its free vibration."""
     total = 0.0
     for force, frequency in drive:
         push = abs(force) * frequency**order
@@ -317,20 +271,7 @@ def make_grid(
     harmonics: Sequence[Harmonic],
     fastest: float,
 ) -> Grid:
-    """
-    Return the grid of an oscillator.
-
-    Parameters
-    ----------
-    omega, decay : float
-        Natural circular frequency w and decay a.
-    drive : sequence of (float, float)
-        Amplitude, m/s^2, and circular frequency, rad/s, of each harmonic.
-    harmonics : sequence of Harmonic
-        Constants of the responses to them.
-    fastest : float
-        The fastest of all circular frequencies that act, rad/s.
-    """
+    """Return the grid of an oscillator."""
     step = _STEP / fastest
     frequency = sqrt((omega - decay) * (omega + decay))
     inverse = 1.0 / frequency
@@ -423,22 +364,7 @@ def make_oscillator(
     amplitudes: tuple[float, ...],
     frequencies: tuple[float, ...],
 ) -> Oscillator:
-    """
-    Return the oscillator of one mass with the bounds of its drive.
-
-    Parameters
-    ----------
-    mass, stiffness, damping : float
-        Moving mass (kg), spring (N/m) and dashpot (N s/m); underdamped.
-    amplitudes, frequencies : tuple of float
-        Force harmonics, N and rad/s.
-
-    Returns
-    -------
-    Oscillator
-        Constants shared by all flights of this mass; kept for the next rig with the same, since
-        rigs of a sweep often differ in something else.
-    """
+    """Return the oscillator of one mass with the bounds of its drive."""
     omega_squared = stiffness / mass
     omega = sqrt(omega_squared)
     decay = damping / (2.0 * mass)
@@ -475,20 +401,7 @@ def make_oscillator(
 def acceleration_at(
     oscillator: Oscillator, constant: float, sines: tuple[float, ...], x: float, velocity: float
 ) -> float:
-    """
-    Return X'' from the equation of motion.
-
-    Parameters
-    ----------
-    oscillator : Oscillator
-        The moving mass.
-    constant : float
-        Constant acceleration c, m/s^2.
-    sines : tuple of float
-        Sine of each harmonic's phase at the instant.
-    x, velocity : float
-        Displacement and velocity at the instant.
-    """
+    """Return X'' from the equation of motion."""
     acceleration = constant - 2.0 * oscillator.decay * velocity - oscillator.omega_squared * x
     for j in range(len(sines)):
         acceleration += oscillator.forces[j] * sines[j]

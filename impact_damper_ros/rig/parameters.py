@@ -268,27 +268,7 @@ def split_mix(seed: int) -> Iterator[int]:
 def multisine(
     level: float, low: float, high: float, lines: int, seed: int
 ) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
-    """
-    Return the harmonics of a random-phase multisine.
-
-    Parameters
-    ----------
-    level : float
-        Effective (rms) value of their sum.
-    low, high : float
-        Band; the lines are evenly spaced, the first and the last on its ends. A single line is in
-        the middle.
-    lines : int
-        Number of lines.
-    seed : int
-        Seed of the phases.
-
-    Returns
-    -------
-    amplitudes, frequencies, phases : tuple of float
-        One entry per line: the amplitude level sqrt(2/lines), and the phase 2 pi u with u the
-        upper 53 bits of the line's number in the sequence of SplitMix64, as a fraction.
-    """
+    """Return the harmonics of a random-phase multisine."""
     amplitude = level * sqrt(2.0 / lines)
     if lines == 1:
         frequencies: tuple[float, ...] = (0.5 * (low + high),)

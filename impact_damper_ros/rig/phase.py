@@ -11,14 +11,7 @@ __all__ = ['advance_time', 'sines_and_cosines_of', 'sines_of', 'turned_angles']
 
 @kernel(inline=True)
 def advance_time(time: float, time_low: float, tau: float) -> tuple[float, float]:
-    """
-    Add a duration to an instant held as an unevaluated sum.
-
-    Returns
-    -------
-    time, time_low : float
-        The nearest float to the sum, and what it misses.
-    """
+    """Add a duration to an instant held as an unevaluated sum."""
     total = time + tau
     back = total - time
     low = time_low + ((time - (total - back)) + (tau - back))

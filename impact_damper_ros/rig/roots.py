@@ -78,18 +78,7 @@ def _next_cosines(sine: float, cosine: float, turn_cosine: float, turn_sine: flo
 
 @kernel(inline=True)
 def base_node(flight: Flight, tau: float, motion: Motion) -> Node:
-    """
-    Return the node from which the others are reached.
-
-    Parameters
-    ----------
-    flight : Flight
-        The flight.
-    tau : float
-        Time since its origin, s.
-    motion : Motion
-        The motion then.
-    """
+    """Return the node from which the others are reached."""
     sines = flight.sines
     cosines = flight.cosines
     if tau > 0.0:
@@ -150,22 +139,7 @@ _GUESS = 1e-4
 
 @kernel(inline=True)
 def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) -> float:
-    """
-    Return about where a falling function is zero between two nodes.
-
-    Parameters
-    ----------
-    f_a, d_a, f_b, d_b : float
-        The function and its derivative at the nodes; `f_a` is not negative, `f_b` not positive,
-        nor both zero.
-    step : float
-        Time between the nodes.
-
-    Returns
-    -------
-    float
-        Time since the first node.
-    """
+    """Return about where a falling function is zero between two nodes."""
     change = f_b - f_a
     part = -f_a / change
     if d_a < _UNEVEN * d_b and d_b < _UNEVEN * d_a:
@@ -211,15 +185,6 @@ def last_step(
 ) -> tuple[float, bool]:
     """
     Return the way to the root of a falling function, and whether it is as exact as can be.
-
-    Parameters
-    ----------
-    f_0, f_1, f_2, f_3, f_4, f_5 : float
-        The function and its derivatives here; `f_1` is negative.
-    fastest : float
-        Circular frequency by which the derivatives grow.
-    longest : float
-        Longest step for which these derivatives are enough, as a phase of that.
 
     Notes
     -----
@@ -278,27 +243,7 @@ def _shifted(motion: Motion, kind: int, tau: float, step: float, slope: float) -
 def polished(
     flight: Flight, kind: int, side: int, tau: float, low: float, high: float
 ) -> FlightEnd:
-    """
-    Return the end of a flight by a reversal or a release near a guess.
-
-    Parameters
-    ----------
-    flight : Flight
-        The flight.
-    kind : int
-        The event.
-    side : int
-        +1 for motion down or a support that gives way upwards, else -1.
-    tau : float
-        The guess.
-    low, high : float
-        The nodes between which it is.
-
-    Returns
-    -------
-    FlightEnd
-        The end; without event if that does not succeed.
-    """
+    """Return the end of a flight by a reversal or a release near a guess."""
     for _ in range(_EVALUATIONS):
         motion: Motion = motion_at(flight, tau)
         longest = _LAST_STEP
@@ -536,29 +481,7 @@ def _step(
     low: float,
     high: float,
 ) -> tuple[float, FlightEnd]:
-    """
-    Return a step to a contact from close by, and the end of the flight if the step leads there.
-
-    Parameters
-    ----------
-    side, node, there, rate, low, high : float, Node, Relative, float, float, float
-        As for `contact_root`.
-    left : float
-        Distance of m from the stop at the node, m.
-    series : _Series
-        Around the node.
-    grid : Grid
-        Whose node it is.
-    s : float
-        Time since the node, in steps.
-
-    Returns
-    -------
-    step : float
-        In steps of the grid; NaN if there is none.
-    end : FlightEnd
-        The end; without event if the step is too long, or leads out of the interval.
-    """
+    """Return a step to a contact close by, and the end of the flight if it leads there."""
     step = grid.step
     speed = there.speed * step
     scaled = rate * step * step
@@ -632,27 +555,7 @@ def contact_root(
     low: float,
     high: float,
 ) -> FlightEnd:
-    """
-    Return the end of a flight by a contact near a guess.
-
-    Parameters
-    ----------
-    flight : Flight
-        The flight.
-    side : float
-        +1 for stop 1, -1 for stop 2.
-    node, there, rate : Node, Relative, float
-        The node nearest to the guess, and the relative acceleration there.
-    guess : float
-        Time since the node, s.
-    low, high : float
-        Times since the flight's origin between which the contact is, s.
-
-    Returns
-    -------
-    FlightEnd
-        The end; without event if that does not succeed.
-    """
+    """Return the end of a flight by a contact near a guess."""
     grid = flight.oscillator.grid
     step = grid.step
     clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2

@@ -69,31 +69,7 @@ def plain_impacts(
     instant: float,
     span: float,
 ) -> tuple[Origin, float, int, int, FlightEnd]:
-    """
-    Go from impact to impact as long as they are plain.
-
-    Parameters
-    ----------
-    machine, damper_mass, origin : Machine, float, Origin
-        As for `run_loop.run_through`; m flies plainly.
-    begun : float
-        How much of the present flight belongs to the time before, s.
-    target : float
-        Time not to pass, s.
-    numbers, codes, most, in_mode : array, array, int, array
-        As for `run_loop.run_through`.
-    written, happened : int
-        Rows written, and transitions made so far.
-    instant, span : float
-        Instant of the last event, and how long after an event the next one must be, s.
-
-    Returns
-    -------
-    origin, instant, written, happened : Origin, float, int, int
-        The same after the last plain impact.
-    ending : FlightEnd
-        How the present flight ends, or how far it is known to go on.
-    """
+    """Go from impact to impact as long as they are plain."""
     writing = len(codes) > 0
     ending: FlightEnd = unfinished(NO_EVENT, 0.0)
     while happened < most and not (writing and written + MOST_ROWS > len(codes)):
@@ -215,43 +191,7 @@ def run_through(
     most: int,
     in_mode: Any,
 ) -> tuple[int, tuple[Any, ...], float, int, int, int]:
-    """
-    Let a rig run to a later time.
-
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    damper_mass : float
-        Mass m, kg, for the impulses.
-    origin : Origin
-        Origin of the present flight.
-    time : float
-        Time reached so far, s; not before the origin.
-    end : float
-        Time to reach, s.
-    instants : array of float, shape (n,)
-        Instants at which to sample, ascending, from `time` to `end`.
-    sampled : int
-        How many of them are done already.
-    samples : array of float, shape (n, 9)
-        Takes the samples, in the order of `Sample`.
-    numbers, codes : array of float and of int, shape (rows, 11)
-        The same memory. Takes of each event time, X, Y, velocities of M and m before and after,
-        and impulse as floats, then kind, stop and mode after it as integers. Without a row, events
-        are counted only.
-    most : int
-        How many transitions may be made.
-    in_mode : array of float, shape (8,)
-        Time spent in each mode is added to it, s.
-
-    Returns
-    -------
-    tuple
-        The fields of a `Progress`, with those of its origin. They are plain tuples, since making
-        named ones runs Python code: a signal that came in meanwhile would raise its exception
-        there, where compiled code cannot take one.
-    """
+    """Let a rig run to a later time."""
     writing = len(codes) > 0
     flight: Flight = launch(machine, origin)
     node = 0.0

@@ -93,18 +93,7 @@ class Sweep(NamedTuple):
 
 
 def origin_at_step(machine: Machine, origin: Origin, flight: Flight, instant: float) -> Origin:
-    """
-    Return the origin of the first flight after a step.
-
-    Parameters
-    ----------
-    machine : Machine
-        The rig before the step.
-    origin, flight : Origin, Flight
-        The flight with its origin, on which nothing happens up to the step.
-    instant : float
-        When the frequency changes, s.
-    """
+    """Return the origin of the first flight after a step."""
     tau = max(0.0, (instant - origin.time) - origin.time_low)
     there = carried(origin, flight, end_at(flight, NO_EVENT, tau))
     return sided(machine.free, origin, flight, there._replace(time=instant, time_low=0.0))

@@ -73,23 +73,7 @@ CHATTER_TOLERANCE = 1e-6
 def rebound(
     velocity: float, relative_velocity: float, restitution: float, mass_ratio: float
 ) -> tuple[float, float]:
-    """
-    Return the velocities after an impact from those before it.
-
-    Parameters
-    ----------
-    velocity, relative_velocity : float
-        Velocity of M, and of m relative to M, just before the impact.
-    restitution : float
-        Coefficient of restitution R, 0 to 1.
-    mass_ratio : float
-        Mass ratio m/M.
-
-    Returns
-    -------
-    velocity, relative_velocity : float
-        The same just after it: momentum is kept, the relative velocity reversed by R.
-    """
+    """Return the velocities after an impact from those before it."""
     share = mass_ratio / (1.0 + mass_ratio)
     return (
         velocity + share * (1.0 + restitution) * relative_velocity,
@@ -107,24 +91,7 @@ def impulse(
 
 @kernel
 def bounce_duration(speed: float, press: float, grip: float) -> float:
-    """
-    Return how long m stays off a stop that it leaves slowly.
-
-    Parameters
-    ----------
-    speed : float
-        Speed of m away from the stop just after an impact; positive.
-    press : float
-        Relative acceleration towards the stop without friction.
-    grip : float
-        What friction adds to it while m leaves and takes from it while m returns; not negative.
-
-    Returns
-    -------
-    float
-        speed (1/up + 1/sqrt(up down)) with the constant accelerations up = press + grip and
-        down = press - grip; infinite if m does not come back.
-    """
+    """Return how long m stays off a stop that it leaves slowly."""
     down = press - grip
     if down <= 0.0:
         return inf
@@ -136,17 +103,6 @@ def bounce_duration(speed: float, press: float, grip: float) -> float:
 def may_chatter(speed: float, push: float, jerk_bound: float, shortest: float) -> bool:
     """
     Return whether a chatter may be complete, or a bounce too short to be told, for all one knows.
-
-    Parameters
-    ----------
-    speed : float
-        Speed of m away from a stop just after an impact; positive.
-    push : float
-        Bound of the relative acceleration, friction included.
-    jerk_bound : float
-        A bound of the relative jerk is not less than this.
-    shortest : float
-        Time off the stop that is too short.
 
     Notes
     -----
@@ -162,21 +118,6 @@ def chatter_duration(
 ) -> float:
     """
     Return the time until a chatter on one stop accumulates.
-
-    Parameters
-    ----------
-    speed, press, grip : float
-        As for `bounce_duration`.
-    restitution : float
-        Coefficient of restitution at the stop.
-    jerk_bound : float
-        Bound of the modulus of the relative jerk.
-
-    Returns
-    -------
-    float
-        Sum of the durations of all further flights, or infinity if it is not yet certain to
-        `CHATTER_TOLERANCE` that the chatter is complete.
 
     Notes
     -----
@@ -248,16 +189,7 @@ def at_rest(machine: Machine, origin: Origin) -> Origin:
 
 @kernel(inline=True)
 def is_no_chatter(machine: Machine, hit: Origin, stop: int) -> bool:
-    """
-    Return whether an impact belongs to no chatter, as far as one can tell without a sine.
-
-    Parameters
-    ----------
-    machine, hit : Machine, Origin
-        The rig, and its state just after the impact.
-    stop : int
-        The stop hit.
-    """
+    """Return whether an impact belongs to no chatter, as far as one can tell without a sine."""
     push = machine.push + (1.0 + machine.mass_ratio) * (
         machine.joint.omega_squared * abs(hit.x)
         + 2.0 * machine.joint.decay * abs(_common_velocity(machine, hit))
@@ -300,23 +232,7 @@ def _last_bounces(machine: Machine, hit: Origin, stop: int, restitution: float) 
 
 @kernel(inline=True)
 def rebounded(machine: Machine, origin: Origin, stop: int) -> tuple[float, float, float, float]:
-    """
-    Return the velocities at an impact.
-
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    origin : Origin
-        State just *before* the impact, m on the stop.
-    stop : int
-        The stop it hits, 1 or 2.
-
-    Returns
-    -------
-    restitution, relative_before, after, relative_after : float
-        Coefficient of restitution, Y' just before, and X' and Y' just after the impact.
-    """
+    """Return the velocities at an impact."""
     relative_before = origin.relative_velocity
     # Towards stop 1 is positive; round-off must not turn a grazing contact into a push.
     if stop == 1:

@@ -302,21 +302,7 @@ def _same(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
 
 
 def identified(rows: Iterable[tuple[Hashable, Row]]) -> NDArray[np.int64]:
-    """
-    Return numbers for the motions that each rig settles into.
-
-    Parameters
-    ----------
-    rows : iterable of (hashable, Row)
-        The rig, without its initial conditions, and its row.
-
-    Returns
-    -------
-    ndarray of int
-        For each row the number of its motion among those of its rig: 0 for the one with most
-        rows, of equals the one met first; `FAILED` for a rig that could not be simulated. All
-        motions of a rig that do not repeat are one, if they are of one kind.
-    """
+    """Return numbers for the motions that each rig settles into."""
     known: dict[tuple[Hashable, Hashable], list[_Known]] = {}
     rigs: list[Hashable] = []
     numbers: list[int] = []
@@ -357,20 +343,7 @@ _LISTS = ('doubles', 'integers')
 def write_csv(
     stream: IO[str], inputs: dict[str, Any], columns: Sequence[Column], rows: Iterable[Row]
 ) -> None:
-    """
-    Write a table.
-
-    Parameters
-    ----------
-    stream : text file
-        Where to; opened with ``newline=''``.
-    inputs : dict
-        The inputs of the sweep.
-    columns : sequence of Column
-        The columns.
-    rows : iterable of Row
-        The rows, in order.
-    """
+    """Write a table."""
     units = {column.name: column.unit for column in columns if column.unit}
     stream.write(f'{_TITLE}\n{_INPUTS}{json.dumps(inputs)}\n{_UNITS}{json.dumps(units)}\n')
     table = csv.writer(stream, lineterminator='\n')
@@ -387,16 +360,7 @@ def _cell(value: Any) -> str:
 
 
 def csv_inputs(path: Path) -> dict[str, Any]:
-    """
-    Return the inputs that a table was made from.
-
-    Raises
-    ------
-    ValueError
-        If the file is no table of a sweep.
-    OSError
-        If it cannot be read.
-    """
+    """Return the inputs that a table was made from."""
     with path.open(encoding='utf-8', newline='') as stream:
         for line in stream:
             if line.startswith(_INPUTS):
@@ -408,16 +372,7 @@ def csv_inputs(path: Path) -> dict[str, Any]:
 
 
 def csv_rows(path: Path, columns: Sequence[Column]) -> list[list[Any]]:
-    """
-    Return the values of a table, column by column.
-
-    Raises
-    ------
-    ValueError
-        If a row is not one of such a table.
-    OSError
-        If it cannot be read.
-    """
+    """Return the values of a table, column by column."""
     with path.open(encoding='utf-8', newline='') as stream:
         csv.field_size_limit(1 << 30)  # the state of rig and control is a long text
         table = csv.reader(line for line in stream if not line.startswith('#'))

@@ -174,14 +174,7 @@ _OTHERS, _NONE = '#555555', '#DDDDDD'
 
 
 def basin_figure(table: SweepTable) -> Figure:
-    """
-    Draw the attractor that is reached from each pair of initial conditions.
-
-    Parameters
-    ----------
-    table : SweepTable
-        A sweep of two initial conditions.
-    """
+    """Draw the attractor that is reached from each pair of initial conditions."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
@@ -279,18 +272,7 @@ def _draw_surroundings(axes: Any, optimum: Optimum) -> None:
 
 
 def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
-    """
-    Draw impact phases, a measure and, if there is any, the Lyapunov exponent on the parameter.
-
-    Parameters
-    ----------
-    table : SweepTable
-        A sweep along one axis.
-    measure : str
-        Name of the measure in the middle.
-    optimum : Optimum or None
-        The rig to mark there.
-    """
+    """Draw impact phases, a measure and the Lyapunov exponent, if any, over the parameter."""
     axis = table.plan.axes[0]
     values = np.array(axis.values, dtype=float)
     cycle = table.numbers('cycle')
@@ -482,18 +464,7 @@ def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
 
 
 def surface_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
-    """
-    Draw a measure over two axes.
-
-    Parameters
-    ----------
-    table : SweepTable
-        A sweep along two axes.
-    measure : str
-        Name of the measure.
-    optimum : Optimum or None
-        The rig to mark.
-    """
+    """Draw a measure over two axes."""
     plan = table.plan
     across, up = plan.axes
     values = np.where(np.isfinite(table.numbers(measure)), table.numbers(measure), np.nan)

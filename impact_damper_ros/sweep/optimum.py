@@ -502,15 +502,7 @@ _MOST_SHOWN = 8
 
 
 def attractors_of(table: SweepTable) -> list[dict[str, Any]]:
-    """
-    Return the attractors of a sweep of initial conditions alone, the one with most rows first.
-
-    Returns
-    -------
-    list of dict
-        Number, motion, period and stops, share of all rows, and largest |X| of each (of one that
-        does not repeat: the mean over its rows). Empty if more than one rig was swept.
-    """
+    """Return the attractors of a sweep of initial conditions, the one with most rows first."""
     if not all(axis.initial for axis in table.plan.axes):
         return []
     numbers = np.nan_to_num(table.numbers('attractor'), nan=FAILED).astype(int)
@@ -547,16 +539,7 @@ def attractor_text(attractor: dict[str, Any]) -> str:
 
 
 def caution_texts(optimum: Optimum, names: Sequence[str]) -> list[str]:
-    """
-    Return what an optimum is next to, and what else the best rig can do, each in words.
-
-    Parameters
-    ----------
-    optimum : Optimum
-        The best rig.
-    names : sequence of str
-        Name of each axis.
-    """
+    """Return what an optimum is next to, and what else the best rig can do, each in words."""
     texts = []
     for edge in optimum.edges:
         assert edge.axis is not None

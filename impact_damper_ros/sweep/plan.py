@@ -74,14 +74,7 @@ class Target:
 
     @classmethod
     def named(cls, text: str) -> Self:
-        """
-        Read what `str` gives.
-
-        Raises
-        ------
-        AxisError
-            If it is not of that form.
-        """
+        """Read what `str` gives."""
         match = _TARGET.fullmatch(text.strip())
         if match is None:
             raise AxisError(f'{shown(text)} is not the name of a parameter')
@@ -529,22 +522,7 @@ def varied(
     initial: InitialConditions,
     settings: Sequence[tuple[Target, float]],
 ) -> tuple[RigParameters, InitialConditions]:
-    """
-    Return a rig with other values, all at once; those of the gap control are left out.
-
-    Parameters
-    ----------
-    parameters, initial : RigParameters, InitialConditions
-        The rig as it is.
-    settings : sequence of (Target, float)
-        What takes which value.
-
-    Raises
-    ------
-    ParameterError
-        If the rig is not admissible with them. Whether m then starts between the stops is left
-        to whoever starts it.
-    """
+    """Return a rig with other values, all at once; those of the gap control are left out."""
     changes: dict[str, Any] = {}
     start: dict[str, Any] = {}
     for target, value in settings:
@@ -566,14 +544,7 @@ def varied(
 def varied_control(
     control: GapControlParameters, settings: Sequence[tuple[Target, float]]
 ) -> GapControlParameters:
-    """
-    Return a gap control with other values, all at once; those of the rig are left out.
-
-    Raises
-    ------
-    ParameterError
-        If the control is not admissible with them.
-    """
+    """Return a gap control with other values, all at once; those of the rig are left out."""
     return control.replace(
         **{
             target.name: int(value) if target.spec.kind == 'integer' else value

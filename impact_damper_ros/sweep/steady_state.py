@@ -42,23 +42,7 @@ _PASSED_OVER = (EventKind.REVERSAL, EventKind.CROSSING, EventKind.STOP_ARRIVED)
 
 
 def chatter_time(events: Events, start: float, end: float) -> float:
-    """
-    Add up the time that m spends in complete chatters.
-
-    Parameters
-    ----------
-    events : ndarray of EVENT_TYPE
-        Events in a row. They should begin before the stretch and reach beyond it, so that a
-        chatter under way at either end is recognised.
-    start, end : float
-        The stretch, s.
-
-    Returns
-    -------
-    float
-        Time within the stretch, s, from the first of the impacts on one stop that follow one
-        another ever faster to the rest in which they end.
-    """
+    """Add up the time that m spends in complete chatters."""
     total = 0.0
     faster: list[float] = []
     struck = 0
@@ -338,23 +322,6 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
 def steady_state(run: LongRun | ControlledRun, settling: Settling) -> SteadyState:
     """
     Let a rig settle, and measure the motion.
-
-    Parameters
-    ----------
-    run : LongRun or ControlledRun
-        The rig, at the beginning of a cycle of its force. It is left at the end of a cycle.
-    settling : Settling
-        How long and how closely it is watched.
-
-    Returns
-    -------
-    SteadyState
-        The motion.
-
-    Raises
-    ------
-    EndlessEventsError
-        If the rig has more events than it may.
 
     Notes
     -----

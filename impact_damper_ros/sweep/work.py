@@ -139,29 +139,7 @@ def rig_row(
     state: Snapshot | None = None,
     control: GapControlParameters | None = None,
 ) -> tuple[Row, Snapshot | None]:
-    """
-    Run one rig of a sweep.
-
-    Parameters
-    ----------
-    parameters, initial : RigParameters, InitialConditions
-        The rig, but for what is varied.
-    settings : sequence of (Target, float)
-        What takes which value.
-    settling : Settling
-        How it is watched.
-    state : dict, optional
-        State of another rig to start from.
-    control : GapControlParameters, optional
-        The gap control, but for what is varied; off, if not given.
-
-    Returns
-    -------
-    row : Row
-        What it does, or why it cannot be run.
-    state : dict or None
-        Its last state; None if there is none.
-    """
+    """Run one rig of a sweep."""
     try:
         rig, begun = varied(parameters, initial, settings)
         run: LongRun | ControlledRun
@@ -182,14 +160,7 @@ def rig_row(
 
 
 def run_block(block: Block) -> list[Done]:
-    """
-    Run rigs until all are done or the time is up; at least one.
-
-    Raises
-    ------
-    WrongVersionError
-        If this is another version of the package than planned the work.
-    """
+    """Run rigs until all are done or the time is up; at least one."""
     if block.version != impact_damper_ros.__version__:
         raise WrongVersionError(
             f'a worker has version {impact_damper_ros.__version__} of impact_damper_ros, the '

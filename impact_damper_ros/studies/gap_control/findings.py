@@ -57,18 +57,7 @@ def tuned_shares(results: Results, extent: Extent) -> dict[int, float]:
 
 
 def level_sweep(results: Results, extent: Extent, angle: int = 0) -> LevelSweep:
-    """
-    Return the level sweep of the rig at an angle.
-
-    Parameters
-    ----------
-    results : mapping
-        Responses by the keys of their cases.
-    extent : Extent
-        What was run.
-    angle : int, optional
-        Inclination, degrees.
-    """
+    """Return the level sweep of the rig at an angle."""
     rig = inclined_rig(angle)
     forced = [rig.replace(force_amplitudes=[level]) for level in extent.levels]
     ratios = {

@@ -284,16 +284,7 @@ def _figure(name: str) -> str:
 
 
 def report_text(results: Results, extent: Extent) -> str:
-    """
-    Return README.md.
-
-    Parameters
-    ----------
-    results : mapping
-        Responses by the keys of their cases.
-    extent : Extent
-        What was run.
-    """
+    """Return README.md."""
     found = broadband(results, extent)
     parts = [
         INTRODUCTION,

@@ -50,11 +50,6 @@ def symmetric_displacements(rig: RigParameters) -> tuple[float, ...]:
     """
     Return X at stop 1 of the symmetric motions, from a quadratic.
 
-    Parameters
-    ----------
-    rig : RigParameters
-        Horizontal and without friction and air, both restitutions equal.
-
     Notes
     -----
     m crosses with the speed v = (2 X + d) Omega/pi, so momentum and restitution give M's speeds
@@ -97,16 +92,7 @@ def _has_stable(intensity: float) -> bool:
 
 
 def vertical_range(inside: float = 0.8, steps: int = 40) -> tuple[float, float]:
-    """
-    Return the ends of the stable range of A Omega^2/g of the paper's vertical one-sided rig.
-
-    Parameters
-    ----------
-    inside : float, optional
-        A value within the range.
-    steps : int, optional
-        Bisections of each end.
-    """
+    """Return the ends of the stable range of A Omega^2/g of the paper's vertical one-sided rig."""
 
     def edge(good: float, bad: float) -> float:
         for _ in range(steps):
@@ -157,14 +143,7 @@ def judged(holds: bool, otherwise: Verdict = Verdict.NOT_REPRODUCED) -> Verdict:
 
 
 def stable_width(curves: Sequence[Curve]) -> float:
-    """
-    Return over how much of the parameter some motion of these curves is stable and viable.
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        Curves of one number of impacts.
-    """
+    """Return over how much of the parameter some motion of these curves is stable and viable."""
     pieces = sorted(
         (min(a.value, b.value), max(a.value, b.value))
         for curve in curves
@@ -192,14 +171,7 @@ def branch(series: Series, impacts: int = 2) -> list[Point]:
 
 
 def at_value(series: Series, value: float) -> Point:
-    """
-    Return the viable motion with two impacts per cycle at a value, stable if there is one.
-
-    Raises
-    ------
-    KeyError
-        If there is none at this value.
-    """
+    """Return the viable motion with two impacts per cycle at a value, stable if there is one."""
     for point in branch(series):
         if abs(point.value - value) < 1e-9:
             return point
@@ -209,23 +181,7 @@ def at_value(series: Series, value: float) -> Point:
 def stable_excess(
     series: Series, reference: Series, above: float = -np.inf
 ) -> tuple[float, float, int]:
-    """
-    Compare displacements where both series are stable.
-
-    Parameters
-    ----------
-    series, reference : Series
-        With two impacts per cycle.
-    above : float, optional
-        Least value compared.
-
-    Returns
-    -------
-    least, largest : float
-        Relative excess of the first over the second.
-    count : int
-        Number of values compared.
-    """
+    """Compare displacements where both series are stable."""
     base = {p.value: p.ratio for p in branch(reference) if p.status == Status.STABLE}
     excess = [
         p.ratio / base[p.value] - 1.0
@@ -273,14 +229,7 @@ _WORDS = {2: 'two', 3: 'three', 4: 'four'}
 
 
 def agreement_claims(results: Mapping[str, Series]) -> list[Claim]:
-    """
-    Judge the claims of agreement.
-
-    Parameters
-    ----------
-    results : mapping of str to Series
-        All series computed.
-    """
+    """Judge the claims of agreement."""
     worst, count = 0.0, 0
     for rate in (1.0, 1.02):
         for gap in np.arange(24.0, 56.1, 4.0):
@@ -340,14 +289,7 @@ def _widths(
 
 
 def gap_claims(results: Mapping[str, Series]) -> list[Claim]:
-    """
-    Judge the claims about Figure 2.
-
-    Parameters
-    ----------
-    results : mapping of str to Series
-        The series of Figure 2, by name.
-    """
+    """Judge the claims about Figure 2."""
     level = results['2 horizontal']
     words, least, inner = [], np.inf, np.inf
     for gravity in (1, 2):
@@ -491,14 +433,7 @@ _INNER_GAP = 41.0
 
 
 def response_claims(results: Mapping[str, Series]) -> list[Claim]:
-    """
-    Judge the claims about Figure 3.
-
-    Parameters
-    ----------
-    results : mapping of str to Series
-        Its series, by name.
-    """
+    """Judge the claims about Figure 3."""
     changes = {
         case.key: stable_excess(results[f'3a {case.key} unequal'], results[f'3a {case.key} equal'])
         for case in CASES
@@ -632,14 +567,7 @@ def _two_impacts(rig: RigParameters) -> str:
 
 
 def frequency_scale_claims(results: Mapping[str, Series]) -> list[Claim]:
-    """
-    Judge the claims about Figure 4, and which reading of its parameters they hold for.
-
-    Parameters
-    ----------
-    results : mapping of str to Series
-        Its series, by name.
-    """
+    """Judge the claims about Figure 4, and which reading of its parameters they hold for."""
     tilted, level = results['4 ζ=0.005'], results['4 ζ=0.005 level']
     horizontal = branch(level)[0].ratio
     whole = branch(tilted)
@@ -706,14 +634,7 @@ def _speed_claim(series: Series) -> Claim:
 
 
 def optimum_claims(points: Sequence[OptimumPoint]) -> list[Claim]:
-    """
-    Judge the claims about Figure 5.
-
-    Parameters
-    ----------
-    points : sequence of OptimumPoint
-        The optimum at each angle, 0 first.
-    """
+    """Judge the claims about Figure 5."""
     start = points[0].best
     small = [p for p in points if p.angle <= 15.0]
     shift = max(abs(p.best.gap / start.gap - 1.0) for p in small)
@@ -744,14 +665,7 @@ def optimum_claims(points: Sequence[OptimumPoint]) -> list[Claim]:
 
 
 def air_claims(results: Mapping[str, Series]) -> list[Claim]:
-    """
-    Judge the claims about Figure 6.
-
-    Parameters
-    ----------
-    results : mapping of str to Series
-        Its series, by name.
-    """
+    """Judge the claims about Figure 6."""
     words_small, words_large, words_gain = [], [], []
     rises: list[float] = []
     ends: list[float] = []

@@ -96,21 +96,7 @@ class SettledMotion:
 
 
 def disturbed(orbit: PeriodicOrbit, share: float = DISTURBANCE) -> Simulator:
-    """
-    Return a simulator that starts near a periodic motion, just after its first impact.
-
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        The motion.
-    share : float, optional
-        By how much the velocity of M is off, relative to its largest displacement times Omega.
-
-    Returns
-    -------
-    Simulator
-        Its force has the phase that belongs there.
-    """
+    """Return a simulator that starts near a periodic motion, just after its first impact."""
     rig = orbit.parameters
     rate = rig.force_frequencies[0]
     phase = rig.force_phases[0] + rate * orbit.instants[0]
@@ -135,21 +121,7 @@ def _watch(rig: RigParameters, simulator: Simulator, cycles: int, begun: int) ->
 
 
 def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
-    """
-    Simulate until the motion repeats.
-
-    Parameters
-    ----------
-    simulator : Simulator
-        The rig, at its start; it goes on.
-    value : float, optional
-        What to call the result.
-
-    Returns
-    -------
-    SettledMotion
-        With the periodic motion of the theory beside it.
-    """
+    """Simulate until the motion repeats."""
     rig = simulator.parameters
     cycle = math.tau / rig.force_frequencies[0]
     begun = math.ceil(simulator.time / cycle)
@@ -194,24 +166,7 @@ def settled_motions(
     carried: bool,
     predicted: Mapping[float, Sequence[PeriodicOrbit]] = MappingProxyType({}),
 ) -> list[SettledMotion]:
-    """
-    Simulate rigs, each from rest and other starts.
-
-    Parameters
-    ----------
-    rigs : sequence of (float, RigParameters)
-        Value of the swept parameter, rising, and the rig there.
-    carried : bool
-        Whether each settled motion is also a start at the values next to it, as in a slow sweep
-        upwards and downwards; the force must be the same for all.
-    predicted : mapping of float to sequence of PeriodicOrbit, optional
-        Motions that are started as well, off by a small disturbance.
-
-    Returns
-    -------
-    list of SettledMotion
-        Different motions at each value; also those that do not repeat, with no stops.
-    """
+    """Simulate rigs, each from rest and other starts."""
     found: list[list[_Run]] = [[] for _ in rigs]
     for runs, (value, rig) in zip(found, rigs, strict=True):
         _take(runs, Simulator(rig), value)
@@ -400,20 +355,7 @@ def _two_impacts(sweep: Sweep, value: float) -> tuple[PeriodicOrbit, ...]:
 
 
 def enumerated_curves(sweep: Sweep) -> list[Curve]:
-    """
-    Find the curves of two alternating impacts per cycle (one, if the rig is one-sided).
-
-    Parameters
-    ----------
-    sweep : Sweep
-        The rig and the values.
-
-    Returns
-    -------
-    list of Curve
-        All solutions, linked from value to value. Where the best motion changes its kind between
-        two values, as by losing stability, a few more are inserted so that the edge is sharp.
-    """
+    """Find the curves of two alternating impacts per cycle (one, if the rig is one-sided)."""
     values = list(sweep.values)
     found = {value: _two_impacts(sweep, value) for value in values}
 
@@ -509,24 +451,7 @@ def _follow(
 
 
 def followed_curves(sweep: Sweep, motions: Sequence[SettledMotion], impacts: int) -> list[Curve]:
-    """
-    Find curves of motions in one cycle of the force from those that were simulated.
-
-    Parameters
-    ----------
-    sweep : Sweep
-        The rig and the values.
-    motions : sequence of SettledMotion
-        What the simulator settled into.
-    impacts : int
-        Number of impacts per cycle that is sought.
-
-    Returns
-    -------
-    list of Curve
-        Motions of the rig, stable and unstable, as far as they can be led. All are viable: the
-        event map is the simulator's own.
-    """
+    """Find curves of motions in one cycle of the force from those that were simulated."""
     curves: list[Curve] = []
     for motion in motions:
         for orbit in motion.seeds:

@@ -61,22 +61,7 @@ def draw_curves(
     quantity: Callable[[Point], Sequence[float]],
     scale: float = 1.0,
 ) -> None:
-    """
-    Draw theory: stable motions solid, unstable ones dashed, those not viable not at all.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Where.
-    curves : sequence of Curve
-        The curves.
-    color : str
-        Their colour.
-    quantity : callable
-        Gives the ordinates of a point, one line for each.
-    scale : float, optional
-        Factor of the line widths.
-    """
+    """Draw theory: stable motions solid, unstable ones dashed, those not viable not at all."""
     for curve in curves:
         for status, points in _stretches(curve.points):
             if status == Status.NOT_VIABLE:
@@ -96,22 +81,7 @@ def draw_marks(
     marker: str,
     quantity: Callable[[SettledMotion], Sequence[float]],
 ) -> None:
-    """
-    Draw simulation: settled motions with a number of impacts in one cycle of the force.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Where.
-    motions : sequence of SettledMotion
-        The motions.
-    impacts : int
-        The number.
-    color, marker : str
-        How.
-    quantity : callable
-        Gives the ordinates of a motion.
-    """
+    """Draw simulation: settled motions with a number of impacts in one cycle of the force."""
     pairs = [
         (motion.value, ordinate)
         for motion in motions
@@ -135,20 +105,7 @@ def draw_marks(
 def legend_below(
     where: Any, series: Sequence[tuple[str, str, str]], columns: int, *, marks: bool = True
 ) -> None:
-    """
-    Put the legend of a figure below its panels.
-
-    Parameters
-    ----------
-    where : matplotlib.figure.Figure
-        The figure.
-    series : sequence of (str, str, str)
-        Label, colour and marker of each series.
-    columns : int
-        Number of columns.
-    marks : bool, optional
-        Whether there are simulated motions.
-    """
+    """Put the legend of a figure below its panels."""
     from matplotlib.lines import Line2D
 
     look: dict[str, Any] = {'markersize': 4.5, 'markerfacecolor': 'white'}
@@ -207,16 +164,7 @@ def _case_series(results: Mapping[str, Series], gravity: float) -> list[Series]:
 
 
 def draw_figure_2(results: Mapping[str, Series], gravity: float) -> Figure:
-    """
-    Draw durations between impacts and the largest displacement against the gap.
-
-    Parameters
-    ----------
-    results : mapping of str to Series
-        Series by name.
-    gravity : float
-        1, as in the caption, or 2, as in the text.
-    """
+    """Draw durations between impacts and the largest displacement against the gap."""
     figure = blank_figure(8.2, 9.2)
     series = _case_series(results, gravity)
     limits = {2: (15.0, 64.0, 0.1, 0.55), 3: (9.0, 24.0, 0.36, 0.46), 4: (4.0, 14.0, 0.4, 0.5)}

@@ -76,16 +76,7 @@ CASES = (
 
 
 def scaled_rig(rig: RigParameters, omega: float) -> RigParameters:
-    """
-    Return a rig with another natural frequency, and M, zeta, r and F/K as they are.
-
-    Parameters
-    ----------
-    rig : RigParameters
-        The rig.
-    omega : float
-        Natural circular frequency wanted, rad/s.
-    """
+    """Return a rig with another natural frequency, and M, zeta, r and F/K as they are."""
     ratio = omega / rig.omega
     return rig.replace(
         stiffness=rig.stiffness * ratio**2,
