@@ -56,6 +56,7 @@ class LiveSource:
         self._common = common
         self.rig = LiveRig(link, self._tell)
         self.theorist = Theorist(self._tell_theory)
+        self.theorist.start()
         self.rig.on_course = self._course
         self.rig.on_restart = self._restart
         self._asking: asyncio.Task[None] | None = None
