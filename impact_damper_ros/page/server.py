@@ -6,6 +6,7 @@ import asyncio
 import json
 import socket
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
@@ -51,6 +52,7 @@ _LOOK_PERIOD_S = 1.0
 #: A rig that nobody looks at is left after this time, s: who loads the page anew finds the traces.
 _KEPT_S = 30.0
 _LIST_PERIOD_S = 2.0
+_COMPLAINT_PERIOD_S = 10.0
 _SEND_BUFFER = 256 * 1024
 _PIECE = 256 * 1024
 
@@ -144,6 +146,7 @@ class PageServer:
         self._listed = json.dumps([])
         self._list: list[dict[str, Any]] = []
         self._looked = self._listed_at = 0.0
+        self._failed = -_COMPLAINT_PERIOD_S
         self._tasks: set[asyncio.Task[Any]] = set()
         self._http: HTTPServer | None = None
         self._read_last: tuple[object, Recorded] | None = None
@@ -168,16 +171,19 @@ class PageServer:
 
     async def close(self) -> None:
         """End all."""
+        if self._http is not None:
+            self._http.stop()
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         for session in list(self._sessions):
             session.outbox.close()
-        for source in self._sources.values():
-            source.close()
+            self.leave(session)
         if self._http is not None:
-            self._http.stop()
             await self._http.close_all_connections()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for source in self._sources.values():
+            await source.close()
         if self._network is not None:
             self._network.close()
         self.recordings.close()
@@ -218,7 +224,12 @@ class PageServer:
             period = 1.0 / _FRAMES_PER_SECOND if self._sessions else _IDLE_PERIOD_S
             due = max(due + period, now)
             await asyncio.sleep(due - now)
-            self._tick()
+            try:
+                self._tick()
+            except Exception:  # what one message holds must not stop the others
+                if now > self._failed + _COMPLAINT_PERIOD_S:
+                    self._failed = now
+                    traceback.print_exc()
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -252,7 +263,7 @@ class PageServer:
             if source.sessions:
                 self._left_at[name] = now
             elif now > self._left_at.get(name, now) + _KEPT_S:
-                self._sources.pop(name).close()
+                self._spawn(self._sources.pop(name).close())
                 self._left_at.pop(name, None)
 
     def _list_recordings(self) -> None:
@@ -340,9 +351,9 @@ class PageServer:
 
     def leave(self, session: Session) -> None:
         """Forget a page."""
+        if session in self._sessions and isinstance(session.source, Player):
+            self._spawn(session.source.close())
         self._sessions.discard(session)
-        if isinstance(session.source, Player):
-            session.source.close()
         if isinstance(session.source, LiveSource):
             session.source.sessions.discard(session)
 
@@ -436,6 +447,11 @@ class _Static(_Guarded, StaticFileHandler):
     def initialize(self, path: str, server: PageServer) -> None:  # type: ignore[override]
         self.server = server
         StaticFileHandler.initialize(self, path)
+
+    def prepare(self) -> None:
+        super().prepare()
+        if '\0' in unquote(self.request.path):
+            raise HTTPError(404)
 
     def set_extra_headers(self, path: str) -> None:
         del path
