@@ -212,7 +212,10 @@ def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
         async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
             await page.until(lambda: [m for m in page.of('hello') if m['parameters']])
             assert await page.ask(type='set', values={'gap': 30.0}) == {
-                'type': 'set_result', 'id': 1, 'ok': True, 'reason': ''
+                'type': 'set_result',
+                'id': 1,
+                'ok': True,
+                'reason': '',
             }
             assert link.rig.parameters.gap == 30.0
             refused = await page.ask(type='set', values={'gap': -1.0})
