@@ -148,6 +148,8 @@ class PageServer:
         self._looked = self._listed_at = 0.0
         self._failed = -_COMPLAINT_PERIOD_S
         self._tasks: set[asyncio.Task[Any]] = set()
+        # These are not cancelled: processes end meanwhile.
+        self._endings: set[asyncio.Task[Any]] = set()
         self._http: HTTPServer | None = None
         self._read_last: tuple[object, Recorded] | None = None
 
@@ -181,7 +183,7 @@ class PageServer:
             self.leave(session)
         if self._http is not None:
             await self._http.close_all_connections()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await asyncio.gather(*self._endings, return_exceptions=True)
         for source in self._sources.values():
             await source.close()
         if self._network is not None:
@@ -210,9 +212,10 @@ class PageServer:
         )
 
     def _spawn(self, work: Any) -> None:
-        task = asyncio.ensure_future(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        _keep(asyncio.ensure_future(work), self._tasks)
+
+    def _end(self, source: LiveSource | Player) -> None:
+        _keep(asyncio.ensure_future(source.close()), self._endings)
 
     # The tick
 
@@ -263,7 +266,7 @@ class PageServer:
             if source.sessions:
                 self._left_at[name] = now
             elif now > self._left_at.get(name, now) + _KEPT_S:
-                self._spawn(self._sources.pop(name).close())
+                self._end(self._sources.pop(name))
                 self._left_at.pop(name, None)
 
     def _list_recordings(self) -> None:
@@ -352,7 +355,7 @@ class PageServer:
     def leave(self, session: Session) -> None:
         """Forget a page."""
         if session in self._sessions and isinstance(session.source, Player):
-            self._spawn(session.source.close())
+            self._end(session.source)
         self._sessions.discard(session)
         if isinstance(session.source, LiveSource):
             session.source.sessions.discard(session)
@@ -371,6 +374,12 @@ class PageServer:
     def presets(self) -> list[dict[str, Any]]:
         """Return the presets with all their values."""
         return [p.as_dict() | {'values': p.all_values()} for p in self._presets]
+
+
+def _keep(task: asyncio.Task[Any], tasks: set[asyncio.Task[Any]]) -> None:
+    """Keep a task until it is done."""
+    tasks.add(task)
+    task.add_done_callback(tasks.discard)
 
 
 class _Guarded(RequestHandler):

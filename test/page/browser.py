@@ -16,7 +16,7 @@ from impact_damper_ros.page.server import PageServer
 
 from .fake_rig import NoAnswerError
 
-DEADLINE_S = 60.0
+DEADLINE_S = 100.0
 HEADER = struct.Struct('<BBHHHddd')
 
 
@@ -75,14 +75,15 @@ class Page:
 
     async def until(self, condition, what='it did not happen'):
         """Wait for something and return it."""
-        async with asyncio.timeout(DEADLINE_S), self._changed:
-            try:
+        try:
+            async with asyncio.timeout(DEADLINE_S), self._changed:
                 while not (value := condition()):
                     assert self.closed is None or condition(), f'closed: {self.messages[-1:]}'
                     await self._changed.wait()
-            except TimeoutError:
-                raise AssertionError(what) from None
-        return value
+                return value
+        except TimeoutError:
+            last = [str(message)[:300] for message in self.messages[-3:]]
+            raise AssertionError(f'{what}; {len(self.frames)} frames, {last}') from None
 
     def of(self, kind):
         return [message for message in self.messages if message['type'] == kind]

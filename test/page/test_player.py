@@ -25,7 +25,7 @@ SECONDS = 12.0
 
 @pytest.fixture(scope='module')
 def runs(tmp_path_factory):
-    """A directory with a recording that changes its gap and then its angle."""
+    """Make a directory with a recording that changes its gap and then its angle."""
     directory = tmp_path_factory.mktemp('runs')
     arguments = ['--change', '4:gap=0.03', '--change', '8:angle=0.1', '--quiet']
     bag = str(directory / 'run')
