@@ -196,6 +196,8 @@ class RigLink:
 
     async def set(self, values: Mapping[str, Any]) -> str:
         """Set parameters, all or none; return why they are rejected, or an empty text."""
+        if not self._kinds:
+            await self.knobs()
         try:
             parameters = [
                 Parameter(name, _ROS_TYPES[self._kinds[name]], _as(self._kinds[name], value))
