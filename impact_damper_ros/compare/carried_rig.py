@@ -18,7 +18,7 @@ from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_expon
 from impact_damper_ros.orbits.settling_rig import section_of
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
-from impact_damper_ros.rig.mode import REST_1, REST_2, Machine, Origin, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, Origin, RigConstants, rig_constants
 from impact_damper_ros.rig.simulator import Snapshot
 from impact_damper_ros.rig.stepped_sine import Sweep
 
@@ -89,7 +89,7 @@ class CarriedMotion:
     growth: float = 0.0
 
 
-def _start(machine: Machine, clock: ForceClock, last: RecordedImpacts) -> Origin:
+def _start(machine: RigConstants, clock: ForceClock, last: RecordedImpacts) -> Origin:
     """Return the state just after an impact, at time 0."""
     velocity = float(last.velocity_after[0])
     relative = float(last.damper_velocity_after[0]) - velocity
@@ -140,7 +140,7 @@ class _CarriedRig:
     def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
         self._clock = clock
         self._rig = clock.counted_from_zero()
-        self._machine = make_machine(self._rig)
+        self._machine = rig_constants(self._rig)
         last = impacts[-1:]
         self._origin = _start(self._machine, clock, last)
         self._begin = float(last.time[0])

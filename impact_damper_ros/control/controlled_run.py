@@ -118,9 +118,9 @@ class AccountedSimulator(Simulator):
         self._ahead = []
         if self._parameters.sweep_mode != 'off' or not has_numba():
             return
-        if self._loop is None or self._loop.machine is not self._machine:
+        if self._loop is None or self._loop.constants is not self._constants:
             mass = self._parameters.damper_mass
-            self._loop = Loop(self._machine, mass, compiled=True)
+            self._loop = Loop(self._constants, mass, compiled=True)
         rows = np.empty((len(instants), len(Sample._fields)))
         progress = self._loop.run(
             Progress(DONE, self._loop.packed(self._origin), self._time, 0, 0, 0),

@@ -31,8 +31,8 @@ from impact_damper_ros.rig.mode import (
     REST_1,
     REST_2,
     STICK,
-    Machine,
     Origin,
+    RigConstants,
     launch,
     mode_at_rest,
 )
@@ -125,7 +125,7 @@ class Course:
 
 
 def origin_at(
-    machine: Machine,
+    machine: RigConstants,
     instant: float,
     x: float,
     velocity: float,
@@ -139,7 +139,7 @@ def origin_at(
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     instant : float
         Time on the force's clock, s.
@@ -198,7 +198,7 @@ def _rates(motion: Motion, flight: Flight) -> Array:
 
 
 def _event_matrix(
-    machine: Machine, kind: int, before: Array, after: Array, transition: Transition
+    machine: RigConstants, kind: int, before: Array, after: Array, transition: Transition
 ) -> Array:
     """Return the saltation matrix of an event."""
     if kind in (CONTACT_1, CONTACT_2):
@@ -222,14 +222,14 @@ def _kind_of(kind: int, mode: int) -> EventKind:
 
 
 def run_course(
-    machine: Machine, origin: Origin, duration: float, *, differentiate: bool = True
+    machine: RigConstants, origin: Origin, duration: float, *, differentiate: bool = True
 ) -> Course | None:
     """
     Follow the motion for a time.
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     origin : Origin
         The state at the beginning.

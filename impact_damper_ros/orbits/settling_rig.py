@@ -14,7 +14,7 @@ from impact_damper_ros.control.controlled_rig import Scales
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, Stretch
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 
 __all__ = ['EndlessEventsError', 'Settling', 'SettlingRig', 'cycle_of', 'section_of']
 
@@ -148,7 +148,7 @@ class SettlingRig:
         parameters = run.parameters
         self.settling = settling
         self.cycle = cycle_of(parameters)
-        self.machine = make_machine(parameters)
+        self.machine = rig_constants(parameters)
         self.angles = tuple(run.snapshot()['origin']['angles'])
         self.repeating = _repeats_with(parameters, self.cycle)
         self.controlled = isinstance(run, ControlledRun)

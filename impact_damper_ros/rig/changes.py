@@ -11,41 +11,41 @@ from __future__ import annotations
 from enum import IntEnum
 from math import inf, isinf, isnan
 
-from .mode import Machine
+from .mode import RigConstants
 from .origin import Origin, locked, offset_of
 from .parameters import ParameterError
 
 __all__ = ['Outcome', 'changed', 'check_command', 'commanded', 'kept_angles', 'supports']
 
 
-def regapped(here: Origin, machine: Machine) -> Origin:
+def regapped(here: Origin, rig: RigConstants) -> Origin:
     """
-    Return the state with both stops sent to the places that the machine has for them, at once.
+    Return the state with both stops sent to the places that the rig has for them, at once.
 
     A stop that would pass m comes up to it, and follows it inwards from then on.
     """
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
-    stop_1 = max(machine.stop, offset)
-    stop_2 = -machine.stop if machine.one_sided else min(-machine.stop, offset)
+    stop_1 = max(rig.stop, offset)
+    stop_2 = -rig.stop if rig.one_sided else min(-rig.stop, offset)
     # Clearances move by what the stops move, so that the tiny ones keep their digits.
     clearance_1 = max(0.0, here.clearance_1 + (stop_1 - here.stop_1))
-    if stop_1 == offset and stop_1 > machine.stop:
+    if stop_1 == offset and stop_1 > rig.stop:
         clearance_1 = 0.0
-    if machine.one_sided:
+    if rig.one_sided:
         clearance_2 = inf
     elif here.clearance_2 == inf:
         clearance_2 = max(0.0, offset - stop_2)
     else:
         clearance_2 = max(0.0, here.clearance_2 - (stop_2 - here.stop_2))
-    if stop_2 == offset and stop_2 < -machine.stop and not machine.one_sided:
+    if stop_2 == offset and stop_2 < -rig.stop and not rig.one_sided:
         clearance_2 = 0.0
     return here._replace(
         stop_1=stop_1,
         stop_2=stop_2,
         clearance_1=clearance_1,
         clearance_2=clearance_2,
-        target_1=machine.stop,
-        target_2=-machine.stop,
+        target_1=rig.stop,
+        target_2=-rig.stop,
         stop_velocity_1=0.0,
         stop_velocity_2=0.0,
     )
@@ -66,11 +66,11 @@ def kept_angles(
 
 
 def changed(
-    here: Origin, before: Machine, machine: Machine, shift: float, angles: tuple[float, ...]
+    here: Origin, before: RigConstants, rig: RigConstants, shift: float, angles: tuple[float, ...]
 ) -> Origin:
     """Return the state just after a change, before m hits a stop that has come up to it."""
-    if before.stop != machine.stop or before.one_sided != machine.one_sided:
-        here = regapped(here, machine)
+    if before.stop != rig.stop or before.one_sided != rig.one_sided:
+        here = regapped(here, rig)
     return here._replace(x=here.x + shift, angles=angles)
 
 

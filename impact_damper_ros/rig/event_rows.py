@@ -18,7 +18,7 @@ from .event import (
     EventKind,
 )
 from .kernels import kernel
-from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, Machine
+from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, RigConstants
 from .origin import Origin, offset_of
 from .transition import Transition, impulse_of
 
@@ -99,7 +99,7 @@ def support_code(mode_before: int, mode: int) -> int:
 
 @kernel(inline=True)
 def write_transition(
-    machine: Machine,
+    rig: RigConstants,
     damper_mass: float,
     kind: int,
     ended: Origin,
@@ -141,7 +141,7 @@ def write_transition(
                 if code == 0:
                     return row
                 stop = stop_under(mode if code == _REST else ended.mode)
-        push = impulse_of(machine, damper_mass, transition)
+        push = impulse_of(rig, damper_mass, transition)
     elif kind == ARRIVAL:
         code = _STOP_ARRIVED
         stop = 1 if origin.clearance_1 == 0.0 else 2
@@ -222,11 +222,11 @@ def make_event(kind: EventKind, stop: int, transition: Transition) -> Event:
     return _event(table, 0)
 
 
-def impact_events(machine: Machine, damper_mass: float, transition: Transition) -> list[Event]:
+def impact_events(rig: RigConstants, damper_mass: float, transition: Transition) -> list[Event]:
     """Report an impact on a standing stop, and the rest that a plastic one leads to."""
     standing = transition.origin._replace(stop_velocity_1=0.0, stop_velocity_2=0.0)
     kind = CONTACT_1 if transition.stop == 1 else CONTACT_2
-    return transition_events(machine, damper_mass, kind, standing, transition)
+    return transition_events(rig, damper_mass, kind, standing, transition)
 
 
 def support_events(mode_before: int, transition: Transition) -> list[Event]:
@@ -241,9 +241,9 @@ def support_events(mode_before: int, transition: Transition) -> list[Event]:
 
 
 def transition_events(
-    machine: Machine, damper_mass: float, kind: int, before: Origin, transition: Transition
+    rig: RigConstants, damper_mass: float, kind: int, before: Origin, transition: Transition
 ) -> list[Event]:
     """Report the event that ended a flight."""
     table: _Table = {}
-    rows = write_transition(machine, damper_mass, kind, before, transition, table, table, 0)
+    rows = write_transition(rig, damper_mass, kind, before, transition, table, table, 0)
     return [_event(table, row) for row in range(rows)]

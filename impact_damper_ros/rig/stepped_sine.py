@@ -15,7 +15,7 @@ from .crossing import sided
 from .event import Event, EventKind
 from .event_rows import make_event, quiet
 from .flight import Flight, end_at
-from .mode import Machine
+from .mode import RigConstants
 from .origin import Origin, carried
 from .parameters import RigParameters
 
@@ -92,11 +92,11 @@ class Sweep(NamedTuple):
         return self.start + (self.step + 1) * parameters.sweep_dwell
 
 
-def origin_at_step(machine: Machine, origin: Origin, flight: Flight, instant: float) -> Origin:
+def origin_at_step(rig: RigConstants, origin: Origin, flight: Flight, instant: float) -> Origin:
     """Return the origin of the first flight after a step."""
     tau = max(0.0, (instant - origin.time) - origin.time_low)
     there = carried(origin, flight, end_at(flight, NO_EVENT, tau))
-    return sided(machine.free, origin, flight, there._replace(time=instant, time_low=0.0))
+    return sided(rig.free, origin, flight, there._replace(time=instant, time_low=0.0))
 
 
 def step_event(origin: Origin) -> Event:
