@@ -16,7 +16,7 @@ from impact_damper_ros.control import CONTROL_JOINTS, ControlledRig
 from impact_damper_ros.control.controller import Controller
 from impact_damper_ros.rig import PARAMETER_SPECS, Mode
 from impact_damper_ros.rig.origin import Origin
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .messages import CdrError, JointState, Message, ParameterEvent, String, decode

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from impact_damper_ros.control import GAP_CONTROL_SPECS, completed
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 from impact_damper_ros.rig.published import FORMAT
-from impact_damper_ros.rig.shown import as_line, shown
+from impact_damper_ros.rig.quoting import as_line, shown
 from impact_damper_ros.rig.simulator import ARITHMETIC, FORMATS, upgraded
 
 from .errors import RecordingError

@@ -18,7 +18,7 @@ from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.description import described, frequency_hint
 from impact_damper_ros.rig.parameters_file import presets
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 __all__ = [
     'add_jobs_option',

@@ -18,7 +18,7 @@ from impact_damper_ros.rig import (
     RigParameters,
 )
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml_text
-from impact_damper_ros.rig.shown import named, shown
+from impact_damper_ros.rig.quoting import named, shown
 
 __all__ = ['TimedChange', 'add_set_option', 'overridden', 'overridden_control', 'timed_changes']
 
@@ -90,7 +90,7 @@ def overridden(
     changes = _values(settings, [*PARAMETER_SPECS, *INITIAL_SPECS])
     parameters = parameters.replace(**{k: v for k, v in changes.items() if k in PARAMETER_SPECS})
     start = {k: v for k, v in changes.items() if k in INITIAL_SPECS}
-    initial = InitialConditions(**{**initial.as_dict(), **start})  # type: ignore[arg-type]
+    initial = initial.replace(**start)
     initial.check_within(parameters)
     return parameters, initial
 

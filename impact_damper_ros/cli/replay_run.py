@@ -38,7 +38,7 @@ from impact_damper_ros.rig import (
     RigParameters,
     Sample,
 )
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 from .command_line import (
     add_version_option,

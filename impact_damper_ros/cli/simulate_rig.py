@@ -38,8 +38,8 @@ from impact_damper_ros.rig import (
     Sample,
     load_parameters,
 )
+from impact_damper_ros.rig.forcing import SWEEP_FIELDS, frequency_at
 from impact_damper_ros.rig.hybrid_motion import RunawayError
-from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, frequency_at
 from impact_damper_ros.rig.swing import Swing
 
 from .command_line import add_params_argument, add_version_option, announce, in_words, say

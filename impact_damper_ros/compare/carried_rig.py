@@ -17,10 +17,10 @@ from impact_damper_ros.orbits.event_map import origin_at
 from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
 from impact_damper_ros.orbits.settling_rig import section_of
 from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
 from impact_damper_ros.rig.mode import REST_1, REST_2, Origin, RigConstants, rig_constants
 from impact_damper_ros.rig.simulator import Snapshot
-from impact_damper_ros.rig.stepped_sine import Sweep
 
 from .irregularity import Indications, average_spread, quiet_phase
 from .matched_orbit import counted_impacts, impact_table
@@ -147,7 +147,7 @@ class _CarriedRig:
         phases = clock.phase(impacts.time[-_PHASES:])
         # How long after the end of a cycle, counted from the last impact, it is looked at
         self._strobe = (quiet_phase(phases) - float(phases[-1])) % 1.0
-        state = Snapshot(self._rig, self._origin, 0.0, (), Sweep(0.0)).as_dict()
+        state = Snapshot(self._rig, self._origin, 0.0, (), SteppedSine(0.0)).as_dict()
         # Plain Python: compiling would take longer than the run.
         self._run = LongRun.restore(state, compiled=False)
         self._events: list[Events] = [np.empty(0, EVENT_TYPE)]

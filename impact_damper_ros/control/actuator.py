@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from .parameters import GapControlParameters
+from impact_damper_ros.rig import GapControlParameters
 
 __all__ = ['Actuators', 'Command']
 

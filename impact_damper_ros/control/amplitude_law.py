@@ -14,8 +14,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from impact_damper_ros.rig import GapControlParameters
+
 from .law import Damper, Search
-from .parameters import GapControlParameters
 from .sensors import Measurement, Observer
 
 __all__ = ['StopTiming', 'symmetric_gap']

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from impact_damper_ros.rig import (
     Event,
     EventKind,
+    GapControlParameters,
     InitialConditions,
     Mode,
     RigParameters,
@@ -33,7 +34,6 @@ from impact_damper_ros.rig.simulator import Snapshot
 
 from .controller import Action, Controller, ControlRecord
 from .law import damper_of
-from .parameters import GapControlParameters
 from .sensors import measured
 
 __all__ = ['ControlledRig', 'NearbyRig', 'RigState', 'Scales', 'completed']

@@ -8,10 +8,11 @@ from enum import IntEnum
 from math import inf
 from typing import Any, NamedTuple, Self, TypeVar
 
+from impact_damper_ros.rig import GapControlParameters
+
 from .actuator import Actuators, Command
 from .amplitude_law import StopTiming, symmetric_gap
 from .law import Damper, Search
-from .parameters import GapControlParameters
 from .sensors import Measurement, Observer, Passage
 from .timed_law import TimedLaw
 

@@ -17,14 +17,12 @@ from dataclasses import dataclass, field
 from math import atan2, cos, hypot, log, pi, sin, sqrt
 from typing import NamedTuple
 
-from impact_damper_ros.rig import Sample
-
-from .parameters import GapControlParameters
+from impact_damper_ros.rig import GapControlParameters, Sample
+from impact_damper_ros.rig.forcing import mixed
 
 __all__ = ['Hit', 'Measurement', 'Observer', 'Passage', 'measured', 'noise']
 
 
-_WORD = (1 << 64) - 1
 _CHANNELS = 4
 
 
@@ -63,14 +61,6 @@ class Measurement(NamedTuple):
         return self.x_rate + self.y_rate
 
 
-def _mixed(word: int) -> int:
-    """Return 64 bits that depend on all bits of a word (the finaliser of splitmix64)."""
-    word = (word + 0x9E3779B97F4A7C15) & _WORD
-    word = ((word ^ (word >> 30)) * 0xBF58476D1CE4E5B9) & _WORD
-    word = ((word ^ (word >> 27)) * 0x94D049BB133111EB) & _WORD
-    return word ^ (word >> 31)
-
-
 def _uniform(word: int) -> float:
     """Return a number in (0, 1] from the upper 53 bits."""
     return ((word >> 11) + 1) * 2.0**-53
@@ -78,12 +68,12 @@ def _uniform(word: int) -> float:
 
 def noise(seed: int, index: int) -> tuple[float, float, float, float]:
     """Return independent standard normal numbers for the channels of one sample."""
-    key = _mixed(_mixed(seed & _WORD) ^ (index & _WORD))
+    key = mixed(mixed(seed) ^ (index & (2**64 - 1)))
     values: list[float] = []
     for pair in range(_CHANNELS // 2):
         # Box and Muller (1958)
-        radius = sqrt(-2.0 * log(_uniform(_mixed(key + 2 * pair))))
-        angle = 2.0 * pi * _uniform(_mixed(key + 2 * pair + 1))
+        radius = sqrt(-2.0 * log(_uniform(mixed(key + 2 * pair))))
+        angle = 2.0 * pi * _uniform(mixed(key + 2 * pair + 1))
         values += (radius * cos(angle), radius * sin(angle))
     return values[0], values[1], values[2], values[3]
 

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
+from impact_damper_ros.rig import GapControlParameters
+
 from .law import Damper
-from .parameters import GapControlParameters
 from .sensors import Measurement, Observer, Passage
 
 __all__ = ['Closing', 'TimedLaw', 'stop_to_close']

@@ -26,6 +26,7 @@ from impact_damper_ros.rig.contact import (
     flight_end,
 )
 from impact_damper_ros.rig.flight import Flight, Motion, end_at, motion_at, starting_motion
+from impact_damper_ros.rig.forcing import sines_of, turned_angles
 from impact_damper_ros.rig.mode import (
     CHATTER_1,
     REST_1,
@@ -36,7 +37,6 @@ from impact_damper_ros.rig.mode import (
     launch,
     mode_at_rest,
 )
-from impact_damper_ros.rig.phase import sines_of, turned_angles
 from impact_damper_ros.rig.transition import Transition, carried, moving_mode, resolve
 
 from .equations import Array

@@ -13,7 +13,7 @@ from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.control.controlled_rig import Scales
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, Stretch
+from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, RunResult
 from impact_damper_ros.rig.mode import rig_constants
 
 __all__ = ['EndlessEventsError', 'Settling', 'SettlingRig', 'cycle_of', 'section_of']
@@ -183,7 +183,7 @@ class SettlingRig:
         """Return the instant at which some cycles have been run, s."""
         return cycles * self.cycle + self._start
 
-    def run(self, cycles: int, looks: int = 1) -> Stretch:
+    def run(self, cycles: int, looks: int = 1) -> RunResult:
         """
         Go on for some cycles, with some looks in each, the first one at once.
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from impact_damper_ros.rig.certificate import safe_step
 from impact_damper_ros.rig.contact import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL, first_event
 from impact_damper_ros.rig.flight import Flight, Motion, motion_at
+from impact_damper_ros.rig.forcing import turned_angles
 from impact_damper_ros.rig.mode import (
     FREE,
     SLIDE_DOWN,
@@ -25,7 +26,6 @@ from impact_damper_ros.rig.mode import (
     rig_constants,
 )
 from impact_damper_ros.rig.oscillator import derivative_bound
-from impact_damper_ros.rig.phase import turned_angles
 from impact_damper_ros.rig.transition import struck
 
 from .equations import Array, ImpactEquations, ImpactVelocities

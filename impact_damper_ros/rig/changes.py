@@ -15,7 +15,7 @@ from .mode import RigConstants
 from .origin import Origin, locked, offset_of
 from .parameters import ParameterError
 
-__all__ = ['Outcome', 'changed', 'check_command', 'commanded', 'kept_angles', 'supports']
+__all__ = ['StopOutcome', 'changed', 'check_command', 'commanded', 'kept_angles', 'supports']
 
 
 def regapped(here: Origin, rig: RigConstants) -> Origin:
@@ -78,7 +78,7 @@ _FARTHEST = 1e9
 _SLOWEST = 1e-9
 
 
-class Outcome(IntEnum):
+class StopOutcome(IntEnum):
     """What a command does to a stop at its instant."""
 
     #: It is on its way.
@@ -120,7 +120,7 @@ def supports(origin: Origin) -> tuple[bool, bool]:
 
 def commanded(
     one_sided: bool, here: Origin, stop: int, target: float, speed: float
-) -> tuple[Origin, Outcome]:
+) -> tuple[Origin, StopOutcome]:
     """Return the state just after a stop has been told to move, mode and velocities unchanged."""
     outwards = 1.0 if stop == 1 else -1.0
     place = here.stop_1 if stop == 1 else here.stop_2
@@ -133,15 +133,15 @@ def commanded(
     if velocity != 0.0:
         closing = outwards * (here.relative_velocity - velocity)
         if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
-            return locked(one_sided, moved, stop), Outcome.TOUCHED
-        return moved, Outcome.MOVING
+            return locked(one_sided, moved, stop), StopOutcome.TOUCHED
+        return moved, StopOutcome.MOVING
     if way == 0.0:
-        return moved, Outcome.ARRIVED
+        return moved, StopOutcome.ARRIVED
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
     if outwards * way < 0.0 and outwards * (target - offset) <= 0.0:
-        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), Outcome.TOUCHED
+        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), StopOutcome.TOUCHED
     # Clearances move by what the stop moves, so that tiny ones keep their digits.
-    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), Outcome.ARRIVED
+    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), StopOutcome.ARRIVED
 
 
 def _set_off(here: Origin, stop: int, target: float, velocity: float) -> Origin:

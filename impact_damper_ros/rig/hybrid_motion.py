@@ -15,14 +15,12 @@ from typing import Any
 from .changes import supports
 from .contact import NO_EVENT, chatter_end, flight_end
 from .crossing import CrossingWatch, SearchInterruptedError, sided
-from .event import Event, EventKind, Sample
-from .event_rows import impact_events, make_event, quiet, transition_events
-from .flight import FlightEnd, end_at, motion_at
+from .event import Event, EventKind, Sample, impact_events, make_event, quiet, transition_events
+from .flight import Flight, FlightEnd, end_at, motion_at
+from .forcing import SteppedSine, frequency_at
 from .mode import CHATTER_1, Mode, RigConstants, launch, rig_constants
-from .origin import Origin, carried, offset_of, placed, stop_rates
+from .origin import Origin, advance_time, carried, offset_of, placed, stop_rates
 from .parameters import RigParameters
-from .phase import advance_time
-from .stepped_sine import Sweep, frequency_at, origin_at_step, step_event
 from .transition import at_rest, moving_mode, resolve, struck
 
 __all__ = ['HybridMotion', 'RunawayError']
@@ -48,6 +46,18 @@ class RunawayError(RuntimeError):
         )
 
 
+def origin_at_step(rig: RigConstants, origin: Origin, flight: Flight, instant: float) -> Origin:
+    """Return the origin of the first flight after a step."""
+    tau = max(0.0, (instant - origin.time) - origin.time_low)
+    there = carried(origin, flight, end_at(flight, NO_EVENT, tau))
+    return sided(rig.free, origin, flight, there._replace(time=instant, time_low=0.0))
+
+
+def step_event(origin: Origin) -> Event:
+    """Return the event as which a step is reported."""
+    return make_event(EventKind.FREQUENCY_STEP, 0, quiet(origin))
+
+
 class HybridMotion:
     """
     The motion of one rig whose parameters and stops nobody touches.
@@ -59,7 +69,7 @@ class HybridMotion:
     _constants: RigConstants
     _time: float
     _unreported: list[Event]
-    _sweep: Sweep
+    _sweep: SteppedSine
     _step_due: float
 
     def snapshot(self) -> dict[str, Any]:
@@ -283,7 +293,7 @@ class HybridMotion:
     def _step_frequency(self) -> list[Event]:
         """Let the sweep go on to its next frequency, at an exact instant."""
         there = origin_at_step(self._constants, self._origin, self._flight, self._step_due)
-        self._sweep = Sweep(self._sweep.start, self._sweep.step + 1)
+        self._sweep = SteppedSine(self._sweep.start, self._sweep.step + 1)
         self._step_due = self._sweep.due(self._parameters)
         frequency = frequency_at(self._parameters, self._sweep.step)
         self._constants = rig_constants(self._parameters, frequency)

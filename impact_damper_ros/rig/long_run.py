@@ -17,8 +17,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from .event import Event, EventKind, Sample
-from .event_rows import MOST_ROWS
+from .event import MOST_ROWS, Event, EventKind, Sample
+from .forcing import SteppedSine, frequency_at
+from .hybrid_motion import origin_at_step, step_event
 from .kernels import compiled as compile_kernels
 from .kernels import compiling_alone, stamp
 from .mode import Mode, RigConstants, launch, rig_constants
@@ -26,7 +27,6 @@ from .origin import Origin
 from .parameters import InitialConditions, RigParameters
 from .run_loop import DONE, FULL, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator, Snapshot
-from .stepped_sine import Sweep, frequency_at, origin_at_step, step_event
 
 __all__ = [
     'EVENT_TYPE',
@@ -36,7 +36,7 @@ __all__ = [
     'LongRun',
     'Loop',
     'Outcome',
-    'Stretch',
+    'RunResult',
     'event_table',
     'has_numba',
 ]
@@ -104,7 +104,7 @@ class Outcome(IntEnum):
         )
 
 
-class Stretch(NamedTuple):
+class RunResult(NamedTuple):
     """
     What happened in one advance.
 
@@ -441,7 +441,7 @@ class LongRun:
         *,
         record: bool = True,
         most_events: int = 1_000_000,
-    ) -> Stretch:
+    ) -> RunResult:
         """
         Let the rig run to a later time.
 
@@ -460,7 +460,7 @@ class LongRun:
 
         Returns
         -------
-        Stretch
+        RunResult
             Samples and events, and whether the time was reached.
 
         Raises
@@ -514,14 +514,14 @@ class LongRun:
             if status != DONE or due > time:
                 break
             origin = origin_at_step(loop.constants, origin, launch(loop.constants, origin), due)
-            sweep = Sweep(sweep.start, sweep.step + 1)
+            sweep = SteppedSine(sweep.start, sweep.step + 1)
             loop = loop.turned_to(_constants_at(state.parameters, sweep))
             table.add([step_event(origin)], origin.mode)
             happened += 1
         # At once: an exception from a signal leaves the rig where it was
         self._state, self._loop = Snapshot(state.parameters, origin, reached, (), sweep), loop
         outcome = Outcome(status)
-        return Stretch(
+        return RunResult(
             outcome,
             outcome.reason(happened, state.time, reached, self.mode.name.lower()),
             reached,
@@ -532,6 +532,6 @@ class LongRun:
         )
 
 
-def _constants_at(parameters: RigParameters, sweep: Sweep) -> RigConstants:
+def _constants_at(parameters: RigParameters, sweep: SteppedSine) -> RigConstants:
     """Return the rig at its present frequency."""
     return rig_constants(parameters, frequency_at(parameters, sweep.step))

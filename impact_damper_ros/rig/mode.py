@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 from .contact import CONTACT_1, CONTACT_2, NO_EVENT, STOP_ARRIVED_1, STOP_ARRIVED_2
 from .flight import Flight
+from .forcing import sines_and_cosines_of
 from .kernels import kernel
 from .origin import Origin
 from .oscillator import Oscillator, acceleration_at, make_oscillator
 from .parameters import RigParameters
-from .phase import sines_and_cosines_of
 
 __all__ = [
     'CHATTER_1',

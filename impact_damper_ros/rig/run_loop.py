@@ -18,13 +18,29 @@ from typing import Any, NamedTuple
 from .certificate import least_step
 from .contact import NO_EVENT, chatter_end, flight_end, search_contact
 from .crossing import has_side, sided
-from .event import CONTACT_1, CONTACT_2
-from .event_rows import IMPACT, MOST_ROWS, write_event, write_transition
-from .flight import Flight, FlightEnd, Motion, motion_at, starting_motion, unfinished
+from .event import IMPACT, MOST_ROWS, write_event, write_transition
+from .flight import (
+    CONTACT_1,
+    CONTACT_2,
+    Flight,
+    FlightEnd,
+    Motion,
+    motion_at,
+    starting_motion,
+    unfinished,
+)
 from .kernels import kernel
 from .mode import CHATTER_1, STICK, RigConstants, launch, moving_flight
-from .origin import Origin, carried, offset_of, on_stop, placed, stop_rates, with_motion
-from .phase import advance_time
+from .origin import (
+    Origin,
+    advance_time,
+    carried,
+    offset_of,
+    on_stop,
+    placed,
+    stop_rates,
+    with_motion,
+)
 from .transition import Transition, impulse, is_no_chatter, moving_mode, rebounded, resolve
 
 __all__ = [

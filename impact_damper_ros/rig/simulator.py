@@ -5,14 +5,13 @@ from __future__ import annotations
 from math import inf
 from typing import Any, NamedTuple, Self
 
-from .changes import Outcome, changed, check_command, commanded, kept_angles, supports
-from .event import Event, EventKind
-from .event_rows import make_event, quiet, support_events
+from .changes import StopOutcome, changed, check_command, commanded, kept_angles, supports
+from .event import Event, EventKind, make_event, quiet, support_events
+from .forcing import SWEEP_FIELDS, SteppedSine, frequency_at
 from .hybrid_motion import HybridMotion
 from .mode import STICK, RigConstants, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
-from .stepped_sine import SWEEP_FIELDS, Sweep, frequency_at
 
 __all__ = ['ARITHMETIC', 'FORMATS', 'Simulator', 'Snapshot', 'upgraded']
 
@@ -39,7 +38,7 @@ class Snapshot(NamedTuple):
         Time reached, s; the flight's origin may be earlier.
     unreported : tuple of Event
         Events of the very start that have not been reported yet.
-    sweep : Sweep
+    sweep : SteppedSine
         How far the sweep has come.
     """
 
@@ -47,7 +46,7 @@ class Snapshot(NamedTuple):
     origin: Origin
     time: float
     unreported: tuple[Event, ...]
-    sweep: Sweep
+    sweep: SteppedSine
 
     def as_dict(self) -> dict[str, Any]:
         """Return the snapshot as numbers, texts, lists and dictionaries."""
@@ -99,7 +98,7 @@ class Snapshot(NamedTuple):
                     for event in stored.get('unreported', [])
                 ),
                 # The first format knew no sweep; nor does one that is off begin anywhere.
-                sweep=Sweep(**stored.get('sweep', {'start': 0.0})),
+                sweep=SteppedSine(**stored.get('sweep', {'start': 0.0})),
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f'snapshot is not complete: {error}') from error
@@ -184,7 +183,7 @@ class Simulator(HybridMotion):
         self._parameters = parameters
         self._constants = constants
         self._time = time
-        self._sweep = Sweep.begun(parameters, time)
+        self._sweep = SteppedSine.begun(parameters, time)
         self._step_due = self._sweep.due(parameters)
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported = self._begin_all(origin)
@@ -218,7 +217,7 @@ class Simulator(HybridMotion):
             return []
         before = self._parameters
         if any(getattr(parameters, name) != getattr(before, name) for name in SWEEP_FIELDS):
-            self._sweep = Sweep.begun(parameters, self._time)
+            self._sweep = SteppedSine.begun(parameters, self._time)
         constants = rig_constants(parameters, frequency_at(parameters, self._sweep.step))
         shift = before.static_deflection - parameters.static_deflection
         here = self._here()
@@ -277,7 +276,10 @@ class Simulator(HybridMotion):
         for stop, target in targets:
             here, outcome = commanded(constants.one_sided, here, stop, float(target), float(speed))
             outcomes.append((stop, outcome))
-        kinds = {Outcome.ARRIVED: EventKind.STOP_ARRIVED, Outcome.TOUCHED: EventKind.STOP_TOUCHED}
+        kinds = {
+            StopOutcome.ARRIVED: EventKind.STOP_ARRIVED,
+            StopOutcome.TOUCHED: EventKind.STOP_TOUCHED,
+        }
         events = [
             make_event(kinds[outcome], stop, quiet(here))
             for stop, outcome in outcomes

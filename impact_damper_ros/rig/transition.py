@@ -23,6 +23,7 @@ from .contact import (
     STOP_ARRIVED_2,
 )
 from .flight import Flight, FlightEnd, Motion, starting_motion
+from .forcing import sines_of
 from .kernels import kernel
 from .mode import (
     CHATTER_1,
@@ -40,7 +41,6 @@ from .mode import (
 )
 from .origin import Origin, carried, locked, on_stop, placed, stopped, with_motion
 from .oscillator import derivative_bound
-from .phase import sines_of
 
 __all__ = [
     'CHATTER_TOLERANCE',

@@ -21,8 +21,8 @@ from impact_damper_ros.rig.contact import (
 )
 from impact_damper_ros.rig.crossing import first_crossing, starting_side
 from impact_damper_ros.rig.flight import motion_at
+from impact_damper_ros.rig.forcing import sines_and_cosines_of
 from impact_damper_ros.rig.mode import CHATTER_1, launch
-from impact_damper_ros.rig.phase import sines_and_cosines_of
 from impact_damper_ros.rig.transition import resolve
 from rig.random_rigs import random_command, random_rig
 
