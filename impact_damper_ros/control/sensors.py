@@ -1,29 +1,42 @@
 """
 Sensors of the gap control: samples with noise, and the observer of amplitude, rhythm and impacts.
 
-Samples are taken at its own rate, and one more at each passage of X through zero, where the
-crossing detector triggers the same converters.
+Samples are taken at the rate of the control, and one more at each passage of X through zero, where
+the crossing detector triggers the same converters. The noise is a function of its seed and the
+index of the sample, so that a run can be cut, continued and replayed.
 
-The noise is a pure function of its seed and the index of the sample, so that a run can be cut,
-continued and replayed, and any sample be measured anew.
-
-It holds what both laws need, and no model of the structure. Of the damper it knows how m rebounds,
-to tell an impact from the noise.
+The observer has no model of the structure. Of the damper it knows how m rebounds, to distinguish
+an impact from noise.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import atan2, cos, hypot, log, pi, sin, sqrt
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple, TypeAlias
 
 from impact_damper_ros.rig import GapControlParameters, Sample
 from impact_damper_ros.rig.forcing import mixed
 
-__all__ = ['Hit', 'Measurement', 'Observer', 'Passage', 'measured', 'noise']
+__all__ = [
+    'LENGTH',
+    'SPEED',
+    'TIME',
+    'Hit',
+    'Kinds',
+    'Measurement',
+    'Observer',
+    'Passage',
+    'measured',
+    'noise',
+]
 
 
 _CHANNELS = 4
+
+LENGTH, SPEED, TIME = 'length', 'speed', 'time'
+#: What the numbers of a state are, by field; of a list by its index, where its entries differ.
+Kinds: TypeAlias = dict[str, str | tuple[str, ...]]
 
 
 class Measurement(NamedTuple):
@@ -150,6 +163,16 @@ class Observer:
     hit_1, hit_2 : list of float
         The last impact at each stop since the last passage, as a `Hit`; empty if there was none.
     """
+
+    KINDS: ClassVar[Kinds] = {
+        'amplitude': LENGTH,
+        'half_cycle': TIME,
+        'crossed': TIME,
+        'peak': LENGTH,
+        'last': (TIME, LENGTH, SPEED, LENGTH, SPEED, LENGTH, LENGTH),
+        'hit_1': (TIME, SPEED),
+        'hit_2': (TIME, SPEED),
+    }
 
     amplitude: float = 0.0
     half_cycle: float = 0.0

@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control.controlled_rig import NearbyRig, RigState, Scales
+from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
 from impact_damper_ros.rig import Event, EventKind, Mode
 from impact_damper_ros.rig.long_run import Events
 from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants

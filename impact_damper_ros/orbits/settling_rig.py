@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.control import GapControlParameters
-from impact_damper_ros.control.controlled_rig import Scales
 from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control.nearby_rig import Scales
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, RunResult
 from impact_damper_ros.rig.mode import rig_constants
