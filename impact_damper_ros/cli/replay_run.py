@@ -37,7 +37,7 @@ from impact_damper_ros.rig import (
     RigParameters,
     Sample,
 )
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 from .command_line import (
     add_bag_argument,

@@ -14,7 +14,7 @@ from impact_damper_ros.replay.findings import Difference, Findings, Verdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.what_if import RecordedValues
 from impact_damper_ros.rig import Event, EventKind, Sample
-from impact_damper_ros.rig.shown import as_line
+from impact_damper_ros.rig.quoting import as_line
 from impact_damper_ros.rig.swing import Swing
 
 __all__ = ['Envelope', 'Response', 'as_json', 'comparison_text', 'findings_text']
