@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from impact_damper_ros.orbits.event_map import origin_at
+from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
 from impact_damper_ros.orbits.settling_rig import section_of
 from impact_damper_ros.rig import EventKind, RigParameters
@@ -22,7 +23,6 @@ from impact_damper_ros.rig.mode import REST_1, REST_2, Machine, Origin, make_mac
 from impact_damper_ros.rig.simulator import Snapshot
 from impact_damper_ros.rig.stepped_sine import Sweep
 
-from .irregularity import Indications, average_spread, quiet_phase
 from .matched_orbit import counted_impacts, impact_table
 from .recorded_stretch import ForceClock, RecordedImpacts
 from .recurrence import MOST_CYCLES, SETTLED, Recurrence, find_recurrence

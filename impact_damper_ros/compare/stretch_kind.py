@@ -8,17 +8,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from impact_damper_ros.orbits.rhythm import MotionKind
-
-from .carried_rig import CarriedMotion, carry_on
-from .irregularity import (
+from impact_damper_ros.orbits.irregularity import (
     IRREGULAR_SPREAD,
     REGULAR_SPREAD,
     Indications,
     average_spread,
-    largest_exponent,
     zero_one_test,
 )
+from impact_damper_ros.orbits.rhythm import MotionKind
+
+from .carried_rig import CarriedMotion, carry_on
+from .irregularity import MOST_IMPACTS, largest_exponent
 from .matched_orbit import counted_impacts, impact_table
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from .recurrence import MOST_CYCLES, SETTLED, Recurrence, find_recurrence
@@ -253,9 +253,9 @@ def _recorded(
             [strobe.x, strobe.velocity_after, strobe.damper_velocity_after]
         ) / np.array([1.0, clock.parameters.omega, clock.parameters.omega])
         spread = average_spread(np.column_stack([states, np.cos(angle), np.sin(angle)]))
-        found = Indications(exponent.value, exponent.error, int(exponent.cycles), spread)
+        found = replace(exponent, spread=spread)
         seen += f'; Lyapunov exponent {_exponent_text(found)} per cycle along the last '
-        seen += f'{exponent.impacts} recorded impacts'
+        seen += f'{min(len(late), MOST_IMPACTS)} recorded impacts'
     if not math.isnan(regularity):
         seen += f'; their 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
     return found, regularity, seen
