@@ -34,8 +34,8 @@ from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpac
 from impact_damper_ros.compare.stretch_kind import StretchKind, kind_of
 from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import section_of
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import section_of
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, load_parameters
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome
 from impact_damper_ros.rig.mode import Mode, make_machine

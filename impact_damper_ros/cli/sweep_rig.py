@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import RigParameters, load_parameters
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
 from impact_damper_ros.sweep.columns import MEASURES

@@ -24,7 +24,7 @@ from .event_map import Course, Stretch, origin_at, run_course
 from .impact_solver import StartReport
 from .multipliers import multipliers_of
 from .orbit import Node, PeriodicOrbit
-from .settled import starting_points
+from .settling import starting_points
 from .viability import swing_extremes
 
 __all__ = [

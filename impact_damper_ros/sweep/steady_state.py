@@ -22,8 +22,8 @@ from impact_damper_ros.orbits.lyapunov import (
     period_exponent,
 )
 from impact_damper_ros.orbits.multipliers import multipliers_of
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import Settling, SettlingRig, section_of
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import Settling, SettlingRig, section_of
 from impact_damper_ros.rig import EventKind, Mode
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Stretch
 

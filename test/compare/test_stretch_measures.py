@@ -10,10 +10,10 @@ from impact_damper_ros.compare.flight_check import check_intervals, knots_of
 from impact_damper_ros.compare.irregularity import largest_exponent
 from impact_damper_ros.compare.periodic_part import decay_rate
 from impact_damper_ros.compare.recorded_stretch import ForceClock
-from impact_damper_ros.compare.recurrence import ImpactTable, find_recurrence
 from impact_damper_ros.compare.run_curves import turning_points
 from impact_damper_ros.compare.stretch_totals import energy_balance
 from impact_damper_ros.orbits.irregularity import zero_one_test
+from impact_damper_ros.orbits.recognition import ImpactTable, find_recurrence
 from impact_damper_ros.rig import RigParameters
 
 
