@@ -23,7 +23,7 @@ from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory, check_file
 from impact_damper_ros.report.text import comparison_text
 from impact_damper_ros.rig import load_parameters
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 from .command_line import (
     add_bag_argument,

@@ -9,9 +9,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_file
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.replayed_rig import Setting, setting_of
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
@@ -25,7 +25,7 @@ from impact_damper_ros.rig import (
     InitialConditions,
     Sample,
 )
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 from .command_line import (
     add_bag_argument,
@@ -107,15 +107,15 @@ def _held_values(
 def _run(arguments: argparse.Namespace, replay: Replay) -> WhatIfReport | None:
     """Replay and write the tables; return the what-if, if one was asked for."""
     report = None
-    reader = replay.history.reader
+    reader = replay.recorded.reader
     span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
-    count = max(1, reader.topics[replay.history.topics.joint_states].message_count)
+    count = max(1, reader.topics[replay.recorded.topics.joint_states].message_count)
     with ExitStack() as stack:
         states = open_table(arguments.states, Sample._fields, stack)
         impacts = open_table(arguments.impacts, IMPACT_COLUMNS, stack)
         bar = stack.enter_context(progress_bar('replayed', span, 's', quiet=arguments.quiet))
         if not arguments.set and states is None and impacts is None:
-            start = replay.history.start.time_ns / 1e9
+            start = replay.recorded.start.time_ns / 1e9
             replay.run(lambda time: bar.update(max(0.0, min(span, time - start) - bar.n)))
             return None
         for number, tick in enumerate(replay.ticks()):
@@ -123,7 +123,7 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> WhatIfReport | None:
             events: Sequence[Event] = tick.events
             if arguments.set:
                 if report is None:
-                    held = _held_values(arguments.set, setting_of(replay.history.start.state))
+                    held = _held_values(arguments.set, setting_of(replay.recorded.start.state))
                     report = WhatIfReport(replay, *held, drawn=arguments.figure is not None)
                 sample, events = report.look(tick)
             if states is not None:
@@ -136,9 +136,9 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> WhatIfReport | None:
 
 
 def _report(arguments: argparse.Namespace, replay: Replay, what_if: WhatIfReport | None) -> int:
-    findings, history = replay.findings, replay.history
-    result = findings_json(findings, history)
-    text = findings_text(findings, history)
+    findings, recorded = replay.findings, replay.recorded
+    result = findings_json(findings, recorded)
+    text = findings_text(findings, recorded)
     if what_if is not None:
         result['what_if'] = what_if.as_json()
         text += '\n' + what_if.text()
@@ -165,10 +165,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             check_file(arguments.json)
         if arguments.figure is not None:
             check_figure(arguments.figure)
-        replay = Replay(RunHistory(arguments.bag, arguments.node))
+        replay = Replay(RecordedRun(arguments.bag, arguments.node))
         if arguments.set:
             # A misspelt name is reported at once
-            logged = setting_of(replay.history.start.state)
+            logged = setting_of(replay.recorded.start.state)
             held, _ = _held_values(arguments.set, logged)
             if not arguments.quiet:
                 rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}

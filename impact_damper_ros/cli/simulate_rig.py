@@ -28,7 +28,7 @@ from impact_damper_ros.rig import (
     RigParameters,
     Sample,
 )
-from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, frequency_at
+from impact_damper_ros.rig.forcing import SWEEP_FIELDS, frequency_at
 from impact_damper_ros.rig.swing import Swing
 
 from .command_line import (

@@ -17,10 +17,10 @@ from impact_damper_ros.orbits.event_map import origin_at
 from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
 from impact_damper_ros.orbits.settling_rig import section_of
 from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
-from impact_damper_ros.rig.mode import REST_1, REST_2, Machine, Origin, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, Origin, RigConstants, rig_constants
 from impact_damper_ros.rig.simulator import Snapshot
-from impact_damper_ros.rig.stepped_sine import Sweep
 
 from .irregularity import Indications, average_spread, quiet_phase
 from .matched_orbit import counted_impacts, impact_table
@@ -89,7 +89,7 @@ class CarriedMotion:
     growth: float = 0.0
 
 
-def _start(machine: Machine, clock: ForceClock, last: RecordedImpacts) -> Origin:
+def _start(machine: RigConstants, clock: ForceClock, last: RecordedImpacts) -> Origin:
     """Return the state just after an impact, at time 0."""
     velocity = float(last.velocity_after[0])
     relative = float(last.damper_velocity_after[0]) - velocity
@@ -140,14 +140,14 @@ class _CarriedRig:
     def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
         self._clock = clock
         self._rig = clock.counted_from_zero()
-        self._machine = make_machine(self._rig)
+        self._machine = rig_constants(self._rig)
         last = impacts[-1:]
         self._origin = _start(self._machine, clock, last)
         self._begin = float(last.time[0])
         phases = clock.phase(impacts.time[-_PHASES:])
         # How long after the end of a cycle, counted from the last impact, it is looked at
         self._strobe = (quiet_phase(phases) - float(phases[-1])) % 1.0
-        state = Snapshot(self._rig, self._origin, 0.0, (), Sweep(0.0)).as_dict()
+        state = Snapshot(self._rig, self._origin, 0.0, (), SteppedSine(0.0)).as_dict()
         # Plain Python: compiling would take longer than the run.
         self._run = LongRun.restore(state, compiled=False)
         self._events: list[Events] = [np.empty(0, EVENT_TYPE)]

@@ -27,7 +27,7 @@ from impact_damper_ros.orbits.event_map import origin_at, run_course
 from impact_damper_ros.orbits.floquet import impact_matrix
 from impact_damper_ros.orbits.rhythm import MotionKind
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.mode import REST_1, REST_2, Machine, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, RigConstants, rig_constants
 
 from .recorded_stretch import ForceClock, RecordedImpacts
 from .run_curves import Array
@@ -188,7 +188,12 @@ def quiet_phase(phases: Array) -> float:
 
 
 def _rates(
-    machine: Machine, rig: RigParameters, force: float, x: float, velocity: float, damper: float
+    machine: RigConstants,
+    rig: RigParameters,
+    force: float,
+    x: float,
+    velocity: float,
+    damper: float,
 ) -> Array:
     """Return (X', X'', Z', Z'') at an impact."""
     direction = math.copysign(1.0, damper - velocity) if damper != velocity else 0.0
@@ -203,7 +208,7 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Exponent | 
     if len(impacts) < 2 * _PARTS:
         return None
     rig = clock.counted_from_zero()
-    machine = make_machine(rig)
+    machine = rig_constants(rig)
     before = impacts.velocity_before(rig)
     damper_before = impacts.damper_velocity_before(rig)
     force = clock.force(impacts.time)

@@ -24,7 +24,7 @@ from impact_damper_ros.orbits.rhythm import (
     turned_cycles,
 )
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
-from impact_damper_ros.rig.stepped_sine import frequency_at
+from impact_damper_ros.rig.forcing import frequency_at
 from impact_damper_ros.rig.swing import extremes
 
 __all__ = ['MeasuredMotion', 'MotionTrace', 'measure']

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.oscillator import Oscillator
 
 from .equations import Array, ImpactEquations
@@ -117,7 +117,7 @@ def _rates_at_impacts(
 ) -> tuple[Array, Array]:
     """Return (X', X'', Z', Z'') just before and just after each impact, shape (N, 4)."""
     at = equations.velocities(x, instants)
-    free = make_machine(equations.parameters).free
+    free = rig_constants(equations.parameters).free
     drive = free.forces[0] * np.sin(equations.frequency * instants + equations.phase)
 
     def rates(velocity: Array, damper: Array, push: Array, acceleration: Array) -> Array:
@@ -137,7 +137,7 @@ def _rates_at_impacts(
 
 def monodromy(equations: ImpactEquations, x: Array, instants: Array) -> Array:
     """Return the derivative of the state one period later by the state."""
-    machine = make_machine(equations.parameters)
+    machine = rig_constants(equations.parameters)
     before, after = _rates_at_impacts(equations, x, instants)
     lasts = equations.durations(instants)
     matrix = np.eye(4)

@@ -35,10 +35,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control.controlled_rig import NearbyRig, RigState, Scales
+from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
 from impact_damper_ros.rig import Event, EventKind, Mode
 from impact_damper_ros.rig.long_run import Events
-from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, Machine
+from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
 from impact_damper_ros.rig.oscillator import Oscillator
 
 __all__ = [
@@ -80,7 +80,7 @@ class Deviations:
         Their saltation matrices.
     modes : ndarray of int, shape (n + 1,)
         The mode before each event, and after the last.
-    machine : Machine
+    machine : RigConstants
         The rig.
     """
 
@@ -89,7 +89,7 @@ class Deviations:
     instants: Array
     events: Array
     modes: NDArray[np.int64]
-    machine: Machine
+    machine: RigConstants
 
     def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
         """
@@ -153,7 +153,7 @@ def _vibrations(oscillator: Oscillator, spans: Array) -> Array:
     return matrices
 
 
-def _flight_matrices(machine: Machine, modes: NDArray[np.int64], spans: Array) -> Array:
+def _flight_matrices(machine: RigConstants, modes: NDArray[np.int64], spans: Array) -> Array:
     """Return the matrix of each flight, by its mode and duration."""
     matrices = np.zeros((len(spans), 4, 4))
     apart, stuck, on_stop = modes < STICK, modes == STICK, modes > STICK
@@ -169,7 +169,7 @@ def _flight_matrices(machine: Machine, modes: NDArray[np.int64], spans: Array) -
 
 
 def deviations(
-    machine: Machine,
+    machine: RigConstants,
     angles: tuple[float, ...],
     events: Events,
     mode: int,
@@ -182,7 +182,7 @@ def deviations(
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     angles : tuple of float
         Angle turned by each harmonic at time 0, rad.

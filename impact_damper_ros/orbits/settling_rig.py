@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.control import GapControlParameters
-from impact_damper_ros.control.controlled_rig import Scales
 from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control.nearby_rig import Scales
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, Stretch
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, RunResult
+from impact_damper_ros.rig.mode import rig_constants
 
 __all__ = ['EndlessEventsError', 'Settling', 'SettlingRig', 'cycle_of', 'section_of']
 
@@ -148,7 +148,7 @@ class SettlingRig:
         parameters = run.parameters
         self.settling = settling
         self.cycle = cycle_of(parameters)
-        self.machine = make_machine(parameters)
+        self.machine = rig_constants(parameters)
         self.angles = tuple(run.snapshot()['origin']['angles'])
         self.repeating = _repeats_with(parameters, self.cycle)
         self.controlled = isinstance(run, ControlledRun)
@@ -183,7 +183,7 @@ class SettlingRig:
         """Return the instant at which some cycles have been run, s."""
         return cycles * self.cycle + self._start
 
-    def run(self, cycles: int, looks: int = 1) -> Stretch:
+    def run(self, cycles: int, looks: int = 1) -> RunResult:
         """
         Go on for some cycles, with some looks in each, the first one at once.
 

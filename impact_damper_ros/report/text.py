@@ -14,7 +14,7 @@ from impact_damper_ros.compare.run_comparison import (
     Verdict,
 )
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.rig.shown import as_line
+from impact_damper_ros.rig.quoting import as_line
 
 from .units import counted
 

@@ -192,7 +192,7 @@ class WhatIfReport:
         *,
         drawn: bool,
     ) -> None:
-        start = replay.history.start
+        start = replay.recorded.start
         logged = setting_of(start.state)
         values = logged.as_dict()
         initial = replay.replayed.first_initial
@@ -204,8 +204,8 @@ class WhatIfReport:
         self.other = WhatIf(start, initial, held, held_initial)
         self.recorded, self.what_if = RunTotals(), RunTotals()
         cycle = max(_longest_cycle(logged.rig), _longest_cycle(self.other.rig.parameters))
-        reader = replay.history.reader
-        total = reader.topics[replay.history.topics.joint_states].message_count
+        reader = replay.recorded.reader
+        total = reader.topics[replay.recorded.topics.joint_states].message_count
         cycles = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9 / cycle
         pieces = int(_MOST_PIECES if cycles < _FEW_CYCLES else min(cycles, _MOST_PIECES))
         size = max(1, math.ceil(total / pieces))

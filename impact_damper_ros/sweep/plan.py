@@ -24,7 +24,7 @@ from impact_damper_ros.rig import (
     ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.quoting import shown
 
 __all__ = [
     'MOST_POINTS',

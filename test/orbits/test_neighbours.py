@@ -8,8 +8,8 @@ import pytest
 from control.controlled_rigs import TRIAL, control
 
 from impact_damper_ros.control import ControlledRig
-from impact_damper_ros.control.controlled_rig import NearbyRig, Scales
 from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control.nearby_rig import NearbyRig, Scales
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits import lyapunov as neighbours
 from impact_damper_ros.orbits.lyapunov import parting_exponent
