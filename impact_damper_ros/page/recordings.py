@@ -21,7 +21,7 @@ import yaml
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.metadata import read_listing
 from impact_damper_ros.bag.run_reader import bag_files
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 from .child import environment
 
