@@ -519,5 +519,7 @@ def test_the_client_library_keeps_origin_checks_honest(tmp_path):
             socket_ = await websocket_connect(url(server, '/ws', 'ws'))
             assert json.loads(await socket_.read_message())['type'] == 'hello'
             socket_.close()
+            while await socket_.read_message() is not None:
+                pass
 
     run(test())
