@@ -1,8 +1,8 @@
 """
 Active control of the gap: laws, sensors, actuators, and the rig under control.
 
-What is known of the published law, and what is reconstruction or extension, stands in
-`amplitude_law`, `timed_law` and in docs/gap_control.
+`amplitude_law`, `timed_law` and docs/gap_control say what is known of the published law, and what
+is reconstruction or extension.
 """
 
 from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters

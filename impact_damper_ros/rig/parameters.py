@@ -252,12 +252,6 @@ class RigParameters(ParameterTable):
         return static / denominator
 
     @property
-    def response_phase(self) -> float:
-        """Phase lag psi of M behind the first harmonic without impacts, rad."""
-        r = self.frequency_ratio
-        return math.atan2(2.0 * self.zeta * r, (1.0 - r) * (1.0 + r))
-
-    @property
     def static_deflection(self) -> float:
         """Deflection M g sin(angle)/K of M by its own weight along the axis, m."""
         return self.primary_mass * self.gravity * math.sin(self.angle) / self.stiffness

@@ -1,8 +1,7 @@
 """
-What is published of a rig, as numbers and text: joint states, impacts and snapshots.
+Published numbers and texts of a rig: joint states, impacts and snapshots.
 
-The node, a recorder without ROS and a replay all take it from here, so that their numbers agree to
-the last bit.
+Node, recorder and replay use the same functions, so that their numbers agree to the last bit.
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ __all__ = [
 
 JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 IMPACT_JOINTS = JOINTS[:2]
-#: Format of the messages, which their snapshots name. Up to 1 all positions counted from the
-#: present static equilibrium of M, and the stops had the velocity of M.
+#: Format of the messages, which the snapshots name. In format 1 all positions counted from the
+#: static equilibrium of M, and the stops had the velocity of M.
 FORMAT = 2
 
 #: Frame of the joint states of a rig that is held, which are no samples of its motion.
@@ -40,15 +39,15 @@ def state_numbers(
     sample: Sample, deflection: float, version: int = FORMAT
 ) -> tuple[_Numbers, _Numbers]:
     """
-    Return what is published of a sample: positions and velocities of `JOINTS`.
+    Return the published positions and velocities of `JOINTS` from a sample.
 
     Parameters
     ----------
     sample : Sample
         The sample.
     deflection : float
-        Static deflection of the rig then, m. Positions count from where M is while its spring is
-        unloaded, a place that no change of the rig moves.
+        Static deflection of the rig then, m. Positions count from M with an unloaded spring,
+        which no change of the rig moves.
     version : int, optional
         Format of the messages.
     """
@@ -65,10 +64,10 @@ def impact_numbers(
     event: Event, deflection: float, version: int = FORMAT
 ) -> tuple[_Numbers, _Numbers, _Numbers]:
     """
-    Return what is published of an impact: of `IMPACT_JOINTS` positions, velocities and efforts.
+    Return the published positions, velocities and efforts of `IMPACT_JOINTS` from an impact.
 
-    The velocities are those after the impact, the efforts the impulses that M and m received: stop
-    1, the lower one, throws m up. For the parameters see `state_numbers`.
+    The velocities are those after the impact, the efforts the impulses on M and m. The parameters
+    are those of `state_numbers`.
     """
     impulse = event.impulse if event.stop == 1 else -event.impulse
     x, z = event.x, event.x + event.y
@@ -83,7 +82,7 @@ def impact_numbers(
 
 def snapshot_text(offset_ns: int, time_ns: int, reason: str, state: Mapping[str, Any]) -> str:
     """
-    Return the text of a snapshot: all that is needed to run on from here, bit for bit.
+    Return the text of a snapshot, from which a run continues bit for bit.
 
     Parameters
     ----------
@@ -92,7 +91,7 @@ def snapshot_text(offset_ns: int, time_ns: int, reason: str, state: Mapping[str,
     reason : str
         Why it is published.
     state : mapping
-        Of the rig.
+        Snapshot of the rig.
     """
     return json.dumps(
         {

@@ -1,4 +1,4 @@
-"""Values and texts from outside as messages show them: short, and without control characters."""
+"""Values and texts from outside as messages quote them: short, without control characters."""
 
 from __future__ import annotations
 

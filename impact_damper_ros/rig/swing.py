@@ -1,11 +1,11 @@
-"""How far the primary mass swings."""
+"""Displacement of the primary mass: its turning points between samples, and largest |X|."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-from impact_damper_ros.rig import Event, Sample
+from .event import Event, Sample
 
 __all__ = ['Swing', 'extremes', 'turning_point']
 
@@ -16,8 +16,8 @@ def turning_point(
     """
     Return X where M turns between two instants at which its velocities have opposite signs.
 
-    X is taken as the cubic through both with their velocities, so that the error falls with the
-    fourth power of the time between them.
+    X is the cubic through both with their velocities; the error falls with the fourth power of
+    the time between them.
     """
     step = time_1 - time_0
     if step <= 0.0:
