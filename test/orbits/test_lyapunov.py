@@ -8,8 +8,8 @@ from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
 from impact_damper_ros.orbits.event_map import run_course
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent, monodromy_of
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.rig.mode import Origin, rig_constants
