@@ -18,8 +18,6 @@ from impact_damper_ros.rig import GapControlParameters
 
 from .sensors import LENGTH, SPEED, TIME, Kinds
 
-__all__ = ['Actuators', 'Command']
-
 
 class Command(NamedTuple):
     """

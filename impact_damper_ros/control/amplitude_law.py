@@ -18,9 +18,6 @@ from typing import ClassVar
 from .law import Plant
 from .sensors import LENGTH, Kinds, Measurement
 
-__all__ = ['AmplitudeLaw']
-
-
 #: A stop is not moved by less than this part of its place: each start costs energy.
 _DEAD_BAND = 0.005
 

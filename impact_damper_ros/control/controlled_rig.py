@@ -28,9 +28,6 @@ from .controller import Action, Controller, ControlRecord
 from .law import damper_of
 from .sensors import measured
 
-__all__ = ['ControlledRig', 'completed']
-
-
 _ACTIONS = {EventKind.STOP_ARRIVED: Action.ARRIVED, EventKind.STOP_TOUCHED: Action.TOUCHED}
 
 

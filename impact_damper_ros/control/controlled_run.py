@@ -33,9 +33,6 @@ from impact_damper_ros.rig.simulator import Simulator
 
 from .controlled_rig import ControlledRig
 
-__all__ = ['AccountedSimulator', 'ControlledRun', 'ModeAccount']
-
-
 #: Most events on the way to samples ahead.
 _MOST_INSTANTS = 1000
 

@@ -15,9 +15,6 @@ from .law import Damper, Law, Plant, Search
 from .sensors import Measurement, Observer
 from .timed_law import TimedLaw
 
-__all__ = ['CONTROL_JOINTS', 'Action', 'ControlRecord', 'Controller']
-
-
 #: Joints of the topic `gap_control`.
 CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
 

@@ -11,8 +11,6 @@ from impact_damper_ros.rig import GapControlParameters, RigParameters
 from .actuator import Actuators
 from .sensors import LENGTH, Kinds, Measurement, Observer
 
-__all__ = ['Damper', 'Law', 'Plant', 'Search', 'damper_of']
-
 
 class Damper(NamedTuple):
     """

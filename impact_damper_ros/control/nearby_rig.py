@@ -18,9 +18,6 @@ from .controlled_rig import ControlledRig
 from .controller import Controller
 from .sensors import LENGTH, SPEED, TIME, Kinds
 
-__all__ = ['NearbyRig', 'RigState', 'Scales']
-
-
 Array = npt.NDArray[np.float64]
 #: Where a leaf of the state is: keys and indices.
 _Path = tuple[str | int, ...]

@@ -18,20 +18,6 @@ from typing import ClassVar, NamedTuple, TypeAlias
 from impact_damper_ros.rig import GapControlParameters, Sample
 from impact_damper_ros.rig.forcing import mixed
 
-__all__ = [
-    'LENGTH',
-    'SPEED',
-    'TIME',
-    'Hit',
-    'Kinds',
-    'Measurement',
-    'Observer',
-    'Passage',
-    'measured',
-    'noise',
-]
-
-
 _CHANNELS = 4
 
 LENGTH, SPEED, TIME = 'length', 'speed', 'time'

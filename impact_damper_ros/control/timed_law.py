@@ -23,9 +23,6 @@ from impact_damper_ros.rig import GapControlParameters
 from .law import Damper, Plant
 from .sensors import LENGTH, TIME, Kinds, Measurement, Observer, Passage
 
-__all__ = ['Closing', 'TimedLaw', 'stop_to_close']
-
-
 #: Least approach speed with independent stops, over |X'|.
 _LEAST_APPROACH = 0.5
 #: How far past the middle an independent stop may be closed, over half the optimal gap.

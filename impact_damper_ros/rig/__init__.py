@@ -6,6 +6,7 @@ Importable without ROS.
 
 from .event import Event, EventKind, Sample
 from .mode import Mode
+from .parameter_spec import ParameterError, ParameterSpec
 from .parameters import (
     ALL_SPECS,
     GAP_CONTROL_SPECS,
@@ -15,8 +16,6 @@ from .parameters import (
     GapControlParameters,
     InitialConditions,
     NodeSettings,
-    ParameterError,
-    ParameterSpec,
     RigParameters,
 )
 from .parameters_file import ParametersFileError, load_parameters

@@ -14,9 +14,6 @@ from math import sqrt
 
 from .kernels import kernel
 
-__all__ = ['ROUND_OFF', 'least_step', 'look_ahead', 'look_past', 'safe_step']
-
-
 _EPSILON = 2.220446049250313e-16
 _STEP_TOLERANCE = 1e-12
 _LEAST_STEP = 1e-9

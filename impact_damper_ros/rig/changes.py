@@ -12,9 +12,7 @@ from math import inf, isinf, isnan
 
 from .mode import RigConstants
 from .origin import Origin, locked, offset_of
-from .parameters import ParameterError
-
-__all__ = ['StopOutcome', 'changed', 'check_command', 'commanded', 'kept_angles', 'supports']
+from .parameter_spec import ParameterError
 
 
 def regapped(here: Origin, rig: RigConstants) -> Origin:

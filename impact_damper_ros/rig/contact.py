@@ -27,8 +27,6 @@ from .flight import (
     RELEASE_DOWN,
     RELEASE_UP,
     REVERSAL,
-    STOP_ARRIVED_1,
-    STOP_ARRIVED_2,
     Flight,
     FlightEnd,
     Motion,
@@ -49,25 +47,6 @@ from .roots import (
     next_node,
     polished,
 )
-
-__all__ = [
-    'ARRIVAL',
-    'CONTACT_1',
-    'CONTACT_2',
-    'NO_EVENT',
-    'RELEASE_DOWN',
-    'RELEASE_UP',
-    'REVERSAL',
-    'STOP_ARRIVED_1',
-    'STOP_ARRIVED_2',
-    'chatter_end',
-    'first_event',
-    'flight_end',
-    'keeps_sign',
-    'search_contact',
-    'search_release',
-]
-
 
 #: Error of positions, velocities and accelerations at the nodes, relative to their terms.
 _NODE_ERROR = 1e-13

@@ -18,16 +18,6 @@ from .kernels import kernel
 from .origin import Origin, advance_time
 from .oscillator import Oscillator, derivative_bound
 
-__all__ = [
-    'CrossingWatch',
-    'SearchInterruptedError',
-    'first_crossing',
-    'has_side',
-    'sided',
-    'starting_side',
-]
-
-
 _EPSILON = 2.220446049250313e-16
 # Where X is smaller than this part of its scale, its side comes from the flight before.
 _NEAR_ZERO = 1e-9

@@ -14,9 +14,6 @@ import yaml
 
 from .parameters import RigParameters
 
-__all__ = ['described', 'frequency_hint', 'picture_size', 'robot_description', 'rviz_setup']
-
-
 #: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be in the wrong unit.
 _NEAR = 1.25
 

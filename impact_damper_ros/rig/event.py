@@ -21,23 +21,6 @@ from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, RigConstants
 from .origin import Origin, offset_of
 from .transition import Transition, impulse_of
 
-__all__ = [
-    'IMPACT',
-    'MOST_ROWS',
-    'Event',
-    'EventKind',
-    'Sample',
-    'impact_events',
-    'make_event',
-    'quiet',
-    'stop_under',
-    'support_code',
-    'support_events',
-    'transition_events',
-    'write_event',
-    'write_transition',
-]
-
 
 class EventKind(IntEnum):
     """Kind of an event."""

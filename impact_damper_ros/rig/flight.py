@@ -20,26 +20,6 @@ from typing import NamedTuple
 from .kernels import kernel
 from .oscillator import Driven, Free, Oscillator, driven_response, free_response
 
-__all__ = [
-    'ARRIVAL',
-    'CONTACT_1',
-    'CONTACT_2',
-    'NO_EVENT',
-    'RELEASE_DOWN',
-    'RELEASE_UP',
-    'REVERSAL',
-    'STOP_ARRIVED_1',
-    'STOP_ARRIVED_2',
-    'Flight',
-    'FlightEnd',
-    'Motion',
-    'end_at',
-    'motion_at',
-    'starting_motion',
-    'unfinished',
-]
-
-
 #: What ends a flight.
 NO_EVENT = 0
 CONTACT_1 = 1

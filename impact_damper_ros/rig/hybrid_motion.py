@@ -13,18 +13,15 @@ from math import inf, nextafter, ulp
 from typing import Any
 
 from .changes import supports
-from .contact import NO_EVENT, chatter_end, flight_end
+from .contact import chatter_end, flight_end
 from .crossing import CrossingWatch, SearchInterruptedError, sided
 from .event import Event, EventKind, Sample, impact_events, make_event, quiet, transition_events
-from .flight import Flight, FlightEnd, end_at, motion_at
+from .flight import NO_EVENT, Flight, FlightEnd, end_at, motion_at
 from .forcing import SteppedSine, frequency_at
 from .mode import CHATTER_1, Mode, RigConstants, launch, rig_constants
 from .origin import Origin, advance_time, carried, offset_of, placed, stop_rates
 from .parameters import RigParameters
 from .transition import at_rest, moving_mode, resolve, struck
-
-__all__ = ['HybridMotion', 'RunawayError']
-
 
 # More events than any chatter has, within this part of a radian of the natural vibration.
 _MOST_EVENTS_AT_ONCE = 10_000

@@ -30,18 +30,6 @@ from math import cos, sin
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
-__all__ = [
-    'compiled',
-    'compiling_alone',
-    'elementwise',
-    'kernel',
-    'record',
-    'sine_and_cosine',
-    'stamp',
-    'stamp_file',
-]
-
-
 _STAMP = 'kernels.py'
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 

@@ -28,20 +28,6 @@ from .parameters import InitialConditions, RigParameters
 from .run_loop import DONE, FULL, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator, Snapshot
 
-__all__ = [
-    'EVENT_TYPE',
-    'SAMPLE_TYPE',
-    'EventTable',
-    'Events',
-    'LongRun',
-    'Loop',
-    'Outcome',
-    'RunResult',
-    'event_table',
-    'has_numba',
-]
-
-
 #: One event, as `Event`, and the mode after it.
 EVENT_TYPE = np.dtype(
     [

@@ -12,34 +12,12 @@ from enum import IntEnum
 from math import cos, inf, sin
 from typing import NamedTuple
 
-from .contact import CONTACT_1, CONTACT_2, NO_EVENT, STOP_ARRIVED_1, STOP_ARRIVED_2
-from .flight import Flight
+from .flight import CONTACT_1, CONTACT_2, NO_EVENT, STOP_ARRIVED_1, STOP_ARRIVED_2, Flight
 from .forcing import sines_and_cosines_of
 from .kernels import kernel
 from .origin import Origin
 from .oscillator import Oscillator, acceleration_at, make_oscillator
 from .parameters import RigParameters
-
-__all__ = [
-    'CHATTER_1',
-    'CHATTER_2',
-    'FREE',
-    'REST_1',
-    'REST_2',
-    'SLIDE_DOWN',
-    'SLIDE_UP',
-    'STICK',
-    'Mode',
-    'Origin',
-    'RigConstants',
-    'air_acceleration',
-    'launch',
-    'mode_at_rest',
-    'moving_flight',
-    'rig_constants',
-    'support_need',
-]
-
 
 FREE = 0
 SLIDE_DOWN = 1

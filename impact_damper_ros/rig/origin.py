@@ -9,17 +9,6 @@ from .flight import Flight, FlightEnd
 from .forcing import turned_angles
 from .kernels import kernel, record
 
-__all__ = [
-    'Origin',
-    'advance_time',
-    'carried',
-    'locked',
-    'offset_of',
-    'on_stop',
-    'placed',
-    'stop_rates',
-]
-
 
 @record
 class Origin(NamedTuple):

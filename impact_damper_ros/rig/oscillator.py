@@ -21,22 +21,6 @@ from typing import NamedTuple
 
 from .kernels import kernel
 
-__all__ = [
-    'Driven',
-    'Free',
-    'Grid',
-    'Harmonic',
-    'Oscillator',
-    'acceleration_at',
-    'derivative_bound',
-    'drive_bound',
-    'driven_response',
-    'free_response',
-    'make_grid',
-    'make_harmonic',
-    'make_oscillator',
-]
-
 
 class Free(NamedTuple):
     """

@@ -14,21 +14,6 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias
 
 from .quoting import shown
 
-__all__ = [
-    'MAX_HARMONICS',
-    'ParameterError',
-    'ParameterSpec',
-    'ParameterTable',
-    'Value',
-    'array_field',
-    'bool_field',
-    'double_field',
-    'integer_field',
-    'specs_of',
-    'string_field',
-]
-
-
 Value: TypeAlias = float | bool | int | str | tuple[float, ...]
 Kind: TypeAlias = Literal['double', 'bool', 'double_array', 'integer', 'string']
 

@@ -23,21 +23,6 @@ from .parameter_spec import (
     string_field,
 )
 
-__all__ = [
-    'ALL_SPECS',
-    'GAP_CONTROL_SPECS',
-    'INITIAL_SPECS',
-    'PARAMETER_SPECS',
-    'SETTING_SPECS',
-    'GapControlParameters',
-    'InitialConditions',
-    'NodeSettings',
-    'ParameterError',
-    'ParameterSpec',
-    'RigParameters',
-]
-
-
 SWEEP_MODES = ('off', 'up', 'down', 'up_down')
 #: Most steps that a sweep may have from one end to the other.
 MOST_STEPS = 100_000

@@ -19,28 +19,9 @@ from typing import Any
 
 import yaml
 
-from .parameters import (
-    ALL_SPECS,
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-    InitialConditions,
-    ParameterError,
-    RigParameters,
-)
+from .parameter_spec import ParameterError
+from .parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, RigParameters
 from .quoting import named, shown
-
-__all__ = [
-    'Block',
-    'ParametersFileError',
-    'YamlError',
-    'check_yaml',
-    'guarded_yaml',
-    'guarded_yaml_text',
-    'load_parameters',
-    'preset_file',
-    'presets',
-]
-
 
 _NAME = 'impact_damper_ros'
 _PACKAGE = Path(__file__).parents[1]

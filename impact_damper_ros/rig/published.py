@@ -12,17 +12,6 @@ from typing import Any
 
 from .event import Event, Sample
 
-__all__ = [
-    'FORMAT',
-    'IMPACT_JOINTS',
-    'JOINTS',
-    'PAUSED_FRAME',
-    'impact_numbers',
-    'snapshot_text',
-    'state_numbers',
-]
-
-
 JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 IMPACT_JOINTS = JOINTS[:2]
 #: Format of the messages, which the snapshots name. In format 1 all positions counted from the

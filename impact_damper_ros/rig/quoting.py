@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ['as_line', 'named', 'printable', 'shown']
-
-
 _LONGEST = 80
 _LONGEST_LINE = 2000
 # Control characters but newline and tab; those that turn the direction of writing; halves of pairs

@@ -24,19 +24,6 @@ from .flight import (
 from .kernels import elementwise, kernel
 from .oscillator import Grid, Oscillator, acceleration_at
 
-__all__ = [
-    'Node',
-    'Relative',
-    'acceleration_of',
-    'base_node',
-    'contact_root',
-    'falling_root',
-    'jerk_of',
-    'last_step',
-    'next_node',
-    'polished',
-]
-
 
 class Node(NamedTuple):
     """

@@ -14,12 +14,13 @@ from math import inf
 from typing import Any, NamedTuple
 
 from .certificate import least_step
-from .contact import NO_EVENT, chatter_end, flight_end, search_contact
+from .contact import chatter_end, flight_end, search_contact
 from .crossing import has_side, sided
 from .event import IMPACT, MOST_ROWS, write_event, write_transition
 from .flight import (
     CONTACT_1,
     CONTACT_2,
+    NO_EVENT,
     Flight,
     FlightEnd,
     Motion,
@@ -39,17 +40,6 @@ from .origin import (
     stop_rates,
 )
 from .transition import Transition, impulse, is_no_chatter, moving_mode, rebounded, resolve
-
-__all__ = [
-    'DONE',
-    'FULL',
-    'RUNAWAY',
-    'SPENT',
-    'Progress',
-    'flies_plainly',
-    'plain_impacts',
-    'run_through',
-]
 
 
 @kernel(inline=True)

@@ -13,9 +13,6 @@ from .mode import STICK, RigConstants, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
 
-__all__ = ['ARITHMETIC', 'FORMATS', 'Simulator', 'Snapshot', 'upgraded']
-
-
 _FORMAT = 2
 #: Formats that can be read. The first had neither moving stops nor a stepped sine.
 FORMATS = (1, 2)

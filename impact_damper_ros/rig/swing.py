@@ -7,8 +7,6 @@ from collections.abc import Sequence
 
 from .event import Event, Sample
 
-__all__ = ['Swing', 'extremes', 'turning_point']
-
 
 def turning_point(
     time_0: float, x_0: float, v_0: float, time_1: float, x_1: float, v_1: float

@@ -13,7 +13,7 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 from .certificate import least_step
-from .contact import (
+from .flight import (
     ARRIVAL,
     CONTACT_1,
     CONTACT_2,
@@ -21,8 +21,11 @@ from .contact import (
     REVERSAL,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
+    Flight,
+    FlightEnd,
+    Motion,
+    starting_motion,
 )
-from .flight import Flight, FlightEnd, Motion, starting_motion
 from .forcing import sines_of
 from .kernels import kernel
 from .mode import (
@@ -39,28 +42,8 @@ from .mode import (
     mode_at_rest,
     support_need,
 )
-from .origin import Origin, carried, locked, on_stop, placed
+from .origin import Origin, carried, locked, on_stop
 from .oscillator import derivative_bound
-
-__all__ = [
-    'CHATTER_TOLERANCE',
-    'Transition',
-    'at_rest',
-    'bounce_duration',
-    'carried',
-    'chatter_duration',
-    'impulse',
-    'impulse_of',
-    'is_no_chatter',
-    'may_chatter',
-    'moving_mode',
-    'placed',
-    'rebound',
-    'rebounded',
-    'resolve',
-    'struck',
-]
-
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
 #: by at most this fraction until its end. The error of the accumulation instant is at most this
