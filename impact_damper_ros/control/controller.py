@@ -148,14 +148,7 @@ class Controller:
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> Controller:
-        """
-        Read a result of `as_dict`.
-
-        Raises
-        ------
-        KeyError, TypeError
-            If something is missing, or unknown.
-        """
+        """Read a result of `as_dict`."""
         # A copy: the stored lists may be read again
         stored = deepcopy(stored)
         values = {}

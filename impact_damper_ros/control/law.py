@@ -41,12 +41,7 @@ class Damper(NamedTuple):
         """
         Return the gap d* at which two impacts per cycle are at X = 0, where |X'| is largest.
 
-        Parameters
-        ----------
-        amplitude : float
-            Amplitude of X, m.
-        largest : float
-            Returned where there is no such gap, as for elastic stops.
+        Where there is none, as for elastic stops, it is the largest gap.
 
         Notes
         -----

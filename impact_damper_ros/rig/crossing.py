@@ -156,14 +156,7 @@ def sided(oscillator: Oscillator, before: Origin, flight: Flight, origin: Origin
 
 
 class CrossingWatch:
-    """
-    The passages of one flight through X = 0, in order.
-
-    Parameters
-    ----------
-    origin, flight : Origin, Flight
-        The flight with its origin.
-    """
+    """The passages of one flight through X = 0, in order."""
 
     def __init__(self, origin: Origin, flight: Flight) -> None:
         """Begin at the origin."""

@@ -47,12 +47,7 @@ def frequency_hint(rig: RigParameters, varied: tuple[float, float] | None = None
     """
     Return a hint if frequencies of the force look as if they were given in Hz; else nothing.
 
-    Parameters
-    ----------
-    rig : RigParameters
-        The rig.
-    varied : tuple of float, optional
-        Lowest and highest frequency, rad/s, if that of the first harmonic is varied.
+    If the frequency of the first harmonic is varied, `varied` is its range, rad/s.
     """
     for name, low, high in _bands(rig, varied):
         if low <= rig.omega <= high:
@@ -245,20 +240,8 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
     Its joints are those of the topic joint_states: absolute positions along the axis, so each
     hangs from the base and none from another. The primary is at 0 while its spring is unloaded. A
     stop's joint stands where the middle of the damper is when they touch, so the stops' blocks
-    begin half a damper further out.
-
-    Parameters
-    ----------
-    rig : RigParameters
-        The rig.
-    gap_max : float, optional
-        Largest gap of its gap control, m, if that is on; the deck is long enough for it, up to
-        eight times the gap.
-
-    Returns
-    -------
-    str
-        The XML, the same for the same rig.
+    begin half a damper further out. The deck is long enough for `gap_max`, the largest gap of the
+    control, up to eight times the gap.
     """
     size = picture_size(rig, gap_max)
     unit = size.damper

@@ -334,18 +334,6 @@ def motion_at(flight: Flight, tau: float) -> Motion:
     """
     Evaluate the closed form.
 
-    Parameters
-    ----------
-    flight : Flight
-        The flight.
-    tau : float
-        Time since its origin, s; not negative.
-
-    Returns
-    -------
-    Motion
-        Positions, velocities and higher derivatives at that instant.
-
     Notes
     -----
     Bapat (1995), equations (3)-(5), in the form that the module describes.

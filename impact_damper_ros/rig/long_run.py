@@ -65,18 +65,7 @@ class Outcome(IntEnum):
     RUNAWAY = RUNAWAY
 
     def reason(self, happened: int, since: float, time: float, mode: str) -> str:
-        """
-        Return why an advance ended before its time, and the remedy; empty if it did not.
-
-        Parameters
-        ----------
-        happened : int
-            Events so far.
-        since, time : float
-            When it began and when it ended, s.
-        mode : str
-            The mode of the rig then.
-        """
+        """Return why an advance ended before its time, and the remedy; empty if it did not."""
         if self is Outcome.COMPLETE:
             return ''
         if self is Outcome.TOO_MANY_EVENTS:
@@ -142,14 +131,7 @@ def event_table(events: Sequence[Event], modes: Iterable[int]) -> Events:
 
 
 class EventTable:
-    """
-    The events of a run while it goes on.
-
-    Parameters
-    ----------
-    record : bool
-        Whether events are kept at all.
-    """
+    """The events of a run while it goes on."""
 
     def __init__(self, *, record: bool) -> None:
         self._record = record
@@ -204,23 +186,7 @@ _READY: set[bool] = set()
 
 
 class Loop:
-    """
-    The run loop.
-
-    Parameters
-    ----------
-    constants : RigConstants
-        The rig.
-    damper_mass : float
-        Mass m, kg.
-    compiled : bool
-        Whether to run compiled code.
-
-    Raises
-    ------
-    ImportError
-        If `compiled` without numba.
-    """
+    """The run loop."""
 
     def __init__(self, constants: RigConstants, damper_mass: float, *, compiled: bool) -> None:
         self.constants = constants
@@ -256,22 +222,7 @@ class Loop:
         most: int,
         in_mode: Any,
     ) -> Progress:
-        """
-        Run until the end or until the loop stops; see `run_through`.
-
-        Parameters
-        ----------
-        progress : Progress
-            Origin and time to begin at, and the number of samples taken so far.
-        end : float
-            Time to reach, s.
-        instants, samples, table : ndarray
-            Instants of the samples; rows for the samples and for the events.
-        most : int
-            Most transitions.
-        in_mode : ndarray of float, shape (8,)
-            Time spent in each mode, to which it is added, s.
-        """
+        """Run until the end or until the loop stops; see `run_through`."""
         shape = len(table), len(EVENT_TYPE.names or ())
         arguments = (
             self._packed,

@@ -87,16 +87,7 @@ class RigConstants(NamedTuple):
 
 
 def rig_constants(parameters: RigParameters, frequency: float | None = None) -> RigConstants:
-    """
-    Return the kernels' constants of a rig.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig.
-    frequency : float, optional
-        Circular frequency of the first harmonic, rad/s, in place of the rig's own.
-    """
+    """Return the kernels' constants of a rig."""
     amplitudes, frequencies, phases = parameters.harmonics
     if frequency is not None:
         frequencies = (frequency, *frequencies[1:])
@@ -305,21 +296,7 @@ def moving_flight(
 
 @kernel(inline=True)
 def launch(rig: RigConstants, origin: Origin) -> Flight:
-    """
-    Build the flight that begins at an origin.
-
-    Parameters
-    ----------
-    rig : RigConstants
-        The rig.
-    origin : Origin
-        State after the event that begins the flight.
-
-    Returns
-    -------
-    Flight
-        The closed form and what ends it.
-    """
+    """Build the flight that begins at an origin."""
     deadline_kind = NO_EVENT
     deadline = inf
     if origin.stop_velocity_1 != 0.0 or origin.stop_velocity_2 != 0.0:

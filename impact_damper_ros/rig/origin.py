@@ -125,21 +125,7 @@ def stop_rates(origin: Origin, flight: Flight, relative_velocity: float) -> tupl
 
 @kernel(inline=True)
 def carried(origin: Origin, flight: Flight, end: FlightEnd) -> Origin:
-    """
-    Return the state that a flight reaches, as the origin of another one.
-
-    Parameters
-    ----------
-    origin, flight : Origin, Flight
-        The flight with its origin.
-    end : FlightEnd
-        The time, and the motion then.
-
-    Returns
-    -------
-    Origin
-        State just *before* the event of that instant, mode unchanged.
-    """
+    """Return the state that a flight reaches, as the origin of another one."""
     tau = end.tau
     time, time_low = advance_time(origin.time, origin.time_low, tau)
     angles = turned_angles(origin.angles, flight.oscillator.frequencies, tau)

@@ -396,15 +396,6 @@ def derivative_bound(
     """
     Return a bound of a derivative of X over the oscillator's horizon.
 
-    Parameters
-    ----------
-    oscillator : Oscillator
-        The moving mass.
-    derivative, next_derivative : float
-        The n-th and (n+1)-th time derivative of X now.
-    drive_bound : float
-        The oscillator's bound of order n.
-
     Notes
     -----
     The n-th derivative y obeys the same equation of motion. Its free vibration has

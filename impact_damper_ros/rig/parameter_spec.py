@@ -79,25 +79,7 @@ class ParameterSpec(NamedTuple):
         return f'{self.low:g} to {self.high:g}'
 
     def checked(self, value: Any) -> Value:
-        """
-        Return the value as the kind asks: a float, a bool, an int, a text or a tuple of floats.
-
-        Parameters
-        ----------
-        value : Any
-            A number, a bool, a text or a sequence of numbers. Integers become floats for a
-            double, and whole floats integers for an integer.
-
-        Returns
-        -------
-        Value
-            The value, of the type that the kind names.
-
-        Raises
-        ------
-        ParameterError
-            If the type is wrong, or a number is outside the range, NaN or infinite.
-        """
+        """Return a value, which may come from a file, checked and in the type of the kind."""
         if self.kind == 'bool':
             if not isinstance(value, bool):
                 raise ParameterError(

@@ -279,14 +279,7 @@ class InitialConditions(ParameterTable):
     )
 
     def check_within(self, parameters: RigParameters) -> None:
-        """
-        Check that m starts between the stops.
-
-        Raises
-        ------
-        ParameterError
-            If it does not.
-        """
+        """Check that m starts between the stops."""
         offset, half = self.initial_damper_offset, parameters.gap / 2.0
         low = -1e9 if parameters.one_sided else -half
         if not low <= offset <= half:

@@ -226,16 +226,7 @@ def _check(text: str) -> None:
 
 
 def check_yaml(path: Path) -> None:
-    """
-    Check size, depth and names of a YAML file, but not its values.
-
-    Raises
-    ------
-    YamlError
-        As of `guarded_yaml`.
-    OSError
-        If it cannot be read.
-    """
+    """Check size, depth and names of a YAML file, but not its values."""
     text = _text(path)
     with _in_words():
         _check(text)
@@ -258,26 +249,7 @@ def _in_words() -> Iterator[None]:
 
 
 def guarded_yaml(path: Path) -> Any:
-    """
-    Read a YAML file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    object
-        Its content; mappings are `Block`.
-
-    Raises
-    ------
-    YamlError
-        If it is not YAML, has aliases, merges or a name twice, or is too large.
-    OSError
-        If it cannot be read.
-    """
+    """Read a YAML file."""
     return guarded_yaml_text(_text(path))
 
 

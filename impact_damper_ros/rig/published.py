@@ -30,15 +30,8 @@ def state_numbers(
     """
     Return the published positions and velocities of `JOINTS` from a sample.
 
-    Parameters
-    ----------
-    sample : Sample
-        The sample.
-    deflection : float
-        Static deflection of the rig then, m. Positions count from M with an unloaded spring,
-        which no change of the rig moves.
-    version : int, optional
-        Format of the messages.
+    Positions count from M with an unloaded spring, which no change of the rig moves; `deflection`
+    is the static deflection of the rig, m.
     """
     _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample
     if version == 1:
@@ -70,18 +63,7 @@ def impact_numbers(
 
 
 def snapshot_text(offset_ns: int, time_ns: int, reason: str, state: Mapping[str, Any]) -> str:
-    """
-    Return the text of a snapshot, from which a run continues bit for bit.
-
-    Parameters
-    ----------
-    offset_ns, time_ns : int
-        Stamp of rig time 0, and rig time.
-    reason : str
-        Why it is published.
-    state : mapping
-        Snapshot of the rig.
-    """
+    """Return the text of a snapshot, from which a run continues bit for bit."""
     return json.dumps(
         {
             'format': FORMAT,

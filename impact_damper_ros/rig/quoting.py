@@ -40,13 +40,6 @@ def shown(value: object, longest: int = _LONGEST) -> str:
     """
     Return a value as `repr` has it, on one line; a long one is cut in the middle.
 
-    Parameters
-    ----------
-    value : object
-        The value.
-    longest : int, optional
-        Most characters that stay whole.
-
     Examples
     --------
     >>> shown('a' * 1000, 20)

@@ -29,16 +29,7 @@ def turning_point(
 
 
 def extremes(last: Sample, events: Sequence[Event], sample: Sample) -> list[float]:
-    """
-    Return X at all events between two samples, and wherever M turns.
-
-    Parameters
-    ----------
-    last, sample : Sample
-        Two samples in a row.
-    events : sequence of Event
-        All events between them.
-    """
+    """Return X at all events between two samples, and wherever M turns."""
     found = []
     time, x, velocity = last.time, last.x, last.primary_velocity
     for event in events:

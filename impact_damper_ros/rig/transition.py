@@ -230,19 +230,7 @@ def rebounded(rig: RigConstants, origin: Origin, stop: int) -> tuple[float, floa
 
 @kernel(inline=True)
 def struck(rig: RigConstants, origin: Origin, stop: int) -> Transition:
-    """
-    Resolve an impact.
-
-    Parameters
-    ----------
-    rig, origin, stop : RigConstants, Origin, int
-        As for `rebounded`.
-
-    Returns
-    -------
-    Transition
-        The state just after: moving away, or at rest, or in the last bounces of a chatter.
-    """
+    """Resolve an impact."""
     before = origin.velocity
     restitution, relative_before, after, relative_after = rebounded(rig, origin, stop)
     if relative_after == 0.0:
@@ -280,21 +268,7 @@ def _touched(rig: RigConstants, there: Origin, stop: int) -> Transition:
 
 @kernel(inline=True)
 def resolve(rig: RigConstants, origin: Origin, flight: Flight, end: FlightEnd) -> Transition:
-    """
-    Resolve the event that ends a flight.
-
-    Parameters
-    ----------
-    rig, origin, flight : RigConstants, Origin, Flight
-        The rig, and the flight with its origin.
-    end : FlightEnd
-        The event, as `contact.flight_end` names it; `NO_EVENT` ends a chatter.
-
-    Returns
-    -------
-    Transition
-        Velocities before and after, and the origin of the next flight.
-    """
+    """Resolve the event that ends a flight."""
     kind = end.kind
     there = carried(origin, flight, end)
     before = there.velocity
