@@ -92,14 +92,7 @@ def limits_of(name: str) -> tuple[float, float]:
 
 
 class Family(Protocol):
-    """
-    What a continuation needs to know: n equations in n unknowns and one parameter.
-
-    Attributes
-    ----------
-    name : str
-        The parameter, as `value_of` names it.
-    """
+    """What a continuation varies: n equations in n unknowns and one parameter, `name`."""
 
     name: str
 
@@ -114,22 +107,7 @@ class Family(Protocol):
 
 
 class EquationFamily:
-    """
-    Motions that the impact equations hold for.
-
-    The unknowns are X_i over a fixed length and the angles W t_i.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig.
-    name : str
-        The parameter varied.
-    stops : tuple of int
-        Stops hit in one period.
-    cycles : int
-        Period in cycles of the force.
-    """
+    """Motions that the impact equations hold for; unknowns are X_i over a length, and W t_i."""
 
     def __init__(
         self, parameters: RigParameters, name: str, stops: tuple[int, ...], cycles: int
@@ -177,21 +155,8 @@ class ShootingFamily:
     """
     Motions with reversals, sticking or rest, as fixed points of the event map.
 
-    The unknowns are the free coordinates of the state where the period begins.
-
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        A motion of the family.
-    name : str
-        The parameter varied.
-    times : int, optional
-        How many of its periods make one of the family.
-
-    Raises
-    ------
-    OrbitError
-        If the simulator cannot follow the motion.
+    The unknowns are the free coordinates of the state where the period begins; the period is
+    that of the motion given, so many times.
     """
 
     def __init__(self, orbit: PeriodicOrbit, name: str, times: int = 1) -> None:
@@ -257,18 +222,7 @@ _ROUND_OFF = 1e-12
 
 @dataclass(frozen=True)
 class Point:
-    """
-    A point of a branch.
-
-    Attributes
-    ----------
-    place : ndarray, shape (n + 1,)
-        The unknowns and the scaled parameter.
-    tangent : ndarray, shape (n + 1,)
-        Unit vector along the branch.
-    orbit : PeriodicOrbit
-        The motion.
-    """
+    """A point of a branch: unknowns and scaled parameter, unit tangent, and the motion."""
 
     place: Array
     tangent: Array
@@ -276,16 +230,7 @@ class Point:
 
 
 class Curve:
-    """
-    The solutions of a family as a curve, with the scaled parameter as the last coordinate.
-
-    Parameters
-    ----------
-    family : Family
-        The equations.
-    scale : float
-        What the parameter is divided by.
-    """
+    """The solutions of a family as a curve, with the scaled parameter as the last coordinate."""
 
     def __init__(self, family: Family, scale: float) -> None:
         self.family = family

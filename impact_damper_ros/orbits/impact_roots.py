@@ -42,18 +42,7 @@ _SHORTEST_SHARE = 0.2
 
 @dataclass(frozen=True)
 class Root:
-    """
-    A solution of the impact equations.
-
-    Attributes
-    ----------
-    x, instants : ndarray, shape (N,)
-        Displacements of M at the impacts, m, and their instants, s.
-    residual : float
-        Largest residual, relative to the displacements.
-    history : tuple of float
-        The residual before each Newton step and at the end.
-    """
+    """A solution: X at the impacts (m), instants (s), residual, and its history."""
 
     x: Array
     instants: Array
@@ -118,19 +107,8 @@ def polish(equations: ImpactEquations, x: Array, instants: Array) -> Root | None
     Run Newton's method from a good start until the residual no longer falls.
 
     Most candidates of a scan are no roots, and this gives them up sooner than
-    `scipy.optimize.root`, with which a scan takes twice as long (90 to 170 ms for three cycles).
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The 2N equations.
-    x, instants : ndarray, shape (N,)
-        The start.
-
-    Returns
-    -------
-    Root or None
-        The root; None if the residual does not fall below `RESIDUAL_TOLERANCE`.
+    `scipy.optimize.root`, with which a scan takes twice as long (90 to 170 ms for three
+    cycles). Returns None if the residual does not fall below `RESIDUAL_TOLERANCE`.
     """
     n = equations.impacts
     history: list[float] = []
@@ -293,8 +271,6 @@ def two_impact_roots(equations: ImpactEquations) -> list[Root]:
     """
     Find all motions with two impacts in a period.
 
-    Notes
-    -----
     The condition is scanned over the whole period: for sign changes, and for minima of its
     modulus, which may hide two roots side by side or a double one. Where the linear equations
     come close to losing rank, the plane they nearly leave is searched too. Every candidate is
@@ -406,13 +382,8 @@ def many_impact_roots(
     """
     Find motions of one stop sequence from systematic starts and from simulation.
 
-    Returns
-    -------
-    roots : list of Root
-        The different ones.
-    counts : tuple of int
-        How many systematic starts converged, how many starts simulation gave, and how many of
-        these converged.
+    The counts are of systematic starts that converged, of simulated starts, and of those of
+    them that converged.
     """
     x, instants = _systematic_starts(equations, starts)
     if simulate:

@@ -30,18 +30,7 @@ class _EnoughError(Exception):
 
 
 class Solution(NamedTuple):
-    """
-    Where the residual is least.
-
-    Attributes
-    ----------
-    unknowns : ndarray, shape (n,)
-        The point.
-    residual : float
-        Largest residual there.
-    history : tuple of float
-        Largest residual after each step that reduced it, the start first.
-    """
+    """Where the residual is least, how large it is, and its history from the start on."""
 
     unknowns: Array
     residual: float
@@ -52,17 +41,8 @@ def solve(system: System, start: Array) -> Solution:
     """
     Solve n equations from a start near a root, to round-off.
 
-    Parameters
-    ----------
-    system : callable
-        The residual and its Jacobian. The Jacobian may be singular at the root.
-    start : ndarray, shape (n,)
-        The start.
-
-    Returns
-    -------
-    Solution
-        The least residual reached; whether it is a root is for the caller to judge.
+    The Jacobian may be singular at the root. Whether the least residual reached is a root is
+    for the caller to judge.
     """
     # Not needed where all motions come from a scan, and slow to import
     from scipy.optimize import root

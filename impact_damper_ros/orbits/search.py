@@ -128,20 +128,10 @@ def _hits(equations: ImpactEquations, root: Root) -> bool:
 
 def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
     """
-    Return a motion counted so that it has the stops asked for.
+    Return a motion counted so that it has the stops asked for; None if that cannot be.
 
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        The motion.
-    stops : tuple of int
-        The sequence asked for.
-
-    Returns
-    -------
-    PeriodicOrbit or None
-        If several ways of counting do, the one whose first impact is earliest in the force's
-        cycle; None if none does.
+    If several ways of counting do, the one whose first impact is earliest in the force's
+    cycle.
     """
     turned = [
         orbit.begun_at(shift)
@@ -169,16 +159,7 @@ def _distinct(orbits: Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
 
 
 def orbit_of(equations: ImpactEquations, root: Root) -> PeriodicOrbit:
-    """
-    Work out everything about a root of the impact equations.
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The equations.
-    root : Root
-        Their root.
-    """
+    """Work out everything about a root of the impact equations."""
     x = root.x
     # The whole cycles before the first impact do not matter, and would cost digits.
     instants = root.instants - equations.cycle * np.floor(root.instants[0] / equations.cycle)

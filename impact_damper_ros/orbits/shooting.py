@@ -107,18 +107,7 @@ def _promise(stretch: Stretch) -> tuple[int, float]:
 
 
 def section_of(machine: RigConstants, course: Course, instant: float) -> Section:
-    """
-    Choose where the period of a motion begins.
-
-    Parameters
-    ----------
-    machine : RigConstants
-        The rig.
-    course : Course
-        About one period of it.
-    instant : float
-        Time of its beginning on the force's clock, s.
-    """
+    """Choose where the period of a motion that starts at an instant (s) begins."""
     best = max(course.stretches, key=_promise)
     resting = _resting(best.origin)
     # In flight closer to its beginning, away from a reversal that may be half-way
