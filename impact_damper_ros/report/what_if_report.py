@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.replay.replay import Replay, Tick
 from impact_damper_ros.replay.replayed_rig import Step, setting_of
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, Trace, WhatIf
 from impact_damper_ros.rig import (
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
+    ALL_SPECS,
     Event,
     EventKind,
     InitialConditions,
@@ -306,12 +304,12 @@ class WhatIfReport:
 
 
 def _with_unit(value: Any, name: str) -> str:
-    spec = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS, **INITIAL_SPECS}[name]
+    unit = ALL_SPECS[name].unit
     if isinstance(value, tuple):
         text = f'[{", ".join(f"{v:g}" for v in value)}]'
     else:
         text = f'{value:g}' if isinstance(value, float) else str(value).lower()
-    return f'{text} {spec.unit}'.rstrip()
+    return f'{text} {unit}'.rstrip()
 
 
 def _motion(trace: Trace) -> Motion:
