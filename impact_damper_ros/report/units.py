@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ __all__ = [
     'number',
     'power_of_ten',
     'quantity',
+    'setting',
     'unit_for',
     'worded',
 ]
@@ -75,6 +76,13 @@ def counted(count: int, noun: str) -> str:
     if count == 1:
         return f'{count} {noun}'
     return f'{count} {noun}{"es" if noun.endswith(("ch", "s")) else "s"}'
+
+
+def setting(value: Any) -> str:
+    """Return a value of a parameter as it is set: [1, 2], true, 0.5 or timed."""
+    if isinstance(value, tuple | list):
+        return f'[{", ".join(map(setting, value))}]'
+    return f'{value:g}' if isinstance(value, float) else str(value).lower()
 
 
 def _plain(text: str) -> str:

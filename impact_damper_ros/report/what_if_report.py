@@ -25,7 +25,7 @@ from impact_damper_ros.rig import (
 from impact_damper_ros.rig.swing import Swing
 
 from .run_figures import Motion, Side, draw_what_if
-from .units import unit_for
+from .units import setting, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -304,12 +304,7 @@ class WhatIfReport:
 
 
 def _with_unit(value: Any, name: str) -> str:
-    unit = ALL_SPECS[name].unit
-    if isinstance(value, tuple):
-        text = f'[{", ".join(f"{v:g}" for v in value)}]'
-    else:
-        text = f'{value:g}' if isinstance(value, float) else str(value).lower()
-    return f'{text} {unit}'.rstrip()
+    return f'{setting(value)} {ALL_SPECS[name].unit}'.rstrip()
 
 
 def _motion(trace: Trace) -> Motion:
