@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .drawing import blank_figure, finish_panel, save_figure
     from .html_report import report_page, write_report
     from .replay_report import findings_json, findings_text
     from .run_figures import Closeup, Motion, draw_motion
@@ -19,15 +20,19 @@ __all__ = [
     'Closeup',
     'Motion',
     'WhatIfReport',
+    'blank_figure',
     'comparison_text',
     'draw_motion',
     'findings_json',
     'findings_text',
+    'finish_panel',
     'report_page',
+    'save_figure',
     'write_report',
 ]
 
 _MODULES = {
+    'drawing': ('blank_figure', 'finish_panel', 'save_figure'),
     'html_report': ('report_page', 'write_report'),
     'replay_report': ('findings_json', 'findings_text'),
     'run_figures': ('Closeup', 'Motion', 'draw_motion'),

@@ -41,16 +41,7 @@ NONE = '–'
 
 
 class Unit(NamedTuple):
-    """
-    A unit in which some values are handy.
-
-    Attributes
-    ----------
-    factor : float
-        What a value in SI units is multiplied by.
-    name : str
-        The unit.
-    """
+    """A unit in which some values are handy, and the factor from SI units to it."""
 
     factor: float
     name: str

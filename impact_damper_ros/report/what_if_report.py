@@ -43,16 +43,7 @@ _MOST_PIECES, _FEW_CYCLES = 2000, 60
 
 
 class RunTotals:
-    """
-    Largest and rms X, impacts and their energy, from samples in a row.
-
-    Attributes
-    ----------
-    impacts : int
-        How many there were.
-    energy : float
-        Energy lost in the impacts, J.
-    """
+    """Largest and rms X, impacts and the energy lost in them, from samples in a row; SI units."""
 
     def __init__(self) -> None:
         self.impacts = 0
