@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from impact_damper_ros.orbits.rhythm import (
-    MOST_CYCLES,
-    SETTLED,
+from impact_damper_ros.orbits.recognition import (
+    LONGEST_RHYTHM,
+    SETTLED_DRIFT,
     MotionKind,
     Rhythm,
     approaches,
@@ -106,7 +106,7 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
     cycles = (now - trace.began) / cycle
     impacts = trace.impacts()
     instants = [trace.cycles(event.time) for event in impacts]
-    largest = trace.largest(now - MOST_CYCLES * cycle)
+    largest = trace.largest(now - LONGEST_RHYTHM * cycle)
     stops, x = [event.stop for event in impacts], [event.x for event in impacts]
     rhythm = rhythm_of(instants, stops, x, largest)
     turned = trace.cycles(now)
@@ -118,7 +118,7 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
         largest = trace.largest(now - rhythm.cycles * cycle)
         rhythm = replace(rhythm, x_max=largest)
         kind = MotionKind.UNDECIDED
-        if max(distances[-SETTLED_PERIODS:], default=math.inf) < SETTLED:
+        if max(distances[-SETTLED_PERIODS:], default=math.inf) < SETTLED_DRIFT:
             kind = MotionKind.PERIODIC
         elif approaches(distances):
             kind = MotionKind.TRANSIENT
@@ -323,7 +323,7 @@ def _why_undecided(measured: MeasuredMotion) -> str:
     if measured.rhythm is not None:
         return 'the impacts nearly repeat, but do not come closer to it'
     return (
-        f'no period of up to {MOST_CYCLES} cycles of the force is recognised, '
+        f'no period of up to {LONGEST_RHYTHM} cycles of the force is recognised, '
         f'{measured.cycles:.0f} cycles after the last change'
     )
 

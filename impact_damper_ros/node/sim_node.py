@@ -48,16 +48,16 @@ from impact_damper_ros.bag.messages import Parameter as RecordedParameter
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS
 from impact_damper_ros.bag.topics import QosProfile
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
 from impact_damper_ros.rig.parameters_file import YamlError, check_yaml
-from impact_damper_ros.rig.shown import printable, shown
+from impact_damper_ros.rig.quoting import printable, shown
 
 from .diagnostics import Diagnostics
 from .engine import Engine, Ticket
 from .motion_report import MotionMonitor
 from .pacing import SWITCH_INTERVAL_S, EndRequest, Scheduling, priority_of_others
 from .parameters import (
-    ALL_SPECS,
     LiveParameters,
     NodeParameters,
     descriptor,
