@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from impact_damper_ros.control import ControlRecord, GapControlParameters
+from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
 from impact_damper_ros.rig.description import robot_description
 
@@ -71,7 +72,7 @@ def write_description(directory: Path, text: str) -> None:
     A failure is ignored: the same text is in the bag.
     """
     with suppress(OSError):
-        (directory / 'rig.urdf').write_text(text, encoding='utf-8')
+        write_text(directory / 'rig.urdf', text)
 
 
 class RigRecorder:

@@ -22,8 +22,8 @@ from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.control import Action, ControlledRig, ControlRecord
 from impact_damper_ros.orbits.recognition import turned_cycles
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
-from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.forcing import frequency_at
+from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.swing import extremes
 
 from .pacing import TickGrid
