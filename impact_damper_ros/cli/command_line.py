@@ -1,4 +1,4 @@
-"""What all commands share: options, errors, exit status, and files written whole."""
+"""What all commands share: options, checks of outputs, messages and exit status."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import errno
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.control import GapControlParameters
+from impact_damper_ros.outputs import is_stream, whole, write_text
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.description import described, frequency_hint
 from impact_damper_ros.rig.parameters_file import presets
@@ -76,18 +76,13 @@ def _refusal(number: int, path: Path) -> OSError:
     return OSError(number, os.strerror(number), str(path))
 
 
-def _is_stream(path: Path) -> bool:
-    """Return whether this is a pipe or a device, or an open file such as /dev/stdout."""
-    return path.exists() and (not path.is_file() or path.is_relative_to('/dev'))
-
-
 def check_file(path: Path) -> None:
     """Find out before the work whether a file can be written after it; nothing is changed."""
     if str(path) == '-':
         return
     if path.is_dir():
         raise _refusal(errno.EISDIR, path)
-    if _is_stream(path):
+    if is_stream(path):
         return  # opened once only
     directory = path.resolve().parent
     if not directory.is_dir():
@@ -115,36 +110,6 @@ def check_directory(path: Path) -> None:
     if not place.is_dir():
         raise _refusal(errno.ENOTDIR, path)
     _try(place, path)
-
-
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """Write a file so that at any instant there is a whole one, the old or the new, or none."""
-    if _is_stream(path):
-        yield path
-        return
-    file = path.resolve()
-    draft = file.with_name(f'.{os.getpid()}.{file.name}')
-    try:
-        yield draft
-        with draft.open('rb') as stream:
-            os.fsync(stream.fileno())
-        draft.replace(file)
-    except OSError as error:
-        error.filename = str(path)
-        raise
-    finally:
-        with suppress(OSError):
-            draft.unlink()
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text so that there is a `whole` file; - stands for standard output."""
-    if str(path) == '-':
-        sys.stdout.write(text)
-        return
-    with whole(path) as draft:
-        draft.write_text(text, encoding='utf-8')
 
 
 def add_version_option(parser: argparse.ArgumentParser) -> None:
