@@ -15,11 +15,17 @@ from sweep.shuffled_executor import Shuffled
 from impact_damper_ros.orbits.settling_rig import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.sweep.execution import Here, LocalWorkers, WorkersError, run_sweep
+from impact_damper_ros.sweep.execution import (
+    Here,
+    LocalWorkers,
+    WorkersError,
+    rig_row,
+    run_sweep,
+)
+from impact_damper_ros.sweep.journal import Done, Journal, JournalError, journal_path
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.steady_state import steady_state
 from impact_damper_ros.sweep.table import SweepTable, write_table
-from impact_damper_ros.sweep.work import Done, Journal, JournalError, journal_path, rig_row
 
 pytest.importorskip('pyarrow')
 
@@ -141,10 +147,10 @@ def test_a_failing_rig_does_not_break_a_chain(tmp_path):
     rig = RIG.replace(restitution_1=0.7)
     row, state = rig_row(rig, START, (), BRIEF)
     assert row['x_max'] == table.numbers('x_max')[0]
-    following, _ = rig_row(rig, START, plan.settings(plan.point(1)), BRIEF, state)
+    following, _ = rig_row(rig, START, plan.settings(plan.point(1).values), BRIEF, state)
     assert following['settled']
     # From the motion next to it a rig settles sooner than from X = 1
-    fresh, _ = rig_row(rig, START, plan.settings(plan.point(1)), BRIEF)
+    fresh, _ = rig_row(rig, START, plan.settings(plan.point(1).values), BRIEF)
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
 
@@ -215,7 +221,7 @@ def test_a_journal_is_held_by_one_sweep_alone(tmp_path):
     path = tmp_path / 'sweep.parquet.part'
     with (
         Journal(path, MIXED.inputs()),
-        pytest.raises(JournalError, match='in use: another sweep'),
+        pytest.raises(JournalError, match='in use by another sweep'),
     ):
         Journal(path, MIXED.inputs())
 

@@ -15,13 +15,13 @@ from impact_damper_ros.orbits.rhythm import MotionKind
 from impact_damper_ros.orbits.settling_rig import EndlessEventsError, Settling
 from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.sweep.columns import columns_of
-from impact_damper_ros.sweep.execution import Here, run_sweep
-from impact_damper_ros.sweep.optimum import find_optimum, summary_of, summary_text
+from impact_damper_ros.sweep.execution import Here, rig_row, run_sweep
+from impact_damper_ros.sweep.journal import Journal, journal_path
+from impact_damper_ros.sweep.optimum import find_optimum
 from impact_damper_ros.sweep.plan import AxisError, Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.steady_state import steady_state
-from impact_damper_ros.sweep.table import SweepTable, write_table
-from impact_damper_ros.sweep.work import Journal, journal_path, rig_row
+from impact_damper_ros.sweep.summary import summary_of, summary_text
+from impact_damper_ros.sweep.table import SweepTable, columns_of, write_table
 
 pytest.importorskip('pyarrow')
 
@@ -129,7 +129,7 @@ def test_followed_rigs_take_over_rig_and_control():
     assert state['time'] == pytest.approx(math.tau * (row['settling_cycles'] + 3))
     assert state['gap_control']['state']['roused'] is True
     plan = plan_of('gap_control_park=1.4,1.6', follow=Follow.UP)
-    settings = plan.settings(plan.point(1))
+    settings = plan.settings(plan.point(1).values)
     following, _ = rig_row(TRIAL, START, settings, BRIEF, state, TIMED)
     fresh, _ = rig_row(TRIAL, START, settings, BRIEF, None, TIMED)
     assert following['settled']
@@ -176,10 +176,10 @@ def test_the_optimum_of_a_control_lies_between_the_values_of_the_grid(tmp_path, 
     assert 21.0 < found.values[0] < 26.0
     # Nothing lies between two seeds
     assert found.values[1] == 0.0
-    fine, settings = [], plan.settings(plan.point(found.point))[1:]
+    fine, settings = [], plan.settings(plan.point(found.point).values)[1:]
     state = json.loads(table.texts('state')[found.point])
     for speed in (*np.linspace(18.0, 30.0, 7), found.values[0]):
-        varied = [(plan.axes[0].targets[0], float(speed)), *settings]
+        varied = [(plan.axes[0].parameters[0], float(speed)), *settings]
         fine.append(rig_row(TRIAL, START, varied, BRIEF, state, law)[0]['x_rms'])
     assert fine[-1] == found.value <= min(fine)
 

@@ -23,9 +23,9 @@ from impact_damper_ros.sweep.execution import (
     WorkersError,
     run_sweep,
 )
+from impact_damper_ros.sweep.journal import Journal, journal_path
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.table import write_table
-from impact_damper_ros.sweep.work import Journal, journal_path
 
 Client = pytest.importorskip('distributed').Client
 pytest.importorskip('pyarrow')

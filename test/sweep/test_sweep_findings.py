@@ -9,18 +9,12 @@ import pytest
 from impact_damper_ros.orbits import optimal_gap
 from impact_damper_ros.orbits.settling_rig import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.sweep.columns import FAILED, identified
 from impact_damper_ros.sweep.execution import Here, run_sweep
-from impact_damper_ros.sweep.optimum import (
-    Best,
-    attractors_of,
-    find_optimum,
-    summary_of,
-    summary_text,
-)
+from impact_damper_ros.sweep.journal import Journal, journal_path
+from impact_damper_ros.sweep.optimum import Best, find_optimum
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
-from impact_damper_ros.sweep.table import SweepTable, write_table
-from impact_damper_ros.sweep.work import Journal, journal_path
+from impact_damper_ros.sweep.summary import attractors_of, summary_of, summary_text
+from impact_damper_ros.sweep.table import FAILED, SweepTable, attractor_numbers, write_table
 
 pytest.importorskip('pyarrow')
 
@@ -87,7 +81,7 @@ def row(x, *, motion='periodic', period=1, stops='1,2', impacts=2, offset=0.0):
     }
 
 
-def test_attractors_are_told_apart_by_their_sections():
+def test_attractors_are_distinguished_by_their_sections():
     rig = ('a rig',)
     rows = [
         row(1.0),
@@ -102,10 +96,14 @@ def test_attractors_are_told_apart_by_their_sections():
         row(7.0, impacts=0, stops='', offset=2.0),
         row(2.0),
     ]
-    numbers = identified((rig, one) for one in rows)
+    numbers = attractor_numbers((rig, one) for one in rows)
     assert list(numbers) == [4, 0, 0, 1, 1, FAILED, 2, 2, 3, 3, 0]
     # Other rigs have numbers of their own
-    assert list(identified([(1.0, row(1.0)), (2.0, row(2.0)), (2.0, row(1.0))])) == [0, 0, 1]
+    assert list(attractor_numbers([(1.0, row(1.0)), (2.0, row(2.0)), (2.0, row(1.0))])) == [
+        0,
+        0,
+        1,
+    ]
 
 
 def test_optimum_gap_is_that_of_the_theory(tmp_path):

@@ -1,9 +1,9 @@
 """
-What section 3 and the conclusions of Bapat (1995) claim, held against the numbers.
+The claims of section 3 and the conclusions of Bapat (1995), compared with computed numbers.
 
-The symmetric motion with two impacts per cycle of a horizontal, frictionless damper (Masri and
-Caughey 1966) and the ball on a table too heavy to notice it (see Bapat, Sankar and Popplewell
-1986). Both are derived here by hand, apart from the solver.
+Two cases are derived here independently of the solver: the symmetric motion with two impacts per
+cycle of a horizontal, frictionless damper (Masri and Caughey 1966), and the ball on a table too
+heavy to be moved by it (see Bapat, Sankar and Popplewell 1986).
 """
 
 from __future__ import annotations
@@ -22,39 +22,32 @@ from impact_damper_ros.orbits.optimum import Limit
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.mode import make_machine
 
-from .curves import TOLERANCE, Curve, Point, Status, disturbed, settle
-from .plan import STRONG_FORCE, OptimumPoint, Series
-from .rigs import BASIC, CASES, VERTICAL
+from .curves import TOLERANCE, Curve, CurvePoint, Status, disturbed, settle
+from .rigs import BASIC, OPERATIONS, VERTICAL
+from .series import FIGURES, STRONG_FORCE, AngleOptimum, Series
 
 __all__ = [
     'Claim',
-    'Verdict',
-    'agreement_claims',
-    'air_claims',
-    'at_value',
-    'branch',
-    'claims_table',
-    'frequency_scale_claims',
-    'gap_claims',
+    'Judgement',
+    'all_claims',
+    'claims_of',
     'heavy_table_range',
-    'optimum_claims',
-    'response_claims',
     'stable_width',
     'symmetric_displacements',
-    'vertical_claims',
     'vertical_range',
 ]
 
 
 def symmetric_displacements(rig: RigParameters) -> tuple[float, ...]:
     """
-    Return X at stop 1 of the symmetric motions, from a quadratic.
+    Return X at stop 1 in the symmetric motions, from a quadratic.
 
     Notes
     -----
     m crosses with the speed v = (2 X + d) Omega/pi, so momentum and restitution give M's speeds
     -v (1 - R + 2 mu)/(1 + R) before and -v (1 - R - 2 mu R)/(1 + R) after stop 1. Half a cycle
-    later M must be at the mirror image. All is linear in v but A^2, the sum of two squares.
+    later M must be in the mirrored state. This gives A sin and A cos linearly in v, and the sum of
+    their squares is A^2.
     """
     mu, restitution = rig.mass_ratio, rig.restitution_1
     rate = rig.force_frequencies[0]
@@ -91,20 +84,19 @@ def _has_stable(intensity: float) -> bool:
     return any(orbit.stable and orbit.viable for orbit in found.orbits)
 
 
-def vertical_range(inside: float = 0.8, steps: int = 40) -> tuple[float, float]:
+def vertical_range(inside: float = 0.8, tolerance: float = 1e-12) -> tuple[float, float]:
     """Return the ends of the stable range of A Omega^2/g of the paper's vertical one-sided rig."""
+    from scipy.optimize import bisect
 
-    def edge(good: float, bad: float) -> float:
-        for _ in range(steps):
-            middle = 0.5 * (good + bad)
-            good, bad = (middle, bad) if _has_stable(middle) else (good, middle)
-        return good
+    def side(intensity: float) -> float:
+        return 1.0 if _has_stable(intensity) else -1.0
 
-    return edge(inside, 0.1), edge(inside, 3.0)
+    ends = (bisect(side, inside, unstable, xtol=tolerance) for unstable in (0.1, 3.0))
+    return float(next(ends)), float(next(ends))
 
 
-class Verdict(Enum):
-    """The outcome for a claim."""
+class Judgement(Enum):
+    """Whether the numbers confirm a claim."""
 
     REPRODUCED = 'reproduced'
     OTHER_NUMBER = 'reproduced with a different number'
@@ -113,41 +105,33 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Claim:
-    """
-    One claim.
+    """A claim of the paper, and what was computed."""
 
-    Attributes
-    ----------
-    figure : str
-        The figure it is about, or 'text'.
-    claim : str
-        What the paper says.
-    computed : str
-        What was computed, with numbers.
-    verdict : Verdict
-        The outcome.
-    remark : str
-        Why, where that is not plain from the numbers.
-    """
-
+    #: The figure it is about, or 'text'.
     figure: str
     claim: str
     computed: str
-    verdict: Verdict
+    judgement: Judgement
+    #: Explains the judgement where the numbers do not.
     remark: str = ''
 
+    @property
+    def verdict(self) -> str:
+        """The judgement, with the remark."""
+        return self.judgement.value + (f': {self.remark}' if self.remark else '')
 
-def judged(holds: bool, otherwise: Verdict = Verdict.NOT_REPRODUCED) -> Verdict:
-    """Return 'reproduced' if the numbers bear a claim out."""
-    return Verdict.REPRODUCED if holds else otherwise
+
+def _judged(holds: bool, otherwise: Judgement = Judgement.NOT_REPRODUCED) -> Judgement:
+    """Return 'reproduced' if the numbers confirm a claim."""
+    return Judgement.REPRODUCED if holds else otherwise
 
 
 def stable_width(curves: Sequence[Curve]) -> float:
-    """Return over how much of the parameter some motion of these curves is stable and viable."""
+    """Return the length of the parameter range in which some motion is stable and viable."""
     pieces = sorted(
         (min(a.value, b.value), max(a.value, b.value))
         for curve in curves
-        for a, b in zip(curve.points, curve.points[1:], strict=False)
+        for a, b in pairwise(curve.points)
         if a.status == b.status == Status.STABLE
     )
     width, reached = 0.0, -np.inf
@@ -157,9 +141,9 @@ def stable_width(curves: Sequence[Curve]) -> float:
     return float(width)
 
 
-def branch(series: Series, impacts: int = 2) -> list[Point]:
+def _branch(series: Series, impacts: int = 2) -> list[CurvePoint]:
     """Return the viable motion with the smallest displacement at each value, stable first."""
-    best: dict[float, Point] = {}
+    best: dict[float, CurvePoint] = {}
     for curve in series.of(impacts):
         for point in curve.points:
             if point.status == Status.NOT_VIABLE:
@@ -170,39 +154,39 @@ def branch(series: Series, impacts: int = 2) -> list[Point]:
     return [best[value] for value in sorted(best)]
 
 
-def at_value(series: Series, value: float) -> Point:
+def _at_value(series: Series, value: float) -> CurvePoint:
     """Return the viable motion with two impacts per cycle at a value, stable if there is one."""
-    for point in branch(series):
+    for point in _branch(series):
         if abs(point.value - value) < 1e-9:
             return point
-    raise KeyError(f'{series.sweep.name} has no motion at {value:g}')
+    raise KeyError(f'{series.plan.name} has no motion at {value:g}')
 
 
-def stable_excess(
+def _stable_excess(
     series: Series, reference: Series, above: float = -np.inf
 ) -> tuple[float, float, int]:
     """Compare displacements where both series are stable."""
-    base = {p.value: p.ratio for p in branch(reference) if p.status == Status.STABLE}
+    base = {p.value: p.ratio for p in _branch(reference) if p.status == Status.STABLE}
     excess = [
         p.ratio / base[p.value] - 1.0
-        for p in branch(series)
+        for p in _branch(series)
         if p.status == Status.STABLE and p.value in base and p.value >= above
     ]
     return (min(excess), max(excess), len(excess)) if excess else (np.nan, np.nan, 0)
 
 
-def stability_end(series: Series) -> float:
+def _stability_end(series: Series) -> float:
     """Return the value at which the motion that is stable at the lowest value ceases to be."""
     last = np.nan
-    for point in branch(series):
+    for point in _branch(series):
         if point.status != Status.STABLE:
             break
         last = point.value
     return float(last)
 
 
-def series_claims(results: Mapping[str, Series]) -> tuple[int, float, float]:
-    """Return the number of settled motions with theory, and the largest two differences."""
+def _simulated_motions(results: Mapping[str, Series]) -> tuple[int, float, float]:
+    """Return the number of settled motions with theory; largest differences of time and ratio."""
     motions = [m for s in results.values() for m in s.marks if m.stops and m.orbit is not None]
     times = max((m.difference for m in motions if np.isfinite(m.difference)), default=0.0)
     ratios = max(
@@ -212,23 +196,12 @@ def series_claims(results: Mapping[str, Series]) -> tuple[int, float, float]:
     return len(motions), times, ratios
 
 
-def claims_table(claims: Sequence[Claim]) -> str:
-    """Return the claims as a Markdown table."""
-    lines = ['| no. | about | claim | computed | verdict |', '| --- | --- | --- | --- | --- |']
-    for number, claim in enumerate(claims, 1):
-        verdict = f'**{claim.verdict.value}**' + (f': {claim.remark}' if claim.remark else '')
-        lines.append(
-            f'| {number} | {claim.figure} | {claim.claim} | {claim.computed} | {verdict} |'
-        )
-    return '\n'.join(lines) + '\n'
-
-
-#: Gaps, m, at which the horizontal motion is symmetric.
+#: The horizontal motion is symmetric from this gap on, m.
 _ONE_BRANCH = 25.0
 _WORDS = {2: 'two', 3: 'three', 4: 'four'}
 
 
-def agreement_claims(results: Mapping[str, Series]) -> list[Claim]:
+def _agreement_claims(results: Mapping[str, Series]) -> list[Claim]:
     """Judge the claims of agreement."""
     worst, count = 0.0, 0
     for rate in (1.0, 1.02):
@@ -242,21 +215,21 @@ def agreement_claims(results: Mapping[str, Series]) -> list[Claim]:
         Claim(
             'text',
             'the theory of the horizontal damper agrees with earlier results',
-            f'symmetric motion in closed form (a quadratic, derived apart) against the general '
-            f'solver: {count} motions at r = 1 and 1.02, d = 24 to 56 m, X at the impacts equal '
-            f'to {worst:.0e}',
-            judged(worst < 1e-9),
+            f'closed form of the symmetric motion (a quadratic, derived independently) against '
+            f'the general solver: {count} motions at r = 1 and 1.02, d = 24 to 56 m, X at the '
+            f'impacts agrees to {worst:.0e}',
+            _judged(worst < 1e-9),
         )
     ]
-    motions, times, ratios = series_claims(results)
+    motions, times, ratios = _simulated_motions(results)
     claims.append(
         Claim(
             'all',
             'theory and simulation agree well, with incline, friction and unequal restitution',
-            f'{motions} settled periodic motions of the simulator in the figures: durations equal '
+            f'{motions} settled periodic motions of the simulator in the figures: durations agree '
             f'to {times:.0e} half-cycles (runs stop when they repeat to {TOLERANCE:.0e}), largest '
-            f'displacements to {ratios:.0e} (sampled 240 times per cycle)',
-            judged(times < 1e-6 and ratios < 1e-4),
+            f'displacements to {ratios:.0e} (from 240 samples per cycle)',
+            _judged(times < 1e-6 and ratios < 1e-4),
         )
     )
     return claims
@@ -271,7 +244,7 @@ def _widths(
     def turns(word: str) -> set[str]:
         return {word[i:] + word[:i] for i in range(len(word))}
 
-    # On the level a motion and its mirror image are equally stable, and one stands for both
+    # On the level a motion and its mirror image are equally stable: count either
     both = turns(stops) | turns(mirrored)
     return {
         name[2:]: stable_width(
@@ -288,24 +261,26 @@ def _widths(
     }
 
 
-def gap_claims(results: Mapping[str, Series]) -> list[Claim]:
+def _gap_claims(results: Mapping[str, Series]) -> list[Claim]:
     """Judge the claims about Figure 2."""
     level = results['2 horizontal']
     words, least, inner = [], np.inf, np.inf
     for gravity in (1, 2):
-        for case in CASES[1:]:
-            series = results[f'2 {case.key} g={gravity}']
-            low, high, count = stable_excess(series, level)
-            words.append(f'{case.key} g = {gravity}: {low:+.2%} to {high:+.2%} at {count} gaps')
+        for operation in OPERATIONS[1:]:
+            series = results[f'2 {operation.key} g={gravity}']
+            low, high, count = _stable_excess(series, level)
+            words.append(
+                f'{operation.key} g = {gravity}: {low:+.2%} to {high:+.2%} at {count} gaps'
+            )
             least = min(least, low)
-            inner = min(inner, stable_excess(series, level, above=_ONE_BRANCH)[0])
+            inner = min(inner, _stable_excess(series, level, above=_ONE_BRANCH)[0])
     at_37 = (
         ', '.join(
-            f'{name} {next(p.ratio for p in branch(results[name]) if p.value == 37.0):.4f}'
+            f'{name} {next(p.ratio for p in _branch(results[name]) if p.value == 37.0):.4f}'
             for name in results
             if name.startswith('2 ')
         )
-        if all(37.0 in s.sweep.values for s in results.values() if s.sweep.name[:2] == '2 ')
+        if all(37.0 in s.plan.values for s in results.values() if s.plan.name[:2] == '2 ')
         else ''
     )
     claims = [
@@ -317,11 +292,11 @@ def gap_claims(results: Mapping[str, Series]) -> list[Claim]:
             + '; '.join(words)
             + f'; at gaps from {_ONE_BRANCH:g} m at least {inner:+.2%}'
             + (f'. At d = 37 m: {at_37}' if at_37 else ''),
-            judged(least >= 0.0, Verdict.OTHER_NUMBER),
+            _judged(least >= 0.0, Judgement.OTHER_NUMBER),
             ''
             if least >= 0.0
-            else f'larger wherever the horizontal motion is the symmetric one; below about '
-            f'{_ONE_BRANCH:g} m it is one of a lopsided pair, and larger itself',
+            else 'larger wherever the horizontal motion is symmetric; below about '
+            f'{_ONE_BRANCH:g} m that motion is one of an asymmetric pair, and is larger itself',
         )
     ]
     claims += _range_claims(results)
@@ -338,7 +313,7 @@ def gap_claims(results: Mapping[str, Series]) -> list[Claim]:
             'two equally spaced impacts per cycle reduce the displacement most (introduction)',
             'smallest stable Xmax/A, horizontal: '
             + ', '.join(f'{_WORDS[n]} impacts {v:.4f}' for n, v in lowest.items()),
-            judged(lowest[2] == min(lowest.values())),
+            _judged(lowest[2] == min(lowest.values())),
         )
     )
     return claims
@@ -368,8 +343,8 @@ def _range_claims(results: Mapping[str, Series]) -> list[Claim]:
             'gravity and friction reduce the ranges of stability in most cases',
             f'width in gap [m] over which a motion is stable: {table}; smaller than horizontal '
             f'in {fewer} of {len(lost)}',
-            judged(fewer > len(lost) / 2),
-            'on the incline, two impacts below and one above (112) gain what 122 loses',
+            _judged(fewer > len(lost) / 2),
+            'on the incline, two impacts below and one above (112) gain the range that 122 loses',
         ),
         Claim(
             '2',
@@ -379,16 +354,16 @@ def _range_claims(results: Mapping[str, Series]) -> list[Claim]:
             + f'; 12 without motions that reverse between the stops, as in the paper, '
             f'{kept:.2f} m '
             f'({kept / smooth["horizontal"]:.0%})',
-            Verdict.OTHER_NUMBER
+            Judgement.OTHER_NUMBER
             if kept > max(most['112'], most['1122'])
-            else Verdict.NOT_REPRODUCED,
-            'true in metres, of the motions that the paper can follow, for the sequences 12, 112 '
-            'and 1122; in proportion, and for 122, three and four impacts lose far more',
+            else Judgement.NOT_REPRODUCED,
+            'true in metres for the sequences 12, 112 and 1122, of the motions that the paper can '
+            'follow; relative to the range, and for 122, three and four impacts lose far more',
         ),
     ]
 
 
-def vertical_claims() -> list[Claim]:
+def _vertical_claims() -> list[Claim]:
     """Judge the claims about the vertical rig with one stop, and the platform on springs."""
     low, high = vertical_range()
     heavy = heavy_table_range(VERTICAL.restitution_1)
@@ -404,16 +379,16 @@ def vertical_claims() -> list[Claim]:
             'vertical, one stop (Ω = 10 rad/s, μ = 0.01, R = 0.75): one impact per cycle is '
             'stable for 0.45 < AΩ²/g < 1.12',
             f'ends by bisection of the solver: {low:.4f} and {high:.4f}',
-            judged(close, Verdict.OTHER_NUMBER),
+            _judged(close, Judgement.OTHER_NUMBER),
             '' if close else f'the upper end is {high:.3f}; the lower one rounds to 0.45',
         ),
         Claim(
             'text',
-            'this range agrees with earlier results for a table too heavy to notice the ball',
-            f'heavy-table range π(1−R)/(1+R) to its flip: {heavy[0]:.4f} to {heavy[1]:.4f}; '
-            f'the ends differ by {low / heavy[0] - 1:+.1%} and {high / heavy[1] - 1:+.1%}, the '
-            f'order of the mass ratio {ratio:g}',
-            judged(abs(low / heavy[0] - 1.0) < 0.03 and abs(high / heavy[1] - 1.0) < 0.03),
+            'this range agrees with earlier results for a table too heavy to be moved by the ball',
+            f'range for a heavy table, π(1−R)/(1+R) to the period doubling: {heavy[0]:.4f} to '
+            f'{heavy[1]:.4f}; the ends differ by {low / heavy[0] - 1:+.1%} and '
+            f'{high / heavy[1] - 1:+.1%}, of the order of the mass ratio {ratio:g}',
+            _judged(abs(low / heavy[0] - 1.0) < 0.03 and abs(high / heavy[1] - 1.0) < 0.03),
         ),
         Claim(
             'text',
@@ -421,33 +396,37 @@ def vertical_claims() -> list[Claim]:
             f'one-sided rig at AΩ²/g = 0.8: solver and settled simulation ({settled.cycles} '
             f'cycle, {len(settled.stops)} impact) have Xmax/A = {orbit.amplitude_ratio:.8f} and '
             f'{settled.ratio:.8f}',
-            judged(abs(settled.ratio / orbit.amplitude_ratio - 1.0) < 1e-5),
+            _judged(abs(settled.ratio / orbit.amplitude_ratio - 1.0) < 1e-5),
         ),
     ]
 
 
-#: Relative changes of the displacement that count as small in practice.
-SMALL = 0.1
-#: Gaps of Figure 3a away from the edge of stability, m.
+#: Relative change of the displacement that counts as small in practice.
+_SMALL = 0.1
+#: Gaps of Figure 3a from here on are away from the edge of stability, m.
 _INNER_GAP = 41.0
 
 
-def response_claims(results: Mapping[str, Series]) -> list[Claim]:
+def _response_claims(results: Mapping[str, Series]) -> list[Claim]:
     """Judge the claims about Figure 3."""
     changes = {
-        case.key: stable_excess(results[f'3a {case.key} unequal'], results[f'3a {case.key} equal'])
-        for case in CASES
+        operation.key: _stable_excess(
+            results[f'3a {operation.key} unequal'], results[f'3a {operation.key} equal']
+        )
+        for operation in OPERATIONS
     }
     inner = {
-        case.key: stable_excess(
-            results[f'3a {case.key} unequal'], results[f'3a {case.key} equal'], above=_INNER_GAP
+        operation.key: _stable_excess(
+            results[f'3a {operation.key} unequal'],
+            results[f'3a {operation.key} equal'],
+            above=_INNER_GAP,
         )
-        for case in CASES
+        for operation in OPERATIONS
     }
     low = min(c[0] for c in inner.values())
     high = max(c[1] for c in inner.values())
-    horizontal = at_value(results['3a horizontal unequal'], 50.0).ratio
-    equal = at_value(results['3a horizontal equal'], 50.0).ratio
+    horizontal = _at_value(results['3a horizontal unequal'], 50.0).ratio
+    equal = _at_value(results['3a horizontal equal'], 50.0).ratio
     claims = [
         Claim(
             '3a',
@@ -457,18 +436,18 @@ def response_claims(results: Mapping[str, Series]) -> list[Claim]:
             + f'; from {_INNER_GAP:g} m: '
             + '; '.join(f'{k} {a:+.2%} to {b:+.2%}' for k, (a, b, _) in inner.items())
             + f'. At d = 50 m, horizontal, {equal:.5f} becomes {horizontal:.5f}',
-            judged(low >= 0.0 and high < SMALL, Verdict.OTHER_NUMBER),
+            _judged(low >= 0.0 and high < _SMALL, Judgement.OTHER_NUMBER),
             'detrimental and insignificant on the level; on the incline the larger R at the lower '
-            'stop makes up for gravity, and the change is a small gain; large only at the edge '
-            'near 36 m',
+            'stop compensates gravity, and the change is a small gain; it is large only at the '
+            'edge near 36 m',
         ),
         _angle_claim(results),
         *_frequency_claims(results),
     ]
     friction = results['3d']
-    ratios = {p.value: p.ratio for p in branch(friction)}
+    ratios = {p.value: p.ratio for p in _branch(friction)}
     chosen = [v for v in (0.0, 0.1, 0.2, 0.5) if v in ratios]
-    end = stability_end(friction)
+    end = _stability_end(friction)
     growth = ratios[chosen[-1]] / ratios[0.0]
     claims.append(
         Claim(
@@ -477,7 +456,7 @@ def response_claims(results: Mapping[str, Series]) -> list[Claim]:
             'd = 50 m, r = 1, horizontal: Xmax/A '
             + ', '.join(f'{ratios[v]:.4f} at γ = {v:g}' for v in chosen)
             + f'; stable up to γ = {end:.3f}',
-            judged(growth > 1.5),
+            _judged(growth > 1.5),
         )
     )
     claims.append(
@@ -487,7 +466,7 @@ def response_claims(results: Mapping[str, Series]) -> list[Claim]:
             'mγg cosθ: 1 at 0°, '
             + ', '.join(f'{math.cos(math.radians(v)):.3f} at {v}°' for v in (15, 45, 90))
             + ' of the force on the level',
-            Verdict.REPRODUCED,
+            Judgement.REPRODUCED,
         )
     )
     return claims
@@ -497,13 +476,13 @@ def _angle_claim(results: Mapping[str, Series]) -> Claim:
     words, rises = [], {}
     for name in ('3b r=1', '3b r=1.02'):
         series = results[name]
-        start = at_value(series, 0.0).ratio
-        picked = [p for p in branch(series) if p.value in (4.0, 5.0, 8.0, 10.0, 45.0)]
+        start = _at_value(series, 0.0).ratio
+        picked = [p for p in _branch(series) if p.value in (4.0, 5.0, 8.0, 10.0, 45.0)]
         rises[name] = {p.value: p.ratio / start - 1.0 for p in picked}
         words.append(
             f'{name[3:]}: '
             + ', '.join(f'{rise:+.1%} at {angle:g}°' for angle, rise in rises[name].items())
-            + f', stable up to {stability_end(series):.2f}°'
+            + f', stable up to {_stability_end(series):.2f}°'
         )
     at_one, above = rises['3b r=1'], rises['3b r=1.02']
     small = [angle for angle in at_one if angle <= 10.0 and angle in above]
@@ -511,11 +490,11 @@ def _angle_claim(results: Mapping[str, Series]) -> Claim:
         '3b',
         'inclination is detrimental, and more so at r = 1 than at r = 1.02',
         'rise of Xmax/A over its value at 0°, d = 37 m: ' + '; '.join(words),
-        judged(
+        _judged(
             all(at_one[angle] > above[angle] > 0.0 for angle in small),
-            Verdict.NOT_REPRODUCED,
+            Judgement.NOT_REPRODUCED,
         ),
-        'at d = 37 m both lose stability near 12°; beyond it r = 1.02 keeps rising',
+        'at d = 37 m both lose stability near 12°; beyond it, the curve of r = 1.02 rises further',
     )
 
 
@@ -524,10 +503,10 @@ def _frequency_claims(results: Mapping[str, Series]) -> list[Claim]:
     words, above, below = [], [], []
     for angle in (5, 10, 15):
         series = results[f'3c θ={angle}°']
-        base = {p.value: p.ratio for p in branch(level) if p.status == Status.STABLE}
+        base = {p.value: p.ratio for p in _branch(level) if p.status == Status.STABLE}
         excess = [
             (p.value, p.ratio / base[p.value] - 1.0)
-            for p in branch(series)
+            for p in _branch(series)
             if p.status == Status.STABLE and p.value in base
         ]
         near = [e for v, e in excess if v <= 1.005]
@@ -536,8 +515,8 @@ def _frequency_claims(results: Mapping[str, Series]) -> list[Claim]:
         below += near
         shown = [f'{min(e):+.1%} to {max(e):+.1%}' if e else 'not stable' for e in (near, far)]
         words.append(f'{angle}°: {shown[0]} up to Ω = 1.005, {shown[1]} above')
-    five = [p.ratio for p in branch(results['3c θ=5°']) if p.value == 1.02]
-    zero = [p.ratio for p in branch(level) if p.value == 1.02]
+    five = [p.ratio for p in _branch(results['3c θ=5°']) if p.value == 1.02]
+    zero = [p.ratio for p in _branch(level) if p.value == 1.02]
     at_102 = f'; at Ω = 1.02 and 5°: {five[0] / zero[0] - 1.0:+.2%}' if five and zero else ''
     small_far = bool(above) and min(above) >= 0.0
     return [
@@ -545,15 +524,15 @@ def _frequency_claims(results: Mapping[str, Series]) -> list[Claim]:
             '3c',
             'for small inclination the effect is small, but detrimental',
             f'excess of Xmax/A over 0°, both stable, d = 37 m: {"; ".join(words)}{at_102}',
-            judged(small_far and bool(five) and five[0] / zero[0] - 1.0 < SMALL),
-            'small above resonance for 5°; at r = 1 itself it is not small',
+            _judged(small_far and bool(five) and five[0] / zero[0] - 1.0 < _SMALL),
+            'small above resonance for 5°; not small at r = 1 itself',
         ),
         Claim(
             '3c',
             'the effect is similar for other parameters with r > 1',
-            f'largest excess above Ω = 1.005, all of 5°, 10°, 15°: {max(above, default=0):+.1%}; '
-            f'never below 0: {min(above, default=0):+.2%} at least',
-            judged(small_far),
+            f'excess above Ω = 1.005 at 5°, 10° and 15°: largest {max(above, default=0):+.1%}, '
+            f'smallest {min(above, default=0):+.2%}',
+            _judged(small_far),
         ),
     ]
 
@@ -566,11 +545,11 @@ def _two_impacts(rig: RigParameters) -> str:
     return f'{kind}, Xmax/A = {found[0].amplitude_ratio:.4f}'
 
 
-def frequency_scale_claims(results: Mapping[str, Series]) -> list[Claim]:
-    """Judge the claims about Figure 4, and which reading of its parameters they hold for."""
+def _frequency_scale_claims(results: Mapping[str, Series]) -> list[Claim]:
+    """Judge the claims about Figure 4, and the possible readings of its parameters."""
     tilted, level = results['4 ζ=0.005'], results['4 ζ=0.005 level']
-    horizontal = branch(level)[0].ratio
-    whole = branch(tilted)
+    horizontal = _branch(level)[0].ratio
+    whole = _branch(tilted)
     unstable = [i for i, p in enumerate(whole) if p.status != Status.STABLE]
     stable = whole[max(unstable, default=-1) + 1 :]
     falling = all(b.ratio < a.ratio for a, b in pairwise(stable))
@@ -595,17 +574,17 @@ def frequency_scale_claims(results: Mapping[str, Series]) -> list[Claim]:
             '4',
             'AK/F₀ = 1, ζ = 0.05 and r = 1 are kept while ω varies',
             f'at r = 1, AK/F₀ = 1/(2ζ) = 10. At ω = 1 rad/s, θ = 15°, γ = 0.5, d = 50 m: {tried}',
-            Verdict.NOT_REPRODUCED,
-            'the three cannot hold at once; the figure follows with F₀/K = 1 m, r = 1 and '
-            'ζ = 0.005, the damping of the basic rig (AK/F₀ = 100); no other reading has stable '
-            'motion with two impacts',
+            Judgement.NOT_REPRODUCED,
+            'the three values contradict one another; the figure results from F₀/K = 1 m, r = 1 '
+            'and ζ = 0.005, the damping of the basic rig (AK/F₀ = 100); no other reading has '
+            'stable motion with two impacts',
         ),
         Claim(
             '4',
             'gravity and friction matter less as the natural frequency rises',
             f'Xmax/A falls from {first.ratio:.4f} at ω = {first.value:.3g} rad/s to '
             f'{last.ratio:.5f} at {last.value:.3g}; horizontal without friction {horizontal:.5f}',
-            judged(falling and abs(last.ratio / horizontal - 1.0) < 0.01),
+            _judged(falling and abs(last.ratio / horizontal - 1.0) < 0.01),
         ),
         _speed_claim(tilted),
     ]
@@ -617,10 +596,10 @@ def _ratio_with_unit_gain(zeta: float) -> float:
 
 
 def _speed_claim(series: Series) -> Claim:
-    """Judge the reason given: the change of speed of m within a flight."""
+    """Judge the reason that the paper gives: the change of speed of m within a flight."""
     changes = []
     for omega in (1.0, 5.0, 20.0):
-        orbit = find_orbits(series.sweep.at(omega), (1, 2), simulate=False).orbits[0]
+        orbit = find_orbits(series.plan.at(omega), (1, 2), simulate=False).orbits[0]
         before, after = orbit.damper_velocity_before, orbit.damper_velocity_after
         share = max(abs(b / a - 1.0) for a, b in zip(after, before[1:] + before[:1], strict=True))
         changes.append((omega, share))
@@ -629,11 +608,11 @@ def _speed_claim(series: Series) -> Claim:
         'because the speed of m then changes relatively less between impacts',
         'largest relative change of speed in a flight: '
         + ', '.join(f'{share:.2%} at ω = {omega:g}' for omega, share in changes),
-        judged(all(b[1] < a[1] for a, b in pairwise(changes))),
+        _judged(all(b[1] < a[1] for a, b in pairwise(changes))),
     )
 
 
-def optimum_claims(points: Sequence[OptimumPoint]) -> list[Claim]:
+def _optimum_claims(points: Sequence[AngleOptimum]) -> list[Claim]:
     """Judge the claims about Figure 5."""
     start = points[0].best
     small = [p for p in points if p.angle <= 15.0]
@@ -652,19 +631,19 @@ def optimum_claims(points: Sequence[OptimumPoint]) -> list[Claim]:
             'optimal gap [m]: '
             + ', '.join(f'{p.best.gap:.3f} at {p.angle:g}°' for p in shown)
             + f'; changes by at most {shift:.2%} up to 15°; {limits}',
-            judged(shift < 0.02),
+            _judged(shift < 0.02),
         ),
         Claim(
             '5b',
             'gravity makes the displacement at the optimal gap larger',
             'Xmax/A: '
             + ', '.join(f'{p.best.orbit.amplitude_ratio:.5f} at {p.angle:g}°' for p in shown),
-            judged(min(rises) == rises[0] and rises[-1] > rises[0]),
+            _judged(min(rises) == rises[0] and rises[-1] > rises[0]),
         ),
     ]
 
 
-def air_claims(results: Mapping[str, Series]) -> list[Claim]:
+def _air_claims(results: Mapping[str, Series]) -> list[Claim]:
     """Judge the claims about Figure 6."""
     words_small, words_large, words_gain = [], [], []
     rises: list[float] = []
@@ -672,16 +651,16 @@ def air_claims(results: Mapping[str, Series]) -> list[Claim]:
     gains: list[float] = []
     for name in ('6 r=1', '6 r=1.02'):
         series = results[name]
-        ratios = {p.value: p.ratio for p in branch(series) if p.status == Status.STABLE}
-        free = at_value(series, 1.0).ratio
+        ratios = {p.value: p.ratio for p in _branch(series) if p.status == Status.STABLE}
+        free = _at_value(series, 1.0).ratio
         near = {v: ratio / free - 1.0 for v, ratio in ratios.items() if 1.0 <= v <= 1.5}
         rises += near.values()
-        ends.append(stability_end(series))
+        ends.append(_stability_end(series))
         gains.append(min(ratios.values()) / free - 1.0)
         words_small.append(
             f'{name[2:]}: {free:.4f} at p = mγg, where air cancels friction; '
             f'{min(near.values()):+.1%} to {max(near.values()):+.1%} up to p = 1.5 mγg, '
-            f'{at_value(series, 2.0).ratio / free - 1.0:+.1%} at 2 mγg; without air '
+            f'{_at_value(series, 2.0).ratio / free - 1.0:+.1%} at 2 mγg; without air '
             f'{ratios[0.0] / free - 1.0:+.1%}'
         )
         words_large.append(f'{name[2:]}: stable up to p = {ends[-1]:.3f} mγg')
@@ -691,7 +670,7 @@ def air_claims(results: Mapping[str, Series]) -> list[Claim]:
             '6',
             'a small force of compressed air has an insignificant effect (γ = 0.5, horizontal)',
             'Xmax/A ' + '; '.join(words_small),
-            judged(max(map(abs, rises)) < SMALL),
+            _judged(max(map(abs, rises)) < _SMALL),
             'with F = 2mgᵢ read as an air force p that is twice the net force mgᵢ on m, hence '
             'p = 2mγg; small is meant of the net force p − mγg',
         ),
@@ -699,15 +678,40 @@ def air_claims(results: Mapping[str, Series]) -> list[Claim]:
             '6',
             'at a large force the motion becomes unstable',
             '; '.join(words_large),
-            judged(all(math.isfinite(end) and end < 5.5 for end in ends)),
+            _judged(all(math.isfinite(end) and end < 5.5 for end in ends)),
         ),
         Claim(
             '6',
             'compressed air is not promising in practice',
             'smallest stable Xmax/A with any air force, against the frictionless rig without air: '
             + '; '.join(words_gain)
-            + '; the optimal gap alone gives 0.26 of it at r = 1 (Figure 5)',
-            judged(all(gain > -0.15 for gain in gains)),
-            'the air recovers what friction has cost, and little more',
+            + '; at r = 1 the optimal gap alone reduces it to 0.26 (Figure 5)',
+            _judged(all(gain > -0.15 for gain in gains)),
+            'the air recovers what friction costs, and little more',
         ),
     ]
+
+
+_JUDGES = {
+    '2': _gap_claims,
+    '3': _response_claims,
+    '4': _frequency_scale_claims,
+    '6': _air_claims,
+}
+
+
+def claims_of(
+    figure: str, results: Mapping[str, Series], optima: Sequence[AngleOptimum]
+) -> list[Claim]:
+    """Judge the claims about one figure, from all series by name and the optima of Figure 5."""
+    if figure == '5':
+        return _optimum_claims(optima)
+    return _JUDGES[figure]({n: series for n, series in results.items() if n[0] == figure})
+
+
+def all_claims(results: Mapping[str, Series], optima: Sequence[AngleOptimum]) -> list[Claim]:
+    """Judge all claims."""
+    claims = _agreement_claims(results)
+    for figure in FIGURES:
+        claims += claims_of(figure, results, optima)
+    return claims + _vertical_claims()

@@ -15,23 +15,14 @@ from impact_damper_ros.report.drawing import (
     finish_panel,
 )
 
-from .curves import Curve, Point, SettledMotion, Status
-from .plan import OptimumPoint, Series
-from .rigs import CASES, VARIABLES
+from .curves import Curve, CurvePoint, SettledMotion, Status
+from .rigs import OPERATIONS, VARIABLES
+from .series import AngleOptimum, Series
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    'draw_curves',
-    'draw_figure_2',
-    'draw_figure_3',
-    'draw_figure_4',
-    'draw_figure_5',
-    'draw_figure_6',
-    'draw_marks',
-    'legend_below',
-]
+__all__ = ['draw_figure_2', 'draw_figure_3', 'draw_figure_4', 'draw_figure_5', 'draw_figure_6']
 
 
 _STYLES: dict[Status, dict[str, Any]] = {
@@ -40,12 +31,11 @@ _STYLES: dict[Status, dict[str, Any]] = {
 }
 
 
-def _stretches(points: Sequence[Point]) -> Iterator[tuple[Status, list[Point]]]:
-    """Yield stretches of one status; each reaches to the first point of the next."""
-    run: list[Point] = []
+def _pieces(points: Sequence[CurvePoint]) -> Iterator[tuple[Status, list[CurvePoint]]]:
+    """Yield pieces of one status; each extends to the first point of the next."""
+    run: list[CurvePoint] = []
     for point in points:
         if run and point.status != run[-1].status:
-            # The edge is found to a fraction of a line's width; either style may bridge it
             bridged = point.status != Status.NOT_VIABLE
             yield run[-1].status, [*run, point] if bridged else run
             run = []
@@ -54,16 +44,16 @@ def _stretches(points: Sequence[Point]) -> Iterator[tuple[Status, list[Point]]]:
         yield run[-1].status, run
 
 
-def draw_curves(
+def _draw_curves(
     axes: Any,
     curves: Sequence[Curve],
     color: str,
-    quantity: Callable[[Point], Sequence[float]],
+    quantity: Callable[[CurvePoint], Sequence[float]],
     scale: float = 1.0,
 ) -> None:
-    """Draw theory: stable motions solid, unstable ones dashed, those not viable not at all."""
+    """Draw theory: stable motions as solid lines, unstable viable ones as dashed lines."""
     for curve in curves:
-        for status, points in _stretches(curve.points):
+        for status, points in _pieces(curve.points):
             if status == Status.NOT_VIABLE:
                 continue
             style = dict(_STYLES[status])
@@ -73,7 +63,7 @@ def draw_curves(
                 axes.plot([p.value for p in points], row, color=color, zorder=2, **style)
 
 
-def draw_marks(
+def _draw_marks(
     axes: Any,
     motions: Sequence[SettledMotion],
     impacts: int,
@@ -102,7 +92,7 @@ def draw_marks(
         )
 
 
-def legend_below(
+def _legend_below(
     where: Any, series: Sequence[tuple[str, str, str]], columns: int, *, marks: bool = True
 ) -> None:
     """Put the legend of a figure below its panels."""
@@ -126,7 +116,7 @@ def legend_below(
 
 _RATIO = r'$X_{\max}/A$'
 _DURATION = r'$(t_{i+1}-t_i)\,\Omega/\pi$'
-#: Curves over less of the sweep than this are no more than dots, and left out.
+#: Curves over a smaller share of the axis would be dots, and are left out.
 _LEAST_SPAN = 1e-3
 _LOOKS = ((BLUE, 'o'), (ORANGE, 's'), (GREEN, '^'), (PURPLE, 'D'))
 
@@ -151,22 +141,22 @@ def _ever_stable(curves: Sequence[Curve]) -> list[Curve]:
 
 def _series(axes: Any, one: Series, impacts: int, look: tuple[str, str], quantity: Any) -> None:
     curves = one.of(impacts) if impacts == 2 else _ever_stable(one.of(impacts))
-    values = one.sweep.values
+    values = one.plan.values
     curves = [c for c in curves if _viable_span(c) > _LEAST_SPAN * (values[-1] - values[0])]
-    draw_curves(axes, curves, look[0], quantity)
-    draw_marks(axes, one.marks, impacts, *look, quantity)
+    _draw_curves(axes, curves, look[0], quantity)
+    _draw_marks(axes, one.marks, impacts, *look, quantity)
 
 
-def _case_series(results: Mapping[str, Series], gravity: float) -> list[Series]:
-    inclined, friction = CASES[1:]
-    names = [f'2 {case.key} g={gravity:g}' for case in (inclined, friction)]
+def _gravity_series(results: Mapping[str, Series], gravity: float) -> list[Series]:
+    inclined, friction = OPERATIONS[1:]
+    names = [f'2 {operation.key} g={gravity:g}' for operation in (inclined, friction)]
     return [results[name] for name in ('2 horizontal', *names)]
 
 
 def draw_figure_2(results: Mapping[str, Series], gravity: float) -> Figure:
     """Draw durations between impacts and the largest displacement against the gap."""
     figure = blank_figure(8.2, 9.2)
-    series = _case_series(results, gravity)
+    series = _gravity_series(results, gravity)
     limits = {2: (15.0, 64.0, 0.1, 0.55), 3: (9.0, 24.0, 0.36, 0.46), 4: (4.0, 14.0, 0.4, 0.5)}
     heights = {2: (0.2, 1.8), 3: (0.3, 1.2), 4: (0.2, 1.0)}
     for row, (impacts, (low, high, bottom, top)) in enumerate(limits.items()):
@@ -183,15 +173,15 @@ def draw_figure_2(results: Mapping[str, Series], gravity: float) -> Figure:
             finish_panel(axes, 'abcdef'[2 * row + column], VARIABLES['gap'].label, label)
             word = {2: 'two', 3: 'three', 4: 'four'}[impacts]
             axes.set_title(f'{word} impacts per cycle', loc='right')
-    cases = [(case.label, *look) for case, look in zip(CASES, _LOOKS, strict=False)]
-    legend_below(figure, cases, 2)
+    cases = [(operation.label, *look) for operation, look in zip(OPERATIONS, _LOOKS, strict=False)]
+    _legend_below(figure, cases, 2)
     return figure
 
 
 def _panel_3a(axes: Any, results: Mapping[str, Series]) -> None:
-    for case, look in zip(CASES, _LOOKS, strict=False):
-        draw_curves(axes, results[f'3a {case.key} equal'].of(2), look[0], _ratio, 0.55)
-        _series(axes, results[f'3a {case.key} unequal'], 2, look, _ratio)
+    for operation, look in zip(OPERATIONS, _LOOKS, strict=False):
+        _draw_curves(axes, results[f'3a {operation.key} equal'].of(2), look[0], _ratio, 0.55)
+        _series(axes, results[f'3a {operation.key} unequal'], 2, look, _ratio)
     axes.set_xlim(30.0, 66.0)
     axes.set_ylim(0.0, 0.2)
     finish_panel(axes, 'a', VARIABLES['gap'].label, _RATIO)
@@ -218,7 +208,7 @@ def _legend_inside(axes: Any, entries: Sequence[tuple[str, str, str]], where: st
 
 
 def draw_figure_3(results: Mapping[str, Series]) -> Figure:
-    """Draw what restitution, angle, frequency and friction do to the largest displacement."""
+    """Draw the effect of restitution, angle, frequency and friction on the displacement."""
     figure = blank_figure(8.2, 7.0)
     _panel_3a(figure.add_subplot(2, 2, 1), results)
 
@@ -247,7 +237,7 @@ def draw_figure_3(results: Mapping[str, Series]) -> Figure:
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(bottom=0.0)
     finish_panel(axes, 'd', VARIABLES['friction'].label, _RATIO)
-    legend_below(figure, [], 3)
+    _legend_below(figure, [], 3)
     return figure
 
 
@@ -267,12 +257,12 @@ def draw_figure_4(results: Mapping[str, Series]) -> Figure:
         ('inclined (θ = 15°, γ = 0.5)', *_LOOKS[2]),
         ('horizontal, no friction', *_LOOKS[0]),
     ]
-    legend_below(figure, entries, 3)
+    _legend_below(figure, entries, 3)
     return figure
 
 
-def draw_figure_5(points: Sequence[OptimumPoint]) -> Figure:
-    """Draw the optimal gap and what it leaves of the displacement against the angle."""
+def draw_figure_5(points: Sequence[AngleOptimum]) -> Figure:
+    """Draw the optimal gap and the displacement with it against the angle."""
     figure = blank_figure(8.2, 3.7)
     angles = [point.angle for point in points]
     edges = [point for point in points if point.best.limit is not Limit.MINIMUM]
@@ -295,7 +285,7 @@ def draw_figure_5(points: Sequence[OptimumPoint]) -> Figure:
         )
         if column:
             good = [p for p in points if p.settled.stops == p.best.orbit.stops]
-            draw_marks(axes, [p.settled for p in good], 2, BLUE, 'o', _ratio)
+            _draw_marks(axes, [p.settled for p in good], 2, BLUE, 'o', _ratio)
             axes.set_ylim(0.0, 0.06)
         else:
             axes.set_ylim(56.0, 61.0)
@@ -347,5 +337,5 @@ def draw_figure_6(results: Mapping[str, Series]) -> Figure:
         )
     finish_panel(axes, '', VARIABLES['air'].label, _RATIO)
     entries = [('$r$ = 1', *_LOOKS[0]), ('$r$ = 1.02', *_LOOKS[1])]
-    legend_below(figure, entries, 3)
+    _legend_below(figure, entries, 3)
     return figure
