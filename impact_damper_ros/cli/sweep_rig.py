@@ -55,7 +55,7 @@ from .command_line import (
     announce,
     check_figure,
     check_file,
-    in_words,
+    outcome,
     say,
     up_to,
     write_text,
@@ -66,6 +66,8 @@ __all__ = ['main']
 
 
 _DEFAULT = Settling()
+#: Exit code if every rig failed.
+_ALL_FAILED = 4
 
 _DESCRIPTION = """\
 Run an impact damper for many values of its parameters or initial conditions, each until its motion
@@ -225,48 +227,34 @@ def _plan(arguments: argparse.Namespace) -> SweepPlan:
     )
 
 
-EXIT_WRITE, EXIT_INPUT, EXIT_ALL_FAILED, EXIT_INTERRUPTED = 1, 2, 4, 130
-
-
-class _StopError(Exception):
-    """The command cannot go on: a message and an exit code."""
-
-    def __init__(self, message: str, code: int) -> None:
-        super().__init__(message)
-        self.code = code
-
-
 def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
     """Check before the work that all outputs can be written after it."""
     figures: list[Path] = arguments.figure
     if arguments.output.suffix.lower() not in FORMATS:
-        raise _StopError(
+        raise ValueError(
             f'{arguments.output}: give the table a name that ends in .parquet (for pandas and '
-            'xarray, with units) or .csv (for a spreadsheet)',
-            EXIT_INPUT,
+            'xarray, with units) or .csv (for a spreadsheet)'
         )
     outputs = [arguments.output, *figures, *([arguments.json] if arguments.json else [])]
     for path in outputs:
         if str(path) == '-' and path is not arguments.output:
             continue
         if path.is_dir():
-            raise _StopError(f'{path} is a directory: give the name of a file', EXIT_INPUT)
+            raise ValueError(f'{path} is a directory: give the name of a file')
         if not path.absolute().parent.is_dir():
-            raise _StopError(
+            raise ValueError(
                 f'{path.absolute().parent} is not a directory: make it, or give another place for '
-                f'{path.name}',
-                EXIT_INPUT,
+                f'{path.name}'
             )
         check_file(path)
     if len({path.absolute() for path in outputs}) < len(outputs):
-        raise _StopError('two outputs have the same name: give each its own', EXIT_INPUT)
+        raise ValueError('two outputs have the same name: give each its own')
     for path in figures:
         check_figure(path)
     if figures and len(plan.axes) > 2:
-        raise _StopError(
+        raise ValueError(
             f'a figure shows one axis or two, not {len(plan.axes)}: leave out --figure, and draw '
-            'the table',
-            EXIT_INPUT,
+            'the table'
         )
 
 
@@ -291,28 +279,28 @@ def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
     except MetadataError as error:
         if overwrite:
             return False
-        raise _StopError(
-            f'{error}: give another --output, or --overwrite it', EXIT_INPUT
-        ) from None
+        raise ValueError(f'{error}: give another --output, or --overwrite it') from None
     differing = differences(stored, plan.inputs())
     if differing and not overwrite:
-        raise _StopError(
+        raise ValueError(
             f'{output} is the table of a sweep with other inputs:\n  '
             + '\n  '.join(differing[:12])
-            + '\ngive another --output, or --overwrite it',
-            EXIT_INPUT,
+            + '\ngive another --output, or --overwrite it'
         )
     return not differing
 
 
 def _workers(arguments: argparse.Namespace) -> Workers:
-    if arguments.scheduler:
+    if not arguments.scheduler:
+        return Here() if arguments.jobs == 1 else LocalWorkers(arguments.jobs)
+    try:
         workers = DaskWorkers(arguments.scheduler)
-        # This command reports a lost connection itself, in one line
-        for name in ('distributed.batched', 'distributed.client'):
-            logging.getLogger(name).setLevel(logging.CRITICAL)
-        return workers
-    return Here() if arguments.jobs == 1 else LocalWorkers(arguments.jobs)
+    except OSError as error:
+        raise WorkersError(str(error)) from error
+    # This command reports a lost connection itself, in one line
+    for name in ('distributed.batched', 'distributed.client'):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    return workers
 
 
 @contextmanager
@@ -332,74 +320,40 @@ def _stopped_by_sigterm() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _left(journal: Journal, plan: SweepPlan) -> str:
-    return (
-        f'{len(journal.points)} of {plan.size} rigs are in {journal.path}: give the same command '
-        'again to resume'
-    )
-
-
-def _run(
-    plan: SweepPlan, journal: Journal, workers: Workers, output: Path, *, quiet: bool
-) -> None:
-    """Run the rest of the sweep, and write the table."""
-    try:
-        with tqdm(
-            total=plan.size,
-            initial=len(journal.points),
-            desc='rigs',
-            unit='rig',
-            smoothing=0.05,
-            disable=True if quiet else None,
-        ) as bar:
-            run_sweep(
-                plan,
-                journal,
-                workers,
-                at_once=lambda: workers.at_once,
-                losses=workers.losses,
-                progress=bar.update,
-            )
-        write_table(plan, journal, output)
-    except KeyboardInterrupt:
-        raise _StopError(f'interrupted; {_left(journal, plan)}', EXIT_INTERRUPTED) from None
-    except WorkersError as error:
-        raise _StopError(f'{error}; {_left(journal, plan)}', EXIT_WRITE) from error
-    except OSError as error:
-        raise _StopError(
-            f'cannot write {error.filename or journal.path}: {error.strerror or error}; '
-            f'{_left(journal, plan)} once this is resolved',
-            EXIT_WRITE,
-        ) from error
+def _run_rigs(plan: SweepPlan, journal: Journal, workers: Workers, *, quiet: bool) -> None:
+    with tqdm(
+        total=plan.size,
+        initial=len(journal.points),
+        desc='rigs',
+        unit='rig',
+        smoothing=0.05,
+        disable=True if quiet else None,
+    ) as bar:
+        run_sweep(
+            *(plan, journal, workers),
+            at_once=lambda: workers.at_once,
+            losses=workers.losses,
+            progress=bar.update,
+        )
 
 
 def _sweep(arguments: argparse.Namespace, plan: SweepPlan) -> None:
-    """Make the table, if it does not exist already."""
-    output: Path = arguments.output
-    if _is_complete(plan, output, overwrite=arguments.overwrite):
-        journal_path(output).unlink(missing_ok=True)
-        return
-    if find_spec('numba') is None and not arguments.quiet:
-        print(
-            'sweep_rig: numba is not installed; with it (extra [compiled]) sweeps are many times '
-            'as fast',
-            file=sys.stderr,
-        )
-    try:
-        workers = _workers(arguments)
-    except OSError as error:
-        raise _StopError(str(error), EXIT_WRITE) from error
-    with workers:
+    """Run the rest of the sweep, and write the table."""
+    path = journal_path(arguments.output)
+    with _workers(arguments) as workers:
         try:
-            journal = Journal(journal_path(output), plan.inputs(), anew=arguments.overwrite)
+            with Journal(path, plan.inputs(), anew=arguments.overwrite) as journal:
+                try:
+                    _run_rigs(plan, journal, workers, quiet=arguments.quiet)
+                    write_table(plan, journal, arguments.output)
+                except (KeyboardInterrupt, WorkersError, OSError):
+                    done = f'{len(journal.points)} of {plan.size} rigs are in {path}'
+                    say('sweep_rig', f'{done}: give the same command again to resume')
+                    raise
+                path.unlink(missing_ok=True)
         except OSError as error:
-            raise _StopError(
-                in_words(error, journal_path(output)),
-                EXIT_WRITE,
-            ) from error
-        with journal:
-            _run(plan, journal, workers, output, quiet=arguments.quiet)
-            journal.path.unlink(missing_ok=True)
+            error.filename = error.filename or str(path)
+            raise
 
 
 def _optimum(table: SweepTable, arguments: argparse.Namespace) -> Optimum | None:
@@ -415,11 +369,9 @@ def _optimum(table: SweepTable, arguments: argparse.Namespace) -> Optimum | None
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    """Draw and summarise the table."""
+    """Draw and summarise the table; return the exit code."""
     table = SweepTable(arguments.output)
-    optimum: Optimum | None = None
-    if arguments.optimum != 'none':
-        optimum = _optimum(table, arguments)
+    optimum = None if arguments.optimum == 'none' else _optimum(table, arguments)
     summary = summary_of(table, optimum)
     for path in arguments.figure:
         draw_sweep(table, arguments.measure, optimum, path)
@@ -430,33 +382,33 @@ def _report(arguments: argparse.Namespace) -> int:
         missed = optimum is None and arguments.optimum != 'none' and not summary['attractors']
         if missed and summary['failed'] < summary['rigs']:
             print('  no optimum, since no motion repeats: give more --cycles', file=sys.stderr)
-    return EXIT_ALL_FAILED if summary['failed'] == summary['rigs'] else 0
+    return _ALL_FAILED if summary['failed'] == summary['rigs'] else 0
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    need_pyarrow()
+    plan = _plan(arguments)
+    _check_outputs(arguments, plan)
+    if not arguments.quiet:
+        _announce(plan)
+    if _is_complete(plan, arguments.output, overwrite=arguments.overwrite):
+        journal_path(arguments.output).unlink(missing_ok=True)
+    else:
+        if find_spec('numba') is None and not arguments.quiet:
+            say('sweep_rig', 'without numba (extra [compiled]) a sweep takes many times as long')
+        _sweep(arguments, plan)
+    return _report(arguments)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
     try:
-        need_pyarrow()
-        plan = _plan(arguments)
-        _check_outputs(arguments, plan)
-        if not arguments.quiet:
-            _announce(plan)
         with _stopped_by_sigterm():
-            _sweep(arguments, plan)
-            return _report(arguments)
-    except (ImportError, ValueError) as error:
+            return outcome('sweep_rig', lambda: _run(arguments))
+    except (ImportError, WorkersError) as error:
         say('sweep_rig', error)
-        return EXIT_INPUT
-    except _StopError as error:
-        say('sweep_rig', error)
-        return error.code
-    except OSError as error:
-        say('sweep_rig', in_words(error))
-        return EXIT_WRITE
-    except KeyboardInterrupt:
-        print('sweep_rig: interrupted; give the same command again to resume', file=sys.stderr)
-        return EXIT_INTERRUPTED
+        return 2 if isinstance(error, ImportError) else 1
 
 
 if __name__ == '__main__':

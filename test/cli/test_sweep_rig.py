@@ -241,7 +241,8 @@ def test_full_disk_keeps_what_is_done(tmp_path, capsys):
         said = capsys.readouterr().err
         assert 'No space left on device' in said
         assert 'of 12 rigs are in' in said
-        assert 'once this is resolved' in said
+        assert 'free some space there, or give another place' in said
+        assert 'give the same command again to resume' in said
         journal = disk / 'a.parquet.part'
         kept = journal.read_bytes()
         assert kept.count(b'\n') > 3

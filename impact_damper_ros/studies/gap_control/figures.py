@@ -17,7 +17,6 @@ from .runs import (
     SENSITIVITIES,
     Extent,
     ideal_ratio,
-    sensitivity_values,
     stepped_frequencies,
 )
 
@@ -198,7 +197,7 @@ def _draw_sensitivities(results: Results, extent: Extent) -> Figure:
                 ('sensitivity', ideal, {'linestyle': '-', 'marker': 'o'}),
                 ('sensitivity broadband', found.rms[0], {'linestyle': '--', 'marker': 'D'}),
             ):
-                values = [v for v in sensitivity_values(what) if (part, what, name, v) in results]
+                values = [v for v in SENSITIVITIES[what] if (part, what, name, v) in results]
                 if not values:
                     continue
                 ratios = [results[part, what, name, v].rms / reference for v in values]
@@ -212,7 +211,7 @@ def _draw_sensitivities(results: Results, extent: Extent) -> Figure:
                 )
         if what in ('speed', 'sampling'):
             axes.set_xscale('log', base=2)
-            _log_ticks(axes.xaxis, sensitivity_values(what))
+            _log_ticks(axes.xaxis, SENSITIVITIES[what])
         axes.set_yscale('log')
         axes.axhline(1.15, color='0.4', linewidth=0.8, linestyle=':')
         axes.axhline(0.85, color='0.4', linewidth=0.8, linestyle=(0, (5, 3)))

@@ -19,7 +19,6 @@ from .runs import (
     SENSITIVITIES,
     Extent,
     ideal_ratio,
-    sensitivity_values,
     stepped_frequencies,
 )
 
@@ -248,7 +247,7 @@ _UNITS = {
 def _sensitivity_table(results: Results, extent: Extent, what: str) -> str:
     ideal = ideal_ratio(RIG) * RIG.response_amplitude / math.sqrt(2.0)
     reference = broadband(results, extent).rms[0]
-    values = [v for v in sensitivity_values(what) if ('sensitivity', what, 'timed', v) in results]
+    values = [v for v in SENSITIVITIES[what] if ('sensitivity', what, 'timed', v) in results]
     rows = [
         (
             f'{name}: {words}',

@@ -27,7 +27,6 @@ __all__ = [
     'inclined_rig',
     'law',
     'run_case',
-    'sensitivity_values',
     'stepped_frequencies',
     'tuning_cases',
 ]
@@ -211,7 +210,13 @@ ANGLES = (15, 45)
 _BAND = (0.5, 2.0)
 _LINES = 48
 LAWS = ('amplitude symmetric', 'amplitude', 'timed symmetric', 'timed')
-SENSITIVITIES = ('delay', 'speed', 'noise', 'sampling')
+#: Disturbances and their values: natural periods, m/s, relative to the amplitude, per period.
+SENSITIVITIES: dict[str, tuple[float, ...]] = {
+    'delay': (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4),
+    'speed': (1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 32.0, 64.0),
+    'noise': (0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2),
+    'sampling': (6.0, 8.0, 12.0, 16.0, 20.0, 32.0, 64.0, 100.0),
+}
 #: Samples of the controller per natural period, unless they are varied.
 _RATE = 32
 #: Frequencies of the stepped sine, rad/s.
@@ -258,6 +263,15 @@ class Extent:
             frequency_dwell=20.0,
         )
 
+    def at_resonance(self, key: tuple[object, ...], rig: RigParameters, **values: Any) -> Case:
+        """Return a run at resonance."""
+        return Case(key=key, rig=rig, settle=self.settle, watch=self.watch, **values)
+
+    def under_broadband(self, key: tuple[object, ...], seed: int, **values: Any) -> Case:
+        """Return a run under broadband excitation."""
+        given = {'rig': broadband_rig(seed), **values}
+        return Case(key=key, settle=0.1 * self.broadband, watch=0.9 * self.broadband, **given)
+
 
 def law(name: str, rig: RigParameters, **values: Any) -> GapControlParameters:
     """Return the control for a law named as in `LAWS`."""
@@ -299,52 +313,31 @@ def inclined_rig(angle: int) -> RigParameters:
 
 def tuning_cases(extent: Extent) -> list[Case]:
     """Return the runs that find the best fixed gap at 1 N, of the level and inclined rigs."""
+    rigs = {angle: inclined_rig(angle) for angle in (0, *ANGLES)}
     return [
-        Case(
-            key=('tuning', angle, share),
-            rig=rig.replace(gap=_gap(rig, share)),
-            settle=extent.settle,
-            watch=extent.watch,
-        )
-        for angle in (0, *ANGLES)
-        for rig in (inclined_rig(angle),)
+        extent.at_resonance(('tuning', angle, share), rig.replace(gap=_gap(rig, share)))
+        for angle, rig in rigs.items()
         for share in extent.gaps
     ]
 
 
 def _level_cases(angle: int, extent: Extent, shares: _Shares) -> Iterator[Case]:
     rig = inclined_rig(angle)
-    base = Case(key=(), rig=rig, settle=extent.settle, watch=extent.watch)
     for level in extent.levels:
         forced = rig.replace(force_amplitudes=[level])
         fixed = forced.replace(gap=_gap(rig, shares[angle]))
-        yield replace(base, key=('level', angle, 'fixed', level), rig=fixed)
+        yield extent.at_resonance(('level', angle, 'fixed', level), fixed)
         for one in LAWS:
-            key = ('level', angle, one, level)
-            yield replace(base, key=key, rig=forced, control=law(one, rig))
-
-
-def _broadband_case(seed: int, extent: Extent, **values: Any) -> Case:
-    return Case(
-        **{
-            'key': (),
-            'rig': broadband_rig(seed),
-            'settle': 0.1 * extent.broadband,
-            'watch': 0.9 * extent.broadband,
-            **values,
-        }
-    )
+            yield extent.at_resonance(('level', angle, one, level), forced, control=law(one, rig))
 
 
 def _broadband_cases(extent: Extent) -> Iterator[Case]:
     for seed in extent.seeds:
-        rig = broadband_rig(seed)
         for gap in extent.broadband_gaps:
-            key = ('broadband', 'fixed', gap, seed)
-            yield _broadband_case(seed, extent, key=key, rig=rig.replace(gap=gap))
+            rig = broadband_rig(seed).replace(gap=gap)
+            yield extent.under_broadband(('broadband', 'fixed', gap, seed), seed, rig=rig)
         for one in LAWS:
-            key_2 = ('broadband', one, seed)
-            yield _broadband_case(seed, extent, key=key_2, control=law(one, RIG))
+            yield extent.under_broadband(('broadband', one, seed), seed, control=law(one, RIG))
 
 
 def _stepped_cases(extent: Extent, shares: _Shares) -> Iterator[Case]:
@@ -379,58 +372,34 @@ def _load_cases(extent: Extent, shares: _Shares) -> Iterator[Case]:
         yield replace(base, key=('load', one), control=law(one, RIG))
 
 
-def sensitivity_values(what: str) -> tuple[float, ...]:
-    """Return the values of a disturbance, in the units of the report."""
+def _disturbed(what: str, value: float) -> dict[str, float]:
+    """Return the parameters of control and actuators for a disturbance."""
+    # Relative to X, and to its rate
+    spread = value * ideal_amplitude(RIG)
     return {
-        'delay': (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4),
-        'speed': (1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 32.0, 64.0),
-        'noise': (0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2),
-        'sampling': (6.0, 8.0, 12.0, 16.0, 20.0, 32.0, 64.0, 100.0),
+        'delay': {'actuator_delay': value * math.tau},
+        'speed': {'actuator_speed': value},
+        'noise': {'gap_control_noise_position': spread, 'gap_control_noise_velocity': spread},
+        'sampling': {'gap_control_rate': value / math.tau},
     }[what]
 
 
-def _disturbed(what: str, value: float) -> dict[str, Any]:
-    if what == 'delay':
-        return {'actuator_delay': value * math.tau}
-    if what == 'speed':
-        return {'actuator_speed': value}
-    if what == 'noise':
-        # On X relative to its ideal amplitude, and on its rate relative to that of the rate
-        spread = value * ideal_amplitude(RIG)
-        return {'gap_control_noise_position': spread, 'gap_control_noise_velocity': spread}
-    return {'gap_control_rate': value / math.tau}
-
-
 def _sensitivity_cases(extent: Extent) -> Iterator[Case]:
-    for what in SENSITIVITIES:
-        values = sensitivity_values(what)
+    for what, values in SENSITIVITIES.items():
         for value in values if len(extent.seeds) > 1 else values[2:4]:
             for one in ('amplitude', 'timed'):
                 control = law(one, RIG, **_disturbed(what, value))
-                yield Case(
-                    key=('sensitivity', what, one, value),
-                    rig=RIG,
-                    control=control,
-                    settle=extent.settle,
-                    watch=extent.watch,
-                )
-                if one == 'timed':
-                    key = ('sensitivity broadband', what, one, value)
-                    yield _broadband_case(extent.seeds[0], extent, key=key, control=control)
+                yield extent.at_resonance(('sensitivity', what, one, value), RIG, control=control)
+            key = ('sensitivity broadband', what, 'timed', value)
+            yield extent.under_broadband(key, extent.seeds[0], control=control)
 
 
 def _energy_cases(extent: Extent) -> Iterator[Case]:
     for one in ('amplitude', 'timed'):
         control = law(one, RIG, actuator_speed=16.0, actuator_mass=0.01)
-        yield Case(
-            key=('energy', 'resonance', one),
-            rig=RIG,
-            control=control,
-            settle=extent.settle,
-            watch=extent.watch,
-        )
+        yield extent.at_resonance(('energy', 'resonance', one), RIG, control=control)
         key = ('energy', 'broadband', one)
-        yield _broadband_case(extent.seeds[0], extent, key=key, control=control)
+        yield extent.under_broadband(key, extent.seeds[0], control=control)
 
 
 def all_cases(extent: Extent, shares: _Shares) -> list[Case]:
