@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 import textwrap
@@ -14,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.outputs import check_file, whole
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay, Tick
 from impact_damper_ros.replay.replayed_rig import Setting, Step, setting_of
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, Trace, WhatIf
@@ -41,16 +40,19 @@ from impact_damper_ros.rig import (
 from impact_damper_ros.rig.shown import printable
 
 from .command_line import (
-    add_version_option,
-    announce,
+    add_bag_argument,
+    add_json_option,
+    add_node_option,
+    add_quiet_option,
     check_figure,
-    check_file,
+    command_parser,
     outcome,
-    whole,
-    write_text,
+    progress_bar,
+    text_stream,
+    write_json,
 )
 from .csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from .overrides import overridden, overridden_control
+from .rig_options import GivenRig, announce, overridden
 
 __all__ = ['Comparison', 'held_values', 'main']
 
@@ -65,8 +67,9 @@ _MOST_IN_FIGURE = 3
 
 def held_values(settings: Sequence[str], logged: Setting) -> tuple[dict[str, Any], dict[str, Any]]:
     """Read ``--set`` options."""
-    others, control = overridden_control(settings, logged.control)
-    rig, initial = overridden(others, logged.rig, InitialConditions())
+    rig, initial, control = overridden(
+        settings, GivenRig(logged.rig, InitialConditions(), logged.control)
+    )
     changed = Setting(rig, control).as_dict()
     names = [setting.partition('=')[0] for setting in settings]
     return (
@@ -109,7 +112,7 @@ class Comparison:
     """
 
     def __init__(self, replay: Replay, settings: Sequence[str], *, drawn: bool) -> None:
-        start = replay.history.start
+        start = replay.recorded.start
         logged = setting_of(start.state)
         values = logged.as_dict()
         held, held_initial = held_values(settings, logged)
@@ -122,8 +125,8 @@ class Comparison:
         self.other = WhatIf(start, initial, held, held_initial)
         self.recorded, self.what_if = Response(), Response()
         cycle = max(_cycle(logged.rig), _cycle(self.other.rig.parameters))
-        reader = replay.history.reader
-        total = reader.topics[replay.history.topics.joint_states].message_count
+        reader = replay.recorded.reader
+        total = reader.topics[replay.recorded.topics.joint_states].message_count
         cycles = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9 / cycle
         # Of many cycles, only how far each goes can be seen.
         stretches = _MOST_STRETCHES if cycles < _FEW_CYCLES else min(cycles, _MOST_STRETCHES)
@@ -258,13 +261,8 @@ Example: replay_run runs/run_20250131_120000 --set gap=0.03 --figure what_if.png
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'replay_run',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='bag directory or .mcap file')
+    parser = command_parser('replay_run', _DESCRIPTION, _EPILOG)
+    add_bag_argument(parser)
     parser.add_argument(
         '--set',
         action='append',
@@ -273,12 +271,8 @@ def _parser() -> argparse.ArgumentParser:
         help='what if: hold a parameter at a value throughout, for example --set gap=0.03; may '
         'be repeated',
     )
-    parser.add_argument(
-        '--node', metavar='NAME', help='which node, by name or namespace, if the bag has several'
-    )
-    parser.add_argument(
-        '--json', type=Path, metavar='FILE', help='write the result as JSON (- : stdout)'
-    )
+    add_node_option(parser)
+    add_json_option(parser)
     parser.add_argument(
         '--figure', type=Path, metavar='FILE.png', help='draw the recorded run and the what-if'
     )
@@ -291,8 +285,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--impacts', type=Path, metavar='FILE.csv', help='write its impacts as CSV, likewise'
     )
-    parser.add_argument('--quiet', action='store_true', help='no progress bar and no report')
-    add_version_option(parser)
+    add_quiet_option(parser, 'report')
     return parser
 
 
@@ -314,23 +307,14 @@ class _Table:
 def _run(arguments: argparse.Namespace, replay: Replay) -> Comparison | None:
     """Replay and write the tables; return the what-if, if one was asked for."""
     comparison = None
-    reader = replay.history.reader
+    reader = replay.recorded.reader
     span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
-    count = max(1, reader.topics[replay.history.topics.joint_states].message_count)
+    count = max(1, reader.topics[replay.recorded.topics.joint_states].message_count)
     with ExitStack() as stack:
         table = _Table(arguments.states, arguments.impacts, stack)
-        bar = stack.enter_context(
-            tqdm(
-                total=span,
-                desc='replayed',
-                delay=1.0,
-                leave=False,
-                disable=True if arguments.quiet else None,
-                bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]',
-            )
-        )
+        bar = stack.enter_context(progress_bar('replayed', span, 's', quiet=arguments.quiet))
         if not (arguments.set or arguments.states or arguments.impacts):
-            start = replay.history.start.time_ns / 1e9
+            start = replay.recorded.start.time_ns / 1e9
             replay.run(lambda time: bar.update(max(0.0, min(span, time - start) - bar.n)))
             return None
         for number, tick in enumerate(replay.ticks()):
@@ -347,9 +331,9 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> Comparison | None:
 
 
 def _report(arguments: argparse.Namespace, replay: Replay, comparison: Comparison | None) -> int:
-    findings, history = replay.findings, replay.history
-    result = as_json(findings, history)
-    text = findings_text(findings, history)
+    findings, recorded = replay.findings, replay.recorded
+    result = as_json(findings, recorded)
+    text = findings_text(findings, recorded)
     if comparison is not None:
         result['what_if'] = comparison.as_json()
         text += '\n' + comparison.text()
@@ -358,12 +342,9 @@ def _report(arguments: argparse.Namespace, replay: Replay, comparison: Compariso
         if arguments.figure is not None:
             with whole(arguments.figure) as draft:
                 comparison.draw(draft)
-    to_stdout = arguments.json is not None and str(arguments.json) == '-'
-    if arguments.json is not None:
-        content = json.dumps(result, indent=2) + '\n'
-        write_text(arguments.json, content)
+    write_json(arguments.json, result)
     if not arguments.quiet:
-        print(printable(text), file=sys.stderr if to_stdout else sys.stdout)
+        print(printable(text), file=text_stream(arguments.json))
     return findings.verdict.value if findings.samples else 2
 
 
@@ -380,10 +361,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             check_file(arguments.json)
         if arguments.figure is not None:
             check_figure(arguments.figure)
-        replay = Replay(RunHistory(arguments.bag, arguments.node))
+        replay = Replay(RecordedRun(arguments.bag, arguments.node))
         if arguments.set:
             # A slip of the pen is told at once.
-            logged = setting_of(replay.history.start.state)
+            logged = setting_of(replay.recorded.start.state)
             held, _ = held_values(arguments.set, logged)
             if not arguments.quiet:
                 rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}

@@ -10,8 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.outputs import check_directory
 
-from .study import make_directory, run_study, study_parser
+from .command_line import (
+    add_jobs_option,
+    command_parser,
+    need_matplotlib,
+    outcome,
+    process_pool,
+)
 
 if TYPE_CHECKING:
     from impact_damper_ros.studies.paper.series import AngleOptimum, Series
@@ -33,10 +40,19 @@ Example: reproduce_paper --only 3a,5 --output /tmp/paper
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = study_parser(
-        *('reproduce_paper', _DESCRIPTION, _EPILOG),
-        output=Path('docs/paper'),
-        quick='compute a quarter of the values, in half a minute',
+    parser = command_parser('reproduce_paper', _DESCRIPTION, _EPILOG)
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('docs/paper'),
+        metavar='DIR',
+        help='directory of the files [docs/paper]',
+    )
+    add_jobs_option(parser)
+    parser.add_argument(
+        '--quick',
+        action='store_true',
+        help='compute a quarter of the values, in half a minute',
     )
     parser.add_argument(
         '--only',
@@ -58,11 +74,10 @@ def _compute(
         optimum_at,
         plans_of,
     )
-    from impact_damper_ros.sweep import ProcessPool
 
     plans = [plan for figure in figures for plan in plans_of(figure, quick=quick)]
     angles = figure_5_angles(quick=quick) if '5' in figures else ()
-    with ProcessPool(jobs) as pool:
+    with process_pool(jobs) as pool:
         series: list[Future[Series]] = [pool.submit(compute_series, plan) for plan in plans]
         optima: list[Future[AngleOptimum]] = [pool.submit(optimum_at, v) for v in angles]
         work: list[Future[Any]] = [*series, *optima]
@@ -78,11 +93,14 @@ def _run(arguments: argparse.Namespace) -> int:
     from impact_damper_ros.studies.paper.report import write_figure, write_report
     from impact_damper_ros.studies.paper.series import FIGURES, figure_of
 
+    need_matplotlib()
     figures = list(FIGURES)
     if arguments.only is not None:
         asked = {figure_of(name.strip()) for name in arguments.only.split(',')}
         figures = [figure for figure in FIGURES if figure in asked]
-    make_directory(arguments.output)
+    # Before the work, which takes minutes
+    check_directory(arguments.output)
+    arguments.output.mkdir(parents=True, exist_ok=True)
     results, optima = _compute(figures, arguments.jobs, arguments.quick)
     for figure in figures:
         for path in write_figure(figure, results, optima, arguments.output):
@@ -102,7 +120,9 @@ def _run(arguments: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    return run_study('reproduce_paper', lambda: _run(arguments))
+    return outcome(
+        'reproduce_paper', lambda: _run(arguments), 'interrupted; no unfinished file is left'
+    )
 
 
 if __name__ == '__main__':

@@ -9,8 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.outputs import check_directory
 
-from .study import make_directory, run_study, study_parser
+from .command_line import (
+    add_jobs_option,
+    command_parser,
+    need_matplotlib,
+    outcome,
+    process_pool,
+)
 
 if TYPE_CHECKING:
     from impact_damper_ros.studies.gap_control.runs import Extent, Measured
@@ -31,16 +38,29 @@ Example: study_gap_control --output /tmp/gap_control --quick
 """
 
 
+def _parser() -> argparse.ArgumentParser:
+    parser = command_parser('study_gap_control', _DESCRIPTION, _EPILOG)
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('docs/gap_control'),
+        metavar='DIR',
+        help='directory of the files [docs/gap_control]',
+    )
+    add_jobs_option(parser)
+    parser.add_argument('--quick', action='store_true', help='make a few short runs of each part')
+    return parser
+
+
 def _compute(extent: Extent, jobs: int) -> dict[tuple[object, ...], Measured]:
     """Make all runs in processes, with a progress bar for each part."""
     from tqdm import tqdm
 
     from impact_damper_ros.studies.gap_control.findings import tuned_shares
     from impact_damper_ros.studies.gap_control.runs import all_cases, run_case, tuning_cases
-    from impact_damper_ros.sweep import ProcessPool
 
     results: dict[tuple[object, ...], Measured] = {}
-    with ProcessPool(jobs) as pool:
+    with process_pool(jobs) as pool:
         for what in ('fixed gaps', 'all runs'):
             shares = tuned_shares(results, extent) if results else {}
             cases = all_cases(extent, shares) if results else tuning_cases(extent)
@@ -55,8 +75,11 @@ def _run(arguments: argparse.Namespace) -> int:
     from impact_damper_ros.studies.gap_control.report import write_study
     from impact_damper_ros.studies.gap_control.runs import Extent
 
+    need_matplotlib()
     extent = Extent.quick() if arguments.quick else Extent()
-    make_directory(arguments.output)
+    # Before the work, which takes minutes
+    check_directory(arguments.output)
+    arguments.output.mkdir(parents=True, exist_ok=True)
     results = _compute(extent, arguments.jobs)
     for path in write_study(results, extent, arguments.output):
         print(path)
@@ -68,12 +91,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    arguments = study_parser(
-        *('study_gap_control', _DESCRIPTION, _EPILOG),
-        output=Path('docs/gap_control'),
-        quick='make a few short runs of each part',
-    ).parse_args(argv)
-    return run_study('study_gap_control', lambda: _run(arguments))
+    arguments = _parser().parse_args(argv)
+    return outcome('study_gap_control', lambda: _run(arguments))
 
 
 if __name__ == '__main__':

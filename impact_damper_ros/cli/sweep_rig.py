@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import logging
 import os
 import signal
@@ -17,10 +16,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
+from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits.settling_rig import Settling
-from impact_damper_ros.rig import load_parameters
+from impact_damper_ros.outputs import check_file
 from impact_damper_ros.sweep import (
     MEASURES,
     Axis,
@@ -50,17 +49,17 @@ from impact_damper_ros.sweep.plan import axes_from_file
 from impact_damper_ros.sweep.table import FORMATS, need_pyarrow, stored_inputs
 
 from .command_line import (
-    add_params_argument,
-    add_version_option,
-    announce,
+    EXIT_FAILED,
+    CommandError,
+    add_quiet_option,
     check_figure,
-    check_file,
+    command_parser,
     outcome,
     say,
     up_to,
-    write_text,
+    write_json,
 )
-from .overrides import add_set_option, overridden, overridden_control
+from .rig_options import add_params_argument, add_set_option, announce, given_rig
 
 __all__ = ['main']
 
@@ -98,12 +97,7 @@ not usable; 4 if every rig of the sweep failed; 130 on Ctrl-C.
 
 def _parser() -> argparse.ArgumentParser:
     """Return the parser of the command."""
-    options = argparse.ArgumentParser(
-        'sweep_rig',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = command_parser('sweep_rig', _DESCRIPTION, _EPILOG)
     add = options.add_argument
     add_params_argument(options)
     add(
@@ -184,7 +178,7 @@ def _parser() -> argparse.ArgumentParser:
         '--json',
         type=Path,
         metavar='FILE',
-        help='write counts, attractors and optimum as JSON (-: standard output)',
+        help='write counts, attractors and optimum as JSON (- : stdout)',
     )
     where = options.add_argument_group('execution').add_mutually_exclusive_group()
     where.add_argument(
@@ -199,8 +193,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar='ADDRESS',
         help='run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786',
     )
-    add('--quiet', action='store_true', help='no progress bar and no summary')
-    add_version_option(options)
+    add_quiet_option(options, 'summary')
     return options
 
 
@@ -209,10 +202,7 @@ def _cores() -> int:
 
 
 def _plan(arguments: argparse.Namespace) -> SweepPlan:
-    parameters, initial, other = load_parameters(arguments.params)
-    control = GapControlParameters(**{k: v for k, v in other.items() if k in GAP_CONTROL_SPECS})
-    settings, control = overridden_control(arguments.set, control)
-    parameters, initial = overridden(settings, parameters, initial)
+    parameters, initial, control = given_rig(arguments.params, arguments.set)
     axes: Sequence[Axis] = [
         *([] if arguments.ranges is None else axes_from_file(arguments.ranges, parameters)),
         *(axis_from_text(text, parameters) for text in arguments.vary),
@@ -295,8 +285,10 @@ def _workers(arguments: argparse.Namespace) -> Workers:
         return Here() if arguments.jobs == 1 else LocalWorkers(arguments.jobs)
     try:
         workers = DaskWorkers(arguments.scheduler)
+    except ImportError as error:
+        raise CommandError(str(error)) from error
     except OSError as error:
-        raise WorkersError(str(error)) from error
+        raise CommandError(str(error), EXIT_FAILED) from error
     # This command reports a lost connection itself, in one line
     for name in ('distributed.batched', 'distributed.client'):
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -346,9 +338,11 @@ def _sweep(arguments: argparse.Namespace, plan: SweepPlan) -> None:
                 try:
                     _run_rigs(plan, journal, workers, quiet=arguments.quiet)
                     write_table(plan, journal, arguments.output)
-                except (KeyboardInterrupt, WorkersError, OSError):
+                except (KeyboardInterrupt, WorkersError, OSError) as error:
                     done = f'{len(journal.points)} of {plan.size} rigs are in {path}'
                     say('sweep_rig', f'{done}: give the same command again to resume')
+                    if isinstance(error, WorkersError):
+                        raise CommandError(str(error), EXIT_FAILED) from error
                     raise
                 path.unlink(missing_ok=True)
         except OSError as error:
@@ -375,8 +369,7 @@ def _report(arguments: argparse.Namespace) -> int:
     summary = summary_of(table, optimum)
     for path in arguments.figure:
         draw_sweep(table, arguments.measure, optimum, path)
-    if arguments.json is not None:
-        write_text(arguments.json, json.dumps(summary, indent=2) + '\n')
+    write_json(arguments.json, summary)
     if not arguments.quiet:
         print(summary_text(arguments.output, summary), file=sys.stderr)
         missed = optimum is None and arguments.optimum != 'none' and not summary['attractors']
@@ -386,7 +379,10 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    need_pyarrow()
+    try:
+        need_pyarrow()
+    except ImportError as error:
+        raise CommandError(str(error)) from error
     plan = _plan(arguments)
     _check_outputs(arguments, plan)
     if not arguments.quiet:
@@ -403,12 +399,8 @@ def _run(arguments: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    try:
-        with _stopped_by_sigterm():
-            return outcome('sweep_rig', lambda: _run(arguments))
-    except (ImportError, WorkersError) as error:
-        say('sweep_rig', error)
-        return 2 if isinstance(error, ImportError) else 1
+    with _stopped_by_sigterm():
+        return outcome('sweep_rig', lambda: _run(arguments))
 
 
 if __name__ == '__main__':

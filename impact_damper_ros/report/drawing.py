@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from impact_damper_ros.outputs import whole
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -61,11 +63,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     path : Path
         The file; its suffix is the format, png, svg or pdf.
     """
-    part = path.with_name(f'.{path.name}.part')
     kind = path.suffix.lower().lstrip('.')
     dated = {'png': 'Software', 'svg': 'Date', 'pdf': 'CreationDate'}[kind]
-    try:
-        figure.savefig(part, format=kind, metadata={dated: None})
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with whole(path) as draft:
+        figure.savefig(draft, format=kind, metadata={dated: None})

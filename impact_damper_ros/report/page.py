@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from errno import ENOTDIR
 from importlib.resources import files
 from itertools import pairwise
@@ -19,6 +18,7 @@ from pathlib import Path
 from string import Template
 
 from impact_damper_ros.compare.run_comparison import RunComparison, StretchComparison, Verdict
+from impact_damper_ros.outputs import write_texts
 
 from .charts import Picture, draw_history, draw_run
 from .glossary import glossary_html, linked
@@ -393,18 +393,5 @@ def write_report(
     if directory.exists() and not directory.is_dir():
         raise NotADirectoryError(ENOTDIR, strerror(ENOTDIR), str(directory))
     directory.mkdir(parents=True, exist_ok=True)
-    parts = {directory / name: directory / f'.{name}.part' for name in contents}
-    try:
-        for (path, part), content in zip(parts.items(), contents.values(), strict=True):
-            try:
-                part.write_text(content, encoding='utf-8')
-            except OSError as error:
-                # A full disk is told without a name.
-                raise OSError(error.errno, error.strerror, str(path)) from error
-        for path, part in parts.items():
-            part.replace(path)
-    finally:
-        for part in parts.values():
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
+    write_texts({directory / name: content for name, content in contents.items()})
     return directory / 'report.html'

@@ -179,7 +179,7 @@ def test_the_picture(bag, tmp_path):
 @pytest.mark.parametrize(
     ('setting', 'message'),
     [
-        ('gab=3', 'give NAME=VALUE with one of the names'),
+        ('gab=3', 'there is no parameter gab to set: did you mean gap?'),
         ('gap=-1', 'gap is -1.0 m: give a number'),
         ('gap', 'give NAME=VALUE'),
         ('force_frequencies=[1,2]', 'has 2 entries'),

@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import json
 import math
+import os
 import re
 import resource
 from importlib.resources import files
@@ -802,7 +803,7 @@ def test_a_place_that_cannot_be_written(run, tmp_path):
     place = tmp_path / 'report'
     write_report(short, place)
     before = (place / 'report.html').read_bytes()
-    (place / '.report.html.part').mkdir()
+    (place / f'.{os.getpid()}.report.html').mkdir()
     with pytest.raises(OSError) as caught:
         write_report(short, place, command='another')
     assert caught.value.filename.endswith('report.html')
