@@ -10,22 +10,16 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from sweep.shuffled_executor import Shuffled
+from sweep.made_tables import Shuffled, table_of
 
 from impact_damper_ros.orbits.settling_rig import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.sweep.execution import (
-    Here,
-    LocalWorkers,
-    WorkersError,
-    rig_row,
-    run_sweep,
-)
+from impact_damper_ros.sweep.execution import LocalWorkers, WorkersError, rig_row
 from impact_damper_ros.sweep.journal import Done, Journal, JournalError, journal_path
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.steady_state import steady_state
-from impact_damper_ros.sweep.table import SweepTable, write_table
+from impact_damper_ros.sweep.table import SweepTable
 
 pytest.importorskip('pyarrow')
 
@@ -52,15 +46,6 @@ LITTLE = Settling(cycles=100, watch=21, events=5000)
 #: From a gap that cannot be to one of another motion; some chaotic.
 MIXED = plan_with(-2.0, 'gap=1:40:14')
 FOLLOWED = plan_of('gap=6:30:9', 'restitution_1=0.7,0.75', follow=Follow.BOTH)
-
-
-def table_of(plan, path, executor=None, **options):
-    """Run a sweep, or what is left of it, and return the bytes of its table."""
-    with Journal(journal_path(path), plan.inputs()) as journal:
-        run_sweep(plan, journal, executor or Here(), **{'at_once': 1, **options})
-        write_table(plan, journal, path)
-    journal_path(path).unlink()
-    return path.read_bytes()
 
 
 @pytest.mark.parametrize('plan', [MIXED, FOLLOWED], ids=['independent', 'followed'])

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from control.controlled_rigs import IDEAL, TRIAL, control
-from sweep.shuffled_executor import Shuffled
+from sweep.made_tables import Shuffled, table_of
 
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.control.controlled_run import ControlledRun
@@ -15,13 +15,12 @@ from impact_damper_ros.orbits.rhythm import MotionKind
 from impact_damper_ros.orbits.settling_rig import EndlessEventsError, Settling
 from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.sweep.execution import Here, rig_row, run_sweep
-from impact_damper_ros.sweep.journal import Journal, journal_path
+from impact_damper_ros.sweep.execution import rig_row
 from impact_damper_ros.sweep.optimum import find_optimum
 from impact_damper_ros.sweep.plan import AxisError, Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.steady_state import steady_state
 from impact_damper_ros.sweep.summary import summary_of, summary_text
-from impact_damper_ros.sweep.table import SweepTable, columns_of, write_table
+from impact_damper_ros.sweep.table import SweepTable, columns_of
 
 pytest.importorskip('pyarrow')
 
@@ -45,14 +44,6 @@ FOLLOWED = plan_of(
     follow=Follow.BOTH,
     settling=Settling(cycles=60, watch=21, section=10),
 )
-
-
-def table_of(plan, path, executor=None, **options):
-    with Journal(journal_path(path), plan.inputs()) as journal:
-        run_sweep(plan, journal, executor or Here(), **{'at_once': 1, **options})
-        write_table(plan, journal, path)
-    journal_path(path).unlink()
-    return path.read_bytes()
 
 
 def sampled_rms(law, cycles, watched):

@@ -5,16 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sweep.made_tables import table_of
 
 from impact_damper_ros.orbits import optimal_gap
 from impact_damper_ros.orbits.settling_rig import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.sweep.execution import Here, run_sweep
-from impact_damper_ros.sweep.journal import Journal, journal_path
 from impact_damper_ros.sweep.optimum import Best, find_optimum
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.summary import attractors_of, summary_of, summary_text
-from impact_damper_ros.sweep.table import FAILED, SweepTable, attractor_numbers, write_table
+from impact_damper_ros.sweep.table import FAILED, SweepTable, attractor_numbers
 
 pytest.importorskip('pyarrow')
 
@@ -29,9 +28,7 @@ def swept(tmp_path, *ranges, rig=RIG, start=START, follow=Follow.NONE, failing=N
         first = replace(first, values=(failing, *first.values))
     plan = SweepPlan(rig, start, (first, *others), follow, Settling(**settling))
     path = tmp_path / 'sweep.parquet'
-    with Journal(journal_path(path), plan.inputs()) as journal:
-        run_sweep(plan, journal, Here(), at_once=1)
-        write_table(plan, journal, path)
+    table_of(plan, path)
     return SweepTable(path)
 
 

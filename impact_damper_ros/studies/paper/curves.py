@@ -267,10 +267,6 @@ class Curve:
         """Number of impacts in a period."""
         return len(self.stops)
 
-    def values(self, status: Status | None = None) -> list[float]:
-        """Return the values at which there is a motion, of a kind if given."""
-        return [p.value for p in self.points if status is None or p.status == status]
-
 
 def _point(value: float, orbit: PeriodicOrbit) -> CurvePoint:
     half = 0.5 * orbit.cycle

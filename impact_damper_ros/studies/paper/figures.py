@@ -92,26 +92,32 @@ def _draw_marks(
         )
 
 
-def _legend_below(
-    where: Any, series: Sequence[tuple[str, str, str]], columns: int, *, marks: bool = True
-) -> None:
-    """Put the legend of a figure below its panels."""
+_MARK: dict[str, Any] = {'markersize': 4.5, 'markerfacecolor': 'white'}
+_LINE: dict[str, Any] = {'linewidth': 1.7}
+
+
+def _line(label: str, color: str, **look: Any) -> Any:
+    """Return an entry of a legend."""
     from matplotlib.lines import Line2D
 
-    look: dict[str, Any] = {'markersize': 4.5, 'markerfacecolor': 'white'}
+    return Line2D([], [], color=color, label=label, **look)
+
+
+def _legend_below(figure: Figure, series: Sequence[tuple[str, str, str]], columns: int) -> None:
+    """Put a legend of series and line styles below the panels."""
     handles = [
-        Line2D([], [], color=color, marker=marker, linewidth=1.7, label=label, **look)
-        for label, color, marker in series
+        *(_line(label, color, marker=mark, **_LINE, **_MARK) for label, color, mark in series),
+        _line('theory, stable', '0.3', **_STYLES[Status.STABLE]),
+        _line('theory, unstable', '0.3', **_STYLES[Status.UNSTABLE]),
+        _line('simulation', '0.3', marker='o', linestyle='none', **_MARK),
     ]
-    handles += [
-        Line2D([], [], color='0.3', label='theory, stable', **_STYLES[Status.STABLE]),
-        Line2D([], [], color='0.3', label='theory, unstable', **_STYLES[Status.UNSTABLE]),
-    ]
-    if marks:
-        handles.append(
-            Line2D([], [], color='0.3', marker='o', linestyle='none', label='simulation', **look)
-        )
-    where.legend(handles=handles, loc='outside lower center', ncols=columns, frameon=False)
+    figure.legend(handles=handles, loc='outside lower center', ncols=columns, frameon=False)
+
+
+def _legend_inside(axes: Any, series: Sequence[tuple[str, str, str]], where: str) -> None:
+    look = {**_MARK, 'markersize': 4.2}
+    handles = [_line(label, color, marker=mark, **look) for label, color, mark in series]
+    axes.legend(handles=handles, loc=where, frameon=True, framealpha=0.9, edgecolor='none')
 
 
 _RATIO = r'$X_{\max}/A$'
@@ -178,15 +184,34 @@ def draw_figure_2(results: Mapping[str, Series], gravity: float) -> Figure:
     return figure
 
 
-def _panel_3a(axes: Any, results: Mapping[str, Series]) -> None:
+def _panel(
+    axes: Any,
+    letter: str,
+    series: Mapping[str, Series],
+    variable: str,
+    limits: tuple[float, float, float, float],
+    looks: Sequence[tuple[str, str]] = _LOOKS,
+) -> list[tuple[str, str, str]]:
+    """Draw the displacement with two impacts of some series; return the legend's entries."""
+    for one, look in zip(series.values(), looks, strict=False):
+        _series(axes, one, 2, look, _ratio)
+    axes.set(xlim=limits[:2], ylim=limits[2:])
+    finish_panel(axes, letter, VARIABLES[variable].label, _RATIO)
+    return [(label, *look) for label, look in zip(series, looks, strict=False)]
+
+
+def draw_figure_3(results: Mapping[str, Series]) -> Figure:
+    """Draw the effect of restitution, angle, frequency and friction on the displacement."""
+    figure = blank_figure(8.2, 7.0)
+    axes = figure.add_subplot(2, 2, 1)
     for operation, look in zip(OPERATIONS, _LOOKS, strict=False):
         _draw_curves(axes, results[f'3a {operation.key} equal'].of(2), look[0], _ratio, 0.55)
-        _series(axes, results[f'3a {operation.key} unequal'], 2, look, _ratio)
-    axes.set_xlim(30.0, 66.0)
-    axes.set_ylim(0.0, 0.2)
-    finish_panel(axes, 'a', VARIABLES['gap'].label, _RATIO)
-    short = ('horizontal', 'inclined 45°', 'inclined, γ = 0.5')
-    entries = [(name, *look) for name, look in zip(short, _LOOKS, strict=False)]
+    labels = ('horizontal', 'inclined 45°', 'inclined, γ = 0.5')
+    unequal = {
+        label: results[f'3a {operation.key} unequal']
+        for label, operation in zip(labels, OPERATIONS, strict=True)
+    }
+    entries = _panel(axes, 'a', unequal, 'gap', (30.0, 66.0, 0.0, 0.2))
     _legend_inside(axes, entries, 'upper right')
     axes.text(
         0.03,
@@ -195,43 +220,14 @@ def _panel_3a(axes: Any, results: Mapping[str, Series]) -> None:
         transform=axes.transAxes,
         fontsize=8,
     )
-
-
-def _legend_inside(axes: Any, entries: Sequence[tuple[str, str, str]], where: str) -> None:
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], color=c, marker=m, markersize=4.2, markerfacecolor='white', label=name)
-        for name, c, m in entries
-    ]
-    axes.legend(handles=handles, loc=where, frameon=True, framealpha=0.9, edgecolor='none')
-
-
-def draw_figure_3(results: Mapping[str, Series]) -> Figure:
-    """Draw the effect of restitution, angle, frequency and friction on the displacement."""
-    figure = blank_figure(8.2, 7.0)
-    _panel_3a(figure.add_subplot(2, 2, 1), results)
-
     axes = figure.add_subplot(2, 2, 2)
-    names = ('3b r=1', '3b r=1.02')
-    for name, look in zip(names, _LOOKS, strict=False):
-        _series(axes, results[name], 2, look, _ratio)
-    entries = [('$r$ = 1', *_LOOKS[0]), ('$r$ = 1.02', *_LOOKS[1])]
-    axes.set_xlim(0.0, 90.0)
-    axes.set_ylim(0.05, 0.32)
-    finish_panel(axes, 'b', VARIABLES['angle'].label, _RATIO)
+    both = {'$r$ = 1': results['3b r=1'], '$r$ = 1.02': results['3b r=1.02']}
+    entries = _panel(axes, 'b', both, 'angle', (0.0, 90.0, 0.05, 0.32))
     _legend_inside(axes, entries, 'upper left')
-
     axes = figure.add_subplot(2, 2, 3)
-    tilted = tuple(f'3c θ={angle}°' for angle in (0, 5, 10, 15))
-    for name, look in zip(tilted, _LOOKS, strict=True):
-        _series(axes, results[name], 2, look, _ratio)
-    axes.set_xlim(0.999, 1.12)
-    axes.set_ylim(0.08, 0.55)
-    finish_panel(axes, 'c', VARIABLES['frequency'].label, _RATIO)
-    entries = [(name[3:].replace('=', ' = '), *k) for name, k in zip(tilted, _LOOKS, strict=True)]
+    tilted = {f'θ = {angle}°': results[f'3c θ={angle}°'] for angle in (0, 5, 10, 15)}
+    entries = _panel(axes, 'c', tilted, 'frequency', (0.999, 1.12, 0.08, 0.55))
     _legend_inside(axes, entries, 'upper left')
-
     axes = figure.add_subplot(2, 2, 4)
     _series(axes, results['3d'], 2, _LOOKS[0], _ratio)
     axes.set_xlim(0.0, 1.0)
@@ -245,19 +241,15 @@ def draw_figure_4(results: Mapping[str, Series]) -> Figure:
     """Draw the largest displacement against the natural frequency."""
     figure = blank_figure(5.6, 4.2)
     axes = figure.add_subplot()
-    for name, look in zip(('4 ζ=0.005', '4 ζ=0.005 level'), (_LOOKS[2], _LOOKS[0]), strict=True):
-        _series(axes, results[name], 2, look, _ratio)
     axes.set_xscale('log')
-    axes.set_xlim(0.5, 20.0)
     axes.set_xticks([0.5, 1, 2, 5, 10, 20], ['0.5', '1', '2', '5', '10', '20'])
     axes.minorticks_off()
-    axes.set_ylim(0.0, 0.2)
-    finish_panel(axes, '', VARIABLES['omega'].label, _RATIO)
-    entries = [
-        ('inclined (θ = 15°, γ = 0.5)', *_LOOKS[2]),
-        ('horizontal, no friction', *_LOOKS[0]),
-    ]
-    _legend_below(figure, entries, 3)
+    series = {
+        'inclined (θ = 15°, γ = 0.5)': results['4 ζ=0.005'],
+        'horizontal, no friction': results['4 ζ=0.005 level'],
+    }
+    looks = (_LOOKS[2], _LOOKS[0])
+    _legend_below(figure, _panel(axes, '', series, 'omega', (0.5, 20.0, 0.0, 0.2), looks), 3)
     return figure
 
 
@@ -291,38 +283,26 @@ def draw_figure_5(points: Sequence[AngleOptimum]) -> Figure:
             axes.set_ylim(56.0, 61.0)
         axes.set_xlim(0.0, 90.0)
         finish_panel(axes, 'ab'[column], VARIABLES['angle'].label, label)
-    _legend_5(figure)
-    return figure
-
-
-def _legend_5(figure: Figure) -> None:
-    from matplotlib.lines import Line2D
-
-    look: dict[str, Any] = {'linestyle': 'none', 'markerfacecolor': 'white'}
     handles = [
-        Line2D([], [], color=BLUE, linewidth=1.7, label='theory, stable'),
-        Line2D([], [], color=BLUE, marker='o', markersize=4.5, label='simulation', **look),
-        Line2D(
-            [],
-            [],
-            color='0.2',
+        _line('theory, stable', BLUE, **_LINE),
+        _line('simulation', BLUE, marker='o', linestyle='none', **_MARK),
+        _line(
+            *('limited by stability, not a minimum', '0.2'),
             marker='|',
             markersize=11,
             linestyle='none',
-            label='limited by stability, not a minimum',
         ),
     ]
     figure.legend(handles=handles, loc='outside lower center', ncols=3, frameon=False)
+    return figure
 
 
 def draw_figure_6(results: Mapping[str, Series]) -> Figure:
     """Draw the largest displacement against the force of compressed air."""
     figure = blank_figure(5.6, 4.2)
     axes = figure.add_subplot()
-    for name, look in zip(('6 r=1', '6 r=1.02'), _LOOKS, strict=False):
-        _series(axes, results[name], 2, look, _ratio)
-    axes.set_xlim(0.0, 5.5)
-    axes.set_ylim(0.0, 0.6)
+    both = {'$r$ = 1': results['6 r=1'], '$r$ = 1.02': results['6 r=1.02']}
+    entries = _panel(axes, '', both, 'air', (0.0, 5.5, 0.0, 0.6))
     for share, text in ((1.0, 'air cancels friction'), (2.0, 'air is twice friction')):
         axes.axvline(share, color='0.6', linewidth=0.8, linestyle=':')
         axes.annotate(
@@ -335,7 +315,5 @@ def draw_figure_6(results: Mapping[str, Series]) -> Figure:
             textcoords='offset points',
             va='top',
         )
-    finish_panel(axes, '', VARIABLES['air'].label, _RATIO)
-    entries = [('$r$ = 1', *_LOOKS[0]), ('$r$ = 1.02', *_LOOKS[1])]
     _legend_below(figure, entries, 3)
     return figure
