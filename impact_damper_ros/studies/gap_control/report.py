@@ -205,7 +205,7 @@ def _stepped_table(results: Results, extent: Extent) -> str:
                 f'{math.exp(apart):.2f}',
             )
         )
-    head = ('', 'largest X, up', 'largest X, down', 'largest ratio of up and down')
+    head = ('', 'peak of X, up', 'peak of X, down', 'largest ratio of up and down')
     return markdown_table(head, rows)
 
 
