@@ -16,7 +16,7 @@ from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, in_words, write_text
 from impact_damper_ros.rig.hybrid_motion import RunawayError
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 if TYPE_CHECKING:
     from tqdm import tqdm

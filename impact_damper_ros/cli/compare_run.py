@@ -23,7 +23,7 @@ from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory, check_file
 from impact_damper_ros.report.text import comparison_text
 from impact_damper_ros.rig import load_parameters
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 from .command_line import (
     add_bag_argument,
@@ -137,10 +137,10 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
 
 def _with_gap_curves(stretches: Sequence[StretchComparison]) -> list[StretchComparison]:
     """Follow the predicted motions in the gap, of those stretches that the report shows."""
-    from impact_damper_ros.report.page import MOST_DETAILED, told_stretches
+    from impact_damper_ros.report.html_report import MOST_DETAILED, shown_stretches
 
     curves = GapCurves()
-    shown = {stretch.number for stretch in told_stretches(stretches, MOST_DETAILED)}
+    shown = {stretch.number for stretch in shown_stretches(stretches, MOST_DETAILED)}
     return [
         replace(stretch, curves=curves.added(stretch)) if stretch.number in shown else stretch
         for stretch in stretches
@@ -153,7 +153,7 @@ def _report(arguments: argparse.Namespace, comparison: RunComparison, command: s
     if not arguments.quiet:
         print(printable(comparison_text(comparison)), file=stream)
     if arguments.report is not None:
-        from impact_damper_ros.report.page import write_report
+        from impact_damper_ros.report.html_report import write_report
 
         count = len(comparison.stretches)
         with progress_bar('drawn', count, 'stretches', quiet=arguments.quiet) as bar:

@@ -224,14 +224,12 @@ def _read(bag: Path) -> tuple[Motion, list[float]]:
                 changes.append(instant)
         elif isinstance(message, JointState) and message.effort:
             stop = int(message.frame_id[-1])
-            impacts.append((instant, message.position[1] - rest, stop, message.effort[1]))
+            impacts.append((instant, message.position[1] - rest, stop))
         elif isinstance(message, JointState):
             states.append((instant, *(place - rest for place in message.position)))
     time_, x, z, stop_1, stop_2 = np.array(states).T
-    hit, where, stops, impulse = np.array(impacts).reshape(-1, 4).T
-    motion = Motion(
-        time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64), np.abs(impulse)
-    )
+    hit, where, stops = np.array(impacts).reshape(-1, 3).T
+    motion = Motion(time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64))
     return motion, changes
 
 

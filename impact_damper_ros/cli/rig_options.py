@@ -22,7 +22,7 @@ from impact_damper_ros.rig import (
 )
 from impact_damper_ros.rig.description import described, frequency_hint
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml_text, presets
-from impact_damper_ros.rig.shown import named, shown
+from impact_damper_ros.rig.quoting import named, shown
 
 from .command_line import say
 

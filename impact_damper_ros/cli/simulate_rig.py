@@ -12,13 +12,13 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
 from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -28,7 +28,7 @@ from impact_damper_ros.rig import (
     RigParameters,
     Sample,
 )
-from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, frequency_at
+from impact_damper_ros.rig.forcing import SWEEP_FIELDS, frequency_at
 from impact_damper_ros.rig.swing import Swing
 
 from .command_line import (
@@ -39,7 +39,6 @@ from .command_line import (
     outcome,
     progress_bar,
 )
-from .csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from .rig_options import (
     GivenRig,
     TimedChange,
@@ -219,15 +218,6 @@ def _event_row(event: Event, frequency: float) -> str:
     return row((event.kind.name.lower(), event.time, *event[2:], frequency))
 
 
-def _open(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
-    if path is None:
-        return None
-    if str(path) != '-':
-        return open_table(path, columns, stack)
-    sys.stdout.write(row(columns))
-    return sys.stdout
-
-
 def _cycle(parameters: RigParameters) -> float:
     """Return the period of the first harmonic; of a rig that has none that lasts, its own one."""
     frequency = parameters.force_frequencies[0]
@@ -289,9 +279,9 @@ def _run(arguments: argparse.Namespace, given: GivenRig, changes: Sequence[Timed
     watched_from = max(0.0, duration - _WATCHED_CYCLES * cycle)
     started = time.perf_counter()
     with ExitStack() as stack:
-        impacts = _open(arguments.impacts, IMPACT_COLUMNS, stack)
-        others = _open(arguments.events, EVENT_COLUMNS, stack)
-        states = _open(arguments.states, Sample._fields, stack)
+        impacts = open_table(arguments.impacts, IMPACT_COLUMNS, stack)
+        others = open_table(arguments.events, EVENT_COLUMNS, stack)
+        states = open_table(arguments.states, Sample._fields, stack)
         recording = None
         if arguments.bag is not None:
             listed = {**parameters.as_dict(), **initial.as_dict(), **control.as_dict()}

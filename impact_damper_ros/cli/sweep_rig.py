@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.sweep import (
     MEASURES,

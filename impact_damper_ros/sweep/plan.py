@@ -16,7 +16,7 @@ import numpy as np
 
 import impact_damper_ros
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -26,7 +26,7 @@ from impact_damper_ros.rig import (
     RigParameters,
 )
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.quoting import shown
 
 __all__ = [
     'Axis',

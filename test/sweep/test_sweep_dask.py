@@ -15,7 +15,7 @@ from sweep.made_tables import table_of
 
 import impact_damper_ros
 from impact_damper_ros.cli.sweep_rig import main
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.sweep.execution import DaskWorkers, LocalWorkers, WorkersError, run_sweep
 from impact_damper_ros.sweep.journal import Journal, journal_path

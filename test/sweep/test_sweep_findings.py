@@ -8,7 +8,7 @@ import pytest
 from sweep.made_tables import table_of
 
 from impact_damper_ros.orbits import optimal_gap
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.sweep.optimum import Best, find_optimum
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
