@@ -70,16 +70,16 @@ class _Swing(NamedTuple):
     rms: float
 
 
-def _swing(stretch: RunResult) -> _Swing:
+def _swing(result: RunResult) -> _Swing:
     """
     Measure X from the first sample to the last, as a cubic between samples and events.
 
     The cubic takes both positions and velocities, so that the error falls with the fourth power
     of the sampling interval.
     """
-    samples = stretch.samples
-    within = stretch.events['time'] > samples['time'][0]
-    events = stretch.events[within & (stretch.events['time'] <= samples['time'][-1])]
+    samples = result.samples
+    within = result.events['time'] > samples['time'][0]
+    events = result.events[within & (result.events['time'] <= samples['time'][-1])]
     time = np.concatenate([events['time'], samples['time']])
     # A sample at the instant of an event holds the state after it
     order = np.argsort(time, kind='stable')
@@ -236,8 +236,8 @@ def _kind(
     return Indications(cycle * exponent.value, error, watch, spread).kind()
 
 
-def _shares(stretch: RunResult, around: Events, start: float, end: float) -> TimeShares:
-    spent = stretch.time_in_mode / (end - start)
+def _shares(result: RunResult, around: Events, start: float, end: float) -> TimeShares:
+    spent = result.time_in_mode / (end - start)
     return TimeShares(
         stick=float(spent[Mode.STICK]),
         rest=float(spent[Mode.REST_1] + spent[Mode.REST_2]),
@@ -253,15 +253,15 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     cycles = 2 * period or rig.settling.watch
     start, (mode, last_stop) = rig.time_after(begun), rig.state()
     snapshot = rig.snapshot() if rig.controlled else {}
-    stretch = rig.run(cycles, looks)
+    result = rig.run(cycles, looks)
     end = rig.time_after(rig.cycles)
     # The events before and after complete a chatter that is cut at either end
-    around = np.concatenate([before, stretch.events, rig.run(1).events])
-    swing = _swing(stretch)
+    around = np.concatenate([before, result.events, rig.run(1).events])
+    swing = _swing(result)
 
     kept = period or min(rig.settling.section, cycles)
     since = rig.time_after(begun + cycles - kept)
-    impacts = stretch.impacts()
+    impacts = result.impacts()
     hits = impacts[impacts['time'] > since]
     multiplier = math.nan
     if rig.controlled and period:
@@ -269,20 +269,20 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     elif rig.controlled:
         exponent = parting_exponent(snapshot, cycle, cycles, rig.scales)
     else:
-        along = deviations(rig.machine, rig.angles, stretch.events, mode, last_stop, start, end)
+        along = deviations(rig.machine, rig.angles, result.events, mode, last_stop, start, end)
         if period:
             exponent, multiplier = _periodic_exponent(along, period * cycle)
         else:
             exponent = growth_exponent(along, rig.omega)
     stops: tuple[str, ...] = ()
     if period:
-        stops = _sequence(stretch.events[stretch.events['time'] > since])
+        stops = _sequence(result.events[result.events['time'] > since])
     else:
         hits = hits[-2 * rig.settling.section :]
     spread = math.nan
     if not period:
         quiet = quiet_phase((impacts['time'] - rig.time_after(0)) / cycle)
-        spread = average_spread(section_of(stretch.samples[int(quiet * looks) : -1 : looks]))
+        spread = average_spread(section_of(result.samples[int(quiet * looks) : -1 : looks]))
     phases = (hits['time'] - rig.time_after(0)) / cycle % 1.0
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
     return SteadyState(
@@ -299,8 +299,8 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
         impacts_per_cycle=len(impacts) / cycles,
         exponent=exponent,
         multiplier=multiplier,
-        shares=_shares(stretch, around, start, end),
-        section=section_of(stretch.samples[looks::looks][-kept:]),
+        shares=_shares(result, around, start, end),
+        section=section_of(result.samples[looks::looks][-kept:]),
         hits=np.stack([hits['stop'], phases, np.abs(approach)], axis=-1),
         events=rig.events,
     )

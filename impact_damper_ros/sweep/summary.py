@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from impact_damper_ros.report.units import counted
+
 from .optimum import Nearby, Optimum
 from .table import FAILED, SweepTable
 
@@ -50,8 +52,7 @@ def attractor_text(attractor: dict[str, Any]) -> str:
     """Return kind, period and stops of a motion in words."""
     text = str(attractor['motion'])
     if attractor['period'] is not None:
-        cycles = attractor['period']
-        text += f', {cycles} cycle{"s" if cycles > 1 else ""}'
+        text += f', {counted(attractor["period"], "cycle")}'
         if attractor['stops']:
             text += f', stops {attractor["stops"]}'
     return text
