@@ -162,6 +162,12 @@ def _step(axis: Axis, value: float) -> float:
     return max((b - a for a, b in pairwise(near)), default=0.0)
 
 
+def _moved(axis: Axis, i: int, values: tuple[float, ...], distance: float) -> tuple[float, ...]:
+    """Return values moved along the i-th axis, within its range."""
+    moved = min(max(values[i] + distance, axis.values[0]), axis.values[-1])
+    return (*values[:i], moved, *values[i + 1 :])
+
+
 def find_optimum(
     table: SweepTable,
     measure: str,
@@ -382,9 +388,8 @@ class _Search:
             trials: list[tuple[float, tuple[float, ...]]] = []
             for i, axis in enumerate(self.plan.axes):
                 for step in (-share * self.steps[i], share * self.steps[i]):
-                    moved = min(max(here[i] + step, axis.values[0]), axis.values[-1])
-                    if moved != here[i]:
-                        place = (*here[:i], moved, *here[i + 1 :])
+                    place = _moved(axis, i, here, step)
+                    if place != here:
                         trials.append((self._run(place)[0], place))
             found, place = min(trials, default=(math.inf, here))
             if found < lowest - max(self.scatter, _EXACT * abs(lowest)):
@@ -417,11 +422,10 @@ class _Search:
                     place = found[0].values[i]
                     starts.append((f'back from {axis.name} = {place:.6g}', found[1]))
         others: list[Nearby] = []
+        least = max(_OTHER * abs(value), self.scatter)
         for start, begun in starts:
             nearby = self._nearby(self._row(at, begun)[0], at, None, start, value)
-            if nearby is None or abs(nearby.measure - value) <= max(
-                _OTHER * abs(value), self.scatter
-            ):
+            if nearby is None or abs(nearby.measure - value) <= least:
                 continue
             if not any(_is_same(nearby, other) for other in others):
                 others.append(nearby)
@@ -440,11 +444,8 @@ class _Search:
         axis = self.plan.axes[i]
 
         def beyond(distance: float) -> tuple[Nearby, _State | None] | None:
-            moved = min(max(at[i] + distance, axis.values[0]), axis.values[-1])
-            if moved == at[i]:
-                return None
-            place = (*at[:i], moved, *at[i + 1 :])
-            for start, begun in starts:
+            place = _moved(axis, i, at, distance)
+            for start, begun in starts if place != at else ():
                 row, last = self._row(place, begun)
                 nearby = self._nearby(row, place, i, start, value)
                 if nearby is None or not _is_worse(nearby.measure, value, self.sign):

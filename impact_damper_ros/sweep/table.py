@@ -11,11 +11,12 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,11 +64,15 @@ _ROWS_AT_ONCE = 16384
 _SAME = 1e-3
 
 
+#: Types of columns; doubles and integers are lists.
+Kind = Literal['double', 'integer', 'bool', 'text', 'doubles', 'integers']
+
+
 class Column(NamedTuple):
-    """A column: its name, type ('doubles' and 'integers' are lists), SI unit and meaning."""
+    """A column: its name, type, SI unit and meaning."""
 
     name: str
-    kind: Literal['double', 'integer', 'bool', 'text', 'doubles', 'integers']
+    kind: Kind
     unit: str
     description: str
 
@@ -77,123 +82,74 @@ class Column(NamedTuple):
         return f'{self.name} [{self.unit}]' if self.unit else self.name
 
 
-_PLACE = (
-    Column('point', 'integer', '', 'Number of the rig in the sweep, from 0.'),
-    Column(
-        'direction',
-        'text',
-        '',
-        'up or down: the rig started from the last state of the one before in this direction; '
-        'null: from its initial conditions.',
-    ),
-)
-_MOTION = (
-    Column('ok', 'bool', '', 'Whether the rig could be simulated.'),
-    Column('reason', 'text', '', 'If not, why not.'),
-    Column(
-        'motion',
-        'text',
-        '',
-        'What it settled into: periodic, without impacts, at rest, quasi-periodic, chaotic, '
-        'undecided, or not periodically driven, by the force or by a control whose samples fall '
-        'elsewhere in each cycle.',
-    ),
-    Column('settled', 'bool', '', 'Whether the motion repeats, to the tolerance of the sweep.'),
-    Column('settling_cycles', 'integer', '', 'Cycles of the force before it was measured.'),
-    Column('measured_cycles', 'integer', '', 'Cycles of the force over which it was measured.'),
-)
-_NUMBERS = (
-    Column('cycle', 'double', 's', 'Cycle of the force; of the spring, if there is no force.'),
-    Column('period', 'integer', '', 'Period k in cycles of the force; null if none was found.'),
-    Column(
-        'impacts',
-        'integer',
-        '',
-        'Impacts N in a period, those of a chatter up to its cut; null if it does not repeat.',
-    ),
-    Column(
-        'stops',
-        'text',
-        '',
-        'Stops hit in a period, in order; 1~ stands for a whole chatter on stop 1 to rest.',
-    ),
-    Column('x_max', 'double', 'm', 'Largest |X|.'),
-    Column(
-        'x_max_ratio',
-        'double',
-        '',
-        'Largest |X| over the amplitude A without impacts; null without one force.',
-    ),
-    Column('x_rms', 'double', 'm', 'Root mean square of X.'),
-    Column('x_mean', 'double', 'm', 'Mean of X.'),
-    Column('impacts_per_cycle', 'double', '', 'Impacts per cycle of the force.'),
-    Column(
-        'lyapunov_exponent',
-        'double',
-        '1/s',
-        'Largest Lyapunov exponent: of a motion that repeats ln|largest multiplier| over its '
-        'period; else the mean growth of a deviation over the time measured. Under gap control '
-        'by two neighbouring rigs; null if their controls decide differently too often.',
-    ),
-    Column(
-        'lyapunov_uncertainty',
-        'double',
-        '1/s',
-        'Half of its 95 % interval, from the growths in 20 parts of the time measured; of a '
-        'motion that repeats the difference between two periods.',
-    ),
-    Column(
-        'largest_multiplier',
-        'double',
-        '',
-        'Modulus of the largest multiplier of a period; null if the motion does not repeat, or '
-        'as the exponent.',
-    ),
-    Column('stick_share', 'double', '', 'Share of the time that friction holds m in the gap.'),
-    Column('rest_share', 'double', '', 'Share of the time that m rests on a stop.'),
-    Column(
-        'chatter_share',
-        'double',
-        '',
-        'Share of the time in complete chatters: from the first of the impacts on one stop that '
-        'follow one another ever faster to the rest in which they end.',
-    ),
-    Column('events', 'integer', '', 'Events of the whole run.'),
-)
-_ATTRACTOR = (
-    Column(
-        'attractor',
-        'integer',
-        '',
-        'Number of the motion among those that the same rig settled into, from 0, the most '
-        'frequent first.',
-    ),
-)
-_SECTION = (
-    Column('section_x', 'doubles', 'm', 'X at the ends of cycles: of a period, or the last ones.'),
-    Column('section_velocity', 'doubles', 'm/s', "X' there."),
-    Column('section_offset', 'doubles', 'm', 'Y there.'),
-    Column('section_relative_velocity', 'doubles', 'm/s', "Y' there."),
-)
-_IMPACTS = (
-    Column('impact_stop', 'integers', '', 'Stop of each impact in the same cycles.'),
-    Column('impact_phase', 'doubles', '', 'Its phase in cycles of the force, from 0 to 1.'),
-    Column('impact_speed', 'doubles', 'm/s', 'Speed of approach of m and the stop.'),
-)
-_CONTROLLED = (
-    Column(
-        'state',
-        'text',
-        '',
-        'State of rig and control at the end, as ControlledRig.snapshot gives it, in JSON.',
-    ),
-)
+#: Name, type, unit and meaning of all columns but those of the varied parameters.
+_COLUMNS = """\
+point | integer | - | Number of the rig in the sweep, from 0.
+direction | text | - | up or down: the rig started from the last state of the one before in this
+    direction; null: from its initial conditions.
+ok | bool | - | Whether the rig could be simulated.
+reason | text | - | If not, why not.
+motion | text | - | What it settled into: periodic, without impacts, at rest, quasi-periodic,
+    chaotic, undecided, or not periodically driven, by the force or by a control whose samples fall
+    elsewhere in each cycle.
+settled | bool | - | Whether the motion repeats, to the tolerance of the sweep.
+settling_cycles | integer | - | Cycles of the force before it was measured.
+measured_cycles | integer | - | Cycles of the force over which it was measured.
+cycle | double | s | Cycle of the force; of the spring, if there is no force.
+period | integer | - | Period k in cycles of the force; null if none was found.
+impacts | integer | - | Impacts N in a period, those of a chatter up to its cut; null if it does
+    not repeat.
+stops | text | - | Stops hit in a period, in order; 1~ stands for a whole chatter on stop 1 to
+    rest.
+x_max | double | m | Largest |X|.
+x_max_ratio | double | - | Largest |X| over the amplitude A without impacts; null without one
+    force.
+x_rms | double | m | Root mean square of X.
+x_mean | double | m | Mean of X.
+impacts_per_cycle | double | - | Impacts per cycle of the force.
+lyapunov_exponent | double | 1/s | Largest Lyapunov exponent: of a motion that repeats ln|largest
+    multiplier| over its period; else the mean growth of a deviation over the time measured. Under
+    gap control by two neighbouring rigs; null if their controls decide differently too often.
+lyapunov_uncertainty | double | 1/s | Half of its 95 % interval, from the growths in 20 parts of
+    the time measured; of a motion that repeats the difference between two periods.
+largest_multiplier | double | - | Modulus of the largest multiplier of a period; null if the motion
+    does not repeat, or as the exponent.
+stick_share | double | - | Share of the time that friction holds m in the gap.
+rest_share | double | - | Share of the time that m rests on a stop.
+chatter_share | double | - | Share of the time in complete chatters: from the first of the impacts
+    on one stop that follow one another ever faster to the rest in which they end.
+events | integer | - | Events of the whole run.
+attractor | integer | - | Number of the motion among those that the same rig settled into, from 0,
+    the most frequent first.
+section_x | doubles | m | X at the ends of cycles: of a period, or the last ones.
+section_velocity | doubles | m/s | X' there.
+section_offset | doubles | m | Y there.
+section_relative_velocity | doubles | m/s | Y' there.
+impact_stop | integers | - | Stop of each impact in the same cycles.
+impact_phase | doubles | - | Its phase in cycles of the force, from 0 to 1.
+impact_speed | doubles | m/s | Speed of approach of m and the stop.
+state | text | - | State of rig and control at the end, as ControlledRig.snapshot gives it, in
+    JSON.
+"""
+
+
+def _columns() -> dict[str, Column]:
+    found = {}
+    for line in re.sub(r'\n +', ' ', _COLUMNS).splitlines():
+        name, kind, unit, description = line.split(' | ', 3)
+        found[name] = Column(name, cast(Kind, kind), unit.strip('-'), description)
+    return found
+
+
+_BY_NAME = _columns()
+_PLACE = ('point', 'direction')
+_SECTION = ('section_x', 'section_velocity', 'section_offset', 'section_relative_velocity')
+_MEASURES = """
+    period impacts x_max x_max_ratio x_rms x_mean impacts_per_cycle
+    lyapunov_exponent lyapunov_uncertainty largest_multiplier stick_share rest_share chatter_share
+"""
 #: Columns that can be drawn and minimised or maximised.
-MEASURES: dict[str, Column] = {
-    column.name: column
-    for column in _NUMBERS
-    if (column.kind == 'double' and column.name != 'cycle') or column.name in ('period', 'impacts')
-}
+MEASURES: dict[str, Column] = {name: _BY_NAME[name] for name in _MEASURES.split()}
 
 
 def columns_of(plan: SweepPlan) -> list[Column]:
@@ -208,9 +164,10 @@ def columns_of(plan: SweepPlan) -> list[Column]:
         for axis in plan.axes
         for parameter in axis.parameters
     ]
-    controlled = _CONTROLLED if plan.control.active else ()
-    measured = (*_MOTION, *_NUMBERS, *_ATTRACTOR, *_SECTION, *_IMPACTS)
-    return [*_PLACE, *varied, *measured, *controlled]
+    left_out = () if plan.control.active else ('state',)
+    place = [_BY_NAME[name] for name in _PLACE]
+    found = [c for name, c in _BY_NAME.items() if name not in (*_PLACE, *left_out)]
+    return [*place, *varied, *found]
 
 
 def row_of(state: SteadyState, parameters: RigParameters) -> Row:
@@ -244,7 +201,7 @@ def row_of(state: SteadyState, parameters: RigParameters) -> Row:
         'rest_share': state.shares.rest,
         'chatter_share': state.shares.chatter,
         'events': state.events,
-        **dict(zip((c.name for c in _SECTION), state.section.T.tolist(), strict=True)),
+        **dict(zip(_SECTION, state.section.T.tolist(), strict=True)),
         'impact_stop': [int(stop) for stop in state.hits[:, 0]],
         'impact_phase': state.hits[:, 1].tolist(),
         'impact_speed': state.hits[:, 2].tolist(),
@@ -258,7 +215,7 @@ def failed_row(reason: str) -> Row:
 
 def _relative_section(row: Row) -> Array:
     """Return the section of a motion that repeats, relative to its size; shape (4, k)."""
-    section = np.array([row[column.name] for column in _SECTION], dtype=float)
+    section = np.array([row[name] for name in _SECTION], dtype=float)
     size = row['x_max'] + float(np.ptp(section[2])) or 1.0
     section /= size * np.array([[1.0], [math.tau / row['cycle']]] * 2).reshape(4, 1)
     if row['impacts'] == 0:
