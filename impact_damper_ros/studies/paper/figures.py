@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.orbits.optimum import Limit
@@ -191,9 +192,12 @@ def _panel(
     variable: str,
     limits: tuple[float, float, float, float],
     looks: Sequence[tuple[str, str]] = _LOOKS,
+    thin: Sequence[Series] = (),
 ) -> list[tuple[str, str, str]]:
     """Draw the displacement with two impacts of some series; return the legend's entries."""
-    for one, look in zip(series.values(), looks, strict=False):
+    for one, other, look in zip_longest(series.values(), thin, looks[: len(series)]):
+        if other is not None:
+            _draw_curves(axes, other.of(2), look[0], _ratio, 0.55)
         _series(axes, one, 2, look, _ratio)
     axes.set(xlim=limits[:2], ylim=limits[2:])
     finish_panel(axes, letter, VARIABLES[variable].label, _RATIO)
@@ -204,14 +208,13 @@ def draw_figure_3(results: Mapping[str, Series]) -> Figure:
     """Draw the effect of restitution, angle, frequency and friction on the displacement."""
     figure = blank_figure(8.2, 7.0)
     axes = figure.add_subplot(2, 2, 1)
-    for operation, look in zip(OPERATIONS, _LOOKS, strict=False):
-        _draw_curves(axes, results[f'3a {operation.key} equal'].of(2), look[0], _ratio, 0.55)
     labels = ('horizontal', 'inclined 45°', 'inclined, γ = 0.5')
     unequal = {
         label: results[f'3a {operation.key} unequal']
         for label, operation in zip(labels, OPERATIONS, strict=True)
     }
-    entries = _panel(axes, 'a', unequal, 'gap', (30.0, 66.0, 0.0, 0.2))
+    equal = [results[f'3a {operation.key} equal'] for operation in OPERATIONS]
+    entries = _panel(axes, 'a', unequal, 'gap', (30.0, 66.0, 0.0, 0.2), thin=equal)
     _legend_inside(axes, entries, 'upper right')
     axes.text(
         0.03,
