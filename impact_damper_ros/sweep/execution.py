@@ -21,14 +21,13 @@ from multiprocessing import connection, get_context, parent_process
 from typing import Any, Protocol, Self
 
 import impact_damper_ros
-from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.orbits.settling import EndlessEventsError, Settling
-from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
+from impact_damper_ros.orbits.settling import EndlessEventsError
+from impact_damper_ros.rig import ParameterError, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
 
 from .journal import Done, Journal
-from .plan import Follow, Settings, SweepPlan, varied
+from .plan import Follow, RigSetup, Settings, SweepPlan
 from .steady_state import steady_state
 from .table import Row, failed_row, row_of
 
@@ -62,38 +61,29 @@ def _continued(state: _State, parameters: RigParameters) -> LongRun:
     return LongRun.restore({**snapshot, 'time': 0.0, 'origin': origin})
 
 
-def _controlled(
-    parameters: RigParameters,
-    initial: InitialConditions,
-    control: GapControlParameters,
-    state: _State | None,
-) -> ControlledRun:
+def _controlled(setup: RigSetup, state: _State | None) -> ControlledRun:
     """Return a rig under control; one that takes over a state goes on in its time."""
     if state is None:
-        return ControlledRun(parameters, initial, control)
+        return ControlledRun(setup.parameters, setup.initial, setup.control)
     run = ControlledRun.restore(state)
-    run.change(parameters, control)
+    run.change(setup.parameters, setup.control)
     return run
 
 
 def rig_row(
-    parameters: RigParameters,
-    initial: InitialConditions,
-    settings: Settings,
-    settling: Settling,
-    state: _State | None = None,
-    control: GapControlParameters | None = None,
+    setup: RigSetup, settings: Settings, state: _State | None = None
 ) -> tuple[Row, _State | None]:
     """Run one rig of a sweep, from a state if given; return its columns and last state."""
     try:
-        rig, start, law = varied(parameters, initial, control or GapControlParameters(), settings)
+        varied = setup.varied(settings)
+        rig, controlled = varied.parameters, varied.control.active
         run: LongRun | ControlledRun
-        if law.active:
-            run = _controlled(rig, start, law, state)
+        if controlled:
+            run = _controlled(varied, state)
         else:
-            run = LongRun(rig, start) if state is None else _continued(state, rig)
-        row, last = row_of(steady_state(run, settling), rig), run.snapshot()
-        if law.active:
+            run = LongRun(rig, varied.initial) if state is None else _continued(state, rig)
+        row, last = row_of(steady_state(run, setup.settling), rig), run.snapshot()
+        if controlled:
             # The section holds nothing of the control
             row['state'] = json.dumps(last, separators=(',', ':'))
         return row, last
@@ -114,10 +104,7 @@ class Block:
 
     #: Version of the package that planned it.
     version: str
-    parameters: RigParameters
-    initial: InitialConditions
-    settling: Settling
-    control: GapControlParameters
+    setup: RigSetup
     #: Number and settings of each rig.
     rigs: tuple[tuple[int, Settings], ...]
     #: Whether each rig starts from the last state of the one before.
@@ -139,9 +126,7 @@ def run_block(block: Block) -> list[Done]:
     done: list[Done] = []
     state = block.state
     for point, settings in block.rigs:
-        row, last = rig_row(
-            *(block.parameters, block.initial, settings, block.settling, state, block.control)
-        )
+        row, last = rig_row(block.setup, settings, state)
         if block.followed and last is not None:
             state = last
         done.append(Done(point, row, state if block.followed else None))
@@ -405,10 +390,7 @@ class _Queue:
         plan = self.plan
         return Block(
             version=impact_damper_ros.__version__,
-            parameters=plan.parameters,
-            initial=plan.initial,
-            settling=plan.settling,
-            control=plan.control,
+            setup=plan.setup,
             rigs=tuple((row, tuple(plan.settings(plan.point(row).values))) for row in rows),
             followed=chain is not None,
             state=None if chain is None else chain.state,

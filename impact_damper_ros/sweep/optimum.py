@@ -21,7 +21,7 @@ import numpy as np
 from impact_damper_ros.rig import InitialConditions
 
 from .execution import rig_row
-from .plan import Axis, SweepPlan, varied
+from .plan import Axis, SweepPlan
 from .table import Row, SweepTable
 
 __all__ = ['Best', 'Nearby', 'Optimum', 'find_optimum']
@@ -337,8 +337,7 @@ class _Search:
             for name in ('x', 'velocity', 'offset', 'relative_velocity')
         )
         settings = plan.settings(plan.point(row).values)
-        rig, _, _ = varied(plan.parameters, plan.initial, plan.control, settings)
-        half = 0.5 * rig.gap
+        half = 0.5 * plan.setup.varied(settings).parameters.gap
         start = InitialConditions(
             initial_primary_position=x,
             initial_primary_velocity=velocity,
@@ -346,7 +345,7 @@ class _Search:
             initial_damper_offset=min(max(offset, -half), half),
             initial_damper_velocity=velocity + relative,
         )
-        return rig_row(plan.parameters, start, settings, plan.settling)[1]
+        return rig_row(plan.setup._replace(initial=start), settings)[1]
 
     def _run(self, values: tuple[float, ...]) -> tuple[float, _State | None]:
         """Return the measure of a rig, negated if the greatest is best, and its last state."""
@@ -358,11 +357,7 @@ class _Search:
     def _row(self, values: tuple[float, ...], state: _State | None) -> tuple[Row, _State | None]:
         """Run a rig from a state, or from its initial conditions."""
         self.trials += 1
-        plan = self.plan
-        done = rig_row(
-            *(plan.parameters, plan.initial, plan.settings(values)),
-            *(plan.settling, state, plan.control),
-        )
+        done = rig_row(self.plan.setup, self.plan.settings(values), state)
         if self.progress is not None:
             self.progress()
         return done

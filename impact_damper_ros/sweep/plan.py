@@ -33,13 +33,13 @@ __all__ = [
     'AxisError',
     'Follow',
     'GridPoint',
+    'RigSetup',
     'Settings',
     'SweepPlan',
     'SweptParameter',
     'axes_from_file',
     'axis_from_mapping',
     'axis_from_text',
-    'varied',
 ]
 
 
@@ -372,6 +372,37 @@ class GridPoint(NamedTuple):
     values: tuple[float, ...]
 
 
+class RigSetup(NamedTuple):
+    """A rig, its start, its gap control, and how it is watched."""
+
+    parameters: RigParameters
+    initial: InitialConditions
+    settling: Settling
+    control: GapControlParameters
+
+    def varied(self, settings: Settings) -> Self:
+        """Return it with other values, all set at once."""
+        rig: dict[str, Any] = {}
+        start: dict[str, Any] = {}
+        law: dict[str, Any] = {}
+        for parameter, value in settings:
+            name, kind = parameter.name, parameter.spec.kind
+            if parameter.initial:
+                start[name] = value
+            elif kind == 'double_array':
+                entries = list(rig.get(name, getattr(self.parameters, name)))
+                entries[parameter.index or 0] = value
+                rig[name] = tuple(entries)
+            else:
+                changed = law if parameter.control else rig
+                changed[name] = int(value) if kind == 'integer' else value
+        return self._replace(
+            parameters=self.parameters.replace(**rig),
+            initial=InitialConditions(**{**self.initial.as_dict(), **start}),
+            control=self.control.replace(**law),
+        )
+
+
 @dataclass(frozen=True)
 class SweepPlan:
     """
@@ -430,6 +461,11 @@ class SweepPlan:
             raise AxisError(
                 f'the sweep has {self.size} rigs: give ranges that make at most {_MOST_RIGS}'
             )
+
+    @property
+    def setup(self) -> RigSetup:
+        """What all rigs have in common."""
+        return RigSetup(self.parameters, self.initial, self.settling, self.control)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -521,31 +557,3 @@ class SweepPlan:
             settling=Settling(**inputs['settling']),
             control=GapControlParameters(**inputs.get('gap_control', {})),
         )
-
-
-def varied(
-    parameters: RigParameters,
-    initial: InitialConditions,
-    control: GapControlParameters,
-    settings: Settings,
-) -> tuple[RigParameters, InitialConditions, GapControlParameters]:
-    """Return a rig, its start and its control with other values, all set at once."""
-    rig: dict[str, Any] = {}
-    start: dict[str, Any] = {}
-    law: dict[str, Any] = {}
-    for parameter, value in settings:
-        name, kind = parameter.name, parameter.spec.kind
-        if parameter.initial:
-            start[name] = value
-        elif kind == 'double_array':
-            entries = list(rig.get(name, getattr(parameters, name)))
-            entries[parameter.index or 0] = value
-            rig[name] = tuple(entries)
-        else:
-            changed = law if parameter.control else rig
-            changed[name] = int(value) if kind == 'integer' else value
-    return (
-        parameters.replace(**rig),
-        InitialConditions(**{**initial.as_dict(), **start}),
-        control.replace(**law),
-    )

@@ -129,13 +129,13 @@ def test_a_failing_rig_does_not_break_a_chain(tmp_path):
     table = SweepTable(tmp_path / 'chain.parquet')
     assert list(table.flags('ok')) == [True, True, True, False]
     plan = plan_of('restitution_1=0.7,0.8', follow=Follow.UP)
-    rig = RIG.replace(restitution_1=0.7)
-    row, state = rig_row(rig, START, (), BRIEF)
+    settings = plan.settings(plan.point(1).values)
+    row, state = rig_row(plan.setup, plan.settings(plan.point(0).values))
     assert row['x_max'] == table.numbers('x_max')[0]
-    following, _ = rig_row(rig, START, plan.settings(plan.point(1).values), BRIEF, state)
+    following, _ = rig_row(plan.setup, settings, state)
     assert following['settled']
     # From the motion next to it a rig settles sooner than from X = 1
-    fresh, _ = rig_row(rig, START, plan.settings(plan.point(1).values), BRIEF)
+    fresh, _ = rig_row(plan.setup, settings)
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.sweep.plan import (
     AxisError,
@@ -12,7 +11,6 @@ from impact_damper_ros.sweep.plan import (
     SweptParameter,
     axis_from_mapping,
     axis_from_text,
-    varied,
 )
 
 RIG = RigParameters()
@@ -20,7 +18,6 @@ TWO = RigParameters(
     force_amplitudes=(1.0, 2.0), force_frequencies=(1.0, 3.0), force_phases=(0.0, 0.0)
 )
 START = InitialConditions()
-OFF = GapControlParameters()
 
 
 def test_linear_and_logarithmic_ranges_and_lists():
@@ -46,7 +43,7 @@ def test_ranges_file_entries():
 def test_several_names_take_the_same_value():
     axis = axis_from_text('restitution_1=restitution_2=0.5,0.9', RIG)
     settings = [(parameter, 0.9) for parameter in axis.parameters]
-    rig, _, _ = varied(RIG, START, OFF, settings)
+    rig = plan_of('gap=1,2').setup.varied(settings).parameters
     assert (rig.restitution_1, rig.restitution_2) == (0.9, 0.9)
 
 
@@ -57,9 +54,9 @@ def test_entries_of_arrays():
     assert axis_from_text('force_frequencies[0]=1:2:3', RIG).name == 'force_frequencies'
     (parameter,) = axis_from_text('force_frequencies[1]=1:2:3', TWO).parameters
     assert str(parameter) == 'force_frequencies[1]'
-    rig, _, _ = varied(
-        TWO, START, OFF, [(parameter, 7.0), (SweptParameter('force_amplitudes', 0), 4.0)]
-    )
+    setup = SweepPlan(TWO, START, (axis_from_text('gap=1,2', TWO),)).setup
+    settings = [(parameter, 7.0), (SweptParameter('force_amplitudes', 0), 4.0)]
+    rig = setup.varied(settings).parameters
     assert rig.force_frequencies == (1.0, 7.0)
     assert rig.force_amplitudes == (4.0, 2.0)
 

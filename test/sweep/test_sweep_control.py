@@ -116,13 +116,13 @@ def test_rows_of_varied_control(tmp_path):
 
 
 def test_followed_rigs_take_over_rig_and_control():
-    row, state = rig_row(TRIAL, START, (), BRIEF, None, TIMED)
+    plan = plan_of('gap_control_park=1.4,1.6', follow=Follow.UP)
+    row, state = rig_row(plan.setup, ())
     assert state['time'] == pytest.approx(math.tau * (row['settling_cycles'] + 3))
     assert state['gap_control']['state']['roused'] is True
-    plan = plan_of('gap_control_park=1.4,1.6', follow=Follow.UP)
     settings = plan.settings(plan.point(1).values)
-    following, _ = rig_row(TRIAL, START, settings, BRIEF, state, TIMED)
-    fresh, _ = rig_row(TRIAL, START, settings, BRIEF, None, TIMED)
+    following, _ = rig_row(plan.setup, settings, state)
+    fresh, _ = rig_row(plan.setup, settings)
     assert following['settled']
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
@@ -171,7 +171,7 @@ def test_the_optimum_of_a_control_lies_between_the_values_of_the_grid(tmp_path, 
     state = json.loads(table.texts('state')[found.point])
     for speed in (*np.linspace(18.0, 30.0, 7), found.values[0]):
         varied = [(plan.axes[0].parameters[0], float(speed)), *settings]
-        fine.append(rig_row(TRIAL, START, varied, BRIEF, state, law)[0]['x_rms'])
+        fine.append(rig_row(plan.setup, varied, state)[0]['x_rms'])
     assert fine[-1] == found.value <= min(fine)
 
 
