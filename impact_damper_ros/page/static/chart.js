@@ -72,6 +72,7 @@ export class SteadyRange {
   }
 
   fit(asked, now) {
+    if (!(asked > 0)) return this.range || 1;
     if (asked > this.range || this.range === 0) {
       this.range = asked;
       this.since = now;

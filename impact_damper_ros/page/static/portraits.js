@@ -32,8 +32,8 @@ export class PhasePortrait extends Axes {
     }
     if (state) far = Math.max(far, Math.abs(state[4] - state[0]), Math.abs(state[6] - state[0]) || 0);
     if (predicted) for (const value of predicted.rate) fast = Math.max(fast, Math.abs(value));
-    const width = this.across.fit(niceAbove(1.08 * far), now);
-    const height = this.up.fit(niceAbove(1.05 * fast), now);
+    const width = this.across.fit(far > 0 ? niceAbove(1.08 * far) : 0, now);
+    const height = this.up.fit(fast > 0 ? niceAbove(1.05 * fast) : 0, now);
     const [length, speed] = [lengthUnit(width), velocityUnit(height)];
     const axes = this.axes({
       x: [-width * length.factor, width * length.factor],
@@ -117,7 +117,7 @@ export class ImpactMap extends Axes {
     const first = Math.max(impacts.start, impacts.end - 1500);
     for (let n = first; n < impacts.end; n += 1) fast = Math.max(fast, Math.abs(damper[n]));
     for (const one of predicted) fast = Math.max(fast, Math.abs(one.damper_velocity_after ?? one.velocity_after));
-    const height = this.up.fit(niceAbove(1.08 * fast), now);
+    const height = this.up.fit(fast > 0 ? niceAbove(1.08 * fast) : 0, now);
     const speed = velocityUnit(height);
     const axes = this.axes({
       x: [0, 1],

@@ -54,11 +54,10 @@ export class RigDrawing extends Canvas {
     const [cos, sin] = [Math.abs(Math.cos(angle)), Math.abs(Math.sin(angle))];
     const tall = Math.min(0.46 * this.height, 9.5 * em, 0.26 * this.width);
     const across = tall * 1.75;
-    const room = Math.min(
-      (this.width - 2 * pad - sin * across) / Math.max(cos, 1e-6),
-      (this.height - 2 * pad - cos * across) / Math.max(sin, 1e-6),
-    );
-    const length = Math.max(150, Math.min(room, 3.4 * this.width));
+    // As long as the canvas allows in this direction.
+    const wide = (this.width - 2 * pad - sin * across) / Math.max(cos, 1e-6);
+    const high = sin < 1e-3 ? Infinity : Math.max(0, this.height - pad - cos * across) / sin;
+    const length = Math.max(150, Math.min(wide, high));
     const thick = Math.max(5, Math.min(0.16 * tall, 0.025 * length));
     const slug = Math.max(6, Math.min(0.24 * tall, 0.04 * length));
     const rod = 0.5 * thick + 4;

@@ -129,7 +129,7 @@ export class Traces {
         if (size > most) most = size;
       }
     }
-    const range = this.range.fit(niceAbove(1.04 * most || 1), performance.now());
+    const range = this.range.fit(most > 0 ? niceAbove(1.04 * most) : 0, performance.now());
     this.unit = lengthUnit(range);
     return [-range, range];
   }

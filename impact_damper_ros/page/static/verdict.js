@@ -1,0 +1,81 @@
+// What the rig does in words and numbers: verdict, measured and predicted Xmax/A, first numbers.
+
+import { byId, element, mark, write } from './dom.js';
+import { digits, withUnit } from './format.js';
+import { term } from './glossary.js';
+
+const NUMBERS = [
+  ['natural_frequency_hz', 'natural-frequency', 'natural frequency', (value) => withUnit(value, 'Hz')],
+  ['damping_ratio', 'damping-ratio', 'damping ratio ζ', (value) => digits(value, 3)],
+  ['frequency_ratio', 'frequency-ratio', 'r = Ω/ω', (value) => digits(value, 4)],
+  ['static_amplitude', 'amplitude', 'A, no impacts', (value) => withUnit(value, 'm')],
+  ['mass_ratio', 'mass-ratio', 'mass ratio m/M', (value) => digits(value, 3)],
+  ['gap_ratio', 'optimal-gap', 'gap / optimal', (value) => digits(value, 3)],
+  ['impacts_per_cycle', 'impacts-per-cycle', 'impacts / cycle', (value) => digits(value, 3)],
+  ['energy_per_cycle', 'energy', 'energy / cycle', (value) => withUnit(value, 'J')],
+];
+const LEVELS = { ok: 'ok', warn: 'warn', error: 'error' };
+const AGREEMENT = {
+  agrees: 'The motion agrees with theory',
+  disagrees: 'The motion differs from theory',
+  'not settled': 'Not settled yet',
+};
+
+export class Verdict {
+  constructor() {
+    this.values = {};
+    const list = byId('numbers');
+    for (const [key, about, name] of NUMBERS) {
+      const value = element('dd', { text: '–' });
+      list.append(element('div', {}, element('dt', {}, term(about, name)), value));
+      this.values[key] = value;
+    }
+    const ratios = byId('ratios');
+    this.bars = {};
+    for (const [key, name] of [['measured', 'measured'], ['predicted', 'predicted'], ['without', 'no impacts']]) {
+      const value = element('dd', { text: '–' });
+      const bar = element('meter', { min: 0, max: 1, value: 0, 'aria-hidden': 'true', class: key });
+      ratios.append(element('div', {}, element('dt', { text: name }), element('dd', { class: 'bar' }, bar), value));
+      this.bars[key] = { value, bar };
+    }
+    ratios.before(element('p', { class: 'ratios-title' }, term('xmax-a', 'Xmax / A')));
+  }
+
+  clear() {
+    write(byId('verdict-text'), 'waiting for the rig');
+    byId('verdict-text').dataset.level = 'none';
+    for (const id of ['motion-text', 'theory-text']) write(byId(id), '');
+    for (const value of Object.values(this.values)) write(value, '–');
+    this.ratio('measured', null);
+    this.ratio('predicted', null);
+  }
+
+  ratio(key, value) {
+    const { value: place, bar } = this.bars[key];
+    write(place, Number.isFinite(value) && value !== null ? digits(value, 3) : '–');
+    bar.value = Number.isFinite(value) && value !== null ? Math.min(1, value) : 0;
+  }
+
+  diagnostics({ level, message, verdict, agreement }) {
+    const place = byId('verdict-text');
+    const waiting = /wait|transient|cycles/i.test(message ?? '') && !agreement;
+    write(place, AGREEMENT[agreement] ?? (verdict && !message ? verdict : waiting ? 'Settling' : 'No verdict'));
+    const shade = agreement === 'agrees' ? 'ok' : agreement === 'disagrees' ? 'warn' : agreement === undefined ? LEVELS[level] ?? 'none' : 'none';
+    place.dataset.level = level === 'error' ? 'error' : shade;
+    this.line('motion-text', message ? `Measured: ${message}` : '');
+    this.line('theory-text', verdict ? `Theory: ${verdict}` : '');
+  }
+
+  line(id, text) {
+    const place = byId(id);
+    write(place, text);
+    mark(place, 'title', text);
+  }
+
+  numbers(message) {
+    for (const [key, , , said] of NUMBERS) write(this.values[key], said(message[key]));
+    this.ratio('measured', message.x_max_ratio_measured);
+    this.ratio('predicted', message.x_max_ratio_predicted);
+    this.ratio('without', message.static_amplitude > 0 ? 1 : null);
+  }
+}
