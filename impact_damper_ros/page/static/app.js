@@ -20,7 +20,7 @@ import { startTour } from './tour.js';
 import { Traces, WINDOWS } from './traces.js';
 import { Verdict } from './verdict.js';
 
-const SILENCE = 2500;
+const SILENCE = 8000;
 const TEXTS = {
   connecting: 'connecting',
   running: 'running',
@@ -184,7 +184,12 @@ connection.addEventListener('hello', ({ detail }) => {
   history.changes = (detail.changes ?? []).filter((one) => one.kind !== 'stretch' && Number.isFinite(one.time)).map(({ time, text }) => ({ time, text }));
   takeValues(Object.fromEntries(detail.parameters.map((one) => [one.name, one.value])));
   recordings.show(detail.recordings ?? []);
+  counted.latest = performance.now();
   setStatus(detail.rig || !live ? 'running' : 'gone');
+  if (!shared.view.window) {
+    const [rate] = detail.parameters.find((one) => one.name === 'force_frequencies')?.value ?? [1];
+    chooseWindow((2 * Math.PI * 30) / rate);
+  }
   sendView();
   if (live && detail.rig) applyWanted();
   if (!live && wanted?.time) player.seek(wanted.time);
@@ -212,6 +217,7 @@ function takeValues(values) {
   }
   const all = { ...knobs.values(), ...values };
   const frequency = all.force_frequencies?.[0] / (2 * Math.PI);
+  if (all.primary_mass > 0) portrait.masses = [all.primary_mass, all.damper_mass];
   portrait.seconds = frequency > 0 ? Math.min(40, 8 / frequency) : 10;
   const force = Math.abs(all.force_amplitudes?.[0] ?? 0);
   write(byId('rig-line'), [
@@ -245,9 +251,11 @@ connection.addEventListener('frame', ({ detail: frame }) => {
   counted.frames += 1;
   counted.bytes += frame.bytes;
   counted.latest = now;
-  if (!player.on && status !== 'lagging' && frame.paused !== (status === 'paused')) setStatus(frame.paused ? 'paused' : 'running');
+  const due = frame.paused ? 'paused' : 'running';
+  if (!player.on && status !== 'lagging' && status !== due) setStatus(due);
 });
 connection.addEventListener('status', ({ detail }) => {
+  counted.latest = performance.now();
   player.status(detail);
   setStatus(detail.state, detail.text);
   if (detail.state === 'ended') player.show(detail.time);
@@ -370,11 +378,18 @@ function setWindow(seconds) {
     mark(button, 'aria-pressed', String(Number(button.value) === seconds));
   }
   sendView();
-  keepView('window', seconds === 30 ? '' : String(seconds));
+}
+
+/** Of the windows, the shortest one with so many seconds: some thirty cycles of the force. */
+function chooseWindow(least) {
+  setWindow([...WINDOWS].reverse().find((seconds) => seconds >= least) ?? WINDOWS[0]);
 }
 for (const seconds of WINDOWS) {
   byId('windows').append(element('button', {
-    type: 'button', value: String(seconds), text: `${seconds} s`, 'aria-pressed': 'false', onclick: () => setWindow(seconds),
+    type: 'button', value: String(seconds), text: `${seconds} s`, 'aria-pressed': 'false', onclick: () => {
+      setWindow(seconds);
+      keepView('window', String(seconds));
+    },
   }));
 }
 let widthDue = 0;
@@ -442,7 +457,6 @@ startTour({
 let drawn = -1;
 let drawnImpacts = -1;
 let spoken = 0;
-let heldAt = NaN;
 function draw(now) {
   requestAnimationFrame(draw);
   const begun = performance.now();
@@ -469,9 +483,8 @@ function draw(now) {
   }
   if (curve.stale) curve.draw();
   if (multipliers.stale) multipliers.draw(theory.orbit?.multipliers);
-  // Without frames the rig cannot be running; the server says so too, if it is there.
-  if (history.end !== heldAt) heldAt = history.end;
-  if (status === 'running' && !player.on && counted.latest && now - counted.latest > SILENCE) setStatus('gone');
+  // A server that is there says once a second how the rig is.
+  if (status === 'running' && !player.on && now - counted.latest > SILENCE) setStatus('offline');
   if (now - spoken > 2000 && history.state) {
     spoken = now;
     const [x, , , , , , , , angle] = history.state;

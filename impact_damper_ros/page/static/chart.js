@@ -101,7 +101,7 @@ export class Axes extends Canvas {
     const margin = {
       left: left ?? Math.ceil(Math.max(...labels.map((text) => context.measureText(text).width), 8) + 10),
       right: Math.ceil(0.9 * em),
-      top: Math.ceil(1.75 * em),
+      top: Math.ceil(2.1 * em),
       bottom: Math.ceil(2.75 * em),
     };
     const box = {

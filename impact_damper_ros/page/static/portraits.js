@@ -14,6 +14,7 @@ export class PhasePortrait extends Axes {
     this.across = new SteadyRange();
     this.up = new SteadyRange();
     this.seconds = 2;
+    this.masses = [1, 1];
     this.showTheory = true;
   }
 
@@ -45,7 +46,7 @@ export class PhasePortrait extends Axes {
     const toY = (value) => axes.toY(value * speed.factor);
     this.inside(axes.box, (context) => {
       if (state) {
-        context.strokeStyle = colours.ink;
+        context.strokeStyle = colours.steel;
         context.lineWidth = 2;
         context.beginPath();
         for (const place of [state[4] - state[0], state[6] - state[0]]) {
@@ -59,6 +60,10 @@ export class PhasePortrait extends Axes {
       context.strokeStyle = damper;
       context.lineWidth = 1.3;
       const count = samples.end - first;
+      const { impacts } = this.history;
+      const inverse = 1 / this.masses[0] + 1 / this.masses[1];
+      let hit = impacts.start;
+      if (count > 0) while (hit < impacts.end && impacts.arrays[0][hit] <= time[first]) hit += 1;
       for (let band = 0; band < BANDS; band += 1) {
         const from = first + Math.floor((band * count) / BANDS);
         const to = Math.min(samples.end, first + Math.floor(((band + 1) * count) / BANDS) + 1);
@@ -66,8 +71,20 @@ export class PhasePortrait extends Axes {
         context.beginPath();
         for (let n = from; n < to; n += 1) {
           const [a, b] = [toX(z[n] - x[n]), toY(zv[n] - xv[n])];
-          if (n === from) context.moveTo(a, b);
-          else context.lineTo(a, b);
+          if (n === from) {
+            context.moveTo(a, b);
+            while (hit < impacts.end && impacts.arrays[0][hit] <= time[n]) hit += 1;
+            continue;
+          }
+          // An impact between two samples is a corner that none of them has.
+          while (hit < impacts.end && impacts.arrays[0][hit] <= time[n]) {
+            const [, stop, , primary, mass, impulse, , y] = impacts.arrays.map((values) => values[hit]);
+            const after = mass - primary;
+            context.lineTo(toX(y), toY(after + (stop === 1 ? 1 : -1) * impulse * inverse));
+            context.lineTo(toX(y), toY(after));
+            hit += 1;
+          }
+          context.lineTo(a, b);
         }
         context.stroke();
       }

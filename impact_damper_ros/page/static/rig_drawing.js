@@ -52,8 +52,10 @@ export class RigDrawing extends Canvas {
     const em = colours.size;
     const pad = 1.2 * em;
     const [cos, sin] = [Math.abs(Math.cos(angle)), Math.abs(Math.sin(angle))];
-    const tall = Math.min(0.46 * this.height, 9.5 * em, 0.26 * this.width);
-    const across = tall * 1.75;
+    const tall = Math.min((this.height - 4.2 * em) / 1.16, 9.5 * em, 0.26 * this.width);
+    const up = tall / 2 + 1.5 * em;
+    const down = 0.66 * tall + 1.9 * em;
+    const across = up + down;
     // As long as the canvas allows in this direction.
     const wide = (this.width - 2 * pad - sin * across) / Math.max(cos, 1e-6);
     const high = sin < 1e-3 ? Infinity : Math.max(0, this.height - pad - cos * across) / sin;
@@ -71,7 +73,7 @@ export class RigDrawing extends Canvas {
     // The middle of what is drawn is the middle of the canvas.
     const left = -(body + reach + spring + wall);
     const right = body + reach + 0.8 * em;
-    const geometry = { scale, slug, rod, thick, cavity, body, reach, tall, left, right, wall, angle, swing, spread };
+    const geometry = { scale, slug, rod, thick, cavity, body, reach, tall, left, right, wall, angle, swing, spread, up, down };
     const target = [scale, geometry.reach, body];
     const before = this.shown;
     if (before && !reducedMotion() && now - before.now < 200) {
@@ -92,11 +94,10 @@ export class RigDrawing extends Canvas {
     const g = this.layout(extent, state, now);
     const { context } = this;
     const middle = (g.left + g.right) / 2;
-    const sink = g.tall * 0.16;
     context.save();
-    context.translate(this.width / 2, this.height / 2 + sink * Math.cos(g.angle) * 0.2);
+    context.translate(this.width / 2, this.height / 2);
     context.rotate(g.angle);
-    context.translate(-middle, sink);
+    context.translate(-middle, (g.up - g.down) / 2);
     this.ground(g);
     this.attachments(g, state);
     if (ghost) this.carriage(g, ghost, { oneSided, ghostly: true });
@@ -110,7 +111,7 @@ export class RigDrawing extends Canvas {
   ground(g) {
     const { context } = this;
     const em = colours.size;
-    const base = g.tall / 2 + 0.16 * g.tall;
+    const base = 0.66 * g.tall;
     this.base = base;
     context.strokeStyle = colours.steel;
     context.lineWidth = 1.5;
@@ -286,7 +287,7 @@ export class RigDrawing extends Canvas {
           const glow = context.createRadialGradient(face, centre, 0, face, centre, radius);
           glow.addColorStop(0, colours.damper);
           glow.addColorStop(0.35, colours.open);
-          glow.addColorStop(1, 'transparent');
+          glow.addColorStop(1, `${colours.open}00`);
           context.fillStyle = glow;
           context.beginPath();
           context.arc(face, centre, radius, 0, 7);

@@ -59,7 +59,7 @@ export class Traces {
     this.chart = new uPlot(
       {
         ...this.size(),
-        padding: [Math.round(1.5 * em), Math.round(0.9 * em), 0, 0],
+        padding: [Math.round(1.9 * em), Math.round(0.9 * em), 0, 0],
         legend: { show: false },
         cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
         select: { show: false },
@@ -172,11 +172,11 @@ export class Traces {
     context.fillStyle = colours.quiet;
     context.textBaseline = 'alphabetic';
     context.textAlign = 'left';
-    context.fillText(this.unit.unit, 4 * ratio, bbox.top - 0.45 * em);
+    context.fillText(this.unit.unit, 4 * ratio, bbox.top - 0.85 * em);
     context.textAlign = 'right';
     context.fillText('rig time (s)', bbox.left + bbox.width, bbox.top + bbox.height + 2.35 * em);
     context.beginPath();
-    context.rect(bbox.left, bbox.top - 1.4 * em, bbox.width, bbox.height + 1.4 * em);
+    context.rect(bbox.left, bbox.top - 1.8 * em, bbox.width, bbox.height + 1.8 * em);
     context.clip();
     const ends = [-Infinity, -Infinity];
     const [from, to] = this.span();

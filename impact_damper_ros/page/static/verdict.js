@@ -5,12 +5,12 @@ import { digits, withUnit } from './format.js';
 import { term } from './glossary.js';
 
 const NUMBERS = [
-  ['natural_frequency_hz', 'natural-frequency', 'natural frequency', (value) => withUnit(value, 'Hz')],
-  ['damping_ratio', 'damping-ratio', 'damping ratio ζ', (value) => digits(value, 3)],
+  ['natural_frequency_hz', 'natural-frequency', 'natural freq.', (value) => withUnit(value, 'Hz')],
+  ['damping_ratio', 'damping-ratio', 'damping ζ', (value) => digits(value, 3)],
   ['frequency_ratio', 'frequency-ratio', 'r = Ω/ω', (value) => digits(value, 4)],
-  ['static_amplitude', 'amplitude', 'A, no impacts', (value) => withUnit(value, 'm')],
-  ['mass_ratio', 'mass-ratio', 'mass ratio m/M', (value) => digits(value, 3)],
-  ['gap_ratio', 'optimal-gap', 'gap / optimal', (value) => digits(value, 3)],
+  ['static_amplitude', 'amplitude', 'amplitude A', (value) => withUnit(value, 'm')],
+  ['mass_ratio', 'mass-ratio', 'µ = m/M', (value) => digits(value, 3)],
+  ['gap_ratio', 'optimal-gap', 'gap / optimum', (value) => digits(value, 3)],
   ['impacts_per_cycle', 'impacts-per-cycle', 'impacts / cycle', (value) => digits(value, 3)],
   ['energy_per_cycle', 'energy', 'energy / cycle', (value) => withUnit(value, 'J')],
 ];
@@ -34,8 +34,8 @@ export class Verdict {
     this.bars = {};
     for (const [key, name] of [['measured', 'measured'], ['predicted', 'predicted'], ['without', 'no impacts']]) {
       const value = element('dd', { text: '–' });
-      const bar = element('meter', { min: 0, max: 1, value: 0, 'aria-hidden': 'true', class: key });
-      ratios.append(element('div', {}, element('dt', { text: name }), element('dd', { class: 'bar' }, bar), value));
+      const bar = element('span', { class: `fill ${key}` });
+      ratios.append(element('div', {}, element('dt', { text: name }), element('dd', { class: 'gauge', 'aria-hidden': 'true' }, bar), value));
       this.bars[key] = { value, bar };
     }
     ratios.before(element('p', { class: 'ratios-title' }, term('xmax-a', 'Xmax / A')));
@@ -53,7 +53,8 @@ export class Verdict {
   ratio(key, value) {
     const { value: place, bar } = this.bars[key];
     write(place, Number.isFinite(value) && value !== null ? digits(value, 3) : '–');
-    bar.value = Number.isFinite(value) && value !== null ? Math.min(1, value) : 0;
+    const part = Number.isFinite(value) && value !== null ? Math.min(1, value) : 0;
+    bar.style.transform = `scaleX(${part.toFixed(4)})`;
   }
 
   diagnostics({ level, message, verdict, agreement }) {
