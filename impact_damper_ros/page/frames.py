@@ -65,6 +65,7 @@ class View:
         epoch: float,
         flags: int = 0,
         ghost: Rows | None = None,
+        state: Rows | None = None,
     ) -> bytes:
         """
         Return what the page lacks up to an instant.
@@ -81,6 +82,8 @@ class View:
             `PAUSED`, if it is.
         ghost : ndarray, optional
             State of another rig, as in `SAMPLE_COLUMNS` without the time.
+        state : ndarray, optional
+            That of this one; the last sample, if it is not given.
         """
         start = end - self.window
         # Too far behind, or ahead after a jump back
@@ -100,12 +103,13 @@ class View:
         samples = motion.samples_between(self._sent, end)
         samples = samples[-_FIRST_SAMPLES:] if flags & REPLACE else _thinned(samples)
         self._next, self._sent = max(self._next, last), end
-        now = motion.samples_between(-math.inf, end)[-1]
+        if state is None:
+            state = motion.samples_between(-math.inf, end)[-1, 1:]
         head = _HEADER.pack(
             *(_KIND, flags, len(columns), len(impacts), len(samples)),
             *(end, begun, epoch),
         )
-        parts = [now[1:]]
+        parts = [state]
         if ghost is not None:
             parts.append(ghost)
         parts += [columns, _impacts(impacts, end), _samples(samples, end)]

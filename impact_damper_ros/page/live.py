@@ -343,6 +343,7 @@ class LiveRig:
         return RigNumbers(
             self.rig,
             self.motion,
+            self.motion.end,
             _number(values.get('Largest X [m]', '')),
             _number(values.get('Impacts per cycle of the force', '')),
         )

@@ -176,7 +176,9 @@ class LiveSource:
         except self._no_answer as error:
             raise Refusal(str(error)) from error
         if kind == 'slow_motion':
-            session.outbox.put(slow_motion(self.rig.motion, int(message.get('impacts', 5))))
+            count = int(message.get('impacts', 5))
+            motion = self.rig.motion
+            session.outbox.put(slow_motion(motion, count, motion.end))
             return None
         if kind == 'theory':
             self.theorist.want(bool(message.get('orbit', True)), bool(message.get('curve', True)))

@@ -13,7 +13,7 @@ from impact_damper_ros.rig import RigParameters
 from .knobs import as_json
 from .motion import Motion, Rows
 
-__all__ = ['RigNumbers', 'slow_motion']
+__all__ = ['RigNumbers', 'slow_motion', 'state_at']
 
 
 #: Cycles of the force over which energy is counted.
@@ -34,6 +34,8 @@ class RigNumbers:
         The rig, if it is known.
     motion : Motion
         Its motion.
+    end : float
+        Rig time now, s.
     x_max : float or None
         Largest |X| measured, m; of the last cycles of the force, if it is None.
     impacts_per_cycle : float or None
@@ -42,6 +44,7 @@ class RigNumbers:
 
     rig: RigParameters | None
     motion: Motion
+    end: float
     x_max: float | None = None
     impacts_per_cycle: float | None = None
 
@@ -82,7 +85,7 @@ class RigNumbers:
         self, rig: RigParameters
     ) -> tuple[float | None, float | None, float | None]:
         """Return impacts per cycle, largest |X|, and energy that the impacts take from M."""
-        frequency, end = rig.force_frequencies[0], self.motion.end
+        frequency, end = rig.force_frequencies[0], self.end
         if frequency <= 0.0 or not math.isfinite(end):
             return None, None, None
         cycle = math.tau / frequency
@@ -98,26 +101,25 @@ class RigNumbers:
         return len(impacts) / cycles, float(np.abs(x).max()), lost / cycles
 
 
-def slow_motion(motion: Motion, count: int) -> dict[str, Any]:
+def slow_motion(motion: Motion, count: int, end: float) -> dict[str, Any]:
     """
     Return the last impacts closely sampled, to be shown slowly.
 
     Between samples and impacts the motion is drawn by cubics through places and velocities, with
     the velocity after an impact different from that before it.
     """
-    impacts = motion.impacts[-min(max(count, 1), _MOST_SLOW_IMPACTS) :]
+    impacts = motion.impacts_between(-math.inf, end)
+    impacts = impacts[-min(max(count, 1), _MOST_SLOW_IMPACTS) :]
     message: dict[str, Any] = {'type': 'slow_motion', 't': [], 'impacts': []}
     if not len(impacts):
         return message | {name: [] for name in ('x', 'z', 'stop_1', 'stop_2')}
     pause = 0.3 * max(float(impacts[-1, 0] - impacts[0, 0]) / max(len(impacts) - 1, 1), 1e-3)
-    start, end = impacts[0, 0] - pause, min(impacts[-1, 0] + pause, motion.end)
+    start, end = impacts[0, 0] - pause, min(impacts[-1, 0] + pause, end)
     first = np.searchsorted(motion.samples[:, 0], start, side='right') - 1
     samples = motion.samples[max(int(first), 0) :]
     count = int(min(_MOST_SLOW, max(2, (end - start) * _SLOW_RATE)))
     t = np.linspace(max(start, samples[0, 0]), end, count)
-    x = _between_knots(t, samples[:, [0, 1, 2]], impacts[:, [0, 2, 3, 8]])
-    z_hit = np.column_stack([impacts[:, 0], impacts[:, 2] + impacts[:, 7], impacts[:, [4, 9]]])
-    z = _between_knots(t, samples[:, [0, 3, 4]], z_hit)
+    (x, _), (z, _) = _at(t, samples, impacts)
     at = np.clip(np.searchsorted(samples[:, 0], t, side='right') - 1, 0, None)
     stops = {
         f'stop_{stop}': as_json((x + (samples[at, column] - samples[at, 1])).tolist())
@@ -134,8 +136,39 @@ def slow_motion(motion: Motion, count: int) -> dict[str, Any]:
     }
 
 
-def _between_knots(t: Rows, samples: Rows, impacts: Rows) -> Rows:
-    """Return places at instants; impacts have the velocity after them and the one before."""
+def state_at(motion: Motion, time: float) -> Rows:
+    """Return the state at an instant, as `SAMPLE_COLUMNS` without the time."""
+    samples = motion.samples
+    place = int(np.searchsorted(samples[:, 0], time, side='right')) - 1
+    place = min(max(place, 0), len(samples) - 1)
+    row: Rows = samples[place, 1:].copy()
+    if place + 1 >= len(samples) or time <= samples[place, 0]:
+        return row
+    two = samples[place : place + 2]
+    impacts = motion.impacts_between(two[0, 0], two[1, 0])
+    (x, x_velocity), (z, z_velocity) = _at(np.array([time]), two, impacts)
+    # The stops ride on M.
+    row[[4, 6]] += float(x[0]) - row[0]
+    row[[5, 7]] += float(x_velocity[0]) - row[1]
+    row[:4] = x[0], x_velocity[0], z[0], z_velocity[0]
+    if not math.isnan(row[9]) and not math.isnan(two[1, 10]):
+        turned = (two[1, 10] - two[0, 10]) % 1.0
+        share = (time - two[0, 0]) / (two[1, 0] - two[0, 0])
+        row[9] = (row[9] + share * turned) % 1.0
+    return row
+
+
+def _at(t: Rows, samples: Rows, impacts: Rows) -> tuple[tuple[Rows, Rows], tuple[Rows, Rows]]:
+    """Return X and Z with their velocities at instants."""
+    places = np.column_stack([impacts[:, 0], impacts[:, 2] + impacts[:, 7], impacts[:, [4, 9]]])
+    return (
+        _between_knots(t, samples[:, [0, 1, 2]], impacts[:, [0, 2, 3, 8]]),
+        _between_knots(t, samples[:, [0, 3, 4]], places),
+    )
+
+
+def _between_knots(t: Rows, samples: Rows, impacts: Rows) -> tuple[Rows, Rows]:
+    """Return places and velocities; impacts have the velocity after them and the one before."""
     after = np.column_stack([impacts[:, :3], np.ones(len(impacts))])
     before = np.column_stack([impacts[:, [0, 1, 3]], np.zeros(len(impacts))])
     plain = np.column_stack([samples, np.full(len(samples), 0.5)])
@@ -146,9 +179,14 @@ def _between_knots(t: Rows, samples: Rows, impacts: Rows) -> Rows:
     length = np.maximum(end[:, 0] - begin[:, 0], 1e-12)
     share = np.clip((t - begin[:, 0]) / length, 0.0, 1.0)
     rest = 1.0 - share
-    result: Rows = (
+    place: Rows = (
         begin[:, 1] * rest**2 * (1.0 + 2.0 * share)
         + end[:, 1] * share**2 * (1.0 + 2.0 * rest)
         + length * share * rest * (begin[:, 2] * rest - end[:, 2] * share)
     )
-    return result
+    velocity: Rows = (
+        6.0 * share * rest * (end[:, 1] - begin[:, 1]) / length
+        + begin[:, 2] * rest * (1.0 - 3.0 * share)
+        + end[:, 2] * share * (1.0 - 3.0 * rest)
+    )
+    return place, velocity

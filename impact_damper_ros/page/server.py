@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,12 +17,16 @@ from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandle
 from tornado.websocket import WebSocketHandler
 
 from impact_damper_ros import __version__
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.bag.run_reader import bag_files
 
 from .frames import View
 from .gate import Gate
 from .live import Link
 from .live_source import LiveSource
+from .player import Player
 from .presets import load_presets
+from .recorded import Recorded, load_recording
 from .recordings import Recordings
 from .session import LONGEST_MESSAGE, Refusal, Session
 
@@ -141,6 +146,7 @@ class PageServer:
         self._looked = self._listed_at = 0.0
         self._tasks: set[asyncio.Task[Any]] = set()
         self._http: HTTPServer | None = None
+        self._read_last: tuple[object, Recorded] | None = None
 
     # Start and end
 
@@ -281,7 +287,7 @@ class PageServer:
         source.sessions.add(session)
         source.greet(session)
 
-    def open(self, socket: Any, rig: str, bag: str) -> Session:
+    async def open(self, socket: Any, rig: str, bag: str) -> Session:
         """
         Begin to show something to a page.
 
@@ -293,7 +299,7 @@ class PageServer:
         self._list_recordings()
         bag = bag or ('' if self._network is not None else self.recordings.single)
         if bag:
-            raise Refusal('recordings cannot be played yet')
+            return await self._play(socket, bag)
         if self._network is None:
             raise Refusal('name a recording: there is no ROS here')
         rig = rig or self._node or (self._rigs[0] if self._rigs else '')
@@ -309,9 +315,34 @@ class PageServer:
             session.outbox.put({'type': 'status', 'state': 'gone', 'text': 'no rig', 'time': None})
         return session
 
+    async def _play(self, socket: Any, bag: str) -> Session:
+        """Begin to play a recording to a page."""
+        loop = asyncio.get_running_loop()
+        try:
+            path = self.recordings.path(bag)
+            # Read by a thread; the frames of the others go on.
+            recorded = await loop.run_in_executor(None, self._read, path)
+        except (LookupError, RecordingError, ValueError) as error:
+            raise Refusal(str(error)) from error
+        player = Player(bag, path, recorded, self._common)
+        session = Session(socket, player)
+        self._sessions.add(session)
+        player.begin(session)
+        return session
+
+    def _read(self, path: Path) -> Recorded:
+        """Read a recording, unless it has just been read and is as it was."""
+        files = bag_files(path)
+        key = path, tuple((f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files)
+        if self._read_last is None or self._read_last[0] != key:
+            self._read_last = key, load_recording(path)
+        return self._read_last[1]
+
     def leave(self, session: Session) -> None:
         """Forget a page."""
         self._sessions.discard(session)
+        if isinstance(session.source, Player):
+            session.source.close()
         if isinstance(session.source, LiveSource):
             session.source.sessions.discard(session)
 
@@ -474,20 +505,24 @@ class _Socket(_Guarded, WebSocketHandler):
     def check_origin(self, origin: str) -> bool:
         return self.server.gate.accepts_origin(origin, self.request.headers['Host'])
 
-    def open(self, *args: str, **kwargs: str) -> None:
+    async def open(self, *args: str, **kwargs: str) -> None:
         del args, kwargs
         self.set_nodelay(True)
-        stream = self.ws_connection.stream if self.ws_connection else None
+        connection = self.ws_connection
+        stream = getattr(connection, 'stream', None)
         if stream is not None and stream.socket is not None:
-            import socket
-
+            # What the kernel holds of a page that does not read is old when it reads again.
             stream.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        rig, bag = (self.get_query_argument(name, '') for name in ('rig', 'bag'))
         try:
-            self.session = self.server.open(
-                self, self.get_query_argument('rig', ''), self.get_query_argument('bag', '')
-            )
+            self.session = await self.server.open(self, rig, bag)
         except Refusal as refusal:
-            self.close(4404, str(refusal)[:120].encode()[:120].decode(errors='ignore'))
+            text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(refusal)[:2000]})
+            await self.write_message(text)
+            self.close(4404, 'there is no such thing')
+        else:
+            if self.ws_connection is None or self.ws_connection.is_closing():
+                self.on_close()
 
     async def on_message(self, message: str | bytes) -> None:
         if self.session is not None:
