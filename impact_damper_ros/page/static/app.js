@@ -121,13 +121,24 @@ async function turn(values) {
   else toast(reason, 'bad');
 }
 
+let presetAt = -Infinity;
+
+/** Title of a preset that has just been asked for. */
+function newPreset() {
+  const title = presetList.find((one) => one.name === shared.preset)?.title;
+  return performance.now() - presetAt < 5000 ? title : '';
+}
+
 async function loadPreset(name) {
+  const before = [shared.preset, presetAt];
+  [shared.preset, presetAt] = [name, performance.now()];
   const { ok, reason } = await connection.ask({ type: 'preset', name });
   if (!ok) {
+    [shared.preset, presetAt] = before;
     toast(reason, 'bad');
     return;
   }
-  shared.preset = name;
+  presetAt = performance.now();
   shared.values = {};
   showPreset();
   keepAddress();
@@ -236,7 +247,7 @@ connection.addEventListener('parameters', ({ detail }) => {
   const rigs = (changed ?? []).filter((name) => !['record', 'bag_directory', 'predict_motion'].includes(name));
   if (!rigs.length || !Number.isFinite(time)) return;
   const said = rigs.length > 2
-    ? `${rigs.length} parameters`
+    ? newPreset() || `${rigs.length} parameters`
     : rigs.map((name) => knobs.said(name, values[name])).join(', ');
   history.change(time, said);
   if (rigs.includes('gap') || rigs.length > 2) curve.stale = true;
@@ -261,6 +272,12 @@ connection.addEventListener('status', ({ detail }) => {
   if (detail.state === 'ended') player.show(detail.time);
 });
 connection.addEventListener('lost', () => setStatus('offline'));
+connection.addEventListener('missing', ({ detail }) => {
+  toast(detail.reason || 'There is no such rig or recording.', 'bad');
+  setStatus('gone');
+  // What the server offers instead.
+  if (shared.rig || shared.bag) join({});
+});
 connection.addEventListener('rigs', ({ detail }) => {
   if (hello.mode === 'player') return;
   const choice = byId('rig-choice');
@@ -280,8 +297,8 @@ for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
     curve.stale = true;
     multipliers.stale = true;
     map.stale = true;
-    write(byId('curve-line'), theory.failed && type !== 'gap_curve' ? theory.failed : '');
-    mark(byId('curve-line'), 'title', theory.failed);
+    const best = theory.curve?.optimum?.gap;
+    write(byId('curve-line'), best > 0 ? `optimum ${withUnit(best, 'm')}` : '');
     if (type !== 'gap_curve') write(byId('map-line'), theory.orbit ? theory.orbit.label ?? theory.orbit.text : '');
   });
 }
@@ -496,6 +513,8 @@ function draw(now) {
   }
 }
 
+// Where there is room for it, all parameters are in view.
+byId('more-knobs').open = matchMedia('(min-width: 110rem) and (min-height: 50rem)').matches;
 byId('theory').checked = shared.view.theory !== '0';
 for (const picture of [traces, portrait, map]) picture.showTheory = byId('theory').checked;
 byId('slow').checked = shared.view.slow === '1';

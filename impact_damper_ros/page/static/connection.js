@@ -1,6 +1,8 @@
 // The WebSocket: joins a rig or a recording, reads frames, comes back by itself.
 
 const HEADER = 32;
+/** Code of a connection to a rig or recording that is not there. */
+const NOT_THERE = 4404;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 5000;
 
@@ -64,8 +66,12 @@ export class Connection extends EventTarget {
       this.dispatchEvent(new CustomEvent('open'));
     };
     socket.onmessage = ({ data }) => this.receive(data);
-    socket.onclose = () => {
+    socket.onclose = ({ code, reason }) => {
       this.forget('The page server does not answer.');
+      if (code === NOT_THERE) {
+        this.dispatchEvent(new CustomEvent('missing', { detail: { reason } }));
+        return;
+      }
       this.dispatchEvent(new CustomEvent('lost', { detail: { wait: this.wait } }));
       this.timer = setTimeout(() => this.open(), this.wait);
       this.wait = Math.min(LONGEST_WAIT, 1.6 * this.wait);

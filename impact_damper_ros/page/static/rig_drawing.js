@@ -50,16 +50,26 @@ export class RigDrawing extends Canvas {
     const spread = this.spread.fit(niceAbove(Math.max(half, extent.apart)), now);
     const angle = state[8];
     const em = colours.size;
-    const pad = 1.2 * em;
     const [cos, sin] = [Math.abs(Math.cos(angle)), Math.abs(Math.sin(angle))];
-    const tall = Math.min((this.height - 4.2 * em) / 1.16, 9.5 * em, 0.26 * this.width);
-    const up = tall / 2 + 1.5 * em;
-    const down = 0.66 * tall + 1.9 * em;
-    const across = up + down;
-    // As long as the canvas allows in this direction.
-    const wide = (this.width - 2 * pad - sin * across) / Math.max(cos, 1e-6);
-    const high = sin < 1e-3 ? Infinity : Math.max(0, this.height - pad - cos * across) / sin;
-    const length = Math.max(150, Math.min(wide, high));
+    // As long as the canvas allows in this direction; a shorter rig is a lower one, too.
+    let [length, tall, up, down] = [0, 0, 0, 0];
+    for (length = Math.hypot(this.width, this.height); length > 110; length *= 0.985) {
+      tall = Math.max(2.4 * em, Math.min(length / 5.5, 10 * em));
+      up = tall / 2 + 1.5 * em;
+      down = 0.66 * tall + 1.9 * em;
+      const [wide, high] = [length * cos + (up + down) * sin, length * sin + (up + down) * cos];
+      if (wide <= this.width - 1.6 * em && high <= this.height - 0.3 * em) break;
+      // A long one may be lower than it would like to be, but not by much.
+      if (wide <= this.width - 1.6 * em) {
+        const low = Math.max(2.4 * em, (this.height - 0.3 * em - length * sin) / cos - 3.4 * em) / 1.16;
+        if (low >= length / 9 && low < tall) {
+          tall = low;
+          up = tall / 2 + 1.5 * em;
+          down = 0.66 * tall + 1.9 * em;
+          if (length * sin + (up + down) * cos <= this.height) break;
+        }
+      }
+    }
     const thick = Math.max(5, Math.min(0.16 * tall, 0.025 * length));
     const slug = Math.max(6, Math.min(0.24 * tall, 0.04 * length));
     const rod = 0.5 * thick + 4;

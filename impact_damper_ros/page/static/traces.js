@@ -243,7 +243,7 @@ export class Traces {
     context.setLineDash([5 * ratio, 4 * ratio]);
     context.beginPath();
     const perPeriod = (orbit.period / (to - from)) * (u.bbox.width / ratio);
-    if (perPeriod < 26) {
+    if (perPeriod < 36) {
       // Too dense to be seen as a line: how far M is predicted to move.
       const most = orbit.x.reduce((far, value) => Math.max(far, Math.abs(value)), 0);
       for (const value of [most, -most]) {
@@ -254,10 +254,12 @@ export class Traces {
     } else {
       const zero = this.theory.zero(this.history);
       const first = Math.floor((begin - zero - orbit.t[0]) / orbit.period);
+      // No more points than pixels.
+      const stride = Math.max(1, Math.floor(count / perPeriod));
       for (const values of [orbit.x, orbit.z]) {
         let pen = false;
         for (let turn = first; zero + orbit.t[0] + turn * orbit.period < to; turn += 1) {
-          for (let n = 0; n < count; n += 1) {
+          for (let n = 0; n < count; n += stride) {
             const time = zero + orbit.t[n] + turn * orbit.period;
             if (time < begin || time > to) continue;
             const place = u.valToPos(time, 'x', true);
