@@ -174,8 +174,9 @@ connection.addEventListener('hello', ({ detail }) => {
   for (const id of ['pause', 'reset']) byId(id).hidden = !live;
   byId('record').hidden = !live || detail.can_record === false;
   byId('presets-open').hidden = !live;
+  if (!live) verdict.recorded();
   write(byId('knobs-title'), live ? 'Knobs' : 'What if');
-  write(byId('preset-name'), live ? '' : 'turn a knob: a ghost shows what would have been');
+  write(byId('preset-name'), live ? '' : 'turn a knob: a ghost shows it');
   curve.settable = live;
   const choice = byId('rig-choice');
   const names = live ? detail.rigs ?? [] : [detail.bag_name ?? shared.bag ?? detail.rig];
@@ -197,12 +198,8 @@ connection.addEventListener('hello', ({ detail }) => {
   recordings.show(detail.recordings ?? []);
   counted.latest = performance.now();
   setStatus(detail.rig || !live ? 'running' : 'gone');
-  if (!shared.view.window) {
-    const [rate] = detail.parameters.find((one) => one.name === 'force_frequencies')?.value ?? [1];
-    chooseWindow((2 * Math.PI * 30) / rate);
-  }
   sendView();
-  if (live && detail.rig) applyWanted();
+  if (live && detail.rig && detail.parameters.length) applyWanted();
   if (!live && wanted?.time) player.seek(wanted.time);
   if (live) showPreset();
 });
@@ -221,7 +218,10 @@ async function applyWanted() {
 }
 
 function takeValues(values) {
-  if (values.force_frequencies) [theory.frequency] = values.force_frequencies;
+  if (values.force_frequencies) {
+    [theory.frequency] = values.force_frequencies;
+    if (!shared.view.window) chooseWindow((60 * Math.PI) / theory.frequency);
+  }
   if ('record' in values) {
     mark(byId('record'), 'aria-pressed', String(values.record));
     byId('record').lastChild.textContent = values.record ? 'Recording' : 'Record';
@@ -233,6 +233,7 @@ function takeValues(values) {
   const force = Math.abs(all.force_amplitudes?.[0] ?? 0);
   write(byId('rig-line'), [
     force > 0 ? `${withUnit(force, 'N')} at ${withUnit(frequency, 'Hz', 4)}` : 'no single force',
+    all.force_amplitudes?.length > 1 ? `+${all.force_amplitudes.length - 1} harmonic${all.force_amplitudes.length > 2 ? 's' : ''}` : '',
     all.multisine_level > 0 ? `multisine ${withUnit(all.multisine_level, 'N')} rms` : '',
     `gap ${withUnit(all.gap, 'm')}`,
     all.gap_control && all.gap_control !== 'off' ? `${all.gap_control} control` : '',
@@ -399,7 +400,8 @@ function setWindow(seconds) {
 
 /** Of the windows, the shortest one with so many seconds: some thirty cycles of the force. */
 function chooseWindow(least) {
-  setWindow([...WINDOWS].reverse().find((seconds) => seconds >= least) ?? WINDOWS[0]);
+  const seconds = [...WINDOWS].reverse().find((one) => one >= least) ?? WINDOWS[0];
+  if (seconds !== history.window) setWindow(seconds);
 }
 for (const seconds of WINDOWS) {
   byId('windows').append(element('button', {

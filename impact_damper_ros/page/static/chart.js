@@ -22,16 +22,13 @@ export const font = (scale = 0.8, weight = '') =>
 
 /** A canvas that knows its size in CSS pixels and draws sharply on every screen. */
 export class Canvas {
-  constructor(canvas, onResize) {
+  constructor(canvas) {
     this.canvas = canvas;
     this.context = canvas.getContext('2d');
     this.width = 0;
     this.height = 0;
     this.stale = true;
-    new ResizeObserver(() => {
-      this.measure();
-      onResize?.();
-    }).observe(canvas.parentElement);
+    new ResizeObserver(() => this.measure()).observe(canvas);
     this.measure();
   }
 

@@ -3,6 +3,15 @@
 import { byId, element, toast } from './dom.js';
 import { bytes, clock } from './format.js';
 
+/** Day and time of a recording, from seconds or as it is. */
+function dated(start) {
+  if (typeof start !== 'number') return start;
+  const date = new Date(1000 * start);
+  const two = (value) => String(value).padStart(2, '0');
+  const day = [date.getFullYear(), two(date.getMonth() + 1), two(date.getDate())].join('-');
+  return `${day} ${two(date.getHours())}:${two(date.getMinutes())}`;
+}
+
 export class Recordings {
   constructor(play) {
     this.play = play;
@@ -30,7 +39,7 @@ export class Recordings {
   }
 
   row(one) {
-    const about = [one.start, clock(one.duration), bytes(one.size), one.whole ? null : 'cut short'];
+    const about = [dated(one.start), clock(one.duration), bytes(one.size), one.whole ? null : 'cut short'];
     const path = encodeURIComponent(one.name);
     const compare = element('button', {
       type: 'button', text: this.busy.has(one.name) ? 'Comparing…' : 'Compare', disabled: this.busy.has(one.name),

@@ -50,6 +50,12 @@ export class Verdict {
     this.ratio('predicted', null);
   }
 
+  /** Beside a recording there is no live prediction. */
+  recorded() {
+    write(byId('verdict-text'), 'Recording');
+    this.line('motion-text', 'Compare, in Recordings, holds all of it against theory.');
+  }
+
   ratio(key, value) {
     const { value: place, bar } = this.bars[key];
     write(place, Number.isFinite(value) && value !== null ? digits(value, 3) : '–');
