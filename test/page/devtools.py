@@ -189,12 +189,10 @@ class Page(Channel):
         return done['result'].get('value')
 
     def wait(self, script, seconds=20.0):
-        """Wait until an expression is true, and return its value."""
+        """Wait until an expression is true; while the page is being loaded it is not."""
+        tried = f'(() => {{ try {{ return Boolean({script}); }} catch {{ return false; }} }})()'
         until = time.monotonic() + seconds
-        while True:
-            value = self.run(script)
-            if value:
-                return value
+        while not self.run(tried):
             assert time.monotonic() < until, f'in vain: {script}; console: {self.said}'
             time.sleep(0.05)
 
