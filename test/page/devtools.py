@@ -73,6 +73,9 @@ class Browser:
 
     def close(self):
         """End the browser."""
+        for page in list(self.pages):
+            page.close()
+        self.targets.hang_up()
         self.process.terminate()
         try:
             self.process.wait(10.0)
@@ -117,6 +120,17 @@ class Channel:
     def call(self, method, **params):
         """Call a method of the protocol."""
         return self._loop.run_until_complete(self._call(method, params))
+
+    def hang_up(self):
+        """Close the connection, and wait until it is closed."""
+
+        async def closed():
+            self._socket.close()
+            while await self._socket.read_message() is not None:
+                pass
+
+        with contextlib.suppress(TimeoutError):
+            self._loop.run_until_complete(asyncio.wait_for(closed(), ANSWER_S))
 
 
 class Page(Channel):
@@ -250,4 +264,5 @@ class Page(Channel):
     def close(self):
         """Close the page."""
         self.browser.pages.remove(self)
+        self.hang_up()
         self.browser.targets.call('Target.closeTarget', targetId=self._target)

@@ -2,11 +2,6 @@
 
 import json
 import math
-import os
-import re
-import signal
-import subprocess
-import sys
 
 import pytest
 
@@ -14,49 +9,18 @@ pytest.importorskip('tornado', reason='the page needs Tornado')
 pytest.importorskip('rclpy', reason='a live rig needs ROS')
 
 from node.rig_client import SOURCE, RigClient, RigParametersClient, SimProcess, until
+
 from page.devtools import Browser, browser_path
+from page.page_process import PageProcess
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
 #: Longer than anything takes on a machine with much else to do.
 LONG = 90.0
 SIZES = ((360, 780), (1280, 800), (2560, 1440))
 SETTLED = "document.querySelector('#status').dataset.state === 'running'"
-FULL = f"{SETTLED} && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"
-
-
-class PageProcess:
-    """The server as a process of its own."""
-
-    def __init__(self, directory, *arguments):
-        directory.mkdir(exist_ok=True)
-        self.recordings = directory / 'runs'
-        self._output = directory / 'page.txt'
-        path = os.pathsep.join(filter(None, [str(SOURCE), os.environ.get('PYTHONPATH')]))
-        command = [sys.executable, '-m', 'impact_damper_ros.cli.rig_page', '--port', '0']
-        with self._output.open('wb') as output:
-            self._process = subprocess.Popen(
-                [*command, '--recordings', str(self.recordings), *map(str, arguments)],
-                cwd=directory,
-                env={**os.environ, 'PYTHONPATH': path},
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-            )
-        self.address = until(self._said, lambda: self._output.read_text())
-
-    def _said(self):
-        assert self._process.poll() is None, self._output.read_text()
-        found = re.search(r'http://[\d.]+:\d+/', self._output.read_text())
-        return found and found[0]
-
-    def close(self):
-        self._process.send_signal(signal.SIGINT)
-        try:
-            self._process.wait(LONG)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-            raise
+FULL = (
+    f"{SETTLED} && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"
+)
 
 
 @pytest.fixture(scope='module')
@@ -73,9 +37,7 @@ def live(tmp_path_factory):
     server = node = None
     try:
         server = PageProcess(directory)
-        node = SimProcess(
-            directory, parameters_file=BENCH, bag_directory=str(server.recordings)
-        )
+        node = SimProcess(directory, parameters_file=BENCH, bag_directory=str(server.recordings))
         yield server
     finally:
         if node is not None:
@@ -128,9 +90,7 @@ def test_a_knob_turned_in_the_page_turns_the_rig(opened, parameters):
     page.type('#knob-gap', '30')
     until(lambda: parameters.get('gap') == 0.03, 'the parameter has not changed')
     # The stops in the picture follow, and a labelled line marks the change.
-    page.wait(
-        '(s => Math.abs(s[4] - s[6] - 0.03) < 1e-6)(impactDamper.history.state)', LONG
-    )
+    page.wait('(s => Math.abs(s[4] - s[6] - 0.03) < 1e-6)(impactDamper.history.state)', LONG)
     page.wait("document.querySelector('#legend [data-series=stop] dd').textContent === '30.0 mm'")
     page.wait("impactDamper.history.changes.some(({text}) => text === 'd = 30 mm')")
     assert '30.0' in page.text('#rig-line')
@@ -142,10 +102,11 @@ def test_degrees_and_hertz(opened, parameters):
     until(lambda: parameters.get('angle') == pytest.approx(math.radians(-3.0), rel=1e-12))
     page.type('#knob-force_frequencies', '4,9')
     until(
-        lambda: list(parameters.get('force_frequencies'))
-        == pytest.approx([math.tau * 4.9], rel=1e-12)
+        lambda: (
+            list(parameters.get('force_frequencies')) == pytest.approx([math.tau * 4.9], rel=1e-12)
+        )
     )
-    page.wait("Math.abs(impactDamper.history.state[8] + 0.05236) < 1e-4", LONG)
+    page.wait('Math.abs(impactDamper.history.state[8] + 0.05236) < 1e-4', LONG)
     page.type('#knob-force_frequencies', '5')
     until(lambda: list(parameters.get('force_frequencies')) == pytest.approx([math.tau * 5.0]))
 
@@ -253,7 +214,7 @@ def test_the_layout_at_every_size(opened, dark):
 def test_nothing_jumps(opened):
     """What comes in does not move what is there."""
     page = opened()
-    page.wait("document.querySelector('#verdict-text').textContent.includes('agrees')", LONG)
+    page.wait("document.querySelector('#verdict-text').textContent.includes('Agrees')", LONG)
     places = """JSON.stringify([...document.querySelectorAll('.panel, .bar button, .knob')]
         .map(one => { const box = one.getBoundingClientRect();
             return [box.left, box.top, box.width, box.height].map(Math.round); }))"""
@@ -327,7 +288,7 @@ def test_parameters_are_found_by_their_meaning(opened):
     assert page.run(shown) == ['air_force']
 
 
-def test_every_preset_loads(opened, live, parameters):
+def test_every_preset_loads(opened, parameters):
     page = opened()
     presets = page.run("fetch('/presets').then(answer => answer.json())")
     assert len(presets) >= 6
@@ -353,9 +314,16 @@ def test_a_node_killed_and_started_again(browser, live, tmp_path):
     node = SimProcess(tmp_path / 'first', [remap], parameters_file=BENCH)
     page = None
     try:
-        page = browser.open(live.address + '#rig=/of_a_page/sim_node')
+        page = browser.open(live.address)
         page.wait(FULL, LONG)
-        assert page.run("document.querySelector('#rig-choice').value") == '/of_a_page/sim_node'
+        other = '/of_a_page/sim_node'
+        choose = f"""(() => {{ const rigs = document.querySelector('#rig-choice');
+            rigs.value = '{other}'; rigs.dispatchEvent(new Event('change')); }})()"""
+        page.wait(f'document.querySelector(\'#rig-choice option[value="{other}"]\')', LONG)
+        page.run(choose)
+        page.wait(f"document.querySelector('#rig-choice').value === '{other}'", LONG)
+        page.wait(FULL, LONG)
+        page.wait(f"location.hash.startsWith('#rig={other}')", LONG)
         node.kill()
         page.wait("document.querySelector('#status').dataset.state === 'gone'", LONG)
         assert 'does not answer' in page.text('#curtain')
@@ -370,7 +338,8 @@ def test_a_node_killed_and_started_again(browser, live, tmp_path):
             page.close()
 
 
-def test_a_server_that_comes_back(browser, live, tmp_path):
+@pytest.mark.usefixtures('live')
+def test_a_server_that_comes_back(browser, tmp_path):
     """The page joins it again by itself; see the reconnection in connection.js."""
     server = PageProcess(tmp_path / 'one')
     page = browser.open(server.address)
@@ -386,7 +355,8 @@ def test_a_server_that_comes_back(browser, live, tmp_path):
         server.close()
 
 
-def test_a_run_recorded_and_played_to_its_end(opened, live, parameters):
+@pytest.mark.usefixtures('parameters')
+def test_a_run_recorded_and_played_to_its_end(opened):
     page = opened()
     assert page.run("document.querySelector('#record').ariaPressed") == 'false'
     page.click('#record')

@@ -43,9 +43,10 @@ def test_vendored_files_are_those_of_the_release():
     assert set(sums) == {path.name for path in VENDORED.iterdir()} - {'SHA256SUMS'}
     version = re.search(r'\| ([\d.]+) \|', (STATIC / 'vendor' / 'README.md').read_text())[1]
     assert f'(v{version})' in (VENDORED / 'uPlot.iife.min.js').read_text(encoding='utf-8')[:200]
-    assert 'MIT' in (VENDORED / 'LICENSE').read_text() or 'Permission is hereby granted' in (
-        VENDORED / 'LICENSE'
-    ).read_text()
+    assert (
+        'MIT' in (VENDORED / 'LICENSE').read_text()
+        or 'Permission is hereby granted' in (VENDORED / 'LICENSE').read_text()
+    )
 
 
 def test_every_module_and_word_is_there():

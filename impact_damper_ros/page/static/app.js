@@ -68,8 +68,8 @@ function setStatus(state, text = '') {
   write(pill, TEXTS[state] ?? state);
   const curtain = byId('curtain');
   const said = {
-    gone: 'The node does not answer. The page goes on as soon as it is back.',
-    offline: 'The page server does not answer. Trying again…',
+    gone: 'The node does not answer; waiting for it.',
+    offline: 'The page server does not answer; trying again.',
     paused: player.on ? '' : 'Paused',
     lagging: text || 'The rig is behind its clock.',
   }[state] ?? '';

@@ -16,8 +16,8 @@ const NUMBERS = [
 ];
 const LEVELS = { ok: 'ok', warn: 'warn', error: 'error' };
 const AGREEMENT = {
-  agrees: 'The motion agrees with theory',
-  disagrees: 'The motion differs from theory',
+  agrees: 'Agrees with theory',
+  disagrees: 'Differs from theory',
   'not settled': 'Not settled yet',
 };
 
