@@ -16,6 +16,7 @@ from pathlib import Path
 from PIL import Image
 
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
 
 from node.rig_client import SOURCE, SimProcess
 
@@ -35,6 +36,13 @@ VIEWS = (
     ('chaos', '#preset=chaos', 25.0, 'true'),
     ('control', '#preset=control_changing_load', 14.0, 'true'),
 )
+#: Shades of the pictures in the docs.
+SHADES = {
+    'bench': ['light', 'dark'],
+    'incline': ['light'],
+    'chaos': ['dark'],
+    'control': ['light'],
+}
 LARGEST = 400_000
 #: Of the animated picture: frames of rig time, their number, and how much slower the rig runs.
 FRAME_S, FRAMES, FACTOR = 1.0 / 15.0, 75, 0.08
@@ -168,7 +176,7 @@ def main():
                 if arguments.all is not None:
                     shoot(page, name, arguments.all, SIZES)
                 else:
-                    shoot(page, name, arguments.directory, ['desk'], _SHADES[name])
+                    shoot(page, name, arguments.directory, ['desk'], SHADES[name])
                 page.close()
             page = browser.open(server.address + '#preset=bench')
             recording(page)
@@ -188,15 +196,6 @@ def main():
             node.kill()
             browser.close()
             server.close()
-
-
-#: Of the pictures in the docs.
-_SHADES = {
-    'bench': ['light', 'dark'],
-    'incline': ['light'],
-    'chaos': ['dark'],
-    'control': ['light'],
-}
 
 
 if __name__ == '__main__':
