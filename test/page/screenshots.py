@@ -46,18 +46,18 @@ SHADES = {
 LARGEST = 400_000
 #: Of the animated picture: frames of rig time, their number, and how much slower the rig runs.
 FRAME_S, FRAMES, FACTOR = 1.0 / 15.0, 75, 0.08
-MOVING_SIZE = (1180, 760)
-MOVING_WIDTH = 760
+FILM = (1180, 760)
+FILM_WIDTH = 760
 
 
 def quantized(content, path):
-    """Write a picture with as many colours as its size allows."""
+    """Write a picture, with fewer colours if it is too large."""
     picture = Image.open(io.BytesIO(content)).convert('RGB')
-    for colours in (256, 128, 64):
-        small = picture.quantize(colours, method=Image.Quantize.MEDIANCUT, dither=0)
-        small.save(path, optimize=True)
-        if path.stat().st_size <= LARGEST:
-            break
+    picture.save(path, optimize=True)
+    if path.stat().st_size > LARGEST:
+        picture.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=0).save(
+            path, optimize=True
+        )
     print(f'{path}: {path.stat().st_size} bytes')
 
 
@@ -85,6 +85,14 @@ def shoot(page, name, directory, sizes, shades=('light', 'dark')):
             page.resize(width, height)
 
 
+def scrub(page, part):
+    """Go to a part of the recording."""
+    asked = page.run(f"""(() => {{ const scrub = document.querySelector('#scrub');
+        scrub.value = String({1.0 - part} * Number(scrub.min) + {part} * Number(scrub.max));
+        scrub.dispatchEvent(new Event('change')); return Number(scrub.value); }})()""")
+    page.wait(f'Math.abs(impactDamper.history.end - {asked}) < 0.5', LONG)
+
+
 def recording(page):
     """Record a change of the gap, and play it with another rig beside it."""
     page.wait(RUNNING, LONG)
@@ -98,21 +106,41 @@ def recording(page):
     page.wait("document.querySelector('.recording .primary')", LONG)
     page.click('.recording .primary')
     page.wait("document.body.classList.contains('playing') && impactDamper.history.state", LONG)
-    middle = page.run("""(() => { const scrub = document.querySelector('#scrub');
-        scrub.value = String(0.6 * Number(scrub.min) + 0.4 * Number(scrub.max));
-        scrub.dispatchEvent(new Event('change')); return Number(scrub.value); })()""")
-    page.wait(f'Math.abs(impactDamper.history.end - {middle}) < 1', LONG)
+    scrub(page, 0.25)
     page.type('#knob-gap', '18')
     page.wait('impactDamper.history.ghost !== null', LONG)
-    if page.text('#play') == 'Play':
-        page.click('#play')
-    page.wait(f'impactDamper.history.end > {middle + 3.0}', LONG)
-    page.click('#play')
+    scrub(page, 0.8)
+    page.run('document.activeElement.blur()')
+    time.sleep(3.0)
 
 
-def moving(browser, server, path):
+def moving(browser, work, path):
     """Write the animated picture: a gap that becomes too wide."""
-    page = browser.open(server.address, width=MOVING_SIZE[0], height=MOVING_SIZE[1])
+    server = PageProcess(work)
+    # Slow enough for a picture of every frame.
+    node = SimProcess(work, parameters_file=BENCH, real_time_factor=FACTOR)
+    try:
+        pictures = filmed(browser.open(server.address, width=FILM[0], height=FILM[1]))
+    finally:
+        node.stop()
+        server.close()
+    for quality in (70, 55, 40, 25):
+        pictures[0].save(
+            path,
+            save_all=True,
+            append_images=pictures[1:],
+            duration=round(1000 * FRAME_S),
+            loop=0,
+            quality=quality,
+            method=4,
+        )
+        if path.stat().st_size <= LARGEST:
+            break
+    print(f'{path}: {path.stat().st_size} bytes, {len(pictures)} frames, quality {quality}')
+
+
+def filmed(page):
+    """Return pictures of the page at equal steps of the rig's time."""
     page.wait(RUNNING, 5.0 * LONG)
     page.run('document.querySelector(\'#windows button[value="3"]\').click()')
     settle(page, 2.0, 'true')
@@ -120,7 +148,7 @@ def moving(browser, server, path):
         const first = document.querySelector('#rig').getBoundingClientRect();
         const last = document.querySelector('#curve').getBoundingClientRect();
         return [first.left, first.top, last.right, last.bottom]; })()""")
-    scale = MOVING_WIDTH / (right - left)
+    scale = FILM_WIDTH / (right - left)
     clip = {
         'x': left,
         'y': top,
@@ -138,19 +166,32 @@ def moving(browser, server, path):
         content = page.screenshot(clip=clip)
         pictures.append(Image.open(io.BytesIO(content)).convert('RGB'))
     page.close()
-    for quality in (70, 55, 40, 25):
-        pictures[0].save(
-            path,
-            save_all=True,
-            append_images=pictures[1:],
-            duration=round(1000 * FRAME_S),
-            loop=0,
-            quality=quality,
-            method=4,
-        )
-        if path.stat().st_size <= LARGEST:
-            break
-    print(f'{path}: {path.stat().st_size} bytes, {len(pictures)} frames, quality {quality}')
+    return pictures
+
+
+def still(browser, work, arguments):
+    """Write the pictures of all views."""
+    server = PageProcess(work)
+    node = SimProcess(work, parameters_file=BENCH, bag_directory=str(server.recordings))
+    try:
+        for name, address, seconds, condition in VIEWS:
+            page = browser.open(server.address + address)
+            settle(page, seconds, condition)
+            if arguments.all is not None:
+                shoot(page, name, arguments.all, SIZES)
+            else:
+                shoot(page, name, arguments.directory, ['desk'], SHADES[name])
+            page.close()
+        page = browser.open(server.address + '#preset=bench')
+        recording(page)
+        if arguments.all is not None:
+            shoot(page, 'player', arguments.all, SIZES)
+        else:
+            shoot(page, 'player', arguments.directory, ['desk'], ['light'])
+        page.close()
+    finally:
+        node.stop()
+        server.close()
 
 
 def main():
@@ -167,35 +208,12 @@ def main():
     with tempfile.TemporaryDirectory() as work:
         work = Path(work)
         browser = Browser(path)
-        server = PageProcess(work)
-        node = SimProcess(work, parameters_file=BENCH, bag_directory=str(server.recordings))
         try:
-            for name, address, seconds, condition in VIEWS:
-                page = browser.open(server.address + address)
-                settle(page, seconds, condition)
-                if arguments.all is not None:
-                    shoot(page, name, arguments.all, SIZES)
-                else:
-                    shoot(page, name, arguments.directory, ['desk'], SHADES[name])
-                page.close()
-            page = browser.open(server.address + '#preset=bench')
-            recording(page)
-            if arguments.all is not None:
-                shoot(page, 'player', arguments.all, SIZES)
-            else:
-                shoot(page, 'player', arguments.directory, ['desk'], ['light'])
-            page.close()
-            node.kill()
             if arguments.all is None:
-                node = SimProcess(
-                    work, ['__ns:=/slow'], parameters_file=BENCH, real_time_factor=FACTOR
-                )
-                time.sleep(5.0)
-                moving(browser, server, arguments.directory / 'page.webp')
+                moving(browser, work / 'moving', arguments.directory / 'page.webp')
+            still(browser, work / 'still', arguments)
         finally:
-            node.kill()
             browser.close()
-            server.close()
 
 
 if __name__ == '__main__':

@@ -148,7 +148,7 @@ def test_two_pages_see_the_same(opened, parameters):
 
 def test_a_click_on_the_gap_curve_sets_the_gap(opened, parameters):
     page = opened()
-    page.wait('impactDamper.theory.curve?.branches.length > 0', LONG)
+    page.wait('impactDamper.theory.curve?.branches.length > 0', 4.0 * LONG)
     page.run("document.querySelector('#curve-canvas').scrollIntoView()")
     left, top, width, height = page.run("""(() => {
         const box = document.querySelector('#curve-canvas').getBoundingClientRect();

@@ -176,7 +176,7 @@ connection.addEventListener('hello', ({ detail }) => {
   byId('presets-open').hidden = !live;
   if (!live) verdict.recorded();
   write(byId('knobs-title'), live ? 'Knobs' : 'What if');
-  write(byId('preset-name'), live ? '' : 'turn a knob: a ghost shows it');
+  write(byId('preset-name'), live ? '' : 'as a ghost');
   curve.settable = live;
   const choice = byId('rig-choice');
   const names = live ? detail.rigs ?? [] : [detail.bag_name ?? shared.bag ?? detail.rig];
@@ -242,10 +242,12 @@ function takeValues(values) {
 }
 
 connection.addEventListener('parameters', ({ detail }) => {
-  const { values, changed, time } = detail;
+  const { changed, time } = detail;
+  // A knob that makes the ghost another rig stays where it was turned to.
+  const values = Object.fromEntries(Object.entries(detail.values).filter(([name]) => !(name in ghostValues)));
   knobs.take(values);
   takeValues(values);
-  const rigs = (changed ?? []).filter((name) => !['record', 'bag_directory', 'predict_motion'].includes(name));
+  const rigs = (changed ?? []).filter((name) => name in values && !['record', 'bag_directory', 'predict_motion'].includes(name));
   if (!rigs.length || !Number.isFinite(time)) return;
   const said = rigs.length > 2
     ? newPreset() || `${rigs.length} parameters`

@@ -285,7 +285,7 @@ export class RigDrawing extends Canvas {
       context.fillStyle = colours.ink;
       context.fillRect(side > 0 ? face : face - pad, floor - tallPad, pad, tallPad);
       for (const one of flash) {
-        const part = (now - one.since) / FLASH;
+        const part = Math.max(0, now - one.since) / FLASH;
         if (part >= 1) continue;
         context.save();
         if (reducedMotion()) {
