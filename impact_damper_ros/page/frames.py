@@ -49,6 +49,8 @@ class View:
         # Number of the first column not yet sent, and the end of the last frame
         self._next = 0
         self._sent = math.nan
+        # The last impact sent: one may come after the sample that follows it.
+        self._hit = math.nan
 
     def begin_again(self) -> None:
         """Let the next frame replace all that the page has."""
@@ -90,16 +92,15 @@ class View:
         if not start <= self._sent <= end:
             flags |= REPLACE
             self._next = math.floor(start / self._column) + 1
-            self._sent = start
+            self._sent = self._hit = start
         if ghost is not None:
             flags |= GHOST
         # The last column is complete with the first sample after it.
         last = math.floor(end / self._column)
-        rows = motion.samples_between(
-            math.nextafter(self._next * self._column, -math.inf), last * self._column
-        )
-        columns, begun = self._columns(rows, end)
-        impacts = motion.impacts_between(self._sent, end)[-_MOST_IMPACTS:]
+        columns, begun = self._columns(motion, last, end)
+        impacts = motion.impacts_between(self._hit, end)[-_MOST_IMPACTS:]
+        if len(impacts):
+            self._hit = float(impacts[-1, 0])
         samples = motion.samples_between(self._sent, end)
         samples = samples[-_FIRST_SAMPLES:] if flags & REPLACE else _thinned(samples)
         self._next, self._sent = max(self._next, last), end
@@ -115,11 +116,14 @@ class View:
         parts += [columns, _impacts(impacts, end), _samples(samples, end)]
         return head + b''.join(part.astype('<f4').tobytes() for part in parts)
 
-    def _columns(self, rows: Rows, end: float) -> tuple[Rows, float]:
-        """Return columns with their smallest and largest X and Z, and where the first begins."""
+    def _columns(self, motion: Motion, last: int, end: float) -> tuple[Rows, float]:
+        """Return the columns up to one, with the extremes of X and Z, and where they begin."""
+        rows = motion.samples_between((self._next - 1) * self._column, end)
+        numbers = np.floor(rows[:, 0] / self._column)
+        new = (numbers >= self._next) & (numbers < last)
+        rows, numbers = rows[new], numbers[new]
         if not len(rows):
             return np.empty((0, _COLUMNS_WIDTH)), end
-        numbers = np.floor(rows[:, 0] / self._column)
         firsts = np.flatnonzero(np.diff(numbers, prepend=-math.inf))
         lasts = np.append(firsts[1:], len(rows)) - 1
         starts = numbers[firsts] * self._column

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import base64
-import contextlib
 import json
 import math
-import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-import impact_damper_ros
-
+from .child import Child
 from .motion import SAMPLE_COLUMNS, Motion, Rows
 from .recorded import MOST_SAMPLES
 
@@ -24,7 +20,6 @@ __all__ = ['Ghost']
 
 
 _PROCESS = 'impact_damper_ros.page.what_if_process'
-_LONGEST_LINE = 8 * 1024 * 1024
 
 
 class Ghost:
@@ -47,8 +42,9 @@ class Ghost:
         self.motion = Motion(MOST_SAMPLES, 1)
         self._values = dict(values)
         self._tell = tell
-        self._process: asyncio.subprocess.Process | None = None
-        self._task = asyncio.ensure_future(self._run(path))
+        self._child = Child((sys.executable, '-m', _PROCESS), self._take)
+        self._child.send({'path': str(path), 'values': self._values})
+        self._say('computing')
 
     def state(self, time: float) -> Rows | None:
         """Return where it is at an instant; None where it is not known (yet)."""
@@ -75,42 +71,16 @@ class Ghost:
             }
         )
 
-    async def _run(self, path: Path) -> None:
-        root = str(Path(impact_damper_ros.__file__).parents[1])
-        search = os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))
-        process = self._process = await asyncio.create_subprocess_exec(
-            *(sys.executable, '-m', _PROCESS),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            env={**os.environ, 'PYTHONPATH': search},
-            limit=_LONGEST_LINE,
-        )
-        assert process.stdin is not None
-        assert process.stdout is not None
-        request = json.dumps({'path': str(path), 'values': self._values})
-        process.stdin.write(f'{request}\n'.encode())
+    def _take(self, line: bytes) -> None:
+        if line.startswith(b'{'):
+            end = json.loads(line)
+            self._say(str(end['text']), on=bool(end['ok']), done=True)
+            return
+        rows = np.frombuffer(base64.b64decode(line)).reshape(-1, len(SAMPLE_COLUMNS))
+        known = self.motion.end
+        self.motion.add_samples(rows[rows[:, 0] > (-math.inf if math.isnan(known) else known)])
         self._say('computing')
-        try:
-            while line := await process.stdout.readline():
-                if line.startswith(b'{'):
-                    end = json.loads(line)
-                    self._say(str(end['text']), on=bool(end['ok']), done=True)
-                else:
-                    rows = np.frombuffer(base64.b64decode(line))
-                    self._take(rows.reshape(-1, len(SAMPLE_COLUMNS)))
-                    self._say('computing')
-        finally:
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
 
-    def _take(self, rows: Rows) -> None:
-        end = self.motion.end
-        self.motion.add_samples(rows[rows[:, 0] > (-math.inf if math.isnan(end) else end)])
-
-    def close(self) -> None:
+    async def close(self) -> None:
         """End the process."""
-        self._task.cancel()
-        if self._process is not None:
-            with contextlib.suppress(ProcessLookupError):
-                self._process.kill()
+        await self._child.close()

@@ -62,11 +62,12 @@ class LiveSource:
         self._asking: asyncio.Task[None] | None = None
         self._course_asked = False
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Leave the rig."""
         if self._asking is not None:
             self._asking.cancel()
-        self.theorist.close()
+            await asyncio.gather(self._asking, return_exceptions=True)
+        await self.theorist.close()
         self.rig.link.close()
 
     def tick(self) -> None:

@@ -58,6 +58,8 @@ class Outbox:
 
     def put(self, message: dict[str, Any]) -> None:
         """Let a message wait."""
+        if self.closed:
+            return
         kind = message['type']
         self._count += 1
         key = kind if kind in _STATES else self._count

@@ -72,11 +72,11 @@ class Player:
         self._say_status()
         self._tell(self._numbers())
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """End what works for the page."""
-        self._theorist.close()
+        await self._theorist.close()
         if self._ghost is not None:
-            self._ghost.close()
+            await self._ghost.close()
 
     # To the page
 
@@ -182,7 +182,7 @@ class Player:
         elif kind == 'jump':
             self._jump(str(message['to']), int(message.get('direction', 1)))
         elif kind == 'what_if':
-            self._what_if(message.get('values'))
+            await self._what_if(message.get('values'))
         elif kind == 'slow_motion':
             count = int(message.get('impacts', 5))
             session.outbox.put(slow_motion(self._recorded.motion, count, self.time))
@@ -236,10 +236,10 @@ class Player:
             self._go_to(self._start if direction < 0 else self._end, playing=False)
         self._tell({'type': 'seek_done', 'time': self.time})
 
-    def _what_if(self, values: Any) -> None:
-        if self._ghost is not None:
-            self._ghost.close()
-            self._ghost = None
+    async def _what_if(self, values: Any) -> None:
+        ghost, self._ghost = self._ghost, None
+        if ghost is not None:
+            await ghost.close()
         if not values:
             self._tell({'type': 'what_if', 'on': False, 'done': True, 'text': ''})
             return

@@ -8,21 +8,22 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import yaml
 
-import impact_damper_ros
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.metadata import read_listing
 from impact_damper_ros.bag.run_reader import bag_files
 from impact_damper_ros.rig.shown import printable
+
+from .child import environment
 
 __all__ = ['Recordings']
 
@@ -153,20 +154,18 @@ class Recordings:
             ok, text = await self._compare(self.path(name))
         finally:
             self._comparing.discard(name)
-        url = f'/reports/{_quoted(name)}/report.html' if ok else ''
+        url = f'/reports/{quote(name, safe="")}/report.html' if ok else ''
         return {'type': 'compare_done', 'recording': name, 'ok': ok, 'url': url, 'text': text}
 
     async def _compare(self, path: Path) -> tuple[bool, str]:
         if self._reports is None:
             self._reports = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
         directory = self._reports / path.name
-        root = str(Path(impact_damper_ros.__file__).parents[1])
-        search = os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))
         process = await asyncio.create_subprocess_exec(
             *('nice', '-n', '10', sys.executable, '-m', 'impact_damper_ros.cli.compare_run'),
             *(str(path), '--json', str(directory.with_suffix('.json'))),
             *('--report', str(directory)),
-            env={**os.environ, 'PYTHONPATH': search},
+            env=environment(),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
@@ -204,9 +203,3 @@ def _age(path: Path) -> float:
         return -path.stat().st_mtime
     except OSError:
         return 0.0
-
-
-def _quoted(name: str) -> str:
-    from urllib.parse import quote
-
-    return quote(name, safe='')

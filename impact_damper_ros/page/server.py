@@ -6,6 +6,7 @@ import asyncio
 import json
 import socket
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
@@ -51,6 +52,7 @@ _LOOK_PERIOD_S = 1.0
 #: A rig that nobody looks at is left after this time, s: who loads the page anew finds the traces.
 _KEPT_S = 30.0
 _LIST_PERIOD_S = 2.0
+_COMPLAINT_PERIOD_S = 10.0
 _SEND_BUFFER = 256 * 1024
 _PIECE = 256 * 1024
 
@@ -144,7 +146,10 @@ class PageServer:
         self._listed = json.dumps([])
         self._list: list[dict[str, Any]] = []
         self._looked = self._listed_at = 0.0
+        self._failed = -_COMPLAINT_PERIOD_S
         self._tasks: set[asyncio.Task[Any]] = set()
+        # These are not cancelled: processes end meanwhile.
+        self._endings: set[asyncio.Task[Any]] = set()
         self._http: HTTPServer | None = None
         self._read_last: tuple[object, Recorded] | None = None
 
@@ -168,16 +173,19 @@ class PageServer:
 
     async def close(self) -> None:
         """End all."""
+        if self._http is not None:
+            self._http.stop()
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         for session in list(self._sessions):
             session.outbox.close()
-        for source in self._sources.values():
-            source.close()
+            self.leave(session)
         if self._http is not None:
-            self._http.stop()
             await self._http.close_all_connections()
+        await asyncio.gather(*self._endings, return_exceptions=True)
+        for source in self._sources.values():
+            await source.close()
         if self._network is not None:
             self._network.close()
         self.recordings.close()
@@ -204,9 +212,10 @@ class PageServer:
         )
 
     def _spawn(self, work: Any) -> None:
-        task = asyncio.ensure_future(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        _keep(asyncio.ensure_future(work), self._tasks)
+
+    def _end(self, source: LiveSource | Player) -> None:
+        _keep(asyncio.ensure_future(source.close()), self._endings)
 
     # The tick
 
@@ -218,7 +227,12 @@ class PageServer:
             period = 1.0 / _FRAMES_PER_SECOND if self._sessions else _IDLE_PERIOD_S
             due = max(due + period, now)
             await asyncio.sleep(due - now)
-            self._tick()
+            try:
+                self._tick()
+            except Exception:  # what one message holds must not stop the others
+                if now > self._failed + _COMPLAINT_PERIOD_S:
+                    self._failed = now
+                    traceback.print_exc()
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -252,7 +266,7 @@ class PageServer:
             if source.sessions:
                 self._left_at[name] = now
             elif now > self._left_at.get(name, now) + _KEPT_S:
-                self._sources.pop(name).close()
+                self._end(self._sources.pop(name))
                 self._left_at.pop(name, None)
 
     def _list_recordings(self) -> None:
@@ -340,9 +354,9 @@ class PageServer:
 
     def leave(self, session: Session) -> None:
         """Forget a page."""
+        if session in self._sessions and isinstance(session.source, Player):
+            self._end(session.source)
         self._sessions.discard(session)
-        if isinstance(session.source, Player):
-            session.source.close()
         if isinstance(session.source, LiveSource):
             session.source.sessions.discard(session)
 
@@ -360,6 +374,12 @@ class PageServer:
     def presets(self) -> list[dict[str, Any]]:
         """Return the presets with all their values."""
         return [p.as_dict() | {'values': p.all_values()} for p in self._presets]
+
+
+def _keep(task: asyncio.Task[Any], tasks: set[asyncio.Task[Any]]) -> None:
+    """Keep a task until it is done."""
+    tasks.add(task)
+    task.add_done_callback(tasks.discard)
 
 
 class _Guarded(RequestHandler):
@@ -436,6 +456,11 @@ class _Static(_Guarded, StaticFileHandler):
     def initialize(self, path: str, server: PageServer) -> None:  # type: ignore[override]
         self.server = server
         StaticFileHandler.initialize(self, path)
+
+    def prepare(self) -> None:
+        super().prepare()
+        if '\0' in unquote(self.request.path):
+            raise HTTPError(404)
 
     def set_extra_headers(self, path: str) -> None:
         del path

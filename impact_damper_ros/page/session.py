@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
 from .frames import View
@@ -16,6 +15,10 @@ __all__ = ['Refusal', 'Session', 'Source']
 #: Longest message of a page, bytes; Tornado closes the connection at longer ones.
 LONGEST_MESSAGE = 65_536
 _MOST_RATE = 60.0
+
+
+def _refuse(name: str) -> float:
+    raise ValueError(f'{name} is no number of JSON')
 
 
 class Refusal(Exception):  # noqa: N818
@@ -77,13 +80,13 @@ class Session:
         identity: Any = None
         kind = 'set_result'
         try:
-            message = json.loads(text) if isinstance(text, str) else None
+            message = json.loads(text, parse_constant=_refuse) if isinstance(text, str) else None
             if not isinstance(message, dict) or not isinstance(message.get('type'), str):
                 raise Refusal('a message is an object with a type')
             identity = message.get('id')
             kind = 'set_result' if message['type'] in ('set', 'preset') else 'service_result'
             answer = await self._carry_out(message)
-        except (ValueError, TypeError, KeyError, RecursionError) as error:
+        except (ArithmeticError, KeyError, RecursionError, TypeError, ValueError) as error:
             answer = {'ok': False, 'reason': f'the message cannot be read: {error}'[:500]}
         except Refusal as refusal:
             answer = {'ok': False, 'reason': str(refusal)[:2000]}
@@ -97,6 +100,3 @@ class Session:
         rate = min(max(float(message.get('rate', _MOST_RATE)), 0.1), _MOST_RATE)
         self._period = 1.0 / rate if rate < _MOST_RATE else 0.0
         return None
-
-
-Handler = Callable[[dict[str, Any], Session], Awaitable[dict[str, Any] | None]]

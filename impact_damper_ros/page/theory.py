@@ -284,7 +284,7 @@ def _vertex(gaps: Sequence[float], ratios: Sequence[float]) -> tuple[float, floa
     a, b, c = np.polyfit(np.array(gaps) - gaps[1], ratios, 2)
     if a <= 0.0:
         return gaps[1], ratios[1]
-    return gaps[1] - 0.5 * b / a, float(c - 0.25 * b * b / a)
+    return float(gaps[1] - 0.5 * b / a), float(c - 0.25 * b * b / a)
 
 
 def _joined(start: PeriodicOrbit, down: Branch | None, up: Branch | None) -> dict[str, Any]:

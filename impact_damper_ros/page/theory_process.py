@@ -10,6 +10,7 @@ unfinished; so each one begins with the end of another. All ends with the input.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
 import json
 import os
@@ -30,6 +31,7 @@ _QUIET_S = 0.04
 #: Longest work, s.
 _PATIENCE_S = 120
 _BLOCK = 65_536
+_PR_SET_PDEATHSIG = 1
 
 
 def _write(message: dict[str, object]) -> None:
@@ -41,6 +43,7 @@ def _write(message: dict[str, object]) -> None:
 def _work(line: bytes) -> NoReturn:
     """Work on a request, in a fork."""
     code = 0
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.alarm(_PATIENCE_S)
     try:
         request = json.loads(line)
