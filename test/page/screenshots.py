@@ -28,7 +28,7 @@ LONG = 120.0
 SIZES = {'phone': (360, 780), 'desk': (1280, 800), 'wall': (2560, 1440)}
 RUNNING = """document.querySelector('#status').dataset.state === 'running'
     && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"""
-CURVE = 'impactDamper.theory.curve?.done'
+CURVE = 'impactDamper.theory.curve?.branches.length > 0'
 #: Name of a view, address, seconds of the rig until it shows what it should, what to wait for.
 VIEWS = (
     ('bench', '#preset=bench', 12.0, CURVE),
@@ -45,9 +45,9 @@ SHADES = {
 }
 LARGEST = 400_000
 #: Of the animated picture: frames of rig time, their number, and how much slower the rig runs.
-FRAME_S, FRAMES, FACTOR = 1.0 / 15.0, 75, 0.08
+FRAME_S, FRAMES, FACTOR = 0.08, 50, 0.08
 FILM = (1180, 760)
-FILM_WIDTH = 760
+FILM_WIDTH = 620
 
 
 def quantized(content, path):
@@ -66,7 +66,7 @@ def settle(page, seconds, condition):
     page.wait(RUNNING, LONG)
     start = page.run('impactDamper.history.end')
     page.wait(f'impactDamper.history.end > {start + seconds}', LONG + 10.0 * seconds)
-    page.wait(condition, LONG)
+    page.wait(condition, 4.0 * LONG)
 
 
 def shoot(page, name, directory, sizes, shades=('light', 'dark')):
@@ -132,7 +132,8 @@ def moving(browser, work, path):
             duration=round(1000 * FRAME_S),
             loop=0,
             quality=quality,
-            method=4,
+            method=6,
+            minimize_size=True,
         )
         if path.stat().st_size <= LARGEST:
             break
@@ -143,10 +144,11 @@ def filmed(page):
     """Return pictures of the page at equal steps of the rig's time."""
     page.wait(RUNNING, 5.0 * LONG)
     page.run('document.querySelector(\'#windows button[value="3"]\').click()')
-    settle(page, 2.0, 'true')
+    page.click('#theory')
+    settle(page, 3.0, 'true')
     left, top, right, bottom = page.run("""(() => {
         const first = document.querySelector('#rig').getBoundingClientRect();
-        const last = document.querySelector('#curve').getBoundingClientRect();
+        const last = document.querySelector('#traces').getBoundingClientRect();
         return [first.left, first.top, last.right, last.bottom]; })()""")
     scale = FILM_WIDTH / (right - left)
     clip = {

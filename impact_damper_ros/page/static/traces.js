@@ -7,6 +7,8 @@ import { byId, element, write } from './dom.js';
 import { digits, lengthUnit, minus, niceAbove } from './format.js';
 
 const MOST_DOTS = 1200;
+/** Steps between the numbers of an axis: 1, 2 and 5 times powers of ten. */
+const STEPS = Array.from({ length: 22 }, (_, n) => n - 11).flatMap((power) => [1, 2, 5].map((one) => Number(`${one}e${power}`)));
 export const WINDOWS = [30, 10, 3, 1];
 
 export class Traces {
@@ -49,6 +51,7 @@ export class Traces {
     const axisFont = font(0.78);
     const em = Math.max(10.5, 0.78 * colours.size);
     const axis = {
+      incrs: STEPS,
       stroke: () => colours.quiet,
       font: axisFont,
       grid: { stroke: () => colours.grid, width: 1 },
