@@ -15,13 +15,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from impact_damper_ros import __version__
-from impact_damper_ros.compare.bag_stretches import BagStretches
-from impact_damper_ros.compare.clock_fit import with_fitted_clock
-from impact_damper_ros.compare.compare_stretch import compare_stretch
-from impact_damper_ros.compare.comparison_curves import GapCurves
-from impact_damper_ros.compare.log_replay import replayed_log
-from impact_damper_ros.compare.run_comparison import RunComparison, StretchComparison
+from impact_damper_ros.compare import GapCurves, RunComparison, StretchComparison, compare_bag
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.report.text import comparison_text
 from impact_damper_ros.rig import load_parameters
@@ -101,18 +95,13 @@ def _bar(stack: ExitStack, what: str, total: float, unit: str, *, quiet: bool) -
 
 
 def _compared(arguments: argparse.Namespace) -> RunComparison:
-    """Read the bag and compare its stretches."""
+    """Compare the bag, with a progress bar for each pass through it."""
     rig = load_parameters(arguments.params)[0] if arguments.params is not None else None
     if rig is not None and not arguments.quiet:
         announce('compare_run', rig)
-    stretches: list[StretchComparison] = []
-    remarks: list[str] = []
     with ExitStack() as stack:
-        bag = BagStretches(arguments.bag, arguments.node, rig)
-        reader = bag.history.reader
-        span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
 
-        def shown(what: str) -> Callable[[float], None]:
+        def shown(what: str, span: float) -> Callable[[float], None]:
             bar = _bar(stack, what, span, 's', quiet=arguments.quiet)
             begun: list[float] = []
 
@@ -122,49 +111,22 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
 
             return progress
 
-        log = replayed_log(arguments.bag, arguments.node, shown('replayed'))
-        # What a replay has reproduced bit for bit needs no other check.
-        bag.checks = not log.check.replayed or bool(log.differences)
-        bag.progress = shown('compared')
-        for (stretch, search), replayed in log.judged(bag):
-            if stretch.clock is None:
-                stretch, search = with_fitted_clock(stretch)
-                if stretch.clock is not None:
-                    remarks.append(
-                        f'the phase of the force in stretch {stretch.number} is not in the bag; '
-                        'it was found from the motion'
-                    )
-            stretches.append(compare_stretch(stretch, search, replayed))
+        compared = compare_bag(arguments.bag, arguments.node, rig, progress=shown)
         if arguments.report is not None:
-            stretches = _with_gap_curves(stretches)
-    topics = bag.history.topics
-    return RunComparison(
-        bag=str(arguments.bag),
-        node=topics.name,
-        version=__version__,
-        complete=reader.complete,
-        stamps='rig time' if bag.history.stamped else 'times of arrival',
-        start=(bag.start_ns or 0) / 1e9,
-        end=(bag.end_ns or 0) / 1e9,
-        samples=bag.samples,
-        impacts=bag.impacts,
-        stretches=tuple(stretches),
-        log=log.check,
-        faults=tuple(dict.fromkeys([*bag.all_faults(), *log.faults])),
-        remarks=(*bag.all_remarks(), *remarks),
-    )
+            compared = replace(compared, stretches=_with_gap_curves(compared.stretches))
+    return compared
 
 
-def _with_gap_curves(stretches: Sequence[StretchComparison]) -> list[StretchComparison]:
+def _with_gap_curves(stretches: Sequence[StretchComparison]) -> tuple[StretchComparison, ...]:
     """Follow the predicted motions in the gap, of those stretches that the report shows."""
     from impact_damper_ros.report.page import MOST_DETAILED, told_stretches
 
     curves = GapCurves()
     shown = {stretch.number for stretch in told_stretches(stretches, MOST_DETAILED)}
-    return [
+    return tuple(
         replace(stretch, curves=curves.added(stretch)) if stretch.number in shown else stretch
         for stretch in stretches
-    ]
+    )
 
 
 def _report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> int:

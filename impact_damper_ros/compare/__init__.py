@@ -1,1 +1,79 @@
-"""Recorded runs compared with the periodic theory; without ROS."""
+"""
+Recorded runs compared with the periodic theory.
+
+`compare_bag` cuts a bag into stretches with constant parameters, checks the log of each, measures
+its motion, finds the motion that theory predicts, and gives a verdict. `predictions` does the
+theory's part for a rig that is running. Importable without ROS; needs numpy.
+"""
+
+from .bag_stretches import BagStretches, CheckedStretch
+from .comparison import LogReplay, compare_bag, replay_log
+from .measured_motion import CubicSwing, cubic_rates, cubic_swing
+from .periodic_motion import GapCurves
+from .prediction import ObservedMotion, Prediction, predictions
+from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, RecordedStretch
+from .result import (
+    Array,
+    Beginning,
+    Convergence,
+    Decay,
+    EnergyBalance,
+    Finding,
+    GapCurve,
+    ImpactCurve,
+    ImpactStates,
+    LogCheck,
+    MeasuredMotion,
+    MotionCurve,
+    MotionKind,
+    Overall,
+    PredictedCurve,
+    RunComparison,
+    Spectrum,
+    StretchComparison,
+    StretchCurves,
+    SwingEnvelope,
+    Verdict,
+)
+from .verdict import compare_stretch
+
+__all__ = [
+    'Array',
+    'BagStretches',
+    'Beginning',
+    'CheckedStretch',
+    'Convergence',
+    'CubicSwing',
+    'Decay',
+    'EnergyBalance',
+    'Finding',
+    'ForceClock',
+    'GapCurve',
+    'GapCurves',
+    'ImpactCurve',
+    'ImpactStates',
+    'LogCheck',
+    'LogReplay',
+    'MeasuredMotion',
+    'MotionCurve',
+    'MotionKind',
+    'ObservedMotion',
+    'Overall',
+    'PredictedCurve',
+    'Prediction',
+    'RecordedImpacts',
+    'RecordedStates',
+    'RecordedStretch',
+    'RunComparison',
+    'Spectrum',
+    'StretchComparison',
+    'StretchCurves',
+    'SwingEnvelope',
+    'Verdict',
+    'compare_bag',
+    'compare_stretch',
+    'cubic_rates',
+    'cubic_swing',
+    'predictions',
+    'replay_log',
+]

@@ -30,7 +30,7 @@ from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.mode import REST_1, REST_2, Machine, make_machine
 
 from .recorded_stretch import ForceClock, RecordedImpacts
-from .run_curves import Array
+from .result import Array
 
 __all__ = [
     'Exponent',

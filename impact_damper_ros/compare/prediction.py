@@ -21,10 +21,10 @@ from impact_damper_ros.orbits.search import counted_as
 from impact_damper_ros.orbits.settled import starting_points
 from impact_damper_ros.rig import Event, EventKind, ParameterError, RigParameters, Simulator
 
-from .carried_rig import carry_on
+from .motion_kind import carry_on
 from .recorded_stretch import ForceClock, RecordedImpacts
 
-__all__ = ['Basis', 'Course', 'Prediction', 'predictions', 'run_ahead']
+__all__ = ['Basis', 'ObservedMotion', 'Prediction', 'predictions', 'run_ahead']
 
 
 AnyRig: TypeAlias = Simulator | ControlledRig
@@ -49,7 +49,7 @@ _SAME = 1e-6
 
 
 @dataclass(frozen=True)
-class Course:
+class ObservedMotion:
     """
     How a rig moves after a while.
 
@@ -106,7 +106,7 @@ class Prediction:
     applies: bool = True
 
 
-def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
+def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> ObservedMotion:
     """Run a rig on until its impacts repeat."""
     frequency = rig.parameters.force_frequencies[0]
     began, turned, cycle = rig.time, turned_cycles(rig.snapshot(), frequency), math.tau / frequency
@@ -135,7 +135,7 @@ def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
             break
     impact = impacts[-1] if impacts else None
     phase = instants[-1] if instants else 0.0
-    return Course(rhythm, impact, phase, looked, hits, tuple(impacts[-_RECENT:]))
+    return ObservedMotion(rhythm, impact, phase, looked, hits, tuple(impacts[-_RECENT:]))
 
 
 def _period_of_force(parameters: RigParameters) -> int:
@@ -193,7 +193,7 @@ class _Orbits:
                 best, least = orbit, max(turned[1])
         return best
 
-    def like(self, parameters: RigParameters, course: Course) -> PeriodicOrbit | None:
+    def like(self, parameters: RigParameters, course: ObservedMotion) -> PeriodicOrbit | None:
         """Return the motion that a rig has come to, and keep it."""
         rhythm, impact = course.rhythm, course.impact
         if rhythm is None or impact is None:
@@ -211,7 +211,7 @@ class _Orbits:
         return self.nearest(rhythm, NEAR)
 
 
-def predictions(rig: AnyRig, measured: Course | None = None) -> Iterator[Prediction]:
+def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator[Prediction]:
     """
     Predict the motion of a rig, at first quickly and then ever more thoroughly.
 
@@ -219,7 +219,7 @@ def predictions(rig: AnyRig, measured: Course | None = None) -> Iterator[Predict
     ----------
     rig : Simulator or ControlledRig
         The rig, where it is; it is left there. While a law moves its stops nothing is predicted.
-    measured : Course or None, optional
+    measured : ObservedMotion or None, optional
         How it has been seen to move since.
 
     Yields
@@ -275,7 +275,7 @@ def _listed(orbits: _Orbits, reason: str) -> Prediction:
     return Prediction(tuple(orbits.all), first, 'listed' if first is not None else '', reason)
 
 
-def _how_irregular(clock: ForceClock, course: Course) -> str:
+def _how_irregular(clock: ForceClock, course: ObservedMotion) -> str:
     """Return what the motion of a rig is that does not repeat, as `compare_run` would say it."""
     carried = carry_on(clock, RecordedImpacts.of_events(course.recent), _CARRIED_FOR)
     if carried is None or (found := carried.indications) is None:
@@ -286,7 +286,7 @@ def _how_irregular(clock: ForceClock, course: Course) -> str:
     )
 
 
-def _why_none(course: Course) -> str:
+def _why_none(course: ObservedMotion) -> str:
     if not course.hits:
         return f'run ahead from where it is, m hits no stop any more after {course.cycles} cycles'
     if course.rhythm is None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .run_curves import Array
+from .result import Array
 
 __all__ = ['MOST_CYCLES', 'SETTLED', 'ImpactTable', 'Recurrence', 'find_recurrence']
 

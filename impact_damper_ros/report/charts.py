@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_damper_ros.compare.run_comparison import StretchComparison
-from impact_damper_ros.compare.run_curves import (
+from impact_damper_ros.compare import (
     Array,
     MotionCurve,
     PredictedCurve,
+    StretchComparison,
     SwingEnvelope,
     cubic_rates,
 )

@@ -18,7 +18,7 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
-from impact_damper_ros.compare.run_comparison import RunComparison, StretchComparison, Verdict
+from impact_damper_ros.compare import RunComparison, StretchComparison, Verdict
 
 from .charts import Picture, draw_history, draw_run
 from .glossary import glossary_html, linked

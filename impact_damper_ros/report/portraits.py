@@ -8,8 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.compare.run_comparison import StretchComparison
-from impact_damper_ros.compare.run_curves import Array, Convergence, GapCurve, PredictedCurve
+from impact_damper_ros.compare import (
+    Array,
+    Convergence,
+    GapCurve,
+    PredictedCurve,
+    StretchComparison,
+)
 
 from .charts import (
     DASHED,

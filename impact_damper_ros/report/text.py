@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from impact_damper_ros.compare.run_comparison import (
+from impact_damper_ros.compare import (
     EnergyBalance,
     ImpactStates,
     Overall,

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.compare import cubic_swing
 from impact_damper_ros.compare.irregularity import Indications, average_spread, quiet_phase
-from impact_damper_ros.compare.run_curves import cubic_swing
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.orbits.floquet import multipliers_of
 from impact_damper_ros.orbits.lyapunov import (

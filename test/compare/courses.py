@@ -1,6 +1,6 @@
 """Rigs that move as the theory says."""
 
-from impact_damper_ros.compare.prediction import Course
+from impact_damper_ros.compare.prediction import ObservedMotion
 from impact_damper_ros.orbits.rhythm import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
@@ -19,4 +19,4 @@ def course_on(orbit):
         orbit.damper_velocity_after[-1],
         0.0,
     )
-    return Course(Rhythm.of(orbit), impact, orbit.instants[-1] / orbit.cycle)
+    return ObservedMotion(Rhythm.of(orbit), impact, orbit.instants[-1] / orbit.cycle)
