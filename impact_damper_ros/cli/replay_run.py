@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay, Tick
 from impact_damper_ros.replay.replayed_rig import Setting, Step, setting_of
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, Trace, WhatIf
@@ -109,7 +109,7 @@ class Comparison:
     """
 
     def __init__(self, replay: Replay, settings: Sequence[str], *, drawn: bool) -> None:
-        start = replay.history.start
+        start = replay.recorded.start
         logged = setting_of(start.state)
         values = logged.as_dict()
         held, held_initial = held_values(settings, logged)
@@ -122,8 +122,8 @@ class Comparison:
         self.other = WhatIf(start, initial, held, held_initial)
         self.recorded, self.what_if = Response(), Response()
         cycle = max(_cycle(logged.rig), _cycle(self.other.rig.parameters))
-        reader = replay.history.reader
-        total = reader.topics[replay.history.topics.joint_states].message_count
+        reader = replay.recorded.reader
+        total = reader.topics[replay.recorded.topics.joint_states].message_count
         cycles = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9 / cycle
         # Of many cycles, only how far each goes can be seen.
         stretches = _MOST_STRETCHES if cycles < _FEW_CYCLES else min(cycles, _MOST_STRETCHES)
@@ -314,9 +314,9 @@ class _Table:
 def _run(arguments: argparse.Namespace, replay: Replay) -> Comparison | None:
     """Replay and write the tables; return the what-if, if one was asked for."""
     comparison = None
-    reader = replay.history.reader
+    reader = replay.recorded.reader
     span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
-    count = max(1, reader.topics[replay.history.topics.joint_states].message_count)
+    count = max(1, reader.topics[replay.recorded.topics.joint_states].message_count)
     with ExitStack() as stack:
         table = _Table(arguments.states, arguments.impacts, stack)
         bar = stack.enter_context(
@@ -330,7 +330,7 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> Comparison | None:
             )
         )
         if not (arguments.set or arguments.states or arguments.impacts):
-            start = replay.history.start.time_ns / 1e9
+            start = replay.recorded.start.time_ns / 1e9
             replay.run(lambda time: bar.update(max(0.0, min(span, time - start) - bar.n)))
             return None
         for number, tick in enumerate(replay.ticks()):
@@ -347,9 +347,9 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> Comparison | None:
 
 
 def _report(arguments: argparse.Namespace, replay: Replay, comparison: Comparison | None) -> int:
-    findings, history = replay.findings, replay.history
-    result = as_json(findings, history)
-    text = findings_text(findings, history)
+    findings, recorded = replay.findings, replay.recorded
+    result = as_json(findings, recorded)
+    text = findings_text(findings, recorded)
     if comparison is not None:
         result['what_if'] = comparison.as_json()
         text += '\n' + comparison.text()
@@ -380,10 +380,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             check_file(arguments.json)
         if arguments.figure is not None:
             check_figure(arguments.figure)
-        replay = Replay(RunHistory(arguments.bag, arguments.node))
+        replay = Replay(RecordedRun(arguments.bag, arguments.node))
         if arguments.set:
             # A slip of the pen is told at once.
-            logged = setting_of(replay.history.start.state)
+            logged = setting_of(replay.recorded.start.state)
             held, _ = held_values(arguments.set, logged)
             if not arguments.quiet:
                 rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}

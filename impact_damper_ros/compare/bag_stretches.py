@@ -26,8 +26,9 @@ from impact_damper_ros.bag.rig_messages import (
     JointStateColumns,
     JointStateTable,
 )
-from impact_damper_ros.bag.run_history import Change, RunHistory, SnapshotRecord, StateRecord
 from impact_damper_ros.control import GAP_CONTROL_SPECS
+from impact_damper_ros.replay.recorded_run import RecordedChange, RecordedRun
+from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.simulator import Snapshot
 
@@ -474,7 +475,7 @@ class BagStretches:
         Whether the flights are checked against the equations of motion.
     progress : callable
         Called now and then with the rig time reached, s.
-    history : RunHistory
+    recorded : RecordedRun
         The bag.
     samples, impacts : int
         How many were read so far.
@@ -493,7 +494,7 @@ class BagStretches:
         node: str | None = None,
         parameters: RigParameters | None = None,
     ) -> None:
-        self.history = RunHistory(path, node, purpose='compare', snapshot_needed=False)
+        self.recorded = RecordedRun(path, node, purpose='compare', snapshot_needed=False)
         self.samples = self.impacts = 0
         self.start_ns: int | None = None
         self.end_ns: int | None = None
@@ -504,9 +505,9 @@ class BagStretches:
         self._faults: list[str] = []
         self._states = _TopicReader(JOINTS, (4, 4, 0))
         self._hits = _TopicReader(IMPACT_JOINTS, (2, 2, 2))
-        self._offset_ns = self.history.start.offset_ns
+        self._offset_ns = self.recorded.start.offset_ns
         self._period = 0.0
-        self._pending: list[Change] = []
+        self._pending: list[RecordedChange] = []
         self._announced: set[str] = set()
         # Whether the parameter events of this node are recorded
         self._hears = False
@@ -515,12 +516,12 @@ class BagStretches:
         self._begins, self._causes = Beginning.START, ['start of the bag']
         self._cut_ns: int | None = None
         self._rig = LoggedRig(parameters) if parameters is not None else None
-        start = self.history.start
+        start = self.recorded.start
         if start.reason in ('record', 'start'):
             # Announced where nothing changes: it holds for what came before, too.
             self._rig = self._rig_of(start)
 
-    def _rig_of(self, snapshot: SnapshotRecord) -> LoggedRig:
+    def _rig_of(self, snapshot: RecordedSnapshot) -> LoggedRig:
         try:
             return LoggedRig.of_snapshot(snapshot.state)
         except (ValueError, TypeError, KeyError) as error:
@@ -528,22 +529,23 @@ class BagStretches:
                 f'its snapshot at rig time {snapshot.time_ns / 1e9:.9g} s is of no use: {error}'
             )
             remedy = 'use the version of impact_damper_ros that recorded the bag'
-            raise RecordingError('compare', self.history.reader.path, cause, remedy) from error
+            raise RecordingError('compare', self.recorded.reader.path, cause, remedy) from error
 
     def __iter__(self) -> Iterator[CheckedStretch]:
         """Read the bag; yield each stretch as soon as it ends."""
-        topics = self.history.topics
+        topics = self.recorded.topics
         readers = {topics.joint_states: self._states, topics.impacts: self._hits}
-        for item in self.history.items(early=True):
-            if isinstance(item, StateRecord):
-                if self._pending and item.stamp_ns > self._pending[-1].stamp_ns:
-                    yield from self._carry_out()
-                reader = readers.get(item.topic)
-                if reader is not None:
-                    reader.put(item.content, self._offset_ns)
-                    if reader.unread >= _BATCH:
-                        self._hand_on()
-            elif isinstance(item, Change):
+        for item in self.recorded.walk(early=True):
+            if isinstance(item, list):
+                for record in item:
+                    if self._pending and record.stamp_ns > self._pending[-1].stamp_ns:
+                        yield from self._carry_out()
+                    reader = readers.get(record.topic)
+                    if reader is not None:
+                        reader.put(record.content, self._offset_ns)
+                        if reader.unread >= _BATCH:
+                            self._hand_on()
+            elif isinstance(item, RecordedChange):
                 self._take_change(item)
             else:
                 yield from self._take_snapshot(item)
@@ -552,12 +554,12 @@ class BagStretches:
         if self._rig is None:
             cause = 'it does not tell the parameters of the rig: no snapshot, and no list of all'
             remedy = 'record the topic snapshot too, or give the rig with --params FILE.yaml'
-            raise RecordingError('compare', self.history.reader.path, cause, remedy)
+            raise RecordingError('compare', self.recorded.reader.path, cause, remedy)
 
     def faults(self) -> list[str]:
         """Return why the bag could be used in part only, after it was read."""
-        found = [*self.history.faults(), *self._faults]
-        topics = self.history.topics
+        found = [*self.recorded.faults(), *self._faults]
+        topics = self.recorded.topics
         for topic, reader in ((topics.joint_states, self._states), (topics.impacts, self._hits)):
             found += [f'messages of {topic} {text}' for text in reader.faults()]
         if self._unlogged:
@@ -569,8 +571,8 @@ class BagStretches:
 
     def remarks(self) -> list[str]:
         """Return other facts about the recording, after it was read."""
-        found = self.history.remarks()
-        if not self.history.topics.impacts:
+        found = self.recorded.remarks()
+        if not self.recorded.topics.impacts:
             found.append('the topic of the impacts was not recorded: there are only samples')
         for count, what in (
             (self._pauses, 'the rig was paused {}; rig time stood still meanwhile'),
@@ -588,7 +590,7 @@ class BagStretches:
 
     # What is done to the rig
 
-    def _take_change(self, change: Change) -> None:
+    def _take_change(self, change: RecordedChange) -> None:
         self._hears = True
         rate = change.values.get('state_rate')
         if isinstance(rate, float) and rate > 0.0:
@@ -618,7 +620,7 @@ class BagStretches:
             if self._rig.changed_names(rig):
                 yield from self._cut(at_ns, Beginning.CHANGE, rig)
 
-    def _take_snapshot(self, snapshot: SnapshotRecord) -> Iterator[CheckedStretch]:
+    def _take_snapshot(self, snapshot: RecordedSnapshot) -> Iterator[CheckedStretch]:
         rig = self._rig_of(snapshot)
         self._snapshots += 1
         self._pauses += snapshot.reason == 'resume'
@@ -637,7 +639,7 @@ class BagStretches:
         elif self._rig.clock is None and not names and self._builder is None:
             self._rig = rig
         else:
-            if names - announced and self.history.stamped and self._hears:
+            if names - announced and self.recorded.stamped and self._hears:
                 self._unlogged += 1
             if names or snapshot.reason == 'reset':
                 begins = {'reset': Beginning.RESET, 'resume': Beginning.RESUME}
@@ -668,7 +670,7 @@ class BagStretches:
             reader.read()
         if self._rig is None:
             return
-        if not self.history.stamped and self._cut_ns is not None and self._builder is None:
+        if not self.recorded.stamped and self._cut_ns is not None and self._builder is None:
             # A joint state of that instant may be from before the change, or from after it.
             self._states.drop(self._cut_ns)
         states = self._states.take(None)
@@ -690,7 +692,7 @@ class BagStretches:
             self.progress(self.end_ns / 1e9)
         assert self._rig is not None
         # Recorded positions count from that of M without weight, those here from its equilibrium.
-        rest = self._rig.parameters.static_deflection if self.history.start.version > 1 else 0.0
+        rest = self._rig.parameters.static_deflection if self.recorded.start.version > 1 else 0.0
         x, z, stop_1, stop_2 = states.numbers[:, :4].T - rest
         velocity, damper_velocity, *stop_velocities = states.numbers[:, 4:8].T
         hit_x, hit_z = impacts.numbers[:, :2].T - rest
@@ -716,7 +718,7 @@ class BagStretches:
             start_ns / 1e9,
             rig,
             self._period,
-            lossy=not self.history.stamped,
+            lossy=not self.recorded.stamped,
             checks=self.checks,
         )
 

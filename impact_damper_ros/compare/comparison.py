@@ -13,8 +13,8 @@ import numpy as np
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.replay.findings import Difference
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.simulator import ARITHMETIC
@@ -124,10 +124,10 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
         Called now and then with the rig time reached, s.
     """
     try:
-        replay = Replay(RunHistory(path, node, purpose='compare'), adopt=True)
+        replay = Replay(RecordedRun(path, node, purpose='compare'), adopt=True)
     except RecordingError as error:
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; it could not be replayed: {error}'))
-    arithmetic = replay.history.start.arithmetic
+    arithmetic = replay.recorded.start.arithmetic
     if arithmetic > ARITHMETIC:
         newer = (
             f'it was recorded with arithmetic {arithmetic}, later than that of this version, '
@@ -136,8 +136,8 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; {newer}'), faults=(newer,))
     findings = replay.run(progress)
     if arithmetic != ARITHMETIC and findings.by_topic.keys() & {
-        replay.history.topics.joint_states,
-        replay.history.topics.impacts,
+        replay.recorded.topics.joint_states,
+        replay.recorded.topics.impacts,
     }:
         why = f'it was recorded with arithmetic {arithmetic}, this version has {ARITHMETIC}'
     elif findings.by_another_library:
@@ -160,16 +160,16 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
 
 def _unchecked(replay: Replay) -> tuple[str, ...]:
     """Return what the replay does not look at."""
-    topics = replay.history.topics
+    topics = replay.recorded.topics
     checked = {topics.joint_states, topics.impacts, topics.gap_control, topics.snapshot}
     found = [
         name
-        for name in sorted(replay.history.reader.topics)
+        for name in sorted(replay.recorded.reader.topics)
         if name not in checked and name != topics.parameter_events
     ]
     if topics.parameter_events:
         what = 'settings of the node'
-        if replay.history.start.time_ns:
+        if replay.recorded.start.time_ns:
             what += ', initial_* up to the first reset'
         found.append(f'{topics.parameter_events}: {what}')
     return tuple(found)
@@ -214,7 +214,7 @@ def compare_bag(
     # A wrong number may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
         bag = BagStretches(path, node, parameters)
-        reader = bag.history.reader
+        reader = bag.recorded.reader
         span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
         log = replay_log(path, node, progress('replayed', span))
         bag.progress = progress('compared', span)
@@ -231,10 +231,10 @@ def compare_bag(
             stretches.append(compare_stretch(stretch, search, replayed))
     return RunComparison(
         bag=str(path),
-        node=bag.history.topics.name,
+        node=bag.recorded.topics.name,
         version=__version__,
         complete=reader.complete,
-        stamps='rig time' if bag.history.stamped else 'times of arrival',
+        stamps='rig time' if bag.recorded.stamped else 'times of arrival',
         start=(bag.start_ns or 0) / 1e9,
         end=(bag.end_ns or 0) / 1e9,
         samples=bag.samples,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.replay.findings import Difference, Findings, Verdict
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.what_if import RecordedValues
 from impact_damper_ros.rig import Event, EventKind, Sample
 from impact_damper_ros.rig.shown import as_line
@@ -185,17 +185,17 @@ def _divergence_lines(findings: Findings) -> list[str]:
     return lines
 
 
-def findings_text(findings: Findings, history: RunHistory) -> str:
+def findings_text(findings: Findings, recorded: RecordedRun) -> str:
     """Return what was compared, what was found, and the verdict."""
     start, end = (findings.start_ns or 0) / 1e9, (findings.end_ns or 0) / 1e9
-    node = history.topics.name
+    node = recorded.topics.name
     impacts = _count(findings.impacts, 'impact')
-    if not history.topics.impacts:
+    if not recorded.topics.impacts:
         impacts = 'no impacts (their topic was not recorded)'
     if findings.recorded_control or findings.control:
         impacts += f', {_count(findings.control, "act")} of the gap control'
     lines = [
-        f'replayed    {history.reader.path}, node {node}',
+        f'replayed    {recorded.reader.path}, node {node}',
         f'compared    {_count(findings.samples, "sample")}, {impacts}, '
         f'{_count(findings.snapshots, "snapshot")}',
         f'time span   {start:.9g} s to {end:.9g} s of rig time',
@@ -294,13 +294,13 @@ def _difference(difference: Difference) -> dict[str, Any]:
     }
 
 
-def as_json(findings: Findings, history: RunHistory) -> dict[str, Any]:
+def as_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
     """Return the findings as what JSON can hold; times in s of rig time, stamps in ns."""
     divergence, first = findings.divergence, findings.first
     return {
-        'bag': str(history.reader.path),
-        'node': history.topics.name,
-        'complete': history.reader.complete,
+        'bag': str(recorded.reader.path),
+        'node': recorded.topics.name,
+        'complete': recorded.reader.complete,
         'verdict': findings.verdict.name.lower(),
         'compared': {
             'samples': findings.samples,
