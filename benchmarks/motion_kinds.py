@@ -30,9 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from impact_damper_ros.compare.irregularity import average_spread
 from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts
+from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
 from impact_damper_ros.orbits.rhythm import MotionKind
 from impact_damper_ros.orbits.settling_rig import section_of

@@ -16,6 +16,14 @@ from typing import ClassVar
 import numpy as np
 
 from impact_damper_ros.orbits.event_map import origin_at
+from impact_damper_ros.orbits.irregularity import (
+    IRREGULAR_SPREAD,
+    REGULAR_SPREAD,
+    Indications,
+    average_spread,
+    quiet_phase,
+    zero_one_test,
+)
 from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
 from impact_damper_ros.orbits.rhythm import MotionKind
 from impact_damper_ros.orbits.settling_rig import section_of
@@ -25,15 +33,7 @@ from impact_damper_ros.rig.mode import REST_1, REST_2, make_machine
 from impact_damper_ros.rig.simulator import Snapshot
 from impact_damper_ros.rig.stepped_sine import Sweep
 
-from .irregularity import (
-    IRREGULAR_SPREAD,
-    REGULAR_SPREAD,
-    Indications,
-    average_spread,
-    largest_exponent,
-    quiet_phase,
-    zero_one_test,
-)
+from .irregularity import MOST_IMPACTS, largest_exponent
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from .recurrence import MOST_CYCLES, SETTLED, ImpactTable, Recurrence, find_recurrence
 from .result import Array
@@ -548,9 +548,9 @@ def _recorded(
             [strobe.x, strobe.velocity_after, strobe.damper_velocity_after]
         ) / np.array([1.0, clock.parameters.omega, clock.parameters.omega])
         spread = average_spread(np.column_stack([states, np.cos(angle), np.sin(angle)]))
-        found = Indications(exponent.value, exponent.error, int(exponent.cycles), spread)
+        found = replace(exponent, spread=spread)
         seen += f'; Lyapunov exponent {_exponent_text(found)} per cycle along the last '
-        seen += f'{exponent.impacts} recorded impacts'
+        seen += f'{min(len(late), MOST_IMPACTS)} recorded impacts'
     if not math.isnan(regularity):
         seen += f'; their 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
     return found, regularity, seen

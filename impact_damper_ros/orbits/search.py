@@ -11,8 +11,8 @@ from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.mode import make_machine
 
 from .equations import Array, ImpactEquations, check_forcing, check_stops, single_harmonic
-from .floquet import monodromy, multipliers_of
 from .impact_solver import Root, StartReport, many_impact_roots, one_impact_roots, two_impact_roots
+from .multipliers import monodromy, multipliers_of
 from .orbit import PeriodicOrbit
 from .shooting import shot_orbits
 from .viability import assumed_flights, largest_displacement, why_not_viable

@@ -21,8 +21,8 @@ from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, Machine, Origin, m
 
 from .equations import Array, check_forcing
 from .event_map import Course, Stretch, origin_at, run_course
-from .floquet import multipliers_of
 from .impact_solver import StartReport
+from .multipliers import multipliers_of
 from .orbit import Node, PeriodicOrbit
 from .settled import starting_points
 from .viability import swing_extremes

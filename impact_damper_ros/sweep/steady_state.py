@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.compare import cubic_swing
-from impact_damper_ros.compare.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.orbits.floquet import multipliers_of
+from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.lyapunov import (
     Deviations,
     Exponent,
@@ -22,6 +21,7 @@ from impact_damper_ros.orbits.lyapunov import (
     parting_exponent,
     period_exponent,
 )
+from impact_damper_ros.orbits.multipliers import multipliers_of
 from impact_damper_ros.orbits.rhythm import MotionKind
 from impact_damper_ros.orbits.settling_rig import Settling, SettlingRig, section_of
 from impact_damper_ros.rig import EventKind, Mode

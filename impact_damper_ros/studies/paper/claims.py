@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.floquet import flight_matrix
+from impact_damper_ros.orbits.multipliers import free_vibration
 from impact_damper_ros.orbits.optimum import Limit
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.mode import make_machine
@@ -59,7 +59,7 @@ def symmetric_displacements(rig: RigParameters) -> tuple[float, ...]:
     mu, restitution = rig.mass_ratio, rig.restitution_1
     rate = rig.force_frequencies[0]
     half = math.pi / rate
-    phi = flight_matrix(make_machine(rig).free, half)[:2, :2]
+    phi = free_vibration(make_machine(rig).free, np.array([half]))[0]
     k = (1.0 + phi[0, 0]) / phi[0, 1]
     after = -(1.0 - restitution - 2.0 * mu * restitution) / (1.0 + restitution)
     # Free part of X over v; then X - free = A sin, and its rate over Omega = A cos
