@@ -6,10 +6,10 @@ its motion, finds the motion that theory predicts, and gives a verdict. `predict
 theory's part for a rig that is running. Importable without ROS; needs numpy.
 """
 
-from .bag_stretches import BagStretches, CheckedStretch
-from .comparison import LogReplay, compare_bag, replay_log
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from .measured_motion import CubicSwing, cubic_rates, cubic_swing
-from .periodic_motion import GapCurves
 from .prediction import ObservedMotion, Prediction, predictions
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, RecordedStretch
 from .result import (
@@ -35,7 +35,12 @@ from .result import (
     SwingEnvelope,
     Verdict,
 )
-from .verdict import compare_stretch
+
+if TYPE_CHECKING:
+    from .bag_stretches import BagStretches, CheckedStretch
+    from .comparison import LogReplay, compare_bag, replay_log
+    from .periodic_motion import GapCurves
+    from .verdict import compare_stretch
 
 __all__ = [
     'Array',
@@ -77,3 +82,21 @@ __all__ = [
     'predictions',
     'replay_log',
 ]
+
+
+#: Imported when they are used: the node predicts without them.
+_WHEN_USED = {
+    'BagStretches': 'bag_stretches',
+    'CheckedStretch': 'bag_stretches',
+    'GapCurves': 'periodic_motion',
+    'LogReplay': 'comparison',
+    'compare_bag': 'comparison',
+    'compare_stretch': 'verdict',
+    'replay_log': 'comparison',
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHEN_USED:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(f'.{_WHEN_USED[name]}', __name__), name)

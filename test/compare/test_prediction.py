@@ -4,7 +4,7 @@ import math
 import re
 
 import pytest
-from compare.courses import course_on
+from compare.observed import motion_on
 
 from impact_damper_ros.compare.prediction import predictions, run_ahead
 from impact_damper_ros.control import ControlledRig, GapControlParameters
@@ -58,7 +58,7 @@ def test_a_quick_answer_comes_first_and_the_rig_stays_where_it_is():
 def test_of_coexisting_motions_the_measured_one_is_predicted():
     mirrored = find_orbits(THREE, (1, 2, 2)).orbits[0]
     assert mirrored.stable
-    first = next(predictions(Simulator(THREE), course_on(mirrored)))
+    first = next(predictions(Simulator(THREE), motion_on(mirrored)))
     assert first.basis == 'measured'
     assert first.expected.stops == (1, 2, 2)
     # From rest the rig comes to the other one; both are listed.

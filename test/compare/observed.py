@@ -5,7 +5,7 @@ from impact_damper_ros.orbits.rhythm import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
 
-def course_on(orbit):
+def motion_on(orbit):
     """Return what a rig does that moves as the theory says."""
     impact = Event(
         orbit.instants[-1],
