@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.orbits.event_map import Course, Incident, origin_at, run_course
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.hybrid_motion import RunawayError
-from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, rig_constants
 from impact_damper_ros.rig.origin import offset_of
 
 from .recorded_stretch import ForceClock, Knots, RecordedImpacts, largest_size
@@ -205,7 +205,7 @@ class _SimulatedRig:
     def __init__(self, clock: ForceClock) -> None:
         self.rig = clock.counted_from_zero()
         self._clock = clock
-        self._machine = make_machine(self.rig)
+        self._machine = rig_constants(self.rig)
 
     def _resting_place(self, y: float) -> int:
         """Return the stop that m is at, 0 for none, by Y in m."""

@@ -9,7 +9,7 @@ import numpy as np
 from impact_damper_ros.orbits.event_map import origin_at, run_course
 from impact_damper_ros.orbits.irregularity import Indications
 from impact_damper_ros.orbits.multipliers import event_matrices, state_rates
-from impact_damper_ros.rig.mode import REST_1, REST_2, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, rig_constants
 
 from .recorded_stretch import ForceClock, RecordedImpacts
 
@@ -46,7 +46,7 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications
     if len(impacts) < 2 * _PARTS:
         return None
     rig = clock.counted_from_zero()
-    machine = make_machine(rig)
+    machine = rig_constants(rig)
     since = impacts.time - clock.zero
     first = impacts.stop == 1
     air = np.where(first, -machine.air, machine.air)

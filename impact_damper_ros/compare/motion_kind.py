@@ -25,17 +25,24 @@ from impact_damper_ros.orbits.irregularity import (
     zero_one_test,
 )
 from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import section_of
+from impact_damper_ros.orbits.recognition import (
+    LONGEST_PERIOD,
+    SETTLED,
+    ImpactTable,
+    MotionKind,
+    Recurrence,
+    find_recurrence,
+    section_distance,
+)
+from impact_damper_ros.orbits.settling import section_of
 from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
-from impact_damper_ros.rig.mode import REST_1, REST_2, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, rig_constants
 from impact_damper_ros.rig.simulator import Snapshot
-from impact_damper_ros.rig.stepped_sine import Sweep
 
 from .irregularity import MOST_IMPACTS, largest_exponent
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
-from .recurrence import MOST_CYCLES, SETTLED, ImpactTable, Recurrence, find_recurrence
 from .result import Array
 
 __all__ = [
@@ -185,7 +192,7 @@ _LEFT_OUT, _LEAST_MEASURED = 4, 100
 #: Impacts from which the phase without impacts is found.
 _PHASES = 100
 #: Impacts that are searched for a period, and the longest period of the states looked for.
-_SEARCHED, _LONGEST_PERIOD = 1500, 64
+_SEARCHED, _LONGEST = 1500, 64
 #: Two periods of a settled motion agree to this.
 _REPEATED = 1e-6
 
@@ -249,10 +256,9 @@ def _as_recorded(events: Events, rig: RigParameters, begin: float) -> RecordedIm
 def _period_of(section: Array) -> int:
     """Return the period of the states at the ends of cycles, or 0."""
     size = np.abs(section[-_BETWEEN_LOOKS:]).max() or 1.0
-    for period in range(1, min(_LONGEST_PERIOD, len(section) // 3) + 1):
-        again = max(period, 3)
-        late, early = section[-again - period :], section[-again - 2 * period : -period]
-        if np.abs(late - early).max() <= _REPEATED * size:
+    for period in range(1, min(_LONGEST, len(section) // 3) + 1):
+        count = min(max(2 * period, period + 3), len(section) - period)
+        if section_distance(section, period, count) <= _REPEATED * size:
             return period
     return 0
 
@@ -263,7 +269,7 @@ class _CarriedRig:
     def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
         self._clock = clock
         self._rig = clock.counted_from_zero()
-        self._machine = make_machine(self._rig)
+        self._machine = rig_constants(self._rig)
         last = impacts[-1:]
         velocity, stop = float(last.velocity_after[0]), int(last.stop[0])
         relative = float(last.damper_velocity_after[0]) - velocity
@@ -281,7 +287,7 @@ class _CarriedRig:
         phases = clock.phase(impacts.time[-_PHASES:])
         # Phase of the section in cycles that count from the last impact
         self._strobe = (quiet_phase(phases) - float(phases[-1])) % 1.0
-        state = Snapshot(self._rig, self._origin, 0.0, (), Sweep(0.0)).as_dict()
+        state = Snapshot(self._rig, self._origin, 0.0, (), SteppedSine(0.0)).as_dict()
         # Plain Python: compiling would take longer than the run.
         self._run = LongRun.restore(state, compiled=False)
         self._events: list[Events] = [np.empty(0, EVENT_TYPE)]
@@ -386,7 +392,7 @@ def carry_on(clock: ForceClock, impacts: RecordedImpacts, recorded: float) -> Ca
         recurrence = rig.recurrence(ahead) if quiet is None else None
         period = _period_of(rig.section()) if quiet is None else 0
         # States repeat a little before the impacts are seen to
-        seen = period > MOST_CYCLES or (
+        seen = period > LONGEST_PERIOD or (
             period and recurrence is not None and recurrence.cycles == period
         )
         if seen or quiet is not None or not whole:
@@ -479,8 +485,8 @@ def _ahead(carried: CarriedMotion) -> StretchKind | None:
     text = f'{on} settles after {"" if carried.period else "about "}{settled:.0f} more cycles to '
     if recurrence is None or (carried.period and recurrence.cycles != carried.period):
         text += f'a period of {carried.period} cycles'
-        if carried.period > MOST_CYCLES:
-            text += f', longer than the {MOST_CYCLES} that are predicted'
+        if carried.period > LONGEST_PERIOD:
+            text += f', longer than the {LONGEST_PERIOD} that are predicted'
         return StretchKind(MotionKind.TRANSIENT, text, measures)
     text += f'a period of {_period_text(recurrence)}'
     return StretchKind(
@@ -656,7 +662,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
         measures['measured_cycles'] = float(found.cycles)
         measures['average_spread'] = found.spread
     measures['carried_cycles'] = float(carried.cycles) if carried is not None else 0.0
-    seen = f'does not repeat within {MOST_CYCLES} cycles{seen}'
+    seen = f'does not repeat within {LONGEST_PERIOD} cycles{seen}'
     if carried is not None and found is not None:
         seen += f'; {_carried_text(found)}'
     kind = MotionKind.UNDECIDED if found is None else found.kind()
@@ -685,7 +691,7 @@ def kind_without_force_phase(impacts: RecordedImpacts, cycle: float) -> StretchK
         return _recurring(recurrence, counted)
     late = counted[len(counted) // 2 :]
     regularity = zero_one_test(late.x)
-    text = f'does not repeat within {MOST_CYCLES} cycles'
+    text = f'does not repeat within {LONGEST_PERIOD} cycles'
     if not math.isnan(regularity):
         text += f'; 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
     return StretchKind(MotionKind.UNDECIDED, text, {'zero_one_test': regularity})

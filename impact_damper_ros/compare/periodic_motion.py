@@ -26,15 +26,15 @@ from impact_damper_ros.orbits import (
 )
 from impact_damper_ros.orbits.event_map import origin_at, run_course
 from impact_damper_ros.orbits.impact_solver import polish
+from impact_damper_ros.orbits.recognition import SETTLED, ImpactTable, Recurrence
 from impact_damper_ros.orbits.search import orbit_of, within_theory
 from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.flight import motion_at
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.origin import offset_of
 
 from .motion_kind import NEGLIGIBLE_IMPULSE, impact_table
 from .recorded_stretch import ForceClock, RecordedImpacts
-from .recurrence import SETTLED, ImpactTable, Recurrence
 from .result import (
     Array,
     Convergence,
@@ -496,7 +496,7 @@ def predicted_curve(
     """Return one period of a predicted motion, placed beside the measured one at a rig time."""
     if not orbit.viable or not orbit.impacts:
         return None
-    machine = make_machine(clock.counted_from_zero())
+    machine = rig_constants(clock.counted_from_zero())
     # The zero of the force before the measured period, from which both count their phases
     first = period.phases[0] if period is not None else float(clock.phase(np.array(time)) % 1.0)
     late = round(orbit.phases[0] - first) if period is not None else 0

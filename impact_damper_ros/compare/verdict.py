@@ -11,7 +11,7 @@ import numpy as np
 
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
 from impact_damper_ros.orbits.equations import check_forcing
-from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
 
 from .flight_check import FaultSearch
 from .log_findings import log_findings, repaired_impacts
@@ -32,7 +32,6 @@ from .motion_kind import (
 )
 from .periodic_motion import PeriodicMotion, impulses_of, periodic_motion, predicted_curve
 from .recorded_stretch import ForceClock, RecordedStates, RecordedStretch
-from .recurrence import MOST_CYCLES, SETTLED
 from .result import EnergyBalance, Finding, StretchComparison, StretchCurves, Verdict
 
 __all__ = ['compare_stretch']
@@ -192,13 +191,13 @@ def _why_no_theory(stretch: RecordedStretch) -> str:
         return 'the first harmonic of the force is off: there are no cycles to count'
     if stretch.clock is None:
         return 'the phase of the force is not in the bag (no snapshot)'
-    for cycles in range(1, MOST_CYCLES + 1):
+    for cycles in range(1, LONGEST_PERIOD + 1):
         try:
             check_forcing(rig, cycles)
         except OrbitError:
             continue
         return ''
-    return f'the harmonics of the force have no common period of up to {MOST_CYCLES} cycles'
+    return f'the harmonics of the force have no common period of up to {LONGEST_PERIOD} cycles'
 
 
 def _cycle(stretch: RecordedStretch) -> float:

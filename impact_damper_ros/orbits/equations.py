@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 
 __all__ = [
     'Array',
@@ -224,7 +224,7 @@ class ImpactEquations:
     def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
         check_forcing(parameters)
         check_stops(parameters, stops, cycles)
-        machine = make_machine(parameters)
+        machine = rig_constants(parameters)
         self.parameters = parameters
         self.stops = stops
         self.cycles = cycles

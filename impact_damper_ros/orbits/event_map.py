@@ -26,17 +26,17 @@ from impact_damper_ros.rig.contact import (
     flight_end,
 )
 from impact_damper_ros.rig.flight import Flight, Motion, end_at, motion_at, starting_motion
+from impact_damper_ros.rig.forcing import sines_of, turned_angles
 from impact_damper_ros.rig.mode import (
     CHATTER_1,
     REST_1,
     REST_2,
     STICK,
-    Machine,
     Origin,
+    RigConstants,
     launch,
     mode_at_rest,
 )
-from impact_damper_ros.rig.phase import sines_of, turned_angles
 from impact_damper_ros.rig.transition import carried, moving_mode, resolve
 
 from .equations import Array
@@ -123,7 +123,7 @@ class Course:
 
 
 def origin_at(
-    machine: Machine,
+    machine: RigConstants,
     instant: float,
     x: float,
     velocity: float,
@@ -137,7 +137,7 @@ def origin_at(
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     instant : float
         Time on the force's clock, s.
@@ -198,7 +198,7 @@ def _rates(motion: Motion, flight: Flight) -> Array:
 class _Passage:
     """What carries deviations: the flights and the events between them, in order."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: RigConstants) -> None:
         self.machine = machine
         self.modes: list[int] = []
         self.spans: list[float] = []
@@ -253,14 +253,14 @@ def _kind_of(kind: int, mode: int) -> EventKind:
 
 
 def run_course(
-    machine: Machine, origin: Origin, duration: float, *, differentiate: bool = True
+    machine: RigConstants, origin: Origin, duration: float, *, differentiate: bool = True
 ) -> Course | None:
     """
     Follow the motion for a time.
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     origin : Origin
         The state at the beginning.

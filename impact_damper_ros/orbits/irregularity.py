@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .equations import Array
-from .rhythm import MotionKind
+from .recognition import MotionKind
 
 __all__ = ['Indications', 'average_spread', 'quiet_phase', 'zero_one_test']
 

@@ -33,10 +33,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control.controlled_rig import NearbyRig, RigState, Scales
+from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
 from impact_damper_ros.rig import Event, EventKind, Mode
 from impact_damper_ros.rig.long_run import Events
-from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, Machine
+from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
 
 from .multipliers import event_matrices, flight_matrices, state_rates
 
@@ -76,7 +76,7 @@ class Deviations:
         Their saltation matrices.
     modes : ndarray of int, shape (n + 1,)
         The mode before each event, and after the last.
-    machine : Machine
+    machine : RigConstants
         The rig.
     """
 
@@ -85,7 +85,7 @@ class Deviations:
     instants: Array
     events: Array
     modes: NDArray[np.int64]
-    machine: Machine
+    machine: RigConstants
 
     def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
         """
@@ -138,7 +138,7 @@ class Exponent:
 
 
 def deviations(
-    machine: Machine,
+    machine: RigConstants,
     angles: tuple[float, ...],
     events: Events,
     mode: int,
@@ -151,7 +151,7 @@ def deviations(
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     angles : tuple of float
         Angle turned by each harmonic at time 0, rad.

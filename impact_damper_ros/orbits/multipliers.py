@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_damper_ros.rig.mode import STICK, Machine, make_machine
+from impact_damper_ros.rig.mode import STICK, RigConstants, rig_constants
 from impact_damper_ros.rig.oscillator import Oscillator
 
 from .equations import Array, ImpactEquations
@@ -70,13 +70,13 @@ def free_vibration(oscillator: Oscillator, spans: Array) -> Array:
     return matrices
 
 
-def flight_matrices(machine: Machine, modes: NDArray[np.int64], spans: Array) -> Array:
+def flight_matrices(machine: RigConstants, modes: NDArray[np.int64], spans: Array) -> Array:
     """
     Return the matrix of each flight.
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     modes : ndarray of int, shape (n,)
         The mode of each flight.
@@ -102,7 +102,7 @@ def flight_matrices(machine: Machine, modes: NDArray[np.int64], spans: Array) ->
 
 
 def state_rates(
-    machine: Machine,
+    machine: RigConstants,
     drive: ArrayLike,
     x: ArrayLike,
     velocity: ArrayLike,
@@ -116,7 +116,7 @@ def state_rates(
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     drive : array_like, shape (n,)
         The force over M, m/s^2.
@@ -217,7 +217,7 @@ def monodromy(equations: ImpactEquations, x: Array, instants: Array) -> Array:
     ndarray, shape (4, 4)
         Of (X, X', Z, Z') just after the first impact.
     """
-    machine = make_machine(equations.parameters)
+    machine = rig_constants(equations.parameters)
     n, at = equations.impacts, equations.velocities(x, instants)
     drive = machine.free.forces[0] * np.sin(equations.frequency * instants + equations.phase)
     direction, air = np.array(equations.directions), equations.air

@@ -19,7 +19,7 @@ from impact_damper_ros.control.controller import Controller
 from impact_damper_ros.rig import Mode
 from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.published import FORMAT
-from impact_damper_ros.rig.shown import as_line, shown
+from impact_damper_ros.rig.quoting import as_line, shown
 from impact_damper_ros.rig.simulator import ARITHMETIC, FORMATS, upgraded
 
 __all__ = ['RecordedSnapshot', 'parsed', 'read_snapshot']

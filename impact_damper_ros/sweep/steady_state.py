@@ -22,10 +22,10 @@ from impact_damper_ros.orbits.lyapunov import (
     period_exponent,
 )
 from impact_damper_ros.orbits.multipliers import multipliers_of
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import Settling, SettlingRig, section_of
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import Settling, SettlingRig, section_of
 from impact_damper_ros.rig import EventKind, Mode
-from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Stretch
+from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, RunResult
 
 __all__ = [
     'SteadyState',
@@ -83,7 +83,7 @@ class StretchSwing(NamedTuple):
     rms: float
 
 
-def stretch_swing(stretch: Stretch) -> StretchSwing:
+def stretch_swing(stretch: RunResult) -> StretchSwing:
     """
     Measure how M swings from the first sample to the last.
 
@@ -249,7 +249,7 @@ def _kind(
     return Indications(cycle * exponent.value, error, watch, spread).kind()
 
 
-def _shares(stretch: Stretch, around: Events, start: float, end: float) -> TimeShares:
+def _shares(stretch: RunResult, around: Events, start: float, end: float) -> TimeShares:
     spent = stretch.time_in_mode / (end - start)
     return TimeShares(
         stick=float(spent[Mode.STICK]),

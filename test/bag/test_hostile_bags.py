@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 
 from impact_damper_ros.bag import RecordingError, RunReader
 from impact_damper_ros.replay.recorded_run import RecordedRun
-from impact_damper_ros.rig.shown import as_line, shown
+from impact_damper_ros.rig.quoting import as_line, shown
 
 #: Of the commands, beyond what they need at their start.
 MEMORY = 768 * 1024**2

@@ -75,9 +75,50 @@ OWN = [
 
 
 def test_parameter_tables_are_current():
-    text = README.read_text(encoding='utf-8')
-    assert parameter_table(PARAMETER_SPECS, INITIAL_SPECS) in text
-    assert parameter_table(GAP_CONTROL_SPECS) in text
+    docs = ROOT / 'docs'
+    rig = (docs / 'rig.md').read_text(encoding='utf-8')
+    assert parameter_table(PARAMETER_SPECS, INITIAL_SPECS) in rig
+    assert parameter_table(GAP_CONTROL_SPECS) in (docs / 'control.md').read_text(encoding='utf-8')
+
+
+def test_readme_is_short():
+    assert len(README.read_bytes()) <= 12_000
+
+
+def test_index_lists_every_page():
+    index = ROOT / 'docs' / 'README.md'
+    linked = {
+        (index.parent / target).resolve()
+        for target in re.findall(r'\]\(([^)#]+)\)', index.read_text(encoding='utf-8'))
+    }
+    assert linked == {page for page in PAGES if page not in (README, index)}
+
+
+def anchors(page):
+    """Return the anchors that a page's headings have where Markdown is shown."""
+    text = re.sub(r'^```.*?^```', '', page.read_text(encoding='utf-8'), flags=re.S | re.M)
+    return {
+        re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-')
+        for heading in re.findall(r'^#+ (.*)$', text, re.MULTILINE)
+    }
+
+
+@pytest.mark.parametrize(
+    'page',
+    [*PAGES, ROOT / 'CONTRIBUTING.md', ROOT / 'benchmarks' / 'README.md'],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)
+def test_links_lead_somewhere(page):
+    text = page.read_text(encoding='utf-8')
+    targets = re.findall(r'\]\(([^)\s]+)\)', text) + re.findall(r'<img src="([^"]+)"', text)
+    for target in targets:
+        if target.startswith(('http://', 'https://')):
+            continue
+        path, _, anchor = target.partition('#')
+        found = (page.parent / path).resolve() if path else page
+        assert found.exists(), f'{page.name}: {target}'
+        if anchor:
+            assert anchor in anchors(found), f'{page.name}: {target}'
 
 
 def test_every_line_is_known():

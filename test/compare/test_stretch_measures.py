@@ -11,8 +11,8 @@ from impact_damper_ros.compare.irregularity import largest_exponent
 from impact_damper_ros.compare.measured_motion import energy_balance, turning_points
 from impact_damper_ros.compare.periodic_motion import decay_rate
 from impact_damper_ros.compare.recorded_stretch import ForceClock, knots_of
-from impact_damper_ros.compare.recurrence import ImpactTable, find_recurrence
 from impact_damper_ros.orbits.irregularity import zero_one_test
+from impact_damper_ros.orbits.recognition import ImpactTable, find_recurrence
 from impact_damper_ros.rig import RigParameters
 
 
