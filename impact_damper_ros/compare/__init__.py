@@ -9,9 +9,8 @@ theory's part for a rig that is running. Importable without ROS; needs numpy.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .measured_motion import CubicSwing, cubic_rates, cubic_swing
+from .measured_motion import cubic_rates, cubic_swing
 from .prediction import ObservedMotion, Prediction, predictions
-from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, RecordedStretch
 from .result import (
     Array,
     Beginning,
@@ -37,22 +36,18 @@ from .result import (
 )
 
 if TYPE_CHECKING:
-    from .bag_stretches import BagStretches, CheckedStretch
+    from .bag_stretches import BagStretches
     from .comparison import LogReplay, compare_bag, replay_log
     from .periodic_motion import GapCurves
-    from .verdict import compare_stretch
 
 __all__ = [
     'Array',
     'BagStretches',
     'Beginning',
-    'CheckedStretch',
     'Convergence',
-    'CubicSwing',
     'Decay',
     'EnergyBalance',
     'Finding',
-    'ForceClock',
     'GapCurve',
     'GapCurves',
     'ImpactCurve',
@@ -66,9 +61,6 @@ __all__ = [
     'Overall',
     'PredictedCurve',
     'Prediction',
-    'RecordedImpacts',
-    'RecordedStates',
-    'RecordedStretch',
     'RunComparison',
     'Spectrum',
     'StretchComparison',
@@ -76,7 +68,6 @@ __all__ = [
     'SwingEnvelope',
     'Verdict',
     'compare_bag',
-    'compare_stretch',
     'cubic_rates',
     'cubic_swing',
     'predictions',
@@ -87,11 +78,9 @@ __all__ = [
 #: Imported when they are used: the node predicts without them.
 _WHEN_USED = {
     'BagStretches': 'bag_stretches',
-    'CheckedStretch': 'bag_stretches',
     'GapCurves': 'periodic_motion',
     'LogReplay': 'comparison',
     'compare_bag': 'comparison',
-    'compare_stretch': 'verdict',
     'replay_log': 'comparison',
 }
 

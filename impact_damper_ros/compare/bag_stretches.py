@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_messages import (
@@ -55,28 +56,13 @@ _NO_CONTROL = {'gap_control': _OFF}
 
 @dataclass(frozen=True)
 class LoggedRig:
-    """
-    A rig as logged.
-
-    Attributes
-    ----------
-    parameters : RigParameters
-        The rig.
-    clock : ForceClock or None
-        The force; None if its phase is not known.
-    last_stop : int
-        Stop hit last, 0 for none.
-    control : mapping of str to value
-        Gap-control parameters.
-    stops_move : bool
-        Whether stops are moving, by a control or back to the gap.
-    """
+    """A rig as logged."""
 
     parameters: RigParameters
-    clock: ForceClock | None = None
-    last_stop: int = 0
+    clock: ForceClock | None = None  # the force; None if its phase is not known
+    last_stop: int = 0  # stop hit last, 0 for none
     control: Mapping[str, Any] = field(default_factory=lambda: dict(_NO_CONTROL))
-    stops_move: bool = False
+    stops_move: bool = False  # by a control, or back to the gap
 
     @classmethod
     def of_dump(cls, values: Mapping[str, Any]) -> Self | None:
@@ -207,27 +193,9 @@ class StretchBuilder:
     """
     Makes a stretch of what was recorded of it, part by part.
 
-    Parameters
-    ----------
-    number : int
-        Counted from 1.
-    begins, cause : Beginning, str
-        Why the stretch begins, and the same in words.
-    start : float
-        Rig time, s.
-    rig : LoggedRig
-        The rig at its beginning.
-    state_period : float, optional
-        Time from one joint state to the next, s; 0 if not known, and to be learnt.
-    lossy : bool, optional
-        Whether the recorder may have lost single messages unnoticed.
-    checks : bool, optional
-        Whether to check the flights against the equations of motion.
-
-    Attributes
-    ----------
-    search : FaultSearch or None
-        The check of the flights; None if there is none.
+    The period of the joint states, in s, is learnt if it is 0. A recorder is `lossy` if it may
+    have lost single messages unnoticed. With `checks`, the flights are checked against the
+    equations of motion; `search` is the check.
     """
 
     def __init__(
@@ -337,20 +305,16 @@ class StretchBuilder:
 _STOPS = {'stop_1': 1.0, 'stop_2': 2.0}
 
 
-class _TopicReader:
-    """
-    Reads the messages of one topic as columns, sorted by rig time, ns.
+def _some(table: JointStateTable, rows: slice | NDArray[np.bool_]) -> JointStateTable:
+    return JointStateTable(table.stamps_ns[rows], table.numbers[rows], table.frames[rows], ())
 
-    Attributes
-    ----------
-    unreadable : list of str
-        Why some could not be read; the first ones.
-    unreadable_count, not_numbers, misplaced : int
-        Messages that could not be read; that hold NaN or infinite numbers; that came after a later
-        one had been handed on, or twice.
-    """
+
+class _TopicReader:
+    """Reads the messages of one topic as columns, sorted by rig time, ns."""
 
     def __init__(self, joints: tuple[str, ...], counts: tuple[int, int, int]) -> None:
+        # The first reasons, and numbers of messages: unreadable, with NaN or infinite numbers,
+        # and twice or after a later one had been handed on
         self.unreadable: list[str] = []
         self.unreadable_count = self.not_numbers = self.misplaced = 0
         self._columns = JointStateColumns(joints, counts)
@@ -397,29 +361,22 @@ class _TopicReader:
         if self._taken_ns is not None:
             keep &= time >= self._taken_ns + (not impacts)
         self.misplaced += int((~keep).sum())
-        self._rows = JointStateTable(time[keep], numbers[keep], frames[keep], ())
+        self._rows = _some(JointStateTable(time, numbers, frames, ()), keep)
 
     def take(self, until_ns: int | None) -> JointStateTable:
         """Hand out the rows read up to an instant, inclusive; all of them if it is None."""
-        table = self._rows
-        count = len(table.stamps_ns)
+        count = len(self._rows.stamps_ns)
         if until_ns is not None:
-            count = int(np.searchsorted(table.stamps_ns, until_ns, side='right'))
-        taken, self._rows = (
-            JointStateTable(table.stamps_ns[part], table.numbers[part], table.frames[part], ())
-            for part in (slice(count), slice(count, None))
-        )
+            count = int(np.searchsorted(self._rows.stamps_ns, until_ns, side='right'))
+        taken = _some(self._rows, slice(count))
+        self._rows = _some(self._rows, slice(count, None))
         if count:
             self._taken_ns = int(taken.stamps_ns[-1])
         return taken
 
     def drop(self, instant_ns: int) -> None:
         """Leave out a row of an instant: it may be from before or after a change there."""
-        table = self._rows
-        kept = table.stamps_ns != instant_ns
-        self._rows = JointStateTable(
-            table.stamps_ns[kept], table.numbers[kept], table.frames[kept], ()
-        )
+        self._rows = _some(self._rows, self._rows.stamps_ns != instant_ns)
 
     def stops(self, table: JointStateTable) -> Array:
         """Return the stop that the frame of each impact names."""

@@ -132,24 +132,15 @@ _TIME_EPSILON = 4.5e-16
 
 @dataclass(frozen=True)
 class Intervals:
-    """
-    The intervals from each knot to the next.
+    """The intervals from each of n knots to the next."""
 
-    Attributes
-    ----------
-    residuals : ndarray of shape (n - 1, 4)
-        Recorded less expected X, X', Z, Z' just before the next knot, m and m/s.
-    tolerances : ndarray of shape (4,)
-        Largest residuals that the rounding of stamps and numbers explains.
-    plain : ndarray of bool, shape (n - 1,)
-        Whether the closed form applies: no reversal, start or end of rest in the interval.
-    sound : ndarray of bool, shape (n - 1,)
-        Whether it applies and agrees.
-    """
-
+    #: Recorded less expected X, X', Z, Z' just before the next knot, m and m/s, shape (n - 1, 4).
     residuals: Array
+    #: Largest residuals of the four that the rounding of stamps and numbers explains.
     tolerances: Array
+    #: Whether the closed form applies: no reversal, start or end of rest in the interval.
     plain: NDArray[np.bool_]
+    #: Whether it applies and agrees.
     sound: NDArray[np.bool_]
 
 
@@ -315,32 +306,18 @@ _QUANTITIES = (('X', 'm'), ("X'", 'm/s'), ('Z', 'm'), ("Z'", 'm/s'))
 
 @dataclass(frozen=True)
 class Fault:
-    """
-    A number or a message of a log that is not as expected.
+    """A number or a message of a log that is not as expected."""
 
-    Attributes
-    ----------
-    kind : str
-        ``'impact'`` for a value of an impact, ``'missing'`` or ``'surplus'`` for an impact,
-        ``'motion'`` where one knot does not follow from the one before.
-    quantity, unit : str
-        What is wrong.
-    stop : int
-        The stop of the impact, or 0.
-    time : float
-        Expected instant, or that of the first knot that does not follow, rig time, s.
-    recorded, expected, tolerance : float
-        The numbers; NaN for a message.
-    """
-
+    #: 'impact' for a value of an impact, 'missing' or 'surplus' for an impact, 'motion' where one
+    #: knot does not follow from the one before.
     kind: str
     quantity: str
     unit: str
-    stop: int
-    time: float
-    recorded: float
-    expected: float
-    tolerance: float
+    stop: int  # of the impact, or 0
+    time: float  # expected instant, or that of the first knot that does not follow, rig time, s
+    recorded: float = math.nan  # NaN for a message
+    expected: float = math.nan
+    tolerance: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -356,30 +333,17 @@ class FaultSearch:
     """
     Checks a stretch, part by part.
 
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig, as logged.
-    in_closed_form : bool, optional
-        Whether intervals cannot be followed event by event, since a control moves the stops or
-        the force is a multisine. Then unsound intervals are only counted.
-
-    Attributes
-    ----------
-    faults : list of Fault
-        What is wrong.
-    repairs : list of Repair
-        What it should be instead.
-    intervals, plain, followed, unsound : int
-        Intervals seen; checked in closed form; followed event by event; not sound at first sight.
-    unexplained : int
-        Troubles after which the rig was not where the simulated one is.
+    With `in_closed_form`, intervals are not followed event by event, since a control moves the
+    stops or the force is a multisine; then unsound intervals are only counted.
     """
 
     def __init__(self, clock: ForceClock, *, in_closed_form: bool = False) -> None:
         self.faults: list[Fault] = []
         self.repairs: list[Repair] = []
-        self.intervals = self.plain = self.followed = self.unsound = self.unexplained = 0
+        # Intervals seen; checked in closed form; followed event by event; not sound at first sight
+        self.intervals = self.plain = self.followed = self.unsound = 0
+        # Troubles after which the rig is not where the simulated one is
+        self.unexplained = 0
         self.in_closed_form = in_closed_form
         self._clock = clock
         self._rig = _SimulatedRig(clock)
@@ -548,7 +512,7 @@ class FaultSearch:
 
 
 def _message(kind: str, stop: int, time: float) -> Fault:
-    return Fault(kind, 'impact', '', stop, time, math.nan, math.nan, math.nan)
+    return Fault(kind, 'impact', '', stop, time)
 
 
 def _troubles(wrong: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:

@@ -282,27 +282,14 @@ _ALIKE = 3.0
 
 @dataclass(frozen=True)
 class _ParameterFit:
-    """
-    A parameter with which a log obeys the equations of motion.
-
-    Attributes
-    ----------
-    name, unit : str
-        The parameter.
-    logged, fitted : float
-        Its values.
-    left : float
-        Share of the root-mean-square residual that is left.
-    alike : tuple of str
-        Other parameters that would explain the residuals as well.
-    """
+    """A parameter with which a log obeys the equations of motion."""
 
     name: str
     unit: str
     logged: float
     fitted: float
-    left: float
-    alike: tuple[str, ...] = ()
+    left: float  # share of the root-mean-square residual that is left
+    alike: tuple[str, ...] = ()  # other parameters that would explain the residuals as well
 
 
 def _fitted_parameters(rig: RigParameters) -> Iterator[tuple[str, str, float]]:
@@ -387,22 +374,11 @@ def with_fitted_clock(
     stretch: RecordedStretch,
 ) -> tuple[RecordedStretch, FaultSearch | None]:
     """
-    Return a stretch with the phase of its force found from the joint states.
+    Return a stretch with the phase of its force found from the joint states, and its check.
 
     Between two joint states the force adds to X and X' what is linear in the sine and the cosine
-    of its phase; both are found by least squares.
-
-    Parameters
-    ----------
-    stretch : RecordedStretch
-        A stretch whose clock is not known.
-
-    Returns
-    -------
-    stretch : RecordedStretch
-        With its clock, if the force is one harmonic and the motion is driven by it.
-    search : FaultSearch or None
-        The check of its flights.
+    of its phase; both are found by least squares. The clock stays unknown if the force is not one
+    harmonic, or does not explain the motion.
     """
     rig, states = stretch.parameters, stretch.states[:_MOST_CLOCK_KNOTS]
     amplitude = rig.force_amplitudes[0]
@@ -535,14 +511,8 @@ def log_findings(
     """
     Return what is wrong with the log of a stretch, the earliest first.
 
-    Parameters
-    ----------
-    stretch : RecordedStretch
-        The stretch.
-    search : FaultSearch or None
-        The check of its flights; None if there was none.
-    replayed : sequence of Finding, optional
-        What a bit-for-bit replay of the log found in this stretch; None if there was none.
+    `search` is the check of its flights, `replayed` what a bit-for-bit replay of the log found in
+    it; each is None if there was none.
     """
     if replayed is not None and not replayed:
         return []

@@ -49,7 +49,7 @@ _PLACES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _GAUSS
 
 def cubic_rates(step: Array, rise: Array, begin: Array, end: Array) -> tuple[Array, Array]:
     """
-    Return b and a of the cubic's velocity begin + b s + a s^2, with s from 0 to 1.
+    Return b and a of the velocity begin + b s + a s^2 along cubics, with s from 0 to 1.
 
     Parameters
     ----------
@@ -77,20 +77,11 @@ def turning_points(
 
 
 class CubicSwing(NamedTuple):
-    """
-    Displacement along cubics, between their ends.
+    """Displacement along cubics, between their ends."""
 
-    Attributes
-    ----------
-    largest : float
-        Largest |X| where X turns between two ends, m; 0 if it does not turn.
-    total, squares : float
-        Integrals of X, m s, and of its square, m^2 s.
-    """
-
-    largest: float
-    total: float
-    squares: float
+    largest: float  # |X| where X turns between two ends, m; 0 if it does not turn
+    total: float  # integral of X, m s
+    squares: float  # and of its square, m^2 s
 
 
 def cubic_swing(span: Array, start: Array, end: Array, v_0: Array, v_1: Array) -> CubicSwing:
@@ -333,16 +324,8 @@ def measured_motion(
     """
     Measure a part of a stretch, as far as it was kept.
 
-    Parameters
-    ----------
-    stretch : RecordedStretch
-        The stretch.
-    start, end : float
-        The part, rig time, s.
-    period : ImpactStates, optional
-        The last period of a periodic motion.
-    per_cycle : float, optional
-        Its impacts per cycle of the force; counted if not given.
+    The last period of a periodic motion and its impacts per cycle are handed on; without, these
+    are counted.
     """
     knots = stretch.knots(start, end)
     if len(knots):

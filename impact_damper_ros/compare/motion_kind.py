@@ -11,11 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 
-from impact_damper_ros.orbits.event_map import origin_at
+from impact_damper_ros.orbits.event_map import origin_at, run_course
 from impact_damper_ros.orbits.irregularity import (
     IRREGULAR_SPREAD,
     REGULAR_SPREAD,
@@ -25,6 +24,7 @@ from impact_damper_ros.orbits.irregularity import (
     zero_one_test,
 )
 from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
+from impact_damper_ros.orbits.multipliers import event_matrices, state_rates
 from impact_damper_ros.orbits.recognition import (
     LONGEST_PERIOD,
     SETTLED,
@@ -38,10 +38,9 @@ from impact_damper_ros.orbits.settling import section_of
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
-from impact_damper_ros.rig.mode import REST_1, REST_2, rig_constants
+from impact_damper_ros.rig.mode import REST_1, REST_2, Origin, RigConstants, rig_constants
 from impact_damper_ros.rig.simulator import Snapshot
 
-from .irregularity import MOST_IMPACTS, largest_exponent
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from .result import Array
 
@@ -55,6 +54,7 @@ __all__ = [
     'impact_table',
     'kind_of',
     'kind_without_force_phase',
+    'largest_exponent',
     'oscillation',
 ]
 
@@ -64,22 +64,11 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Oscillation:
-    """
-    The steady vibration that theory has without impacts.
+    """The steady vibration that theory has without impacts."""
 
-    Attributes
-    ----------
-    x_max : float
-        Largest |X| of it, m.
-    joined : bool
-        Whether m moves with M.
-    distance : float
-        Amplitude of the free vibration that is left in the recorded motion, over `x_max`.
-    """
-
-    x_max: float
-    joined: bool
-    distance: float
+    x_max: float  # largest |X| of it, m
+    joined: bool  # whether m moves with M
+    distance: float  # amplitude of the free vibration left in the recorded motion, over x_max
 
     @property
     def settled(self) -> bool:
@@ -145,35 +134,17 @@ def impact_table(impacts: RecordedImpacts, zero: float, cycle: float) -> ImpactT
 
 @dataclass(frozen=True)
 class StretchKind:
-    """
-    A kind of motion, and the evidence for it.
-
-    Attributes
-    ----------
-    kind : MotionKind
-        The kind.
-    evidence : str
-        The numbers that show it, as a sentence.
-    measures : mapping of str to float
-        The same numbers by name.
-    recurrence : Recurrence or None
-        How the recorded motion repeats.
-    impacts : RecordedImpacts
-        Those that repeat: recorded ones without the weak ones of chatters; or, of a motion that
-        does not repeat yet, those of the simulated rig that goes on from its end.
-    carried_on : bool
-        Whether they are the latter.
-    short : bool
-        Whether a longer recording may decide.
-    """
+    """A kind of motion, and the evidence for it."""
 
     kind: MotionKind
-    evidence: str
-    measures: Mapping[str, float] = field(default_factory=dict)
-    recurrence: Recurrence | None = None
+    evidence: str  # the numbers that show it, as a sentence
+    measures: Mapping[str, float] = field(default_factory=dict)  # the same numbers by name
+    recurrence: Recurrence | None = None  # how the motion repeats
+    #: Those that repeat: recorded ones without the weak ones of chatters or, if `carried_on`, of
+    #: the simulated rig that goes on from the end of a motion that does not repeat yet.
     impacts: RecordedImpacts = field(default_factory=RecordedImpacts.none)
     carried_on: bool = False
-    short: bool = False
+    short: bool = False  # whether a longer recording may decide
 
 
 # The simulated rig that goes on from the last impact
@@ -197,43 +168,46 @@ _SEARCHED, _LONGEST = 1500, 64
 _REPEATED = 1e-6
 
 
+#: Growth after which the stamps, good to 1e-9, do not determine what a motion comes to; it has
+#: shrunk by e to the seventh since the chaos ended.
+_UNFORESEEABLE = 12.0
+
+
 @dataclass(frozen=True)
 class CarriedMotion:
-    """
-    The motion of the simulated rig after the last recorded impact.
+    """The motion of the simulated rig after the last recorded impact."""
 
-    Attributes
-    ----------
-    cycles : int
-        Cycles of the force that it was run.
-    impacts : RecordedImpacts
-        Its impacts, without the weak ones of chatters, on the clock of the recording.
-    recurrence : Recurrence or None
-        How they repeat, or come to.
-    settled_after : int or None
-        Cycles after which the motion repeats to within `SETTLED`; None if it does not.
-    period : int
-        Period in cycles of the force, once settled; 0 if it is not, or without impacts.
-    quiet_after : int or None
-        Cycles after which there are no more impacts; None if there are.
-    indications : Indications or None
-        The evidence for and against chaos; None if there are too few cycles.
-    growth : float
-        Logarithm of the growth of a deviation until the motion had settled.
-    """
+    cycles: int  # of the force that it was run
+    impacts: RecordedImpacts  # without the weak ones of chatters, on the clock of the recording
+    recurrence: Recurrence | None  # how they repeat, or come to
+    settled_after: int | None  # cycles after which it repeats to within `SETTLED`
+    period: int  # in cycles of the force, once settled; 0 if it is not, or without impacts
+    quiet_after: int | None  # cycles after which there are no more impacts
+    indications: Indications | None  # for and against chaos; None if there are too few cycles
+    growth: float = 0.0  # logarithm of the growth of a deviation until the motion had settled
 
-    #: Growth after which the stamps, good to 1e-9, do not determine what the motion comes to; it
-    #: has shrunk by e to the seventh since the chaos ended.
-    UNFORESEEABLE: ClassVar[float] = 12.0
+    @property
+    def unforeseeable(self) -> bool:
+        """Whether the recording does not determine what the motion comes to."""
+        return self.growth > _UNFORESEEABLE
 
-    cycles: int
-    impacts: RecordedImpacts
-    recurrence: Recurrence | None
-    settled_after: int | None
-    period: int
-    quiet_after: int | None
-    indications: Indications | None
-    growth: float = 0.0
+
+def _after_impact(
+    machine: RigConstants, clock: ForceClock, impacts: RecordedImpacts, row: int
+) -> Origin:
+    """Return the state just after an impact."""
+    velocity, stop = float(impacts.velocity_after[row]), int(impacts.stop[row])
+    relative = float(impacts.damper_velocity_after[row]) - velocity
+    return origin_at(
+        machine,
+        float(impacts.time[row] - clock.zero),
+        float(impacts.x[row]),
+        velocity,
+        0.0 if stop == 1 else -2.0 * machine.stop,
+        relative,
+        0 if relative else (REST_1 if stop == 1 else REST_2),
+        stop,
+    )
 
 
 def _as_recorded(events: Events, rig: RigParameters, begin: float) -> RecordedImpacts:
@@ -270,20 +244,8 @@ class _CarriedRig:
         self._clock = clock
         self._rig = clock.counted_from_zero()
         self._machine = rig_constants(self._rig)
-        last = impacts[-1:]
-        velocity, stop = float(last.velocity_after[0]), int(last.stop[0])
-        relative = float(last.damper_velocity_after[0]) - velocity
-        self._begin = float(last.time[0])
-        self._origin = origin_at(
-            self._machine,
-            self._begin - clock.zero,
-            float(last.x[0]),
-            velocity,
-            0.0 if stop == 1 else -2.0 * self._machine.stop,
-            relative,
-            0 if relative else (REST_1 if stop == 1 else REST_2),
-            stop,
-        )
+        self._begin = float(impacts.time[-1])
+        self._origin = _after_impact(self._machine, clock, impacts, len(impacts) - 1)
         phases = clock.phase(impacts.time[-_PHASES:])
         # Phase of the section in cycles that count from the last impact
         self._strobe = (quiet_phase(phases) - float(phases[-1])) % 1.0
@@ -364,18 +326,7 @@ def _settled_after(recurrence: Recurrence, impacts: RecordedImpacts, begin: floa
 
 
 def carry_on(clock: ForceClock, impacts: RecordedImpacts, recorded: float) -> CarriedMotion | None:
-    """
-    Simulate the logged rig from the last impact on.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig.
-    impacts : RecordedImpacts
-        The recorded impacts.
-    recorded : float
-        Cycles of the force that they take; more are run for more.
-    """
+    """Simulate the logged rig on from the last impact, longer if more cycles were recorded."""
     if not len(impacts):
         return None
     rig = _CarriedRig(clock, impacts)
@@ -417,6 +368,71 @@ def carry_on(clock: ForceClock, impacts: RecordedImpacts, recorded: float) -> Ca
         indications=None if period or quiet is not None else rig.indications(),
         growth=growth,
     )
+
+
+# The exponent along the recorded motion
+
+
+#: Impacts on which the exponent is measured, at most, and the parts for its error.
+_MOST_IMPACTS, _PARTS = 1500, 8
+# A stamp is rounded to the nanosecond; the flight ends as much before the impact.
+_GUARD_S = 2e-9
+
+
+def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications | None:
+    """
+    Measure how fast motions next to the recorded one diverge from it or converge to it.
+
+    Between two recorded impacts the theory of the logged rig carries a deviation in closed form,
+    through reversals too; at every impact the recorded velocities give the saltation matrix. The
+    exponent is per cycle of the force, without a spread; None if the impacts are too few.
+    """
+    impacts = impacts[-_MOST_IMPACTS:]
+    if len(impacts) < 2 * _PARTS:
+        return None
+    rig = clock.counted_from_zero()
+    machine = rig_constants(rig)
+    first = impacts.stop == 1
+    air = np.where(first, -machine.air, machine.air)
+    after = (impacts.velocity_after, impacts.damper_velocity_after)
+    before = (impacts.velocity_before(rig), impacts.damper_velocity_before(rig))
+    drive = clock.force(impacts.time) / rig.primary_mass
+    rates_before, rates_after = (
+        state_rates(machine, drive, impacts.x, *speeds, np.sign(speeds[1] - speeds[0]), push)
+        for speeds, push in ((before, np.append(air[0], air[:-1])), (after, air))
+    )
+    everywhere = np.ones(len(impacts), dtype=bool)
+    hits = event_matrices(
+        machine.mass_ratio,
+        everywhere,
+        np.where(first, machine.restitution_1, machine.restitution_2),
+        rates_before,
+        rates_after,
+        everywhere,
+    )
+    scale = np.array([1.0, rig.omega, 1.0, rig.omega])
+    deviation = np.array([1.0, 0.6, -0.8, 0.4]) / scale
+    growth = np.zeros(len(impacts))
+    for i in range(1, len(impacts)):
+        origin = _after_impact(machine, clock, impacts, i - 1)
+        duration = float(impacts.time[i] - impacts.time[i - 1])
+        course = run_course(machine, origin, max(duration - _GUARD_S, 0.0))
+        if course is None or before[0][i] == before[1][i]:
+            continue
+        deviation = hits[i] @ (course.matrix @ deviation)
+        size = float(np.linalg.norm(deviation * scale))
+        if size == 0.0:
+            return Indications(-math.inf, 0.0, 0)
+        growth[i] = math.log(size)
+        deviation /= size
+    phase = clock.phase(impacts.time)
+    span = float(phase[-1] - phase[0])
+    if span < _PARTS:
+        return None
+    part = np.minimum(((phase - phase[0]) * (_PARTS / span)).astype(np.int64), _PARTS - 1)
+    rate = np.bincount(part, growth, _PARTS) * (_PARTS / span)
+    error = float(rate.std(ddof=1)) / math.sqrt(_PARTS)
+    return Indications(float(growth.sum()) / span, error, int(span))
 
 
 # The kind of a motion with impacts
@@ -525,7 +541,7 @@ def _settling(clock: ForceClock, impacts: RecordedImpacts, carried: CarriedMotio
 def carried_on(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind | None:
     """Return the periodic motion that the simulated rig comes to from the last impact."""
     carried = carry_on(clock, impacts, _cycles_of(clock, impacts))
-    if carried is None or carried.growth > carried.UNFORESEEABLE:
+    if carried is None or carried.unforeseeable:
         return None
     ahead = _ahead(carried)
     return ahead if ahead is not None and ahead.recurrence is not None else None
@@ -556,7 +572,7 @@ def _recorded(
         spread = average_spread(np.column_stack([states, np.cos(angle), np.sin(angle)]))
         found = replace(exponent, spread=spread)
         seen += f'; Lyapunov exponent {_exponent_text(found)} per cycle along the last '
-        seen += f'{min(len(late), MOST_IMPACTS)} recorded impacts'
+        seen += f'{min(len(late), _MOST_IMPACTS)} recorded impacts'
     if not math.isnan(regularity):
         seen += f'; their 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
     return found, regularity, seen
@@ -626,14 +642,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
     """
     Find the kind of a motion with impacts.
 
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig.
-    impacts : RecordedImpacts
-        The recorded impacts.
-    sound : bool, optional
-        Whether the log is right, so that the logged rig may be simulated on from its last impact.
+    Only if the log is `sound`, the logged rig is simulated on from its last impact.
     """
     counted = counted_impacts(impacts)
     table = impact_table(counted, clock.zero, clock.cycle)
@@ -646,7 +655,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
         carried = carry_on(clock, impacts, spent)
     if recurrence is not None and (carried is None or _confirmed(recurrence, carried)):
         return _recurring(recurrence, counted)
-    if carried is not None and carried.growth > carried.UNFORESEEABLE:
+    if carried is not None and carried.unforeseeable:
         return _settling(clock, impacts, carried)
     ahead = None if carried is None else _ahead(carried)
     if ahead is not None:

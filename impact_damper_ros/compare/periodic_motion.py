@@ -79,22 +79,11 @@ _BY_IMPACT = (
 
 @dataclass(frozen=True)
 class MatchedOrbit:
-    """
-    The predicted motion nearest to a measured one.
+    """The predicted motion nearest to a measured one, without the weak impacts of a chatter."""
 
-    Attributes
-    ----------
-    orbit : PeriodicOrbit or None
-        Begun at the same impact as the measured one, without the weak impacts of a chatter.
-    distance : float
-        Largest difference of any instant (cycles) or scaled state of its impacts; inf without it.
-    solver : str
-        What found it, or why there is none.
-    """
-
-    orbit: PeriodicOrbit | None
-    distance: float
-    solver: str
+    orbit: PeriodicOrbit | None  # begun at the same impact as the measured one
+    distance: float  # largest difference of any instant (cycles) or scaled state of its impacts
+    solver: str  # what found it, or why there is none
 
 
 def impulses_of(orbit: PeriodicOrbit) -> tuple[float, ...]:
@@ -269,22 +258,11 @@ _NEGLIGIBLE = 1e-3
 
 @dataclass(frozen=True)
 class DecayRate:
-    """
-    Measured factor by which deviations shrink in a period.
+    """Measured factor by which deviations shrink in a period."""
 
-    Attributes
-    ----------
-    factor : float
-        Largest modulus of the eigenvalues; NaN if it could not be measured.
-    angle : float
-        Angle of that eigenvalue, rad, from 0 to pi.
-    start, stop : int
-        The periods on which it was measured.
-    """
-
-    factor: float
-    angle: float
-    start: int
+    factor: float  # largest modulus of the eigenvalues; NaN if it could not be measured
+    angle: float  # of that eigenvalue, rad, from 0 to pi
+    start: int  # the periods on which it was measured
     stop: int
 
 
@@ -322,40 +300,18 @@ _SOLVED = 1e-9
 
 @dataclass(frozen=True)
 class PeriodicMotion:
-    """
-    A measured motion that repeats, beside the predicted one.
+    """A measured motion that repeats, beside the predicted one."""
 
-    Attributes
-    ----------
-    period : ImpactStates
-        Its last period.
-    time : float
-        Instant of the first impact of that, rig time, s.
-    match : MatchedOrbit
-        The predicted motion.
-    decay : DecayRate
-        The measured decay.
-    times, distances : ndarray of shape (p,)
-        Beginning of each period, s, and its distance from the predicted motion; from the last
-        period, if there is no prediction.
-    allowed : float
-        Distance of the last period that the remaining transient and the stamps account for.
-    settled_at : float or None
-        Instant from which the distance is less than `SETTLED`, s.
-    table : ImpactTable
-        Its length and speed scale the states.
-    recurrence : Recurrence
-        How the motion repeats.
-    """
-
-    period: ImpactStates
-    time: float
+    period: ImpactStates  # its last period
+    time: float  # instant of the first impact of that, rig time, s
     match: MatchedOrbit
     decay: DecayRate
-    times: Array
+    times: Array  # beginning of each period, s
+    #: Distance of each period from the predicted one; from the last, if there is no prediction.
     distances: Array
+    #: Distance of the last period that the remaining transient and the stamps account for.
     allowed: float
-    settled_at: float | None
+    settled_at: float | None  # instant from which the distance is less than `SETTLED`, s
     table: ImpactTable
     recurrence: Recurrence
 
@@ -428,20 +384,7 @@ class PeriodicMotion:
 def periodic_motion(
     clock: ForceClock, impacts: RecordedImpacts, recurrence: Recurrence, *, predict: bool
 ) -> PeriodicMotion:
-    """
-    Measure a motion that repeats, and find the predicted one nearest to it.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force and the rig.
-    impacts : RecordedImpacts
-        The impacts that repeat.
-    recurrence : Recurrence
-        How they repeat.
-    predict : bool
-        Whether to look for a predicted motion.
-    """
+    """Measure a motion that repeats, and find the predicted one nearest to it if asked to."""
     n = recurrence.impacts
     table = impact_table(impacts, clock.zero, clock.cycle)
     end = _period_end(table.stop, n)

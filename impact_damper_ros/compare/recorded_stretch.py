@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.rig import Event, RigParameters
 
-from .result import Array, Beginning, Overall, SwingEnvelope
+from .result import Array, LoggedStretch, Overall, SwingEnvelope
 
 __all__ = [
     'ForceClock',
@@ -27,22 +27,11 @@ __all__ = [
 
 @dataclass(frozen=True)
 class ForceClock:
-    """
-    The harmonics of a force whose frequencies do not change.
-
-    Attributes
-    ----------
-    parameters : RigParameters
-        The rig, as logged.
-    time : float
-        An instant, rig time, s.
-    angles : tuple of float
-        Angle that each harmonic has turned by then, without its phase, rad.
-    """
+    """The harmonics of a force whose frequencies do not change."""
 
     parameters: RigParameters
-    time: float
-    angles: tuple[float, ...]
+    time: float  # an instant, rig time, s
+    angles: tuple[float, ...]  # of the harmonics then, without their phases, rad
 
     @property
     def frequency(self) -> float:
@@ -124,61 +113,31 @@ class _Table:
 
 @dataclass(frozen=True)
 class RecordedStates(_Table):
-    """
-    Joint states, each after any event at its instant.
+    """Joint states in the order of time, each after any event at its instant."""
 
-    Attributes
-    ----------
-    time : ndarray of shape (n,)
-        Rig time, s, rising.
-    x, velocity : ndarray of shape (n,)
-        X, m, and X', m/s.
-    z, damper_velocity : ndarray of shape (n,)
-        Z, m, and Z', m/s.
-    stop_1, stop_2 : ndarray of shape (n,)
-        Positions of the stops along the axis, m.
-    stop_1_velocity, stop_2_velocity : ndarray of shape (n,)
-        Their velocities, m/s.
-    """
-
-    time: Array
-    x: Array
-    velocity: Array
-    z: Array
-    damper_velocity: Array
-    stop_1: Array
+    time: Array  # rig time, s
+    x: Array  # X, m, from the static equilibrium
+    velocity: Array  # X', m/s
+    z: Array  # Z, m
+    damper_velocity: Array  # Z', m/s
+    stop_1: Array  # positions of the stops along the axis, m
     stop_2: Array
-    stop_1_velocity: Array
+    stop_1_velocity: Array  # m/s
     stop_2_velocity: Array
 
 
 @dataclass(frozen=True)
 class RecordedImpacts(_Table):
-    """
-    Impacts, as logged.
+    """Impacts in the order of time, as logged."""
 
-    Attributes
-    ----------
-    time : ndarray of shape (n,)
-        Rig time, s, on whole nanoseconds; rising.
-    stop : ndarray of shape (n,)
-        1 or 2.
-    x, z : ndarray of shape (n,)
-        X and Z, m.
-    velocity_after, damper_velocity_after : ndarray of shape (n,)
-        X' and Z' just after, m/s.
-    primary_impulse, damper_impulse : ndarray of shape (n,)
-        Impulse on M and on m along the axis, N s.
-    """
-
-    time: Array
-    stop: Array
-    x: Array
-    z: Array
-    velocity_after: Array
-    damper_velocity_after: Array
-    primary_impulse: Array
-    damper_impulse: Array
+    time: Array  # rig time, s, on whole nanoseconds
+    stop: Array  # 1 or 2
+    x: Array  # X, m
+    z: Array  # Z, m
+    velocity_after: Array  # X' just after, m/s
+    damper_velocity_after: Array  # Z' just after, m/s
+    primary_impulse: Array  # on M, along the axis, N s
+    damper_impulse: Array  # on m
 
     @classmethod
     def of_events(cls, impacts: Sequence[Event]) -> Self:
@@ -204,37 +163,18 @@ class RecordedImpacts(_Table):
 
 @dataclass(frozen=True)
 class Knots(_Table):
-    """
-    Joint states and impacts in the order of time.
+    """Joint states and impacts in the order of time."""
 
-    Attributes
-    ----------
-    time : ndarray of shape (n,)
-        Rig time, s.
-    stop : ndarray of shape (n,)
-        The stop hit, 1 or 2; 0 for joint states.
-    last_stop : ndarray of shape (n,)
-        The stop hit last, this impact included; 0 before the first one.
-    x, z : ndarray of shape (n,)
-        X and Z, m.
-    velocity_before, velocity : ndarray of shape (n,)
-        X' just before and just after, m/s; the same for joint states.
-    damper_velocity_before, damper_velocity : ndarray of shape (n,)
-        Z' just before and just after, m/s.
-    touched : ndarray of shape (n,)
-        1 where a stop may follow m in contact with it, as far as is recorded; 0 elsewhere.
-    """
-
-    time: Array
-    stop: Array
-    last_stop: Array
-    x: Array
-    z: Array
-    velocity_before: Array
+    time: Array  # rig time, s
+    stop: Array  # the stop hit, 1 or 2; 0 for joint states
+    last_stop: Array  # the stop hit last, this impact included; 0 before the first one
+    x: Array  # X, m
+    z: Array  # Z, m
+    velocity_before: Array  # X' just before and just after, m/s; the same for joint states
     velocity: Array
-    damper_velocity_before: Array
+    damper_velocity_before: Array  # Z' just before and just after, m/s
     damper_velocity: Array
-    touched: Array
+    touched: Array  # 1 where a stop may follow m in contact with it, as far as is recorded
 
 
 _AT_STOP = 1e-9
@@ -294,61 +234,18 @@ def largest_size(*columns: Array) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedStretch:
-    """
-    A stretch of a run between two cuts.
+class RecordedStretch(LoggedStretch):
+    """A stretch of a run, with what was recorded of it."""
 
-    Attributes
-    ----------
-    number : int
-        Counted from 1.
-    start, end : float
-        Rig time, s.
-    begins, cause : Beginning, str
-        Why it begins, and the same in words.
-    parameters : RigParameters
-        As logged.
-    control : mapping of str to value
-        Gap-control parameters as logged.
-    clock : ForceClock or None
-        The force; None if its phase is not known.
-    states : RecordedStates
-        The last ones.
-    impacts : RecordedImpacts
-        All of them; of very many, the first and the last ones (`skipped` in between).
-    last_stop : int
-        Stop hit last before the stretch; 0 for none.
-    skipped : int
-        Index of the first impact after those left out; 0 if none were.
-    state_count, impact_count, missing_states : int
-        How many were recorded, and how many samples are missing.
-    lossy : bool
-        Whether the recorder may have lost single messages unnoticed.
-    gaps : tuple of (float, float)
-        Beginnings and ends of the intervals without samples, s; the first ones.
-    envelope : SwingEnvelope
-        X over the whole stretch.
-    overall : Overall or None
-        Swing, impacts and energy over the whole stretch.
-    """
-
-    number: int
-    start: float
-    end: float
-    begins: Beginning
-    cause: str
-    parameters: RigParameters
-    control: Mapping[str, Any] = field(default_factory=dict)
-    clock: ForceClock | None
-    states: RecordedStates
-    impacts: RecordedImpacts
-    last_stop: int = 0
-    skipped: int = 0
-    state_count: int
+    clock: ForceClock | None  # the force; None if its phase is not known
+    states: RecordedStates  # the last ones
+    impacts: RecordedImpacts  # all; of very many, the first and the last ones
+    last_stop: int = 0  # stop hit last before the stretch; 0 for none
+    state_count: int  # how many were recorded
     impact_count: int
     missing_states: int = 0
-    lossy: bool = False
-    gaps: tuple[tuple[float, float], ...] = ()
+    lossy: bool = False  # whether the recorder may have lost single messages unnoticed
+    gaps: tuple[tuple[float, float], ...] = ()  # the first intervals without samples, s
     envelope: SwingEnvelope
     overall: Overall | None = None
 

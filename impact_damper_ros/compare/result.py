@@ -33,6 +33,7 @@ __all__ = [
     'ImpactCurve',
     'ImpactStates',
     'LogCheck',
+    'LoggedStretch',
     'MeasuredMotion',
     'MotionCurve',
     'MotionKind',
@@ -536,9 +537,9 @@ class StretchCurves:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StretchComparison:
+class LoggedStretch:
     """
-    One stretch of a run, with constant parameters, compared with theory.
+    A stretch of a run between two cuts, with constant parameters.
 
     Attributes
     ----------
@@ -554,6 +555,24 @@ class StretchComparison:
         As logged.
     control : mapping of str to value
         Gap-control parameters as logged; empty if the bag has none.
+    """
+
+    number: int
+    start: float
+    end: float
+    begins: Beginning
+    cause: str
+    parameters: RigParameters
+    control: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StretchComparison(LoggedStretch):
+    """
+    One stretch of a run compared with theory.
+
+    Attributes
+    ----------
     samples, impacts, missing_samples : int
         What was recorded of it.
     kind : MotionKind
@@ -591,13 +610,6 @@ class StretchComparison:
         For plots.
     """
 
-    number: int
-    start: float
-    end: float
-    begins: Beginning
-    cause: str
-    parameters: RigParameters
-    control: Mapping[str, Any] = field(default_factory=dict)
     samples: int
     impacts: int
     missing_samples: int = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +32,14 @@ from .motion_kind import (
 )
 from .periodic_motion import PeriodicMotion, impulses_of, periodic_motion, predicted_curve
 from .recorded_stretch import ForceClock, RecordedStates, RecordedStretch
-from .result import EnergyBalance, Finding, StretchComparison, StretchCurves, Verdict
+from .result import (
+    EnergyBalance,
+    Finding,
+    LoggedStretch,
+    StretchComparison,
+    StretchCurves,
+    Verdict,
+)
 
 __all__ = ['compare_stretch']
 
@@ -319,13 +326,7 @@ class _Comparison:
                 steady = min(settled_at, stretch.end)
                 begin = max(steady, stretch.end - _MEASURED * cycles * self.cycle)
         return StretchComparison(
-            number=stretch.number,
-            start=stretch.start,
-            end=stretch.end,
-            begins=stretch.begins,
-            cause=stretch.cause,
-            parameters=stretch.parameters,
-            control=stretch.control,
+            **{f.name: getattr(stretch, f.name) for f in fields(LoggedStretch)},
             samples=stretch.state_count,
             impacts=stretch.impact_count,
             missing_samples=stretch.missing_states,
@@ -394,14 +395,7 @@ def compare_stretch(
     """
     Measure a stretch, find the kind of its motion, and compare it with theory.
 
-    Parameters
-    ----------
-    stretch : RecordedStretch
-        The stretch.
-    search : FaultSearch or None
-        The check of its flights, as `StretchReader` has it; None if the force is not known, or the
-        log needs no check.
-    replayed : sequence of Finding, optional
-        What a bit-for-bit replay of the log found in this stretch; None if there was none.
+    `search` is the check of its flights, `replayed` what a bit-for-bit replay of the log found in
+    it; each is None if there was none.
     """
     return _Comparison(stretch, search, replayed).run()

@@ -7,8 +7,8 @@ import pytest
 from compare.recorded import HORIZONTAL, INCLINED, OFF_RESONANCE, metered, recorded
 
 from impact_damper_ros.compare.flight_check import check_intervals
-from impact_damper_ros.compare.irregularity import largest_exponent
 from impact_damper_ros.compare.measured_motion import energy_balance, turning_points
+from impact_damper_ros.compare.motion_kind import largest_exponent
 from impact_damper_ros.compare.periodic_motion import decay_rate
 from impact_damper_ros.compare.recorded_stretch import ForceClock, knots_of
 from impact_damper_ros.orbits.irregularity import zero_one_test
