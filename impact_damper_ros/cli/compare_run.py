@@ -1,4 +1,4 @@
-"""`compare_run`: hold a recorded run against the periodic theory."""
+"""`compare_run`: compare a recorded run with the periodic theory."""
 
 from __future__ import annotations
 
@@ -37,18 +37,19 @@ __all__ = ['main']
 
 
 _DESCRIPTION = """\
-Hold a recorded run against the periodic theory. The run is cut where its parameters change and
-where it is reset; for each stretch it is found out whether the motion is transient, periodic,
-quasi-periodic or chaotic, the matching periodic problem is solved for the logged parameters, and
-both are shown side by side: impacts, swing, energy, decay into the steady state, and a verdict.
-Every recorded number is also checked against the equations of motion, whatever the motion. Works
-without ROS, on a bag directory or a single .mcap file, also a recovered one.
+Compare a recorded run with the periodic theory. The run is cut into stretches where its
+parameters change and where it is reset. For each stretch the command finds out whether the motion
+is transient, periodic, quasi-periodic or chaotic, solves the matching periodic problem for the
+logged parameters, and shows both side by side: impacts, swing, energy, decay into the steady
+state, and a verdict. Every recorded number is also checked against the equations of motion,
+whatever the motion. It works without ROS, on a bag directory or a single .mcap file, also a
+recovered one.
 """
 _EPILOG = """\
 Exit status: 0 if no stretch differs from theory (stretches that are not settled, or for which
 theory has no motion, do not differ); 1 if one does (or a file cannot be written); 2 if the bag or
-an argument cannot be used; 3 if nothing differs, but the bag is cut, damaged, or holds messages
-that are not sound; 130 on Ctrl-C.
+an argument cannot be used; 3 if nothing differs, but the bag is cut, damaged, or holds wrong
+messages; 130 on Ctrl-C.
 Example: compare_run runs/run_20250131_120000 --json result.json --report report
 """
 
@@ -68,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
         '--params',
         type=Path,
         metavar='FILE.yaml',
-        help='the rig, for a bag that does not tell its parameters (recorded without snapshot)',
+        help='the rig, for a bag that does not hold its parameters (recorded without snapshot)',
     )
     add_quiet_option(parser, 'tables')
     return parser

@@ -483,7 +483,7 @@ class BagStretches:
             return LoggedRig.of_snapshot(snapshot.state)
         except (ValueError, TypeError, KeyError) as error:
             cause = (
-                f'its snapshot at rig time {snapshot.time_ns / 1e9:.9g} s is of no use: {error}'
+                f'its snapshot at rig time {snapshot.time_ns / 1e9:.9g} s cannot be used: {error}'
             )
             remedy = 'use the version of impact_damper_ros that recorded the bag'
             raise RecordingError('compare', self.recorded.reader.path, cause, remedy) from error
@@ -509,7 +509,7 @@ class BagStretches:
         yield from self._carry_out()
         yield from self._end_stretch(None)
         if self._rig is None:
-            cause = 'it does not tell the parameters of the rig: no snapshot, and no list of all'
+            cause = 'it does not hold the parameters of the rig: no snapshot, and no list of all'
             remedy = 'record the topic snapshot too, or give the rig with --params FILE.yaml'
             raise RecordingError('compare', self.recorded.reader.path, cause, remedy)
 
@@ -532,7 +532,7 @@ class BagStretches:
         if not self.recorded.topics.impacts:
             found.append('the topic of the impacts was not recorded: there are only samples')
         for count, what in (
-            (self._pauses, 'the rig was paused {}; rig time stood still meanwhile'),
+            (self._pauses, 'the rig was paused {}; rig time stood still during it'),
             (self._slips, 'the machine stalled {}, and the stamps were moved on'),
         ):
             if count:

@@ -81,7 +81,7 @@ def _finding(difference: Difference) -> Finding:
     if recorded is None and difference.quantity in ('impact', 'act of the gap control'):
         text = f'{where} is missing in the log ({replayed})'
     elif difference.quantity == 'state_rate':
-        text = f'{where} is {_shown(recorded)} in the log, at which its joint states do not lie'
+        text = f'{where} is {_shown(recorded)} in the log; its joint states have another one'
     elif replayed is None:
         text = f'{where} is in the log, but did not happen ({recorded})'
     else:

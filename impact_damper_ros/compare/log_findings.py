@@ -264,7 +264,7 @@ def _impulse_findings(impacts: RecordedImpacts) -> Iterator[Finding]:
         tolerance=_TOLERANCE * scale,
         text=(
             f'{len(wrong)} impacts do not give M and m the same impulse: up to {on_m:.9g} N s on '
-            f'm against {on_primary:.9g} N s on M, first at {impacts.time[first]:.9f} s'
+            f'm and {on_primary:.9g} N s on M, first at {impacts.time[first]:.9f} s'
         ),
     )
 
@@ -462,11 +462,11 @@ def _fault_text(fault: Fault) -> str:
     if fault.kind == 'motion' and math.isnan(difference):
         return (
             f'what is recorded up to {fault.time:.9g} s does not follow from what is before: '
-            'impacts, reversals or rest should have come otherwise'
+            'other impacts, reversals or rest are expected'
         )
     if fault.kind == 'motion':
         return (
-            f'the motion recorded up to {fault.time:.9g} s does not follow from the one before: '
+            f'the motion recorded up to {fault.time:.9g} s does not follow from that before: '
             f'{fault.quantity} is {fault.recorded:.9g} {fault.unit}, off by {difference:+.6g} '
             f'{fault.unit}'
         )

@@ -471,19 +471,19 @@ def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:
         limit = ', the limit of the stamps' if recurrence.at_floor else ''
         evidence = f'repeats after {text}: the last two periods differ by {level:.1e}{limit}'
     elif not recurrence.shrinks:
-        evidence = f'repeats after {text} to within {level:.1e}, which no longer shrinks'
+        evidence = f'repeats after {text} to within {level:.1e}, which does not shrink any more'
     else:
         kind = MotionKind.TRANSIENT
         evidence = (
-            f'comes to repeat after {text}: from period to period the difference shrinks by about '
-            f'{recurrence.factor:.3g}, to {level:.1e} at the end'
+            f'approaches a period of {text}: the difference of successive periods shrinks by a '
+            f'factor of about {recurrence.factor:.3g}, to {level:.1e} at the end'
         )
     return StretchKind(kind, evidence, measures, recurrence, impacts)
 
 
 def _ahead(carried: CarriedMotion) -> StretchKind | None:
     """Return the kind of a motion that leads to a period, or to no impacts; else None."""
-    on = 'does not repeat yet; carried on from its last impact by the theory, it'
+    on = 'does not repeat yet; simulated on from its last impact, it'
     if carried.quiet_after is not None:
         text = f'{on} has no more impacts after {carried.quiet_after} more cycles'
         measures = {'quiet_after_cycles': float(carried.quiet_after)}
@@ -525,15 +525,15 @@ def _settling(clock: ForceClock, impacts: RecordedImpacts, carried: CarriedMotio
     ahead = _ahead(carried)
     assert ahead is not None
     if all(period == carried.period for period in periods):
-        text = f'{ahead.evidence}; first it is chaotic, but from the {_OTHER_WAYS} impacts before '
-        text += f'it settles to that period, too, after {min(cycles):.0f} to {max(cycles):.0f}'
+        text = f'{ahead.evidence}; it is chaotic at first, but from the {_OTHER_WAYS} impacts '
+        text += f'before it settles to that period, too, after {min(cycles):.0f} to '
+        text += f'{max(cycles):.0f} cycles'
         return replace(ahead, evidence=text)
     known = ', '.join(str(p) for p in sorted({carried.period, *periods} - {0}))
     text = (
-        f'does not repeat yet; carried on from each of its last {_OTHER_WAYS + 1} impacts by the '
-        f'theory, it is chaotic, and settles from {len(cycles)} of them, after {min(cycles):.0f} '
-        f'cycles or more, to periods of {known} cycles: the recording does not determine to '
-        'which, nor when'
+        f'does not repeat yet; simulated on from each of its last {_OTHER_WAYS + 1} impacts, it '
+        f'is chaotic, and settles from {len(cycles)} of them, after {min(cycles):.0f} cycles or '
+        f'more, to periods of {known} cycles: the recording does not determine to which, nor when'
     )
     return StretchKind(MotionKind.UNDECIDED, text, ahead.measures, short=True)
 
@@ -585,12 +585,12 @@ def _exponent_text(found: Indications) -> str:
 
 def _carried_text(found: Indications) -> str:
     text = (
-        f'carried on from the last impact by the theory, it does not settle, and over '
-        f'{found.cycles} cycles there the exponent is {_exponent_text(found)}'
+        f'simulated on from the last impact, it does not settle, and over {found.cycles} cycles '
+        f'the exponent is {_exponent_text(found)}'
     )
     if not math.isnan(found.spread):
         text += (
-            f'; weighted averages over the halves of these differ by {found.spread:.1g} (below '
+            f'; weighted averages over their halves differ by {found.spread:.1g} (below '
             f'{REGULAR_SPREAD:g} regular, above {IRREGULAR_SPREAD:g} chaotic)'
         )
     return text
@@ -602,12 +602,12 @@ def _contradiction(kind: MotionKind, recorded: Indications | None, regularity: f
         return ''
     if kind is MotionKind.CHAOTIC:
         if recorded.shrinks:
-            return 'along the recording neighbouring motions join'
+            return 'along the recording neighbouring motions converge'
         if recorded.spread < REGULAR_SPREAD:
             return f'the recorded impacts look regular: averages differ by {recorded.spread:.1g}'
     if kind is MotionKind.QUASI_PERIODIC:
         if recorded.grows:
-            return 'along the recording neighbouring motions part'
+            return 'along the recording neighbouring motions diverge'
         if regularity > _NOT_REGULAR:
             return 'the 0-1 test of the recorded impacts is not that of a regular motion'
     return ''
@@ -617,25 +617,25 @@ def _doubt(found: Indications | None, carried: CarriedMotion | None, spent: floa
     """Return why a motion is undecided, and what would decide."""
     if found is None and carried is not None:
         return (
-            f'carried on from the last impact by the theory, it does not settle within '
-            f'{carried.cycles} cycles, and so many impacts leave no time for more'
+            f'simulated on from the last impact, it does not settle within {carried.cycles} '
+            'cycles, and has too many impacts to be simulated for longer'
         )
     if found is None:
-        return f'{spent:.0f} cycles with impacts are too few; some {_FEW_CYCLES} may decide'
+        return f'{spent:.0f} cycles with impacts are too few; about {_FEW_CYCLES} may decide'
     if more := found.cycles_to_decide():
         return f'the exponent is not certain; about {more} cycles in all would decide'
     if found.shrinks:
-        text = 'neighbouring motions join it: a long transient, or a long period; '
+        text = 'neighbouring motions converge to it: a long transient, or a long period; '
         return (
-            f'{text}some {math.ceil(math.log(SETTLED) / found.exponent)} cycles more would decide'
+            f'{text}about {math.ceil(math.log(SETTLED) / found.exponent)} more cycles would decide'
         )
     if found.grows:
-        text = 'neighbouring motions part, but the averages are those of a regular motion'
+        text = 'neighbouring motions diverge, but the averages are those of a regular motion'
     elif found.neutral:
         text = 'neighbouring motions keep their distance, but the averages are not steady'
     else:
         text = 'the exponent is too near to zero'
-    return f'{text}; some {4 * found.cycles} cycles in all would decide'
+    return f'{text}; about {4 * found.cycles} cycles in all would decide'
 
 
 def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) -> StretchKind:

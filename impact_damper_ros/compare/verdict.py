@@ -88,7 +88,7 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]
     name = _motion_name(orbit)
     if kind.carried_on:
         cycles = kind.measures['settles_after_cycles']
-        text = f'theory leads on to {name} ({_stability(orbit)}), {cycles:.0f} cycles later'
+        text = f'simulated on, it comes to {name} ({_stability(orbit)}) after {cycles:.0f} cycles'
         return _Judgement(Verdict.NOT_SETTLED, text)
     rate = ''
     if not math.isnan(motion.decay.factor):
@@ -98,8 +98,8 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]
         )
     if distance > motion.allowed:
         differences = motion.differences()
-        text = f'differs by {distance:.3g} of its size from {name}, where {motion.allowed:.1g} is '
-        text += 'explained by the remaining transient and the stamps'
+        text = f'differs by {distance:.3g} of its size from {name}; the remaining transient and '
+        text += f'the stamps explain {motion.allowed:.1g}'
         if differences:
             text += f': {differences[0].text}'
         return _Judgement(Verdict.DIFFERS, text + rate, differences)
@@ -155,8 +155,8 @@ def _beside(
         text = f'{what}: theory has {_motion_name(orbit)}, but it is {_stability(orbit)}'
         return _Judgement(Verdict.PREDICTED_UNSTABLE, text)
     text = (
-        f'{what}, beside {_motion_name(orbit)} ({_stability(orbit)}), which theory has here and '
-        'other initial conditions, or more time, may lead to'
+        f'{what}; theory has {_motion_name(orbit)} ({_stability(orbit)}), which the rig may come '
+        'to from other initial conditions, or later'
     )
     return _Judgement(Verdict.NO_PREDICTION, text)
 
@@ -164,7 +164,7 @@ def _beside(
 def _judged_oscillation(found: Oscillation | None, x_max: float) -> _Judgement:
     """Judge a motion without impacts."""
     if found is None:
-        text = 'without impacts m slides to and fro: no periodic motion with impacts to compare'
+        text = 'm slides without impacts: theory has no such motion'
         return _Judgement(Verdict.NO_PREDICTION, text)
     how = 'with m on it' if found.joined else 'without m'
     text = (
@@ -245,7 +245,7 @@ class _Comparison:
         stretch = self.stretch
         cycles = stretch.duration / self.cycle
         if cycles < _LEAST_CYCLES or len(stretch.states) + len(stretch.impacts) < 3:
-            text = f'{cycles:.2g} cycles of the force are too few to tell anything'
+            text = f'{cycles:.2g} cycles of the force are too few for a comparison'
             kind = StretchKind(MotionKind.UNDECIDED, text, short=True)
             return self._result(kind, self._judged(Verdict.TOO_SHORT, text))
         quiet = max(0.5 * stretch.duration, min(_QUIET_CYCLES * self.cycle, stretch.duration))
@@ -263,7 +263,7 @@ class _Comparison:
         states = stretch.states[stretch.states.time >= start]
         if len(states) >= 2 and _at_rest(stretch.states):
             kind = StretchKind(MotionKind.AT_REST, 'nothing moves any more')
-            text = 'nothing moves, and nothing pushes'
+            text = 'nothing moves, and no force acts'
             if any(stretch.parameters.force_amplitudes):
                 text = 'nothing moves'
             return self._result(kind, self._judged(Verdict.NO_PREDICTION, text))
