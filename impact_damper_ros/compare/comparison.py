@@ -89,15 +89,9 @@ def _finding(difference: Difference) -> Finding:
             f'{where} is {_shown(recorded)}{unit} in the log, and {_shown(replayed)}{unit} when '
             'the log is replayed'
         )
-    return Finding(
-        quantity=f'{difference.quantity} on {difference.topic}',
-        unit=difference.unit,
-        time=difference.time,
-        measured=_number(recorded),
-        expected=_number(replayed),
-        tolerance=0.0,
-        text=text,
-    )
+    quantity = f'{difference.quantity} on {difference.topic}'
+    numbers = (difference.time, _number(recorded), _number(replayed), 0.0)
+    return Finding(quantity, difference.unit, *numbers, text)
 
 
 def _shown(value: object) -> str:

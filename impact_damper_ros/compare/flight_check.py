@@ -98,12 +98,10 @@ def _flown(clock: ForceClock, knots: Knots) -> tuple[list[Array], NDArray[np.boo
     later = end.damper_velocity_before - end.velocity_before
     rest, later_rest = relative == 0.0, later == 0.0
     plain, joint = rest == later_rest, rest & later_rest
-    direction, air = np.zeros(len(relative)), np.zeros(len(relative))
+    direction, air = np.zeros(len(relative)), begin.air_direction
     if rig.friction * rig.gravity > 0.0:
         plain &= relative * later >= 0.0
         direction = np.sign(relative)
-    if rig.air_force > 0.0:
-        air = np.where(begin.last_stop == 1.0, -1.0, np.where(begin.last_stop == 2.0, 1.0, 0.0))
     grip = rig.damper_mass * rig.friction * rig.gravity * math.cos(rig.angle)
     support = grip * direction - rig.air_force * air
     x, velocity = np.empty_like(tau), np.empty_like(tau)

@@ -109,15 +109,9 @@ def _gap_findings(
     where = ' and '.join(
         f'stop {stop} is at Y = {place.y:.9g} m ({place.seen})' for stop, place in found.items()
     )
-    yield Finding(
-        quantity='gap',
-        unit='m',
-        time=min(place.time for place in found.values()),
-        measured=gap,
-        expected=rig.gap,
-        tolerance=2.0 * tolerance,
-        text=f'{where}: a gap of {gap:.9g} m; logged is {rig.gap:.9g} m',
-    )
+    time = min(place.time for place in found.values())
+    text = f'{where}: a gap of {gap:.9g} m; logged is {rig.gap:.9g} m'
+    yield Finding('gap', 'm', time, gap, rig.gap, 2.0 * tolerance, text)
 
 
 def _contact_findings(
@@ -143,20 +137,14 @@ def _contact_findings(
         wrong = np.flatnonzero(~((side * impacts.primary_impulse >= 0.0) & (there | moving)))
     if len(wrong):
         first = int(wrong[0])
-        found = float(side[first] * outward[first])
-        yield Finding(
-            quantity='Y at impact',
-            unit='m',
-            time=float(impacts.time[first]),
-            measured=found,
-            expected=float(side[first]) * half,
-            tolerance=tolerance,
-            text=(
-                f'{len(wrong)} impacts are not where their stop is or push M the wrong way, first '
-                f'on stop {impacts.stop[first]:.0f} at {impacts.time[first]:.9f} s: Y is '
-                f'{found:.9g} m, the impulse on M {impacts.primary_impulse[first]:.9g} N s'
-            ),
+        time, found = float(impacts.time[first]), float(side[first] * outward[first])
+        text = (
+            f'{len(wrong)} impacts are not where their stop is or push M the wrong way, first on '
+            f'stop {impacts.stop[first]:.0f} at {time:.9f} s: Y is {found:.9g} m, the impulse on '
+            f'M {impacts.primary_impulse[first]:.9g} N s'
         )
+        expected = float(side[first]) * half
+        yield Finding('Y at impact', 'm', time, found, expected, tolerance, text)
 
 
 def _stop_findings(stretch: RecordedStretch) -> Iterator[Finding]:
@@ -187,19 +175,13 @@ def _stop_findings(stretch: RecordedStretch) -> Iterator[Finding]:
             wrong = np.flatnonzero(~right)
             if len(wrong) and not (stop == 2 and rig.one_sided):
                 first = int(wrong[0])
-                yield Finding(
-                    quantity=f'stop_{stop}',
-                    unit='m',
-                    time=float(states.time[first]),
-                    measured=float(at[first]),
-                    expected=side * half,
-                    tolerance=place,
-                    text=(
-                        f'in {len(wrong)} joint states stop {stop} is where, or as fast as, it '
-                        f'cannot be, first at {states.time[first]:.9g} s: at Y = '
-                        f'{at[first]:.9g} m, at {moving[first]:.9g} m/s in M'
-                    ),
+                time, found = float(states.time[first]), float(at[first])
+                text = (
+                    f'in {len(wrong)} joint states stop {stop} is where, or as fast as, it cannot '
+                    f'be, first at {time:.9g} s: at Y = {found:.9g} m, at {moving[first]:.9g} m/s '
+                    'in M'
                 )
+                yield Finding(f'stop_{stop}', 'm', time, found, side * half, place, text)
 
 
 def _restitution_findings(
@@ -255,18 +237,12 @@ def _impulse_findings(impacts: RecordedImpacts) -> Iterator[Finding]:
     if np.isfinite(off[wrong]).any():
         worst = int(wrong[np.nanargmax(np.abs(off[wrong]))])
     on_m, on_primary = float(impacts.damper_impulse[worst]), float(impacts.primary_impulse[worst])
-    yield Finding(
-        quantity='impulse',
-        unit='N s',
-        time=float(impacts.time[first]),
-        measured=on_m,
-        expected=-on_primary,
-        tolerance=_TOLERANCE * scale,
-        text=(
-            f'{len(wrong)} impacts do not give M and m the same impulse: up to {on_m:.9g} N s on '
-            f'm and {on_primary:.9g} N s on M, first at {impacts.time[first]:.9f} s'
-        ),
+    time = float(impacts.time[first])
+    text = (
+        f'{len(wrong)} impacts do not give M and m the same impulse: up to {on_m:.9g} N s on m '
+        f'and {on_primary:.9g} N s on M, first at {time:.9f} s'
     )
+    yield Finding('impulse', 'N s', time, on_m, -on_primary, _TOLERANCE * scale, text)
 
 
 # Fits to the residuals of the equations of motion
@@ -429,18 +405,12 @@ _REPAIRED = 0.05
 def _fit_finding(fit: _ParameterFit, time: float) -> Finding:
     unit = f' {fit.unit}' if fit.unit else ''
     alike = f' (or another {" or ".join(fit.alike)} instead)' if fit.alike else ''
-    return Finding(
-        quantity=fit.name,
-        unit=fit.unit,
-        time=time,
-        measured=fit.fitted,
-        expected=fit.logged,
-        tolerance=abs(fit.fitted - fit.logged) * fit.left,
-        text=(
-            f'the recorded motion obeys the equations of motion with {fit.name} = '
-            f'{fit.fitted:.9g}{unit}{alike}; logged is {fit.logged:.9g}{unit}'
-        ),
+    text = (
+        f'the recorded motion obeys the equations of motion with {fit.name} = '
+        f'{fit.fitted:.9g}{unit}{alike}; logged is {fit.logged:.9g}{unit}'
     )
+    doubt = abs(fit.fitted - fit.logged) * fit.left
+    return Finding(fit.name, fit.unit, time, fit.fitted, fit.logged, doubt, text)
 
 
 def _delay(seconds: float) -> str:
@@ -494,15 +464,9 @@ def _fault_findings(faults: Sequence[Fault]) -> Iterator[Finding]:
                 if not math.isnan(max(sizes)):
                     text += f', off by up to {max(sizes):.6g} {fault.unit}'
             name = {'missing': 'missing impact', 'surplus': 'surplus impact'}.get(kind)
-            yield Finding(
-                quantity=name or (f'{quantity} at impact' if kind == 'impact' else quantity),
-                unit=fault.unit,
-                time=fault.time,
-                measured=fault.recorded,
-                expected=fault.expected,
-                tolerance=fault.tolerance,
-                text=text,
-            )
+            name = name or (f'{quantity} at impact' if kind == 'impact' else quantity)
+            numbers = (fault.time, fault.recorded, fault.expected, fault.tolerance)
+            yield Finding(name, fault.unit, *numbers, text)
 
 
 def log_findings(

@@ -188,12 +188,11 @@ def energy_balance(clock: ForceClock, knots: Knots, periods: int) -> EnergyBalan
     # Where m starts or stops moving relative to M, or turns, Y is not a cubic.
     broken = (relative * later <= 0.0) & ((relative != 0.0) | (later != 0.0))
     doubt = grip * float(((np.abs(relative) + np.abs(later)) * step)[broken].sum())
-    air = np.where(begin.last_stop == 1.0, -1.0, np.where(begin.last_stop == 2.0, 1.0, 0.0))
     hits = knots[1:]
     before = _stored_energy(rig, hits.x, hits.velocity_before, hits.z, hits.damper_velocity_before)
     after = _stored_energy(rig, hits.x, hits.velocity, hits.z, hits.damper_velocity)
     impacts = float((before - after)[hits.stop > 0.0].sum())
-    air_work = rig.air_force * float(air @ rise)
+    air_work = rig.air_force * float(begin.air_direction @ rise)
     ends = knots[np.array([0, len(knots) - 1])]
     energy = _stored_energy(rig, ends.x, ends.velocity, ends.z, ends.damper_velocity)
     stored = float(energy[1] - energy[0])

@@ -176,6 +176,11 @@ class Knots(_Table):
     damper_velocity: Array
     touched: Array  # 1 where a stop may follow m in contact with it, as far as is recorded
 
+    @property
+    def air_direction(self) -> Array:
+        """Direction of the air force on m: away from the stop hit last."""
+        return np.where(self.last_stop == 1.0, -1.0, np.where(self.last_stop == 2.0, 1.0, 0.0))
+
 
 _AT_STOP = 1e-9
 

@@ -346,24 +346,14 @@ class MotionCurve:
 @dataclass(frozen=True)
 class ImpactCurve:
     """
-    Impacts; the states just after them are the points of the Poincare section.
+    Impacts as arrays; the states just after them are the points of the Poincare section.
 
     Attributes
     ----------
-    time : ndarray of shape (n,)
-        Instants, s.
-    phase : ndarray of shape (n,)
-        Phase of the force, cycles in [0, 1); NaN if it is not known.
-    stop : ndarray of shape (n,)
-        1 or 2.
-    x : ndarray of shape (n,)
-        X, m.
-    primary_velocity_before, primary_velocity_after : ndarray of shape (n,)
-        X' just before and just after, m/s.
-    damper_velocity_before, damper_velocity_after : ndarray of shape (n,)
-        Z' just before and just after, m/s.
-    impulse : ndarray of shape (n,)
-        Modulus of the impulse, N s.
+    time, phase : ndarray of shape (n,)
+        Instants, s, and phases of the force, cycles in [0, 1); NaN if they are not known.
+    stop, x, primary_velocity_before, ..., impulse : ndarray of shape (n,)
+        As of `ImpactStates`.
     """
 
     time: Array
@@ -386,16 +376,12 @@ class PredictedCurve:
     ----------
     phase : ndarray of shape (n,)
         Cycles of the force since its zero angle, not falling; each impact appears twice.
-    x, velocity : ndarray of shape (n,)
-        X in m, and X' in m/s.
-    y, relative_velocity : ndarray of shape (n,)
-        Y in m, and Y' in m/s.
+    x, velocity, y, relative_velocity : ndarray of shape (n,)
+        As of `MotionCurve`.
     force_zero : float
         A rig time, s, at which the force's angle is zero: phase p is at force_zero + p cycles.
-    cycle : float
-        Duration of a cycle of the force, s.
-    cycles : int
-        Cycles k in a period.
+    cycle, cycles : float, int
+        Duration of a cycle of the force, s, and cycles k in a period.
     """
 
     phase: Array
@@ -415,20 +401,14 @@ class Convergence:
 
     Attributes
     ----------
-    time : ndarray of shape (n,)
-        Beginning of each period, s.
-    distance : ndarray of shape (n,)
-        Largest difference of any displacement, velocity and instant of its impacts from those of
-        the periodic motion, each relative to its size.
-    floor : float
-        Smallest distance that stamps on whole nanoseconds resolve.
+    time, distance : ndarray of shape (n,)
+        Beginning of each period, s, and the largest difference of any displacement, velocity and
+        instant of its impacts from those of the periodic motion, each relative to its size.
+    floor, measured, predicted : float
+        As of `Decay`.
     fitted_from, fitted_to : int
         The periods (half-open range of indices) on which the decay was measured; equal if it
         could not be.
-    measured : float
-        Measured factor by which the distance shrinks in a period; NaN if it could not be measured.
-    predicted : float
-        Largest modulus of the multipliers; NaN without a prediction.
     """
 
     time: Array
