@@ -153,7 +153,7 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
 
 
 def _unchecked(replay: Replay) -> tuple[str, ...]:
-    """Return what the replay does not look at."""
+    """Return what the replay does not check."""
     topics = replay.recorded.topics
     checked = {topics.joint_states, topics.impacts, topics.gap_control, topics.snapshot}
     found = [

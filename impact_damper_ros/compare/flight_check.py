@@ -180,7 +180,7 @@ def check_intervals(clock: ForceClock, knots: Knots) -> Intervals:
 # One interval, event by event
 
 
-#: A stamp is rounded to the nanosecond; an impact is looked for so much later.
+#: A stamp is rounded to the nanosecond; an impact may come so much later.
 _ROUNDED_S = 2e-9
 _WEAK = 1e-3
 _RELATIVE = np.array(

@@ -88,6 +88,8 @@ def cubic_swing(span: Array, start: Array, end: Array, v_0: Array, v_1: Array) -
     """
     Measure the swing of X along the cubics between knots.
 
+    `scipy.interpolate.PPoly` takes three times as long for the turning points of 200,000 of them.
+
     Parameters
     ----------
     span : ndarray of shape (n,)

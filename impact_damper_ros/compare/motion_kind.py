@@ -1,9 +1,9 @@
 """
 The kind of motion of a stretch: without impacts, periodic, quasi-periodic, chaotic.
 
-A recording may end before its motion has settled. The exact simulator of the logged rig then runs
-on from the last impact, for many times as many cycles, until the motion repeats, the impacts end,
-or a bound is reached.
+A recording may end before its motion has settled. The logged rig is then run ahead by the exact
+simulator from its last impact, for many times as many cycles, until the motion repeats, the
+impacts end, or a bound is reached.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from .result import Array
 
 __all__ = [
-    'CarriedMotion',
+    'MotionAhead',
     'Oscillation',
     'StretchKind',
-    'carried_on',
-    'carry_on',
     'counted_impacts',
     'impact_table',
+    'kind_ahead',
     'kind_of',
     'kind_without_force_phase',
     'largest_exponent',
+    'motion_ahead',
     'oscillation',
 ]
 
@@ -140,14 +140,14 @@ class StretchKind:
     evidence: str  # the numbers that show it, as a sentence
     measures: Mapping[str, float] = field(default_factory=dict)  # the same numbers by name
     recurrence: Recurrence | None = None  # how the motion repeats
-    #: Those that repeat: recorded ones without the weak ones of chatters or, if `carried_on`, of
-    #: the simulated rig that goes on from the end of a motion that does not repeat yet.
+    #: Those that repeat: recorded ones without the weak ones of chatters or, if `ahead`, of
+    #: the rig that is run ahead from the end of a motion that does not repeat yet.
     impacts: RecordedImpacts = field(default_factory=RecordedImpacts.none)
-    carried_on: bool = False
+    ahead: bool = False
     short: bool = False  # whether a longer recording may decide
 
 
-# The simulated rig that goes on from the last impact
+# The rig run ahead from its last impact
 
 
 #: Cycles for each recorded one, and the least and the most of them. More are run if more were
@@ -174,8 +174,8 @@ _UNFORESEEABLE = 12.0
 
 
 @dataclass(frozen=True)
-class CarriedMotion:
-    """The motion of the simulated rig after the last recorded impact."""
+class MotionAhead:
+    """The motion of the rig when it is run ahead from the last recorded impact."""
 
     cycles: int  # of the force that it was run
     impacts: RecordedImpacts  # without the weak ones of chatters, on the clock of the recording
@@ -237,8 +237,8 @@ def _period_of(section: Array) -> int:
     return 0
 
 
-class _CarriedRig:
-    """The simulated rig, and what it has done so far."""
+class _RigAhead:
+    """The rig that is run ahead, and what it has done so far."""
 
     def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
         self._clock = clock
@@ -325,11 +325,13 @@ def _settled_after(recurrence: Recurrence, impacts: RecordedImpacts, begin: floa
     return float(impacts.time[first]) - begin
 
 
-def carry_on(clock: ForceClock, impacts: RecordedImpacts, recorded: float) -> CarriedMotion | None:
-    """Simulate the logged rig on from the last impact, longer if more cycles were recorded."""
+def motion_ahead(
+    clock: ForceClock, impacts: RecordedImpacts, recorded: float
+) -> MotionAhead | None:
+    """Run the logged rig ahead from its last impact, longer if more cycles were recorded."""
     if not len(impacts):
         return None
-    rig = _CarriedRig(clock, impacts)
+    rig = _RigAhead(clock, impacts)
     begin = float(impacts.time[-1])
     most = int(min(max(_TIMES_RECORDED * recorded, _LEAST), _MOST))
     most = max(most, int(min(recorded, _MOST_OF_ALL)))
@@ -358,7 +360,7 @@ def carry_on(clock: ForceClock, impacts: RecordedImpacts, recorded: float) -> Ca
     growth = 0.0
     if settled:
         growth = rig.exponent(0, settled).value * settled * clock.cycle
-    return CarriedMotion(
+    return MotionAhead(
         cycles=rig.cycles,
         impacts=ahead,
         recurrence=recurrence,
@@ -438,13 +440,13 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications
 # The kind of a motion with impacts
 
 
-#: Cycles with impacts from which on the rig is simulated on.
-_CARRIED_FROM = 8
-#: If the simulated rig is chaotic at first, it is started from so many earlier impacts, too.
+#: Cycles with impacts from which on the rig is run ahead.
+_RUN_AHEAD_FROM = 8
+#: If it is chaotic at first, it is run ahead from so many earlier impacts, too.
 _OTHER_WAYS = 3
 #: Cycles that are enough for most motions.
 _FEW_CYCLES = 30
-#: Periods that differ by less are periodic whatever the simulated rig does.
+#: Periods that differ by less are periodic whatever the rig does later.
 _SURE = 1e-6
 #: K of the 0-1 test of a recording that is not quasi-periodic.
 _NOT_REGULAR = 0.5
@@ -457,7 +459,7 @@ def _period_text(recurrence: Recurrence) -> str:
 
 
 def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:
-    """Return the kind of a motion whose recorded impacts repeat, or come to."""
+    """Return the kind of a motion whose recorded impacts repeat, or will."""
     text = _period_text(recurrence)
     level = recurrence.level
     measures = {
@@ -481,70 +483,68 @@ def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:
     return StretchKind(kind, evidence, measures, recurrence, impacts)
 
 
-def _ahead(carried: CarriedMotion) -> StretchKind | None:
+def _leads_to(ahead: MotionAhead) -> StretchKind | None:
     """Return the kind of a motion that leads to a period, or to no impacts; else None."""
-    on = 'does not repeat yet; simulated on from its last impact, it'
-    if carried.quiet_after is not None:
-        text = f'{on} has no more impacts after {carried.quiet_after} more cycles'
-        measures = {'quiet_after_cycles': float(carried.quiet_after)}
+    on = 'does not repeat yet; run ahead from its last impact, it'
+    if ahead.quiet_after is not None:
+        text = f'{on} has no more impacts after {ahead.quiet_after} more cycles'
+        measures = {'quiet_after_cycles': float(ahead.quiet_after)}
         return StretchKind(MotionKind.TRANSIENT, text, measures)
-    recurrence = carried.recurrence
-    settled = float(carried.settled_after or 0)
-    if not carried.period:
+    recurrence = ahead.recurrence
+    settled = float(ahead.settled_after or 0)
+    if not ahead.period:
         # Too slow to have settled, but on its way
-        found = carried.indications
+        found = ahead.indications
         if found is None or recurrence is None or not (found.shrinks and recurrence.shrinks):
             return None
         left = max(0.0, math.log(SETTLED / recurrence.level) / found.exponent)
-        settled = float(math.ceil(carried.cycles + left))
+        settled = float(math.ceil(ahead.cycles + left))
     measures = {'settles_after_cycles': settled}
-    text = f'{on} settles after {"" if carried.period else "about "}{settled:.0f} more cycles to '
-    if recurrence is None or (carried.period and recurrence.cycles != carried.period):
-        text += f'a period of {carried.period} cycles'
-        if carried.period > LONGEST_PERIOD:
+    text = f'{on} settles after {"" if ahead.period else "about "}{settled:.0f} more cycles to '
+    if recurrence is None or (ahead.period and recurrence.cycles != ahead.period):
+        text += f'a period of {ahead.period} cycles'
+        if ahead.period > LONGEST_PERIOD:
             text += f', longer than the {LONGEST_PERIOD} that are predicted'
         return StretchKind(MotionKind.TRANSIENT, text, measures)
     text += f'a period of {_period_text(recurrence)}'
-    return StretchKind(
-        MotionKind.TRANSIENT, text, measures, recurrence, carried.impacts, carried_on=True
-    )
+    return StretchKind(MotionKind.TRANSIENT, text, measures, recurrence, ahead.impacts, ahead=True)
 
 
-def _settling(clock: ForceClock, impacts: RecordedImpacts, carried: CarriedMotion) -> StretchKind:
+def _settling(clock: ForceClock, impacts: RecordedImpacts, ahead: MotionAhead) -> StretchKind:
     """
     Return the kind of a motion that settles after chaos.
 
-    The stamps do not determine it that far ahead. From each of the last impacts the simulated rig
+    The stamps do not determine it that far ahead. From each of the last impacts the rig
     takes another way; only if all of them lead to the same period, the motion is said to settle.
     """
     spent = _cycles_of(clock, impacts)
-    others = [carry_on(clock, impacts[:-back], spent) for back in range(1, _OTHER_WAYS + 1)]
+    others = [motion_ahead(clock, impacts[:-back], spent) for back in range(1, _OTHER_WAYS + 1)]
     periods = [way.period if way is not None else 0 for way in others]
-    cycles = [float(carried.settled_after or 0)]
+    cycles = [float(ahead.settled_after or 0)]
     cycles += [float(way.settled_after or 0) for way in others if way is not None and way.period]
-    ahead = _ahead(carried)
-    assert ahead is not None
-    if all(period == carried.period for period in periods):
-        text = f'{ahead.evidence}; it is chaotic at first, but from the {_OTHER_WAYS} impacts '
+    leads = _leads_to(ahead)
+    assert leads is not None
+    if all(period == ahead.period for period in periods):
+        text = f'{leads.evidence}; it is chaotic at first, but from the {_OTHER_WAYS} impacts '
         text += f'before it settles to that period, too, after {min(cycles):.0f} to '
         text += f'{max(cycles):.0f} cycles'
-        return replace(ahead, evidence=text)
-    known = ', '.join(str(p) for p in sorted({carried.period, *periods} - {0}))
+        return replace(leads, evidence=text)
+    known = ', '.join(str(p) for p in sorted({ahead.period, *periods} - {0}))
     text = (
-        f'does not repeat yet; simulated on from each of its last {_OTHER_WAYS + 1} impacts, it '
+        f'does not repeat yet; run ahead from each of its last {_OTHER_WAYS + 1} impacts, it '
         f'is chaotic, and settles from {len(cycles)} of them, after {min(cycles):.0f} cycles or '
         f'more, to periods of {known} cycles: the recording does not determine to which, nor when'
     )
-    return StretchKind(MotionKind.UNDECIDED, text, ahead.measures, short=True)
+    return StretchKind(MotionKind.UNDECIDED, text, leads.measures, short=True)
 
 
-def carried_on(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind | None:
-    """Return the periodic motion that the simulated rig comes to from the last impact."""
-    carried = carry_on(clock, impacts, _cycles_of(clock, impacts))
-    if carried is None or carried.unforeseeable:
+def kind_ahead(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind | None:
+    """Return the periodic motion to which the rig comes when it is run ahead."""
+    ahead = motion_ahead(clock, impacts, _cycles_of(clock, impacts))
+    if ahead is None or ahead.unforeseeable:
         return None
-    ahead = _ahead(carried)
-    return ahead if ahead is not None and ahead.recurrence is not None else None
+    leads = _leads_to(ahead)
+    return leads if leads is not None and leads.recurrence is not None else None
 
 
 def _cycles_of(clock: ForceClock, impacts: RecordedImpacts) -> float:
@@ -583,9 +583,9 @@ def _exponent_text(found: Indications) -> str:
     return f'{found.exponent:+.{digits}f} ± {found.error:.{digits}f}'
 
 
-def _carried_text(found: Indications) -> str:
+def _ahead_text(found: Indications) -> str:
     text = (
-        f'simulated on from the last impact, it does not settle, and over {found.cycles} cycles '
+        f'run ahead from the last impact, it does not settle, and over {found.cycles} cycles '
         f'the exponent is {_exponent_text(found)}'
     )
     if not math.isnan(found.spread):
@@ -613,12 +613,12 @@ def _contradiction(kind: MotionKind, recorded: Indications | None, regularity: f
     return ''
 
 
-def _doubt(found: Indications | None, carried: CarriedMotion | None, spent: float) -> str:
+def _doubt(found: Indications | None, ahead: MotionAhead | None, spent: float) -> str:
     """Return why a motion is undecided, and what would decide."""
-    if found is None and carried is not None:
+    if found is None and ahead is not None:
         return (
-            f'simulated on from the last impact, it does not settle within {carried.cycles} '
-            'cycles, and has too many impacts to be simulated for longer'
+            f'run ahead from the last impact, it does not settle within {ahead.cycles} '
+            'cycles, and has too many impacts to be run for longer'
         )
     if found is None:
         return f'{spent:.0f} cycles with impacts are too few; about {_FEW_CYCLES} may decide'
@@ -642,7 +642,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
     """
     Find the kind of a motion with impacts.
 
-    Only if the log is `sound`, the logged rig is simulated on from its last impact.
+    Only if the log is `sound`, the logged rig is run ahead from its last impact.
     """
     counted = counted_impacts(impacts)
     table = impact_table(counted, clock.zero, clock.cycle)
@@ -650,18 +650,18 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
     recurrence = find_recurrence(table)
     if recurrence is not None and (recurrence.at_floor or recurrence.level <= _SURE or not sound):
         return _recurring(recurrence, counted)
-    carried = None
-    if len(impacts) and sound and (recurrence is not None or spent >= _CARRIED_FROM):
-        carried = carry_on(clock, impacts, spent)
-    if recurrence is not None and (carried is None or _confirmed(recurrence, carried)):
+    ahead = None
+    if len(impacts) and sound and (recurrence is not None or spent >= _RUN_AHEAD_FROM):
+        ahead = motion_ahead(clock, impacts, spent)
+    if recurrence is not None and (ahead is None or _confirmed(recurrence, ahead)):
         return _recurring(recurrence, counted)
-    if carried is not None and carried.unforeseeable:
-        return _settling(clock, impacts, carried)
-    ahead = None if carried is None else _ahead(carried)
-    if ahead is not None:
-        return ahead
+    if ahead is not None and ahead.unforeseeable:
+        return _settling(clock, impacts, ahead)
+    leads = None if ahead is None else _leads_to(ahead)
+    if leads is not None:
+        return leads
     recorded, regularity, seen = _recorded(clock, impacts)
-    found = recorded if carried is None else carried.indications
+    found = recorded if ahead is None else ahead.indications
     measures = {'zero_one_test': regularity}
     if recorded is not None:
         measures['recorded_exponent'] = recorded.exponent
@@ -670,26 +670,26 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
         measures['lyapunov_exponent'], measures['lyapunov_error'] = found.exponent, found.error
         measures['measured_cycles'] = float(found.cycles)
         measures['average_spread'] = found.spread
-    measures['carried_cycles'] = float(carried.cycles) if carried is not None else 0.0
+    measures['carried_cycles'] = float(ahead.cycles) if ahead is not None else 0.0
     seen = f'does not repeat within {LONGEST_PERIOD} cycles{seen}'
-    if carried is not None and found is not None:
-        seen += f'; {_carried_text(found)}'
+    if ahead is not None and found is not None:
+        seen += f'; {_ahead_text(found)}'
     kind = MotionKind.UNDECIDED if found is None else found.kind()
     doubt = _contradiction(kind, recorded, regularity)
     if kind is MotionKind.UNDECIDED:
-        doubt = _doubt(found, carried, spent)
+        doubt = _doubt(found, ahead, spent)
     if doubt:
         return StretchKind(MotionKind.UNDECIDED, f'{seen}; {doubt}', measures, short=True)
     return StretchKind(kind, seen, measures)
 
 
-def _confirmed(recurrence: Recurrence, carried: CarriedMotion) -> bool:
-    """Return whether the simulated rig comes to the period of the recorded impacts."""
-    ahead = carried.recurrence
-    if carried.period:
-        return carried.period == recurrence.cycles
-    slowly = carried.indications is not None and carried.indications.shrinks
-    return slowly and ahead is not None and ahead.cycles == recurrence.cycles
+def _confirmed(recurrence: Recurrence, ahead: MotionAhead) -> bool:
+    """Return whether the rig, run ahead, comes to the period of its recorded impacts."""
+    if ahead.period:
+        return ahead.period == recurrence.cycles
+    slowly = ahead.indications is not None and ahead.indications.shrinks
+    later = ahead.recurrence
+    return slowly and later is not None and later.cycles == recurrence.cycles
 
 
 def kind_without_force_phase(impacts: RecordedImpacts, cycle: float) -> StretchKind:

@@ -2,7 +2,7 @@
 Which periodic motion a rig will settle into, from where it is.
 
 Theory gives the periodic motions; to which of several stable ones a rig comes depends on where it
-starts. The motion between impacts being closed-form, the rig is simulated ahead until its impacts
+starts. The motion between impacts being closed-form, the rig is run ahead until its impacts
 repeat; the periodic motion next to that is then solved for, with its multipliers.
 """
 
@@ -21,7 +21,7 @@ from impact_damper_ros.orbits.search import counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
 from impact_damper_ros.rig import Event, ParameterError, RigParameters, Simulator
 
-from .motion_kind import carry_on
+from .motion_kind import motion_ahead
 from .recorded_stretch import ForceClock, RecordedImpacts
 
 __all__ = ['Basis', 'ObservedMotion', 'Prediction', 'predictions', 'run_ahead']
@@ -42,7 +42,7 @@ _ELSEWHERE = 600
 _KEPT_IMPACTS = 512
 _RECENT = 100
 #: Recorded cycles that stand for those of a rig that was run ahead: it is run on for 1500 more.
-_CARRIED_FOR = 50.0
+_RUN_FOR = 50.0
 #: A solution is the motion of the rig if it is as near to it as this.
 _NEAR = 1e-2
 _SAME = 1e-6
@@ -266,8 +266,8 @@ def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator
 
 def _how_irregular(clock: ForceClock, ahead: ObservedMotion) -> str:
     """Return the kind of a motion that does not repeat, as `compare_run` names it."""
-    carried = carry_on(clock, RecordedImpacts.of_events(ahead.recent), _CARRIED_FOR)
-    if carried is None or (found := carried.indications) is None:
+    later = motion_ahead(clock, RecordedImpacts.of_events(ahead.recent), _RUN_FOR)
+    if later is None or (found := later.indications) is None:
         return ''
     return (
         f'; {found.kind().value}: Lyapunov exponent {found.exponent:+.3f} ± {found.error:.3f} per '

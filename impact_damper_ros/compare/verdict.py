@@ -25,7 +25,7 @@ from .measured_motion import (
 from .motion_kind import (
     Oscillation,
     StretchKind,
-    carried_on,
+    kind_ahead,
     kind_of,
     kind_without_force_phase,
     oscillation,
@@ -75,20 +75,20 @@ def _judged_log(log: list[Finding]) -> _Judgement:
 
 
 def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]) -> _Judgement:
-    """Judge a motion that repeats, or comes to."""
+    """Judge a motion that repeats, or will."""
     orbit = motion.match.orbit
     distance = float(motion.match.distance)
     if log:
         judgement = _judged_log(log)
-        if orbit is not None and not kind.carried_on and distance > motion.allowed:
+        if orbit is not None and not kind.ahead and distance > motion.allowed:
             return judgement._replace(findings=[*log, *motion.differences()])
         return judgement
     if orbit is None:
         return _Judgement(Verdict.NO_PREDICTION, motion.match.solver)
     name = _motion_name(orbit)
-    if kind.carried_on:
+    if kind.ahead:
         cycles = kind.measures['settles_after_cycles']
-        text = f'simulated on, it comes to {name} ({_stability(orbit)}) after {cycles:.0f} cycles'
+        text = f'run ahead, it comes to {name} ({_stability(orbit)}) after {cycles:.0f} cycles'
         return _Judgement(Verdict.NOT_SETTLED, text)
     rate = ''
     if not math.isnan(motion.decay.factor):
@@ -301,11 +301,11 @@ class _Comparison:
             return self._result(kind, judgement)
         motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=True)
         if motion.match.orbit is None and kind.kind is MotionKind.TRANSIENT:
-            further = carried_on(clock, self.impacts)
+            further = kind_ahead(clock, self.impacts)
             if further is not None and further.recurrence is not None:
                 kind = further
                 motion = periodic_motion(clock, kind.impacts, further.recurrence, predict=True)
-        near = motion.match.distance <= SETTLED and not kind.carried_on
+        near = motion.match.distance <= SETTLED and not kind.ahead
         if kind.kind is MotionKind.TRANSIENT and near:
             kind = replace(kind, kind=MotionKind.PERIODIC)
         self.motion, self.orbit, self.solver = motion, motion.match.orbit, motion.match.solver
@@ -313,7 +313,7 @@ class _Comparison:
 
     def _result(self, kind: StretchKind, judgement: _Judgement) -> StretchComparison:
         stretch, motion, orbit = self.stretch, self.motion, self.orbit
-        recorded = motion if not kind.carried_on else None
+        recorded = motion if not kind.ahead else None
         steady = begin = stretch.start + 0.5 * stretch.duration
         period, per_cycle, decay, settled_at = None, math.nan, None, None
         if recorded is not None:

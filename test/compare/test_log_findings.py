@@ -152,7 +152,7 @@ def test_a_wrong_parameter(rig, name, logged, unit):
 
 
 def test_a_gap_that_changed_unlogged(bench):
-    """Half-way the stops were moved, and nothing tells of it."""
+    """Half-way the stops were moved, and it is not logged."""
     states, impacts, clock = bench
     first = recorded(BENCH, 60, None)
     half = states.time <= first[0].time[-1]
