@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
-    'CLOCK',
     'DECODABLE',
     'DIAGNOSTIC_ARRAY',
     'JOINT_STATE',
@@ -55,7 +54,6 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 STRING = 'std_msgs/msg/String'
 PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
 DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
-CLOCK = 'rosgraph_msgs/msg/Clock'
 
 T = TypeVar('T')
 
