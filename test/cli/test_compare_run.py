@@ -375,6 +375,7 @@ def test_a_report(tmp_path, capsys):
     assert 'report.html' in capsys.readouterr().out
     page = (tmp_path / 'report' / 'report.html').read_text()
     assert page.count('<svg') >= 6
+    assert 'Largest |X| over the gap, stretch 1' in page
     numbers = json.loads((tmp_path / 'report' / 'report.json').read_text())
     assert verdicts(numbers) == ['agrees']
 
