@@ -281,9 +281,9 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
 
 
 def _first_number(content):
-    from impact_damper_ros.bag.rig_messages import JointStateBytes
+    from impact_damper_ros.bag.messages import JointStateLayout
 
-    return JointStateBytes(content).numbers(content)[0][0]
+    return JointStateLayout(content).numbers(content)[0][0]
 
 
 def test_a_bag_that_does_not_tell_its_rig(tmp_path, capsys):
