@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import OrbitSearch, PeriodicOrbit, find_orbits, plausible_stops
 from impact_damper_ros.outputs import check_file
-from impact_damper_ros.report.units import counted
+from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig import RigParameters
 
 from .command_line import (
