@@ -14,7 +14,7 @@ from impact_damper_ros.orbits import (
     find_orbits,
     orbit_near,
 )
-from impact_damper_ros.orbits.impact_solver import polish
+from impact_damper_ros.orbits.impact_roots import polish
 from impact_damper_ros.orbits.recognition import ImpactTable, Recurrence
 from impact_damper_ros.orbits.search import orbit_of, within_theory
 from impact_damper_ros.rig import Event, EventKind, RigParameters

@@ -126,14 +126,7 @@ class PeriodicOrbit:
         return self.x_max / amplitude if amplitude > 0.0 else math.inf
 
     def begun_at(self, impact: int) -> PeriodicOrbit:
-        """
-        Return the same motion, counted from another of its impacts.
-
-        Parameters
-        ----------
-        impact : int
-            Index of the impact that becomes the first.
-        """
+        """Return the same motion, counted from another of its impacts, given by its index."""
 
         def turned(values: tuple[Any, ...]) -> tuple[Any, ...]:
             return values[impact:] + values[:impact]
@@ -166,18 +159,10 @@ class PeriodicOrbit:
         """
         Return how far two motions with the same stops are apart, impact by impact.
 
-        Parameters
-        ----------
-        other : PeriodicOrbit
-            The other motion.
-        whole_period : bool, optional
-            Leave out the phase of the first impact, so that a motion can be compared to itself.
-
-        Returns
-        -------
-        float
-            Largest difference of the displacements, relative to the largest |X|, and of the
-            durations and phases, relative to the force's cycle; without regard to whole cycles.
+        The largest difference of the displacements, relative to the largest |X|, and of the
+        durations and phases, relative to the force's cycle; without regard to whole cycles.
+        With `whole_period` the phase of the first impact is left out, so that a motion can be
+        compared to itself.
         """
         size = max(self.x_max, other.x_max)
         apart = [abs(a - b) / size for a, b in zip(self.x, other.x, strict=True)]

@@ -43,20 +43,7 @@ _TOP, _ROW = 0.12, 0.185
 
 
 class Picture(NamedTuple):
-    """
-    A figure with its words.
-
-    Attributes
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    title : str
-        What it is.
-    caption : str
-        What it shows, in a sentence or two.
-    wide : bool
-        Whether it is as wide as the page.
-    """
+    """A figure, its title, its caption, and whether it is as wide as the page."""
 
     figure: Figure
     title: str
