@@ -379,14 +379,6 @@ def enumerated_curves(sweep: Sweep) -> list[Curve]:
     return done
 
 
-def _turned(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
-    """Return the motion counted as `stops`, or None."""
-    for shift in range(orbit.impacts):
-        if orbit.stops[shift:] + orbit.stops[:shift] == stops:
-            return orbit.begun_at(shift)
-    return None
-
-
 @dataclass(frozen=True)
 class _Step:
     """A motion that is being followed: where, what, and its state to shoot from."""
@@ -398,7 +390,7 @@ class _Step:
     def to(self, sweep: Sweep, value: float) -> _Step | None:
         """Return the motion at another value, if it is still the same kind."""
         shot = shoot(sweep.at(value), self.section, self.orbit.cycles)
-        turned = None if shot is None else _turned(shot[0], self.orbit.stops)
+        turned = None if shot is None else next(shot[0].turned_to(self.orbit.stops), None)
         if shot is None or turned is None or self.orbit.differs(turned) > _NEIGHBOURS:
             return None
         return _Step(value, turned, section_on(turned) or shot[1])
