@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import yaml
 from mcap.opcode import Opcode
 
+from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
@@ -151,19 +152,9 @@ class BagMetadata:
         return dump_yaml(self.as_mapping())
 
     def write(self, directory: Path) -> None:
-        """Write ``metadata.yaml`` so that at any instant there is a whole one or none."""
+        """Write ``metadata.yaml``, whole or not at all."""
         text = dump_yaml({'rosbag2_bagfile_information': self.as_mapping()}) + '\n'
-        draft = directory / f'{FILE_NAME}.tmp'
-        try:
-            with draft.open('w', encoding='utf-8') as stream:
-                stream.write(text)
-                stream.flush()
-                os.fsync(stream.fileno())
-            draft.replace(directory / FILE_NAME)
-        except OSError:
-            with suppress(OSError):
-                draft.unlink()
-            raise
+        write_text(directory / FILE_NAME, text)
         sync_directory(directory)
 
 

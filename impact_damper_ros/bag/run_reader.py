@@ -29,7 +29,14 @@ from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .mcap_scan import LARGEST_CHUNK, MAGIC, Scan, open_file, plain_content, read_block, scan_file
-from .messages import DECODABLE, CdrError, JointStateDecoder, Message, decode
+from .messages import (
+    DECODABLE,
+    JOINT_STATE,
+    CdrError,
+    JointStateDecoder,
+    Message,
+    decode,
+)
 from .metadata import (
     PART,
     check_summary,
@@ -214,9 +221,6 @@ def _conversion(path: Path) -> str:
         f'convert it with ROS 2: echo {text} > to_mcap.yaml && '
         f'ros2 bag convert -i {shlex.quote(str(path.parent))} -o to_mcap.yaml'
     )
-
-
-_JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 
 class Record(NamedTuple):
@@ -586,7 +590,7 @@ class RunReader:
         decoders: dict[str, JointStateDecoder] = {}
         for topic, interface, stamp_ns, content in self.records(topics, start_ns, end_ns):
             try:
-                if interface == _JOINT_STATE:
+                if interface == JOINT_STATE:
                     if topic not in decoders:
                         decoders[topic] = JointStateDecoder()
                     message: Message = decoders[topic].decode(content)

@@ -12,14 +12,15 @@ from collections.abc import Sequence
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import OrbitSearch, PeriodicOrbit, find_orbits, plausible_stops
 from impact_damper_ros.outputs import check_file
+from impact_damper_ros.report.units import counted
 from impact_damper_ros.rig import RigParameters
 
 from .command_line import (
+    CommandError,
     add_json_option,
     command_parser,
     discard_output,
     outcome,
-    say,
     text_stream,
     up_to,
     write_json,
@@ -32,15 +33,15 @@ __all__ = ['main']
 EXIT_NONE, EXIT_NOT_VIABLE = 3, 4
 
 _DESCRIPTION = """\
-Solve for the periodic motions of an impact damper with N impacts in K cycles of the force, stable
-and unstable, from the same parameters file as sim_node and simulate_rig. All quantities are in SI
-units; velocities are absolute, along the axis, positive downwards. Phases are impact times in
-cycles of the force, whose own phase counts: F sin(W t + force_phase).
+Find the periodic motions of an impact damper with N impacts in K cycles of the force, stable and
+unstable, for the same parameters file as sim_node and simulate_rig. All quantities are in SI
+units; velocities are absolute, along the axis, positive downwards. A phase is the time of an
+impact from t = 0 in cycles of the force F sin(W t + force_phase).
 """
 _EPILOG = """\
 Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution; 4 if there
 are solutions but none is viable (the table says why); 2 if the input is not usable; 1 if the file
-could not be written.
+could not be written; 130 on Ctrl-C.
 Example: solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
 """
 
@@ -95,10 +96,9 @@ def _multiplier_text(multipliers: Sequence[complex]) -> str:
 
 def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     stops = ','.join(map(str, orbit.stops))
-    cycles = f'{orbit.cycles} cycle' + ('s' if orbit.cycles > 1 else '')
-    verdict = 'stable' if orbit.stable else 'unstable'
     lines = [
-        f'motion {number}: stops {stops} in {cycles} ({orbit.period:.9g} s), {verdict}, '
+        f'motion {number}: stops {stops} in {counted(orbit.cycles, "cycle")} '
+        f'({orbit.period:.9g} s), {"stable" if orbit.stable else "unstable"}, '
         + ('viable' if orbit.viable else 'NOT VIABLE'),
         "  stop  phase [cycles]         X [m]   X' before    X' after   Z' before    Z' after "
         '[m/s]',
@@ -148,23 +148,25 @@ def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[
     return [find_orbits(parameters, stops, arguments.cycles) for stops in sequences]
 
 
-def _verdict(searches: list[OrbitSearch], arguments: argparse.Namespace) -> tuple[int, str]:
-    """Return the exit code, and what to say if it is not 0."""
+def _check_found(searches: list[OrbitSearch], arguments: argparse.Namespace) -> None:
+    """Raise CommandError if no motion was found that the rig can perform."""
     orbits = [orbit for search in searches for orbit in search.orbits]
-    asked = f'{arguments.impacts} impacts in {arguments.cycles} cycles'
+    asked = f'{counted(arguments.impacts, "impact")} in {counted(arguments.cycles, "cycle")}'
     if not orbits:
-        certain = all(search.report.complete for search in searches)
-        return EXIT_NONE, (
-            f'no periodic motion with {asked}'
-            + ('' if certain else ' was found from any start')
-            + ': try other --impacts, --cycles or --stops; simulate_rig shows what the rig does'
+        none = f'no periodic motion with {asked} was found from any start'
+        if all(search.report.complete for search in searches):
+            none = f'there is no periodic motion with {asked}'
+        raise CommandError(
+            f'{none}: try other --impacts, --cycles or --stops; simulate_rig shows what the rig '
+            'does',
+            EXIT_NONE,
         )
     if not any(orbit.viable for orbit in orbits):
-        return EXIT_NOT_VIABLE, (
+        raise CommandError(
             f'none of the {len(orbits)} solutions with {asked} is viable; the first: '
-            f'{orbits[0].reason}'
+            f'{orbits[0].reason}',
+            EXIT_NOT_VIABLE,
         )
-    return 0, ''
 
 
 def _solve(arguments: argparse.Namespace) -> int:
@@ -185,10 +187,8 @@ def _solve(arguments: argparse.Namespace) -> int:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:
             discard_output()
-    code, complaint = _verdict(searches, arguments)
-    if complaint:
-        say('solve_periodic', complaint)
-    return code
+    _check_found(searches, arguments)
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.rig_messages import IMPACT_JOINTS, JOINTS, JointStateColumns
+from impact_damper_ros.bag.messages import JointStateColumns
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.replay.recorded_run import RecordedChange, RecordedRun
 from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot

@@ -27,7 +27,8 @@ from impact_damper_ros.orbits.settling import section_of
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
-from impact_damper_ros.rig.mode import REST_1, REST_2, Origin, RigConstants, rig_constants
+from impact_damper_ros.rig.mode import REST_1, REST_2, RigConstants, rig_constants
+from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.simulator import Snapshot
 
 from .matched_orbit import counted_impacts, impact_table

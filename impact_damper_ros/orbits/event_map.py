@@ -16,28 +16,31 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_damper_ros.rig import EventKind
-from impact_damper_ros.rig.contact import (
+from impact_damper_ros.rig.contact import chatter_end, flight_end
+from impact_damper_ros.rig.flight import (
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
     RELEASE_DOWN,
     RELEASE_UP,
-    chatter_end,
-    flight_end,
+    Flight,
+    Motion,
+    end_at,
+    motion_at,
+    starting_motion,
 )
-from impact_damper_ros.rig.flight import Flight, Motion, end_at, motion_at, starting_motion
 from impact_damper_ros.rig.forcing import sines_of, turned_angles
 from impact_damper_ros.rig.mode import (
     CHATTER_1,
     REST_1,
     REST_2,
     STICK,
-    Origin,
     RigConstants,
     launch,
     mode_at_rest,
 )
-from impact_damper_ros.rig.transition import carried, moving_mode, resolve
+from impact_damper_ros.rig.origin import Origin, carried
+from impact_damper_ros.rig.transition import moving_mode, resolve
 
 from .equations import Array
 from .multipliers import event_matrices, flight_matrices

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impact_damper_ros.rig import Event, EventKind, RigParameters
-from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, Origin, RigConstants, rig_constants
+from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, RigConstants, rig_constants
+from impact_damper_ros.rig.origin import Origin
 
 from .equations import Array, check_forcing
 from .event_map import Course, Stretch, origin_at, run_course

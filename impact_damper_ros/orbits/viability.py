@@ -11,18 +11,26 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from impact_damper_ros.rig.certificate import safe_step
-from impact_damper_ros.rig.contact import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL, first_event
-from impact_damper_ros.rig.flight import Flight, Motion, motion_at
+from impact_damper_ros.rig.contact import first_event
+from impact_damper_ros.rig.flight import (
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    REVERSAL,
+    Flight,
+    Motion,
+    motion_at,
+)
 from impact_damper_ros.rig.mode import (
     FREE,
     SLIDE_DOWN,
     SLIDE_UP,
     STICK,
-    Origin,
     RigConstants,
     launch,
     rig_constants,
 )
+from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.oscillator import derivative_bound
 from impact_damper_ros.rig.transition import struck
 

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from itertools import islice, pairwise
 from typing import NamedTuple
 
-from impact_damper_ros.bag.messages import CdrError
-from impact_damper_ros.bag.rig_messages import IMPACT_JOINTS, JOINTS, JointStateBytes, header_ns
+from impact_damper_ros.bag.messages import CdrError, JointStateLayout, header_ns
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
 from impact_damper_ros.control import CONTROL_JOINTS, ControlRecord
 
 from .findings import Difference, Findings, SampleGap
@@ -51,12 +51,12 @@ class _Recorded(NamedTuple):
 
     stamp_ns: int
     content: bytes
-    shape: JointStateBytes
+    layout: JointStateLayout
 
     def equals(self, expected: _Expected) -> bool:
         return (
-            self.shape.frame_id == expected.frame_id
-            and self.shape.filled(expected.stamp_ns, *expected.numbers) == self.content
+            self.layout.frame_id == expected.frame_id
+            and self.layout.filled(expected.stamp_ns, *expected.numbers) == self.content
         )
 
 
@@ -94,7 +94,7 @@ class ImpactLedger:
         self._stamped = stamped
         self._recorded: deque[_Recorded] = deque()
         self._expected: deque[_Expected] = deque()
-        self._shapes: list[JointStateBytes] = []
+        self._layouts: list[JointStateLayout] = []
         self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
         self._begun = stamped
         self._heard = stamped
@@ -113,15 +113,15 @@ class ImpactLedger:
 
     def take(self, content: bytes) -> None:
         """Take a recorded message."""
-        shape = next((s for s in self._shapes if s.fits(content)), None)
-        if shape is None:
-            shape = JointStateBytes(content)
-            if shape.names != self.joints or shape.counts != (len(self.joints),) * 3:
-                raise CdrError(f'its joints are {", ".join(shape.names) or "none"}')
-            self._shapes = [shape, *self._shapes[:3]]
+        layout = next((s for s in self._layouts if s.fits(content)), None)
+        if layout is None:
+            layout = JointStateLayout(content)
+            if layout.names != self.joints or layout.counts != (len(self.joints),) * 3:
+                raise CdrError(f'its joints are {", ".join(layout.names) or "none"}')
+            self._layouts = [layout, *self._layouts[:3]]
         self.last_ns = header_ns(content)
         self._count_recorded()
-        self._recorded.append(_Recorded(self.last_ns, content, shape))
+        self._recorded.append(_Recorded(self.last_ns, content, layout))
 
     def expect(self, stamp_ns: int, time: float, stop: int, numbers: _Numbers) -> None:
         """Take an impact of the replay, with the numbers that its message should hold."""
@@ -219,7 +219,7 @@ class ImpactLedger:
                 topic=self._topic,
                 quantity=self.what,
                 unit='',
-                recorded=recorded.shape.frame_id,
+                recorded=recorded.layout.frame_id,
                 replayed=None,
                 after=findings.after,
             )
@@ -247,9 +247,9 @@ class ImpactLedger:
         """Yield quantity, unit, recorded and replayed value of all that differs."""
         if recorded.stamp_ns != expected.stamp_ns:
             yield 'stamp', 'ns', recorded.stamp_ns, expected.stamp_ns
-        if recorded.shape.frame_id != expected.frame_id:
-            yield 'frame_id', '', recorded.shape.frame_id, expected.frame_id
-        there = [v for part in recorded.shape.numbers(recorded.content) for v in part]
+        if recorded.layout.frame_id != expected.frame_id:
+            yield 'frame_id', '', recorded.layout.frame_id, expected.frame_id
+        there = [v for part in recorded.layout.numbers(recorded.content) for v in part]
         here = [v for part in expected.numbers for v in part]
         names = [
             (f'{field} of {joint}', unit)
@@ -309,11 +309,11 @@ class SampleCheck:
     def __init__(self, topic: str, findings: Findings) -> None:
         self._topic = topic
         self._findings = findings
-        self._shape: JointStateBytes | None = None
+        self._layout: JointStateLayout | None = None
 
     def numbers(self, content: bytes) -> tuple[tuple[float, ...], ...]:
         """Return positions and velocities of a recorded message."""
-        return self._shape_of(content).numbers(content)
+        return self._layout_of(content).numbers(content)
 
     def compare(
         self,
@@ -324,24 +324,24 @@ class SampleCheck:
         before: Sequence[_Numbers] = (),
     ) -> None:
         """Compare a recorded message with the replayed sample."""
-        shape = self._shape or self._shape_of(content)
+        layout = self._layout or self._layout_of(content)
         self._findings.samples += 1
-        if shape.filled(stamp_ns, *numbers) == content:
+        if layout.filled(stamp_ns, *numbers) == content:
             return
-        shape = self._shape_of(content)
-        if any(shape.filled(stamp_ns, *other) == content for other in before):
+        layout = self._layout_of(content)
+        if any(layout.filled(stamp_ns, *other) == content for other in before):
             return
         self._note_differences(stamp_ns, content, time, numbers)
 
-    def _shape_of(self, content: bytes) -> JointStateBytes:
-        shape = self._shape
-        if shape is None or not shape.fits(content):
-            shape = JointStateBytes(content)
-            if shape.names != JOINTS or shape.counts[:2] != (4, 4):
-                held = ', '.join(shape.names) or 'none'
+    def _layout_of(self, content: bytes) -> JointStateLayout:
+        layout = self._layout
+        if layout is None or not layout.fits(content):
+            layout = JointStateLayout(content)
+            if layout.names != JOINTS or layout.counts[:2] != (4, 4):
+                held = ', '.join(layout.names) or 'none'
                 raise CdrError(f'its joints are {held}, not {", ".join(JOINTS)}')
-            self._shape = shape
-        return shape
+            self._layout = layout
+        return layout
 
     def _note_differences(
         self, stamp_ns: int, content: bytes, time: float, numbers: _Numbers
@@ -358,7 +358,7 @@ class SampleCheck:
             if bits(a) != bits(b):
                 differing.append((name, unit, a, b))
                 values_differ = True
-        if not differing and (frame := self._shape_of(content).frame_id):
+        if not differing and (frame := self._layout_of(content).frame_id):
             findings.differ(
                 Difference(time, stamp_ns, self._topic, 'frame_id', '', frame, '', findings.after)
             )

@@ -19,13 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag import Record, RecordingError
-from impact_damper_ros.bag.messages import CdrError
-from impact_damper_ros.bag.rig_messages import JointStateColumns
+from impact_damper_ros.bag.messages import CdrError, JointStateColumns
+from impact_damper_ros.bag.rig_topics import (
+    IMPACT_JOINTS,
+    JOINTS,
+    impact_numbers,
+    state_numbers,
+)
 from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample, Simulator
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, has_numba
-from impact_damper_ros.rig.published import IMPACT_JOINTS, JOINTS, impact_numbers, state_numbers
 from impact_damper_ros.rig.simulator import ARITHMETIC, Snapshot
 
 from .checks import ControlLedger, ImpactLedger, SampleCheck, SampleSpacing
@@ -47,7 +51,7 @@ class BatchReplay:
     Parameters
     ----------
     version : int
-        Format of the messages, see `rig.published.FORMAT`.
+        Format of the messages, see `bag.rig_topics.FORMAT`.
     compiled : bool
         Whether to run compiled code, which takes some seconds to load or longer to compile.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +14,13 @@ __all__ = [
     'NONE',
     'Unit',
     'aligned',
+    'counted',
     'difference',
     'instant',
     'number',
     'power_of_ten',
+    'quantity',
+    'setting',
     'unit_for',
     'worded',
 ]
@@ -38,16 +41,7 @@ NONE = '–'
 
 
 class Unit(NamedTuple):
-    """
-    A unit in which some values are handy.
-
-    Attributes
-    ----------
-    factor : float
-        What a value in SI units is multiplied by.
-    name : str
-        The unit.
-    """
+    """A unit in which some values are handy, and the factor from SI units to it."""
 
     factor: float
     name: str
@@ -66,6 +60,20 @@ def unit_for(name: str, *values: ArrayLike) -> Unit:
         if largest * factor >= 0.5:
             return Unit(factor, prefix + name)
     return Unit(_PREFIXES[-1][0], _PREFIXES[-1][1] + name)
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a count with its noun, as in 1 stretch, 2 stretches."""
+    if count == 1:
+        return f'{count} {noun}'
+    return f'{count} {noun}{"es" if noun.endswith(("ch", "s")) else "s"}'
+
+
+def setting(value: Any) -> str:
+    """Return a value of a parameter as it is set: [1, 2], true, 0.5 or timed."""
+    if isinstance(value, tuple | list):
+        return f'[{", ".join(map(setting, value))}]'
+    return f'{value:g}' if isinstance(value, float) else str(value).lower()
 
 
 def _plain(text: str) -> str:
@@ -110,6 +118,12 @@ def number(value: float | None, digits: int = 6) -> str:
     size = math.floor(math.log10(abs(value))) if value != 0.0 else 0
     text = f'{value:.{max(0, digits - 1 - size)}f}'
     return _plain(text.rstrip('0').rstrip('.') if '.' in text else text)
+
+
+def quantity(value: float, name: str, digits: int = 6, like: float | None = None) -> str:
+    """Return a value with a handy unit, or with that of another value like it."""
+    unit = unit_for(name, value if like is None else like)
+    return f'{number(unit.factor * value, digits)} {unit.name}'
 
 
 def difference(value: float | None) -> str:

@@ -1,22 +1,17 @@
 """
-The certified first event of a flight: the quick search along a grid, and the certificate.
+The certified first event of a flight.
 
-Between two nodes of a grid (`grid`) a function and its first derivative are known at both ends,
-and its fourth derivative is bounded. So it lies within bound step^4/384 of the Hermite cubic, and
-far closer near the nodes, which tells whether m has just left a stop or comes back to it. As long
-as that leaves no doubt of what happens between the nodes, the search goes on; where a function
-falls to zero for the first time, it does not matter how its root is found. In doubt the search
-says so, and certified steps take over (`contact`).
+A flight watches a few functions: clearances, the relative speed, the remaining support. The search
+goes along a grid first. Between two nodes a function and its first derivative are known at both
+ends and its fourth derivative is bounded, so that it lies within bound step^4/384 of the Hermite
+cubic. As long as this excludes an event, the search goes on to the next node. Where it does not,
+certified steps take over (`certificate`): the flight advances by the least of the steps of all
+watched functions until a step ends on a root. Grazing contacts and double roots are thus found,
+and a flight without events is known to have none.
 
-Each flight watches a few functions: clearances, the relative speed, the support that is left. A
-stop that moves adds a constant to the first derivative of its clearance, and nothing else.
-From node to node it steps by the least of their certified steps (`certificate`), until the step
-ends on a root. So the first event is found, grazing and double roots included; a flight in which
-nothing happens is known to have no event.
-
-This module is also the only place that knows about "just left the stop": a flight that begins on
-a stop has exactly zero clearance and a positive rate there, which the certified step takes as it
-is. A flight that begins with a release has neither, and is led by its jerk.
+"Just left the stop" is handled here only. A flight that begins on a stop has exactly zero
+clearance and a positive rate there, which a certified step accepts. A flight that begins with a
+release has neither; its jerk leads it away.
 """
 
 from __future__ import annotations
@@ -32,8 +27,6 @@ from .flight import (
     RELEASE_DOWN,
     RELEASE_UP,
     REVERSAL,
-    STOP_ARRIVED_1,
-    STOP_ARRIVED_2,
     Flight,
     FlightEnd,
     Motion,
@@ -55,30 +48,10 @@ from .roots import (
     polished,
 )
 
-__all__ = [
-    'ARRIVAL',
-    'CONTACT_1',
-    'CONTACT_2',
-    'NO_EVENT',
-    'RELEASE_DOWN',
-    'RELEASE_UP',
-    'REVERSAL',
-    'STOP_ARRIVED_1',
-    'STOP_ARRIVED_2',
-    'chatter_end',
-    'first_event',
-    'flight_end',
-    'keeps_sign',
-    'search_contact',
-    'search_release',
-]
-
-
-#: What positions, velocities and accelerations at the nodes may be wrong by, as a part of their
-#: terms.
+#: Error of positions, velocities and accelerations at the nodes, relative to their terms.
 _NODE_ERROR = 1e-13
 
-# What `_in_doubt` has found
+# Results of `_in_doubt`
 _CLOSING, _CLEAR, _ENDED = range(3)
 
 
@@ -128,7 +101,7 @@ def _turn(
     end: FlightEnd = polished(flight, REVERSAL, int(side), t_a + guess, t_a, t_b)
     if end.kind == NO_EVENT:
         return end
-    # Backwards from there the speed only grows from zero: it is the first reversal.
+    # Backwards from there the speed only grows: it is the first reversal.
     span = end.tau - t_a
     if not keeps_sign(0.0, -end.slope, speed_a, -rate_a, span, bound_5, error):
         return unfinished(NO_EVENT, t_a)
@@ -153,7 +126,7 @@ def _in_doubt(
     b: Relative,
     error: float,
 ) -> tuple[int, float, FlightEnd]:
-    """Look closer at a step in which the speeds alone do not tell that m closes in on a stop."""
+    """Examine a step in which the speeds alone do not show that m approaches a stop."""
     oscillator = flight.oscillator
     step = oscillator.grid.step
     fall = flight.relative_acceleration + flight.acceleration
@@ -199,7 +172,7 @@ def _relative(
     travel: float,
     speed: float,
 ) -> Relative:
-    """Put together what is known of a node, which is so many steps from the first one."""
+    """Return the relative motion at a node, `reached` steps after the first one."""
     x = first.x if reached == 0.0 else rest + node.offset
     return Relative(first.tau + step * reached, x, travel, speed)
 
@@ -220,7 +193,7 @@ def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
     # The damper mass alone
     fall = flight.relative_acceleration + flight.acceleration
     launched = flight.relative_velocity + flight.velocity
-    # How far the speed may fall below both its values at two nodes
+    # How far the speed may fall below its values at both nodes
     bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, grid.bound_3)
     sag = 0.125 * step * step * bound_3
     leading = float(flight.direction)
@@ -235,7 +208,7 @@ def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
         x_b = rest + node_b.offset
         travel_b = t_b * (launched + 0.5 * fall * t_b) - (x_b - flight.x)
         speed_b = launched + fall * t_b - node_b.velocity
-        # The stop that m closes in on, as long as the speeds leave no doubt of it
+        # The stop that m approaches, as long as the speeds are clear
         side = leading if leading != 0.0 else copysign(1.0, speed_a)
         error = _NODE_ERROR * (abs(node_b.velocity) + abs(speed_b) + abs(speed_a))
         clear = False
@@ -322,7 +295,7 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
             guess = falling_root(left_a, -failing * x_3, left_b, -failing * x_3_b, grid.step)
             kind = RELEASE_UP if failing > 0 else RELEASE_DOWN
             end: FlightEnd = polished(flight, kind, failing, t_a + guess, t_a, t_b)
-            # Backwards from there what is left only grows from zero: it is the first release.
+            # Backwards from there the remaining support only grows: it is the first release.
             if end.kind != NO_EVENT and keeps_sign(
                 0.0, -end.slope, left_a, failing * x_3, end.tau - t_a, bound_6, error
             ):
@@ -362,14 +335,14 @@ def _leave_support(flight: Flight, motion: Motion) -> float:
         return -1.0
     bound = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.bound_4)
     if jerk <= ROUND_OFF * terms:
-        # Its sign says nothing yet; m does not move by a round-off of its path meanwhile.
+        # The sign of the jerk is round-off; within this step m moves by less than round-off.
         jerk = max(jerk, 0.0)
         step = least_step(horizon)
     elif 1.5 * jerk < bound * horizon:
         step = 1.5 * jerk / bound
     else:
         step = horizon
-    # The stop ahead, or the place to which one follows, must not be reached within that step.
+    # Neither the stop ahead nor the target of a following stop may be reached in that step.
     jerk_bound = jerk + bound * horizon
     if flight.arrival < inf:
         step = min(step, safe_step(flight.arrival, 0.0, 0.0, jerk_bound, horizon))
@@ -397,9 +370,8 @@ def _approach(
     """
     Look ahead for contact with the stop on one side, +1 for stop 1 and -1 for stop 2.
 
-    `closing` is the rate at which m comes up to it. While m recedes from it, it cannot hit it;
-    just after a release that reaches further than the clearance does, when both have hardly begun
-    to grow.
+    `closing` is the rate at which m approaches it. As long as m recedes, it cannot hit it; just
+    after a release this gives a longer step than the clearance, which is still tiny.
     """
     horizon = oscillator.horizon
     closing_1 = side * motion.relative_2
@@ -432,7 +404,7 @@ def _first_in_motion(flight: Flight, tau: float, limit: float, most: int) -> Fli
         if tau < 0.0:
             return unfinished(REVERSAL, 0.0)
         motion = motion_at(flight, tau)
-    # The stop that m leaves is watched if it comes after m.
+    # The stop that m leaves is watched only if it moves after m.
     watched_1 = direction >= 0 or velocity_1 < 0.0
     watched_2 = direction <= 0 or velocity_2 > 0.0
     quick = flight.arrival == inf and velocity_1 == 0.0 and velocity_2 == 0.0
@@ -566,13 +538,13 @@ def flight_end(flight: Flight, node: float, limit: float, most: int = _ALL_STEPS
     flight, node, limit : Flight, float, float
         As for `first_event`.
     most : int, optional
-        Stop searching after so many steps. The nodes do not depend on it.
+        Most steps to search. The nodes do not depend on it.
 
     Returns
     -------
     FlightEnd
-        The event, or with kind `NO_EVENT` the node reached; not beyond the limit, if that took all
-        the steps.
+        The event, or with kind `NO_EVENT` the node reached; not beyond the limit if all steps
+        were used.
     """
     if node > limit:
         return unfinished(NO_EVENT, node)
@@ -609,7 +581,7 @@ def first_event(flight: Flight, node: float, limit: float) -> tuple[int, float]:
         The flight, with what it watches.
     node : float
         Time since the flight's origin up to which there is no event: 0, or what an earlier call
-        returned with `NO_EVENT`. The nodes do not depend on the limits asked for.
+        returned with `NO_EVENT`. The nodes do not depend on the limits.
     limit : float
         Stop searching once the node is beyond this time.
 

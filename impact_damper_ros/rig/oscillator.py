@@ -1,18 +1,15 @@
 """
-The primary mass as a driven damped oscillator: response, constants, grid of steps.
-
-    X'' + 2 a X' + w^2 X = sin(W tau) or cos(W tau),     l = -a + i b,  w^2 = a^2 + b^2
-
-The response *from rest* is the divided difference of exp over the two eigenvalues and iW. Its
-factor (exp(iW tau) - exp(l tau))/(iW - l) is written with expm1 and half angles, so that nothing
-cancels at resonance, where the particular and the homogeneous part of the textbook form do. Far
-above resonance that form is the better one, and is used.
-
-From one node to the next X, X' and the drive go by constants, without a sine.
+The primary mass as a driven damped oscillator: its response, its constants, its grid of steps.
 
     X'' + 2 a X' + w^2 X = c + sum_j f_j sin(phase_j + W_j tau),     a = zeta w,  b = eta w
 
-`frequency` is the damped natural circular frequency b.
+`frequency` is the damped natural circular frequency b. The response *from rest* to exp(iW tau) is
+the divided difference of exp over the eigenvalues l = -a + ib and conj(l), and iW. Its factor
+(exp(iW tau) - exp(l tau))/(iW - l) is computed with expm1 and half angles, so that nothing cancels
+at resonance, where the particular and the homogeneous part of the textbook form do. Far above
+resonance the textbook form is more accurate and is used.
+
+From one node of the grid to the next, X, X' and the drive are multiplied by constants.
 """
 
 from __future__ import annotations
@@ -24,29 +21,13 @@ from typing import NamedTuple
 
 from .kernels import kernel
 
-__all__ = [
-    'Driven',
-    'Free',
-    'Grid',
-    'Harmonic',
-    'Oscillator',
-    'acceleration_at',
-    'derivative_bound',
-    'drive_bound',
-    'driven_response',
-    'free_response',
-    'make_grid',
-    'make_harmonic',
-    'make_oscillator',
-]
-
 
 class Free(NamedTuple):
     """
     Free vibration at one instant.
 
     `step` and `impulse` are X from unit X and from unit X' at the start, `rate` is X' from unit
-    X'; `envelope` is exp(-a tau), `less` what it lacks to 1, with full relative accuracy.
+    X'; `envelope` is exp(-a tau), `less` is exp(-a tau) - 1 with full relative accuracy.
     """
 
     sine: float
@@ -328,10 +309,10 @@ class Oscillator(NamedTuple):
     taylor_limit : float
         Longest time for which the Taylor series is summed.
     horizon : float
-        The longest time for which `bound_3`, `bound_4` and `bound_5` hold: these bound what the
-        drive adds to the third to fifth time derivative of X beyond their free vibration.
+        Longest time for which the bounds hold, s.
     bound_3, bound_4, bound_5 : float
-        See there.
+        Bounds of what the drive adds to the third to fifth time derivative of X, beyond the free
+        vibration, over the horizon.
     grid : Grid
         Steps of the quick search.
     """
@@ -414,15 +395,6 @@ def derivative_bound(
 ) -> float:
     """
     Return a bound of a derivative of X over the oscillator's horizon.
-
-    Parameters
-    ----------
-    oscillator : Oscillator
-        The moving mass.
-    derivative, next_derivative : float
-        The n-th and (n+1)-th time derivative of X now.
-    drive_bound : float
-        The oscillator's bound of order n.
 
     Notes
     -----

@@ -1,11 +1,8 @@
 """
-Roots of the watched functions of a flight, to the last digit.
+Nodes of the grid, and the roots of the watched functions between them, to the last digit.
 
-A last step by the Taylor series, short enough for it to be complete, spares an evaluation: it
-leads to the root and carries the motion there.
-
-Half a step of the grid is short enough for the series to be complete. So the root needs neither a
-sine nor the closed form, and brings the motion there with it.
+Half a step of the grid is short enough for a Taylor series about a node to be complete, so that a
+root and the motion there need neither a sine nor the closed form.
 """
 
 from __future__ import annotations
@@ -26,19 +23,6 @@ from .flight import (
 )
 from .kernels import elementwise, kernel
 from .oscillator import Grid, Oscillator, acceleration_at
-
-__all__ = [
-    'Node',
-    'Relative',
-    'acceleration_of',
-    'base_node',
-    'contact_root',
-    'falling_root',
-    'jerk_of',
-    'last_step',
-    'next_node',
-    'polished',
-]
 
 
 class Node(NamedTuple):
@@ -110,7 +94,7 @@ def next_node(oscillator: Oscillator, node: Node) -> Node:
         cosine = node.cosines[j]
         pushed += cosine * grid.x_cosine[j] + sine * grid.x_sine[j]
         speeded += cosine * grid.v_cosine[j] + sine * grid.v_sine[j]
-    # What is known first comes first: each node waits for the one before.
+    # Terms that are known early come first: each node waits for the one before.
     offset = (pushed + node.offset * grid.x_x) + node.velocity * grid.x_v
     velocity = (speeded + node.offset * grid.v_x) + node.velocity * grid.v_v
     sines = _next_sines(node.sines, node.cosines, grid.turn_cosine, grid.turn_sine)
@@ -133,22 +117,22 @@ def jerk_of(oscillator: Oscillator, node: Node, x_2: float) -> float:
     return jerk
 
 
-#: A last step this long, as a phase of what is fastest, leaves the series complete. For a support
-#: there is a derivative less.
+#: Longest last step for which the series is complete, as a phase of the fastest of spring and
+#: harmonics. A support has one derivative less.
 _LAST_STEP = 1.0 / 128.0
 _LAST_STEP_OF_SUPPORT = 1.0 / 512.0
 #: The same as a part of the length on which the slope changes: with Newton's step, and without.
 _BENT = 1.0 / 32.0
 _REVERTED = 1.0 / 2048.0
 _EVALUATIONS = 6
-#: Where slopes differ by more than this factor, the inverse function is no good guess.
+#: Where slopes differ by more than this factor, the inverse function is a poor guess.
 _UNEVEN = 0.2
 _GUESS = 1e-4
 
 
 @kernel(inline=True)
 def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) -> float:
-    """Return about where a falling function is zero between two nodes."""
+    """Return a guess of where a falling function is zero between two nodes."""
     change = f_b - f_a
     part = -f_a / change
     if d_a < _UNEVEN * d_b and d_b < _UNEVEN * d_a:
@@ -193,7 +177,7 @@ def last_step(
     longest: float,
 ) -> tuple[float, bool]:
     """
-    Return the way to the root of a falling function, and whether it is as exact as can be.
+    Return the step to the root of a falling function, and whether it is exact to round-off.
 
     Notes
     -----

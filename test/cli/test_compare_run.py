@@ -281,9 +281,9 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
 
 
 def _first_number(content):
-    from impact_damper_ros.bag.rig_messages import JointStateBytes
+    from impact_damper_ros.bag.messages import JointStateLayout
 
-    return JointStateBytes(content).numbers(content)[0][0]
+    return JointStateLayout(content).numbers(content)[0][0]
 
 
 def test_a_bag_that_does_not_tell_its_rig(tmp_path, capsys):
@@ -375,6 +375,7 @@ def test_a_report(tmp_path, capsys):
     assert 'report.html' in capsys.readouterr().out
     page = (tmp_path / 'report' / 'report.html').read_text()
     assert page.count('<svg') >= 6
+    assert 'Largest |X| over the gap, stretch 1' in page
     numbers = json.loads((tmp_path / 'report' / 'report.json').read_text())
     assert verdicts(numbers) == ['agrees']
 

@@ -114,7 +114,7 @@ def test_no_solution(tmp_path, capsys):
     code, orbits = run(tmp_path, '--impacts', '1')
     assert code == 3
     assert orbits == []
-    assert 'no periodic motion with 1 impacts in 1 cycles' in capsys.readouterr().err
+    assert 'no periodic motion with 1 impact in 1 cycle' in capsys.readouterr().err
 
 
 def test_not_viable(tmp_path, capsys):
