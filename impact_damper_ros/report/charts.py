@@ -27,7 +27,7 @@ from impact_damper_ros.compare import (
 
 from .curves import filled_motion, predicted_impacts, predicted_lines, predicted_motion
 from .drawing import COLORS, DASHED, DOTTED, draw_stop, legend_handles
-from .units import number, power_of_ten, unit_for
+from .formatting import number, power_of_ten, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,7 +17,7 @@ from impact_damper_ros.compare import (
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig.quoting import as_line
 
-from .units import counted
+from .formatting import counted
 
 __all__ = ['comparison_text']
 
