@@ -53,6 +53,7 @@ setup(
         'mcap>=1.5',
         'numpy>=1.24',
         'PyYAML>=6.0',
+        'scipy>=1.10',
         'tqdm>=4.66.3',
         'zstandard>=0.20',
     ],
@@ -68,7 +69,7 @@ setup(
         'page': ['tornado>=6.1'],
         'compiled': ['llvmlite', 'numba>=0.59'],
         # What benchmarks/peers.py holds the simulator against.
-        'peers': ['heyoka>=7.0', 'mpmath>=1.3', 'mujoco>=3.2', 'numba>=0.59', 'scipy>=1.10'],
+        'peers': ['heyoka>=7.0', 'mpmath>=1.3', 'mujoco>=3.2', 'numba>=0.59'],
         # sweep_rig: the table; and a cluster to run on
         'sweep': ['pyarrow>=14.0.1'],
         'dask': ['distributed>=2024.1'],
@@ -82,7 +83,6 @@ setup(
             'pyarrow>=14.0.1',
             'pytest>=7.4',
             'rosbags>=0.10.11',
-            'scipy>=1.10',
             'tornado>=6.1',
             'xacro>=2.1',
             'xarray>=2023.1',

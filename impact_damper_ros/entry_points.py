@@ -78,13 +78,9 @@ def run(command: str, main: Callable[[], int]) -> int:
         signal.signal(signal.SIGINT, interrupt)
     try:
         code = main()
-    except (Exception, KeyboardInterrupt) as error:
+    except (Exception, KeyboardInterrupt):
         if not interrupted:
-            # Imported by now, if it is one.
-            if type(error).__name__ != 'RunawayError':
-                raise
-            print(f'{command}: {error}', file=sys.stderr)
-            return 1
+            raise
         begin(command)
         _say_interrupted(command)
         code = EXIT_INTERRUPTED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
-from impact_damper_ros.rig.shown import as_line
+from impact_damper_ros.rig.quoting import as_line
 
 __all__ = ['RecordingError']
 

@@ -27,7 +27,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, Metadata, Schema, Statistics
 
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import yaml
 from mcap.opcode import Opcode
 
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .mcap_scan import Scan, jump_text, open_file

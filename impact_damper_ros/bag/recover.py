@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from impact_damper_ros.rig.shown import as_line
+from impact_damper_ros.rig.quoting import as_line
 
 from .bag_file import BagFile
 from .errors import RecordingError

@@ -25,7 +25,7 @@ import yaml
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .mcap_scan import LARGEST_CHUNK, MAGIC, Scan, open_file, plain_content, read_block, scan_file

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from impact_damper_ros import __version__
 from impact_damper_ros.compare.bag_stretches import BagStretches
@@ -23,18 +20,24 @@ from impact_damper_ros.compare.comparison_curves import GapCurves
 from impact_damper_ros.compare.log_replay import replayed_log
 from impact_damper_ros.compare.run_comparison import RunComparison, StretchComparison
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.outputs import check_directory, check_file
 from impact_damper_ros.report.text import comparison_text
 from impact_damper_ros.rig import load_parameters
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 from .command_line import (
-    add_version_option,
-    announce,
-    check_directory,
-    check_file,
+    add_bag_argument,
+    add_json_option,
+    add_node_option,
+    add_quiet_option,
+    command_parser,
+    need_matplotlib,
     outcome,
-    write_text,
+    progress_bar,
+    text_stream,
+    write_json,
 )
+from .rig_options import announce
 
 __all__ = ['main']
 
@@ -57,16 +60,10 @@ Example: compare_run runs/run_20250131_120000 --json result.json --report report
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'compare_run',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='bag directory or .mcap file')
-    parser.add_argument(
-        '--json', type=Path, metavar='FILE', help='write the result as JSON (- : stdout)'
-    )
+    parser = command_parser('compare_run', _DESCRIPTION, _EPILOG)
+    add_bag_argument(parser)
+    add_node_option(parser)
+    add_json_option(parser)
     parser.add_argument(
         '--report',
         type=Path,
@@ -74,30 +71,13 @@ def _parser() -> argparse.ArgumentParser:
         help='write a page with plots, and the JSON beside it',
     )
     parser.add_argument(
-        '--node', metavar='NAME', help='which node, by name or namespace, if the bag has several'
-    )
-    parser.add_argument(
         '--params',
         type=Path,
         metavar='FILE.yaml',
         help='the rig, for a bag that does not tell its parameters (recorded without snapshot)',
     )
-    parser.add_argument('--quiet', action='store_true', help='no progress bar and no tables')
-    add_version_option(parser)
+    add_quiet_option(parser, 'tables')
     return parser
-
-
-def _bar(stack: ExitStack, what: str, total: float, unit: str, *, quiet: bool) -> tqdm[None]:
-    return stack.enter_context(
-        tqdm(
-            total=total,
-            desc=what,
-            delay=1.0,
-            leave=False,
-            disable=True if quiet else None,
-            bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} ' + unit + ' [{elapsed}<{remaining}]',
-        )
-    )
 
 
 def _compared(arguments: argparse.Namespace) -> RunComparison:
@@ -113,7 +93,7 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
         span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
 
         def shown(what: str) -> Callable[[float], None]:
-            bar = _bar(stack, what, span, 's', quiet=arguments.quiet)
+            bar = stack.enter_context(progress_bar(what, span, 's', quiet=arguments.quiet))
             begun: list[float] = []
 
             def progress(time: float) -> None:
@@ -157,10 +137,10 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
 
 def _with_gap_curves(stretches: Sequence[StretchComparison]) -> list[StretchComparison]:
     """Follow the predicted motions in the gap, of those stretches that the report shows."""
-    from impact_damper_ros.report.page import MOST_DETAILED, told_stretches
+    from impact_damper_ros.report.html_report import MOST_DETAILED, shown_stretches
 
     curves = GapCurves()
-    shown = {stretch.number for stretch in told_stretches(stretches, MOST_DETAILED)}
+    shown = {stretch.number for stretch in shown_stretches(stretches, MOST_DETAILED)}
     return [
         replace(stretch, curves=curves.added(stretch)) if stretch.number in shown else stretch
         for stretch in stretches
@@ -168,20 +148,15 @@ def _with_gap_curves(stretches: Sequence[StretchComparison]) -> list[StretchComp
 
 
 def _report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> int:
-    to_stdout = arguments.json is not None and str(arguments.json) == '-'
-    if arguments.json is not None:
-        text = json.dumps(comparison.as_dict(), indent=2, allow_nan=False) + '\n'
-        write_text(arguments.json, text)
-    stream = sys.stderr if to_stdout else sys.stdout
+    write_json(arguments.json, comparison.as_dict())
+    stream = text_stream(arguments.json)
     if not arguments.quiet:
         print(printable(comparison_text(comparison)), file=stream)
     if arguments.report is not None:
-        from impact_damper_ros.report.page import write_report
+        from impact_damper_ros.report.html_report import write_report
 
-        with ExitStack() as stack:
-            bar = _bar(
-                stack, 'drawn', len(comparison.stretches), 'stretches', quiet=arguments.quiet
-            )
+        count = len(comparison.stretches)
+        with progress_bar('drawn', count, 'stretches', quiet=arguments.quiet) as bar:
 
             def drawn(done: int, total: int) -> None:
                 bar.total = total
@@ -197,19 +172,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
     words = sys.argv[1:] if argv is None else argv
-    if arguments.report is not None and find_spec('matplotlib') is None:
-        print(
-            'compare_run: the report needs matplotlib, which is not installed: '
-            'pip install matplotlib, or leave --report away',
-            file=sys.stderr,
-        )
-        return 2
 
     def work() -> int:
         # Before the work, not after it
         if arguments.json is not None:
             check_file(arguments.json)
         if arguments.report is not None:
+            need_matplotlib()
             check_directory(arguments.report)
         # A wrong number may be as large as numbers are.
         with np.errstate(over='ignore', invalid='ignore'):

@@ -6,7 +6,6 @@ Run by ``make demo``, or ``python -m impact_damper_ros.cli.demo [DIRECTORY]``.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
@@ -25,10 +24,11 @@ from tqdm import tqdm
 
 from impact_damper_ros.bag import JointState, ParameterEvent, RunReader, String
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.outputs import check_directory
 from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
 from impact_damper_ros.rig import RigParameters, load_parameters
 
-from .command_line import add_version_option, check_directory, in_words, say
+from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
 
 __all__ = ['main']
 
@@ -224,14 +224,12 @@ def _read(bag: Path) -> tuple[Motion, list[float]]:
                 changes.append(instant)
         elif isinstance(message, JointState) and message.effort:
             stop = int(message.frame_id[-1])
-            impacts.append((instant, message.position[1] - rest, stop, message.effort[1]))
+            impacts.append((instant, message.position[1] - rest, stop))
         elif isinstance(message, JointState):
             states.append((instant, *(place - rest for place in message.position)))
     time_, x, z, stop_1, stop_2 = np.array(states).T
-    hit, where, stops, impulse = np.array(impacts).reshape(-1, 4).T
-    motion = Motion(
-        time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64), np.abs(impulse)
-    )
+    hit, where, stops = np.array(impacts).reshape(-1, 3).T
+    motion = Motion(time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64))
     return motion, changes
 
 
@@ -301,21 +299,9 @@ def _print_verdicts(directory: Path) -> None:
         print(textwrap.fill(text, 96, initial_indent='  ', subsequent_indent='      '))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the demonstration."""
-    parser = argparse.ArgumentParser('demo', description=__doc__.split('\n\n')[0])
-    parser.add_argument('directory', nargs='?', type=Path, default=Path('demo_run'))
-    parser.add_argument('--duration', type=float, default=30.0, help='seconds, at least 15 [30]')
-    add_version_option(parser)
-    arguments = parser.parse_args(argv)
-    duration = max(15.0, arguments.duration)
-    directory: Path = arguments.directory.resolve()
-    try:
-        check_directory(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        say('demo', in_words(error))
-        return 1
+def _demonstrate(directory: Path, duration: float) -> int:
+    check_directory(directory)
+    directory.mkdir(parents=True, exist_ok=True)
     _environment()
     from ament_index_python.packages import get_package_share_directory
 
@@ -329,17 +315,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         states, impacts = _perform(node, duration)
     except RuntimeError as error:
-        say('demo', error)
-        return 1
-    except KeyboardInterrupt:
-        print('demo: interrupted; the recording so far is kept', file=sys.stderr)
-        return 130
+        raise CommandError(str(error), EXIT_FAILED) from error
     finally:
         _end(node)
     bags = sorted(path for path in set(directory.iterdir()) - known if path.is_dir())
     if not bags:
-        print(f'demo: the node left no recording in {directory}', file=sys.stderr)
-        return 1
+        raise CommandError(f'the node left no recording in {directory}', EXIT_FAILED)
     picture, report = directory / 'motion.png', directory / 'report'
     print(f'\n{states} joint_states and {impacts} impacts arrived over DDS.')
     code = _compare(bags[-1], report)
@@ -355,6 +336,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     if compared:
         print(f'report     {os.path.relpath(report / "report.html")}   (any browser)')
     return code
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the demonstration."""
+    parser = command_parser('demo', __doc__.split('\n\n')[0])
+    parser.add_argument('directory', nargs='?', type=Path, default=Path('demo_run'))
+    parser.add_argument('--duration', type=float, default=30.0, help='seconds, at least 15 [30]')
+    arguments = parser.parse_args(argv)
+    directory, duration = arguments.directory.resolve(), max(15.0, arguments.duration)
+    return outcome(
+        'demo',
+        lambda: _demonstrate(directory, duration),
+        'interrupted; the recording so far is kept',
+    )
 
 
 if __name__ == '__main__':

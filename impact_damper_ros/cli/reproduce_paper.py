@@ -6,24 +6,26 @@ import argparse
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.sweep.execution import ProcessPool
+from impact_damper_ros.outputs import check_directory
 
-from .command_line import add_jobs_option, add_version_option, check_directory, in_words, say
+from .command_line import (
+    add_jobs_option,
+    command_parser,
+    need_matplotlib,
+    outcome,
+    process_pool,
+)
 
 if TYPE_CHECKING:
     from impact_damper_ros.studies.paper.claims import Claim
     from impact_damper_ros.studies.paper.plan import OptimumPoint, Series
 
-__all__ = ['EXIT_INPUT', 'EXIT_WRITE', 'main']
+__all__ = ['main']
 
-
-EXIT_WRITE = 1
-EXIT_INPUT = 2
 
 _DESCRIPTION = """\
 Compute the figures of Bapat (1995) from the periodic theory and the exact simulator, draw them,
@@ -39,12 +41,7 @@ Example: reproduce_paper --only 3a,5 --output /tmp/paper
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'reproduce_paper',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser('reproduce_paper', _DESCRIPTION, _EPILOG)
     parser.add_argument(
         '--output', type=Path, default=Path('docs/paper'), metavar='DIR', help='[docs/paper]'
     )
@@ -57,7 +54,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar='2a,4,...',
         help='these figures only; a panel stands for its figure, and README.md is not written',
     )
-    add_version_option(parser)
     return parser
 
 
@@ -77,7 +73,7 @@ def _compute(
     sweeps = [sweep for figure in figures for sweep in sweeps_of(figure, quick=quick)]
     angles = figure_5_angles(quick=quick) if '5' in figures else ()
     # A sweep takes up to a minute
-    with ProcessPool(jobs) as pool:
+    with process_pool(jobs) as pool:
         series: list[Future[Series]] = [pool.submit(run_sweep, sweep) for sweep in sweeps]
         optima: list[Future[OptimumPoint]] = [pool.submit(optimum_at, v) for v in angles]
         work: list[Future[Any]] = [*series, *optima]
@@ -122,32 +118,12 @@ def _run(arguments: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    try:
-        import matplotlib  # noqa: F401
-    except ModuleNotFoundError:
-        print(
-            'reproduce_paper: matplotlib is missing: install it, or the package with its extra '
-            '[plot]',
-            file=sys.stderr,
-        )
-        return EXIT_INPUT
-    try:
+
+    def work() -> int:
+        need_matplotlib()
         return _run(arguments)
-    except ValueError as error:
-        say('reproduce_paper', error)
-        return EXIT_INPUT
-    except BrokenProcessPool:
-        print(
-            'reproduce_paper: a process died, perhaps for want of memory: give fewer --jobs',
-            file=sys.stderr,
-        )
-        return EXIT_WRITE
-    except OSError as error:
-        say('reproduce_paper', in_words(error, arguments.output))
-        return EXIT_WRITE
-    except KeyboardInterrupt:
-        print('reproduce_paper: interrupted, nothing half-written is left', file=sys.stderr)
-        return 130
+
+    return outcome('reproduce_paper', work, 'interrupted; no half-written file is left')
 
 
 if __name__ == '__main__':

@@ -23,7 +23,7 @@ from pathlib import Path
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
 
-from .command_line import add_version_option, outcome, say
+from .command_line import command_parser, outcome, say
 
 __all__ = ['main']
 
@@ -34,10 +34,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog=COMMAND,
-        description='Show a live rig, or with --bag a recording, in a browser.',
-    )
+    parser = command_parser(COMMAND, 'Show a live rig, or with --bag a recording, in a browser.')
     what = parser.add_mutually_exclusive_group()
     what.add_argument('--node', default='', metavar='NAME', help='the rig to show first')
     what.add_argument(
@@ -71,7 +68,6 @@ def _parser() -> argparse.ArgumentParser:
         help='a further name under which this machine is reached',
     )
     parser.add_argument('--open', action='store_true', help='open the page in a browser')
-    add_version_option(parser)
     return parser
 
 

@@ -6,45 +6,48 @@ import argparse
 import heapq
 import itertools
 import math
-import os
 import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO
-
-from tqdm import tqdm
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
-from impact_damper_ros.control import (
-    GAP_CONTROL_SPECS,
-    Action,
-    ControlledRig,
-    GapControlParameters,
-)
+from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
     Event,
     EventKind,
-    InitialConditions,
     ParameterSpec,
     RigParameters,
     Sample,
-    load_parameters,
 )
-from impact_damper_ros.rig.hybrid_motion import RunawayError
-from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, frequency_at
+from impact_damper_ros.rig.forcing import SWEEP_FIELDS, frequency_at
 from impact_damper_ros.rig.swing import Swing
 
-from .command_line import add_params_argument, add_version_option, announce, in_words, say
-from .csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from .overrides import TimedChange, add_set_option, overridden, overridden_control, timed_changes
+from .command_line import (
+    EXIT_FAILED,
+    CommandError,
+    add_quiet_option,
+    command_parser,
+    outcome,
+    progress_bar,
+)
+from .rig_options import (
+    GivenRig,
+    TimedChange,
+    add_params_argument,
+    add_set_option,
+    announce,
+    given_rig,
+    timed_changes,
+)
 
 __all__ = ['main', 'parameter_table']
 
@@ -68,12 +71,7 @@ Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --s
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'simulate_rig',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser('simulate_rig', _DESCRIPTION, _EPILOG)
     add_params_argument(parser)
     parser.add_argument(
         '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
@@ -128,8 +126,7 @@ def _parser() -> argparse.ArgumentParser:
         help='change a parameter during the run, for example --change 20:gap=0.03; may be '
         'repeated; changes at one time take effect together',
     )
-    parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
-    add_version_option(parser)
+    add_quiet_option(parser, 'summary')
     return parser
 
 
@@ -221,15 +218,6 @@ def _event_row(event: Event, frequency: float) -> str:
     return row((event.kind.name.lower(), event.time, *event[2:], frequency))
 
 
-def _open(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
-    if path is None:
-        return None
-    if str(path) != '-':
-        return open_table(path, columns, stack)
-    sys.stdout.write(row(columns))
-    return sys.stdout
-
-
 def _cycle(parameters: RigParameters) -> float:
     """Return the period of the first harmonic; of a rig that has none that lasts, its own one."""
     frequency = parameters.force_frequencies[0]
@@ -278,14 +266,9 @@ def _summary(
     return '\n'.join(lines)
 
 
-def _run(
-    arguments: argparse.Namespace,
-    parameters: RigParameters,
-    initial: InitialConditions,
-    control: GapControlParameters,
-    changes: Sequence[TimedChange],
-) -> str:
+def _run(arguments: argparse.Namespace, given: GivenRig, changes: Sequence[TimedChange]) -> str:
     """Simulate, write the files, and return the summary."""
+    parameters, initial, control = given
     rig = ControlledRig(parameters, initial, control=control)
     commands = 0
     counts: Counter[EventKind] = Counter()
@@ -296,9 +279,9 @@ def _run(
     watched_from = max(0.0, duration - _WATCHED_CYCLES * cycle)
     started = time.perf_counter()
     with ExitStack() as stack:
-        impacts = _open(arguments.impacts, IMPACT_COLUMNS, stack)
-        others = _open(arguments.events, EVENT_COLUMNS, stack)
-        states = _open(arguments.states, Sample._fields, stack)
+        impacts = open_table(arguments.impacts, IMPACT_COLUMNS, stack)
+        others = open_table(arguments.events, EVENT_COLUMNS, stack)
+        states = open_table(arguments.states, Sample._fields, stack)
         recording = None
         if arguments.bag is not None:
             listed = {**parameters.as_dict(), **initial.as_dict(), **control.as_dict()}
@@ -312,16 +295,7 @@ def _run(
                 max_duration=arguments.max_bag_duration,
             )
             stack.callback(recording.close)
-        bar = stack.enter_context(
-            tqdm(
-                total=duration,
-                desc='simulated',
-                delay=1.0,
-                leave=False,
-                disable=True if arguments.quiet else None,
-                bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]',
-            )
-        )
+        bar = stack.enter_context(progress_bar('simulated', duration, 's', quiet=arguments.quiet))
         rate = arguments.rate if states is not None else None
         ticks = recording.ticks() if recording is not None else iter(())
         changed_at = (change.time_ns / 1e9 for change in changes)
@@ -386,38 +360,22 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    try:
-        parameters, initial, other = load_parameters(arguments.params)
-        control = GapControlParameters(
-            **{name: value for name, value in other.items() if name in GAP_CONTROL_SPECS}
-        )
-        settings, control = overridden_control(arguments.set, control)
-        parameters, initial = overridden(settings, parameters, initial)
+
+    def work() -> int:
+        given = given_rig(arguments.params, arguments.set)
         _check_outputs(arguments)
-        changes = timed_changes(arguments.change, parameters, control, arguments.duration)
-    except ValueError as error:
-        say('simulate_rig', error)
-        return 2
-    if not arguments.quiet:
-        announce('simulate_rig', parameters, control)
-    try:
-        summary = _run(arguments, parameters, initial, control, changes)
-    except KeyboardInterrupt:
-        print('simulate_rig: interrupted; what was simulated is written', file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        # What is left in the buffer cannot be written either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except (RecordingError, RunawayError) as error:
-        say('simulate_rig', error)
-        return 1
-    except OSError as error:
-        say('simulate_rig', in_words(error))
-        return 1
-    if not arguments.quiet:
-        print(summary, file=sys.stderr)
-    return 0
+        changes = timed_changes(arguments.change, given, arguments.duration)
+        if not arguments.quiet:
+            announce('simulate_rig', given.parameters, given.control)
+        try:
+            summary = _run(arguments, given, changes)
+        except RecordingError as error:
+            raise CommandError(str(error), EXIT_FAILED) from error
+        if not arguments.quiet:
+            print(summary, file=sys.stderr)
+        return 0
+
+    return outcome('simulate_rig', work, 'interrupted; what was simulated is written')
 
 
 if __name__ == '__main__':

@@ -4,38 +4,32 @@ from __future__ import annotations
 
 import argparse
 import cmath
-import json
 import math
-import os
 import sys
 import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import OrbitSearch, PeriodicOrbit, find_orbits, plausible_stops
-from impact_damper_ros.rig import RigParameters, load_parameters
+from impact_damper_ros.outputs import check_file
+from impact_damper_ros.rig import RigParameters
 
 from .command_line import (
-    add_params_argument,
-    add_version_option,
-    check_file,
-    hint,
-    in_words,
-    rig_line,
+    add_json_option,
+    command_parser,
+    discard_output,
+    outcome,
     say,
+    text_stream,
     up_to,
-    write_text,
+    write_json,
 )
-from .overrides import add_set_option, overridden
+from .rig_options import add_params_argument, add_set_option, given_rig, hint, rig_line
 
-__all__ = ['EXIT_INPUT', 'EXIT_NONE', 'EXIT_NOT_VIABLE', 'EXIT_WRITE', 'main']
+__all__ = ['main']
 
 
-EXIT_WRITE = 1
-EXIT_INPUT = 2
-EXIT_NONE = 3
-EXIT_NOT_VIABLE = 4
+EXIT_NONE, EXIT_NOT_VIABLE = 3, 4
 
 _DESCRIPTION = """\
 Solve for the periodic motions of an impact damper with N impacts in K cycles of the force, stable
@@ -61,12 +55,7 @@ def _stops(text: str) -> tuple[int, ...]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'solve_periodic',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser('solve_periodic', _DESCRIPTION, _EPILOG)
     add_params_argument(parser)
     parser.add_argument(
         '--impacts', type=up_to(64), required=True, metavar='N', help='impacts in one period'
@@ -84,12 +73,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar='1,2,...',
         help='stops hit in one period, in order [every sequence of N impacts; 1 for N = 1]',
     )
-    parser.add_argument(
-        '--json', type=Path, metavar='FILE', help='write the motions as a list (- : stdout)'
-    )
+    add_json_option(parser, 'the list of motions')
     add_set_option(parser)
     parser.add_argument('--quiet', action='store_true', help='no table')
-    add_version_option(parser)
     return parser
 
 
@@ -181,50 +167,34 @@ def _verdict(searches: list[OrbitSearch], arguments: argparse.Namespace) -> tupl
     return 0, ''
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command."""
-    arguments = _parser().parse_args(argv)
-    try:
-        parameters, initial, _ = load_parameters(arguments.params)
-        parameters, _ = overridden(arguments.set, parameters, initial)
-        if arguments.json is not None:
-            check_file(arguments.json)  # before the work, not after it
-        if not arguments.quiet:
-            hint('solve_periodic', parameters)
-        searches = _searches(parameters, arguments)
-    except ValueError as error:
-        say('solve_periodic', error)
-        return EXIT_INPUT
-    except OSError as error:
-        say('solve_periodic', in_words(error))
-        return EXIT_WRITE
-    except KeyboardInterrupt:
-        print('solve_periodic: interrupted', file=sys.stderr)
-        return 130
+def _solve(arguments: argparse.Namespace) -> int:
+    given = given_rig(arguments.params, arguments.set, with_control=False)
+    if arguments.json is not None:
+        check_file(arguments.json)  # before the work, not after it
+    if not arguments.quiet:
+        hint('solve_periodic', given.parameters)
+    searches = _searches(given.parameters, arguments)
     orbits = [orbit for search in searches for orbit in search.orbits]
     orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
-    to_stdout = arguments.json is not None and str(arguments.json) == '-'
-    if arguments.json is not None:
-        text = json.dumps([orbit.as_dict() for orbit in orbits], indent=2) + '\n'
-        try:
-            write_text(arguments.json, text)
-        except OSError as error:
-            say('solve_periodic', in_words(error))
-            return EXIT_WRITE
+    write_json(arguments.json, [orbit.as_dict() for orbit in orbits])
     if not arguments.quiet:
-        table = sys.stderr if to_stdout else sys.stdout
-        texts = [textwrap.fill(rig_line(parameters), 99, subsequent_indent='  ')]
+        texts = [textwrap.fill(rig_line(given.parameters), 99, subsequent_indent='  ')]
         texts += [search.report.text for search in searches]
         texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
         try:
-            print('\n'.join(texts), file=table, flush=True)
+            print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:
-            # Whoever reads has seen enough, as in `solve_periodic ... | head`.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            discard_output()
     code, complaint = _verdict(searches, arguments)
     if complaint:
         say('solve_periodic', complaint)
     return code
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    arguments = _parser().parse_args(argv)
+    return outcome('solve_periodic', lambda: _solve(arguments))
 
 
 if __name__ == '__main__':

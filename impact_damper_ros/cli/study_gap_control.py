@@ -5,14 +5,19 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.sweep.execution import ProcessPool
+from impact_damper_ros.outputs import check_directory
 
-from .command_line import add_jobs_option, add_version_option, check_directory, in_words, say
+from .command_line import (
+    add_jobs_option,
+    command_parser,
+    need_matplotlib,
+    outcome,
+    process_pool,
+)
 
 if TYPE_CHECKING:
     from impact_damper_ros.studies.gap_control.runs import Extent, Response
@@ -34,12 +39,7 @@ Example: study_gap_control --output /tmp/gap_control --quick
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'study_gap_control',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser('study_gap_control', _DESCRIPTION, _EPILOG)
     parser.add_argument(
         '--output',
         type=Path,
@@ -49,7 +49,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_jobs_option(parser)
     parser.add_argument('--quick', action='store_true', help='a few runs of each part')
-    add_version_option(parser)
     return parser
 
 
@@ -61,7 +60,7 @@ def _compute(extent: Extent, jobs: int) -> dict[tuple[object, ...], Response]:
     from impact_damper_ros.studies.gap_control.runs import all_cases, run_case, tuning_cases
 
     results: dict[tuple[object, ...], Response] = {}
-    with ProcessPool(jobs) as pool:
+    with process_pool(jobs) as pool:
         for what in ('fixed gaps', 'all runs'):
             shares = tuned_shares(results, extent) if results else {}
             cases = all_cases(extent, shares) if results else tuning_cases(extent)
@@ -92,29 +91,12 @@ def _run(arguments: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    try:
-        import matplotlib  # noqa: F401
-    except ModuleNotFoundError:
-        print(
-            'study_gap_control: matplotlib is missing: install it, or the package with its extra '
-            '[plot]',
-            file=sys.stderr,
-        )
-        return 2
-    try:
+
+    def work() -> int:
+        need_matplotlib()
         return _run(arguments)
-    except BrokenProcessPool:
-        print(
-            'study_gap_control: a process died, perhaps for want of memory: give fewer --jobs',
-            file=sys.stderr,
-        )
-        return 1
-    except OSError as error:
-        say('study_gap_control', in_words(error, arguments.output))
-        return 1
-    except KeyboardInterrupt:
-        print('study_gap_control: interrupted', file=sys.stderr)
-        return 130
+
+    return outcome('study_gap_control', work)
 
 
 if __name__ == '__main__':

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import logging
 import os
 import signal
@@ -17,10 +16,11 @@ from typing import Any
 
 from tqdm import tqdm
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
+from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.orbits.settling_rig import Settling
-from impact_damper_ros.rig import RigParameters, load_parameters
+from impact_damper_ros.orbits.settling import Settling
+from impact_damper_ros.outputs import check_file, in_words
+from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
 from impact_damper_ros.sweep.columns import MEASURES
 from impact_damper_ros.sweep.execution import (
@@ -51,17 +51,18 @@ from impact_damper_ros.sweep.table import (
 from impact_damper_ros.sweep.work import Journal, differences, journal_path
 
 from .command_line import (
-    add_params_argument,
-    add_version_option,
-    announce,
+    EXIT_FAILED,
+    EXIT_INPUT,
+    EXIT_INTERRUPTED,
+    CommandError,
+    add_quiet_option,
     check_figure,
-    check_file,
-    in_words,
-    say,
+    command_parser,
+    outcome,
     up_to,
-    write_text,
+    write_json,
 )
-from .overrides import add_set_option, overridden, overridden_control
+from .rig_options import add_params_argument, add_set_option, announce, given_rig
 
 __all__ = ['main', 'parser', 'plan_of']
 
@@ -97,12 +98,7 @@ Exit code: 0; 1 if something could not be written, or workers died; 2 if the inp
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command."""
-    options = argparse.ArgumentParser(
-        'sweep_rig',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = command_parser('sweep_rig', _DESCRIPTION, _EPILOG)
     add = options.add_argument
     add_params_argument(options)
     add(
@@ -192,8 +188,7 @@ def parser() -> argparse.ArgumentParser:
         metavar='ADDRESS',
         help='run on the workers of this Dask scheduler, such as tcp://10.0.0.1:8786',
     )
-    add('--quiet', action='store_true', help='no progress bar and no summary')
-    add_version_option(options)
+    add_quiet_option(options, 'summary')
     return options
 
 
@@ -221,10 +216,7 @@ def _ranges(path: Path, rig: RigParameters) -> list[Axis]:
 
 def plan_of(arguments: argparse.Namespace) -> SweepPlan:
     """Return the sweep that was asked for."""
-    parameters, initial, other = load_parameters(arguments.params)
-    control = GapControlParameters(**{k: v for k, v in other.items() if k in GAP_CONTROL_SPECS})
-    settings, control = overridden_control(arguments.set, control)
-    parameters, initial = overridden(settings, parameters, initial)
+    parameters, initial, control = given_rig(arguments.params, arguments.set)
     axes: Sequence[Axis] = [
         *([] if arguments.ranges is None else _ranges(arguments.ranges, parameters)),
         *(axis_from_text(text, parameters) for text in arguments.vary),
@@ -244,22 +236,14 @@ def plan_of(arguments: argparse.Namespace) -> SweepPlan:
     )
 
 
-EXIT_WRITE, EXIT_INPUT, EXIT_ALL_FAILED, EXIT_INTERRUPTED = 1, 2, 4, 130
-
-
-class _StopError(Exception):
-    """The command cannot go on; what to say, and the exit code."""
-
-    def __init__(self, message: str, code: int) -> None:
-        super().__init__(message)
-        self.code = code
+EXIT_ALL_FAILED = 4
 
 
 def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
     """Find out before the work what could not be written after it."""
     figures: list[Path] = arguments.figure
     if arguments.output.suffix.lower() not in FORMATS:
-        raise _StopError(
+        raise CommandError(
             f'{arguments.output}: give the table a name that ends in .parquet (for pandas and '
             'xarray, with units) or .csv (for a spreadsheet)',
             EXIT_INPUT,
@@ -269,20 +253,20 @@ def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
         if str(path) == '-' and path is not arguments.output:
             continue
         if path.is_dir():
-            raise _StopError(f'{path} is a directory: give the name of a file', EXIT_INPUT)
+            raise CommandError(f'{path} is a directory: give the name of a file', EXIT_INPUT)
         if not path.absolute().parent.is_dir():
-            raise _StopError(
+            raise CommandError(
                 f'{path.absolute().parent} is no directory: make it, or give another place for '
                 f'{path.name}',
                 EXIT_INPUT,
             )
         check_file(path)
     if len({path.absolute() for path in outputs}) < len(outputs):
-        raise _StopError('two outputs have the same name: give each its own', EXIT_INPUT)
+        raise CommandError('two outputs have the same name: give each its own', EXIT_INPUT)
     for path in figures:
         check_figure(path)
     if figures and len(plan.axes) > 2:
-        raise _StopError(
+        raise CommandError(
             f'a figure shows one axis or two, not {len(plan.axes)}: leave out --figure, and draw '
             'the table',
             EXIT_INPUT,
@@ -310,12 +294,12 @@ def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
     except MetadataError as error:
         if overwrite:
             return False
-        raise _StopError(
+        raise CommandError(
             f'{error}: give another --output, or --overwrite it', EXIT_INPUT
         ) from None
     differing = differences(stored, plan.inputs())
     if differing and not overwrite:
-        raise _StopError(
+        raise CommandError(
             f'{output} is the table of a sweep with other inputs:\n  '
             + '\n  '.join(differing[:12])
             + '\ngive another --output, or --overwrite it',
@@ -381,14 +365,14 @@ def _run(
             )
         write_table(plan, journal, output)
     except KeyboardInterrupt:
-        raise _StopError(f'interrupted; {_left(journal, plan)}', EXIT_INTERRUPTED) from None
+        raise CommandError(f'interrupted; {_left(journal, plan)}', EXIT_INTERRUPTED) from None
     except WorkersError as error:
-        raise _StopError(f'{error}; {_left(journal, plan)}', EXIT_WRITE) from error
+        raise CommandError(f'{error}; {_left(journal, plan)}', EXIT_FAILED) from error
     except OSError as error:
-        raise _StopError(
+        raise CommandError(
             f'cannot write {error.filename or journal.path}: {error.strerror or error}; '
             f'{_left(journal, plan)} once that is put right',
-            EXIT_WRITE,
+            EXIT_FAILED,
         ) from error
 
 
@@ -407,15 +391,12 @@ def _sweep(arguments: argparse.Namespace, plan: SweepPlan) -> None:
     try:
         workers = _workers(arguments)
     except OSError as error:
-        raise _StopError(str(error), EXIT_WRITE) from error
+        raise CommandError(str(error), EXIT_FAILED) from error
     with workers:
         try:
             journal = Journal(journal_path(output), plan.inputs(), anew=arguments.overwrite)
         except OSError as error:
-            raise _StopError(
-                in_words(error, journal_path(output)),
-                EXIT_WRITE,
-            ) from error
+            raise CommandError(in_words(error, journal_path(output)), EXIT_FAILED) from error
         with journal:
             _run(plan, journal, workers, output, quiet=arguments.quiet)
             journal.path.unlink(missing_ok=True)
@@ -444,9 +425,7 @@ def _report(arguments: argparse.Namespace) -> int:
         from impact_damper_ros.sweep.figures import draw_sweep
 
         draw_sweep(table, arguments.measure, optimum, path)
-    if arguments.json is not None:
-        text = json.dumps(summary, indent=2) + '\n'
-        write_text(arguments.json, text)
+    write_json(arguments.json, summary)
     if not arguments.quiet:
         print(summary_text(arguments.output, summary), file=sys.stderr)
         missed = optimum is None and arguments.optimum != 'none' and not summary['attractors']
@@ -458,27 +437,21 @@ def _report(arguments: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = parser().parse_args(argv)
-    try:
-        need_pyarrow()
-        plan = plan_of(arguments)
-        _check_outputs(arguments, plan)
-        if not arguments.quiet:
-            _announce(plan)
-        with _stopped_by_sigterm():
-            _sweep(arguments, plan)
-            return _report(arguments)
-    except (ImportError, ValueError) as error:
-        say('sweep_rig', error)
-        return EXIT_INPUT
-    except _StopError as error:
-        say('sweep_rig', error)
-        return error.code
-    except OSError as error:
-        say('sweep_rig', in_words(error))
-        return EXIT_WRITE
-    except KeyboardInterrupt:
-        print('sweep_rig: interrupted; give the same command again to go on', file=sys.stderr)
-        return EXIT_INTERRUPTED
+
+    def work() -> int:
+        try:
+            need_pyarrow()
+            plan = plan_of(arguments)
+            _check_outputs(arguments, plan)
+            if not arguments.quiet:
+                _announce(plan)
+            with _stopped_by_sigterm():
+                _sweep(arguments, plan)
+                return _report(arguments)
+        except ImportError as error:
+            raise CommandError(str(error)) from error
+
+    return outcome('sweep_rig', work, 'interrupted; give the same command again to go on')
 
 
 if __name__ == '__main__':

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_messages import IMPACT_JOINTS, JOINTS, JointStateColumns
-from impact_damper_ros.bag.run_history import Change, RunHistory, SnapshotRecord, StateRecord
 from impact_damper_ros.control import GAP_CONTROL_SPECS
+from impact_damper_ros.replay.recorded_run import RecordedChange, RecordedRun
+from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.simulator import Snapshot
 
@@ -297,7 +298,7 @@ class BagStretches:
         Whether the flights are checked against the equations of motion.
     progress : callable
         Called now and then with the rig time reached, s.
-    history : RunHistory
+    history : RecordedRun
         The bag.
     samples, impacts : int
         How many were read so far.
@@ -323,7 +324,7 @@ class BagStretches:
         node: str | None = None,
         parameters: RigParameters | None = None,
     ) -> None:
-        self.history = RunHistory(path, node, purpose='compare', snapshot_needed=False)
+        self.history = RecordedRun(path, node, purpose='compare', snapshot_needed=False)
         self.samples = self.impacts = 0
         self.start_ns: int | None = None
         self.end_ns: int | None = None
@@ -336,7 +337,7 @@ class BagStretches:
         self.progress: Callable[[float], object] = float
         self._offset_ns = self.history.start.offset_ns
         self._period = 0.0
-        self._pending: list[Change] = []
+        self._pending: list[RecordedChange] = []
         self._told: set[str] = set()
         # Whether the parameter events of this node are recorded
         self._hears = False
@@ -350,7 +351,7 @@ class BagStretches:
             # Announced where nothing changes: it holds for what came before, too.
             self._rig = self._rig_of(start)
 
-    def _rig_of(self, snapshot: SnapshotRecord) -> RigAt:
+    def _rig_of(self, snapshot: RecordedSnapshot) -> RigAt:
         try:
             return RigAt.of_snapshot(snapshot.state)
         except (ValueError, TypeError, KeyError) as error:
@@ -364,16 +365,17 @@ class BagStretches:
         """Read the bag; the stretches come as soon as they end."""
         topics = self.history.topics
         kinds = {topics.joint_states: self.states_rows, topics.impacts: self.impact_rows}
-        for item in self.history.items(early=True):
-            if isinstance(item, StateRecord):
-                if self._pending and item.stamp_ns > self._pending[-1].stamp_ns:
-                    yield from self._carry_out()
-                rows = kinds.get(item.topic)
-                if rows is not None:
-                    rows.put(item.content, self._offset_ns)
-                    if rows.unread >= _BATCH:
-                        self._hand_on()
-            elif isinstance(item, Change):
+        for item in self.history.walk(early=True):
+            if isinstance(item, list):
+                for record in item:
+                    if self._pending and record.stamp_ns > self._pending[-1].stamp_ns:
+                        yield from self._carry_out()
+                    rows = kinds.get(record.topic)
+                    if rows is not None:
+                        rows.put(record.content, self._offset_ns)
+                        if rows.unread >= _BATCH:
+                            self._hand_on()
+            elif isinstance(item, RecordedChange):
                 self._take_change(item)
             else:
                 yield from self._take_snapshot(item)
@@ -421,7 +423,7 @@ class BagStretches:
 
     # What is done to the rig
 
-    def _take_change(self, change: Change) -> None:
+    def _take_change(self, change: RecordedChange) -> None:
         self._hears = True
         rate = change.values.get('state_rate')
         if isinstance(rate, float) and rate > 0.0:
@@ -452,7 +454,7 @@ class BagStretches:
                 continue
             yield from self._cut(at_ns, Beginning.CHANGE, rig)
 
-    def _take_snapshot(self, snapshot: SnapshotRecord) -> Iterator[MeteredStretch]:
+    def _take_snapshot(self, snapshot: RecordedSnapshot) -> Iterator[MeteredStretch]:
         rig = self._rig_of(snapshot)
         self._snapshots += 1
         self.pauses += snapshot.reason == 'resume'

@@ -14,18 +14,24 @@ from typing import ClassVar
 import numpy as np
 
 from impact_damper_ros.orbits.event_map import origin_at
+from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
-from impact_damper_ros.orbits.settling_rig import section_of
+from impact_damper_ros.orbits.recognition import (
+    LONGEST_PERIOD,
+    SETTLED,
+    Recurrence,
+    find_recurrence,
+    section_distance,
+)
+from impact_damper_ros.orbits.settling import section_of
 from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
-from impact_damper_ros.rig.mode import REST_1, REST_2, Machine, Origin, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, Origin, RigConstants, rig_constants
 from impact_damper_ros.rig.simulator import Snapshot
-from impact_damper_ros.rig.stepped_sine import Sweep
 
-from .irregularity import Indications, average_spread, quiet_phase
 from .matched_orbit import counted_impacts, impact_table
 from .recorded_stretch import ForceClock, RecordedImpacts
-from .recurrence import MOST_CYCLES, SETTLED, Recurrence, find_recurrence
 from .run_curves import Array
 
 __all__ = ['CarriedMotion', 'carry_on']
@@ -45,7 +51,7 @@ _LEAST_MEASURED = 100
 #: Impacts whose phases say where in a cycle there are none.
 _PHASES = 100
 #: Impacts that are searched for a period, and the longest period of the states looked for.
-_SEARCHED, LONGEST_PERIOD = 1500, 64
+_SEARCHED, _LONGEST = 1500, 64
 #: Two periods of a settled motion agree to this.
 _REPEATED = 1e-6
 
@@ -89,7 +95,7 @@ class CarriedMotion:
     growth: float = 0.0
 
 
-def _start(machine: Machine, clock: ForceClock, last: RecordedImpacts) -> Origin:
+def _start(machine: RigConstants, clock: ForceClock, last: RecordedImpacts) -> Origin:
     """Return the state just after an impact, at time 0."""
     velocity = float(last.velocity_after[0])
     relative = float(last.damper_velocity_after[0]) - velocity
@@ -126,10 +132,9 @@ def _impacts(events: Events, rig: RigParameters, begin: float) -> RecordedImpact
 def _period_of(section: Array) -> int:
     """Return the period of the states at the ends of cycles, or 0."""
     size = np.abs(section[-_BETWEEN_LOOKS:]).max() or 1.0
-    for period in range(1, min(LONGEST_PERIOD, len(section) // 3) + 1):
-        again = max(period, 3)
-        late, early = section[-again - period :], section[-again - 2 * period : -period]
-        if np.abs(late - early).max() <= _REPEATED * size:
+    for period in range(1, min(_LONGEST, len(section) // 3) + 1):
+        count = min(max(2 * period, period + 3), len(section) - period)
+        if section_distance(section, period, count) <= _REPEATED * size:
             return period
     return 0
 
@@ -140,14 +145,14 @@ class _CarriedRig:
     def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
         self._clock = clock
         self._rig = clock.counted_from_zero()
-        self._machine = make_machine(self._rig)
+        self._machine = rig_constants(self._rig)
         last = impacts[-1:]
         self._origin = _start(self._machine, clock, last)
         self._begin = float(last.time[0])
         phases = clock.phase(impacts.time[-_PHASES:])
         # How long after the end of a cycle, counted from the last impact, it is looked at
         self._strobe = (quiet_phase(phases) - float(phases[-1])) % 1.0
-        state = Snapshot(self._rig, self._origin, 0.0, (), Sweep(0.0)).as_dict()
+        state = Snapshot(self._rig, self._origin, 0.0, (), SteppedSine(0.0)).as_dict()
         # Plain Python: compiling would take longer than the run.
         self._run = LongRun.restore(state, compiled=False)
         self._events: list[Events] = [np.empty(0, EVENT_TYPE)]
@@ -243,7 +248,7 @@ def carry_on(clock: ForceClock, impacts: RecordedImpacts, recorded: float) -> Ca
         recurrence = rig.recurrence(ahead) if quiet is None else None
         period = _period_of(rig.section()) if quiet is None else 0
         # States come back a little before the impacts are seen to
-        seen = period > MOST_CYCLES or (
+        seen = period > LONGEST_PERIOD or (
             period and recurrence is not None and recurrence.cycles == period
         )
         if seen or quiet is not None or not whole:

@@ -11,7 +11,7 @@ import numpy as np
 
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
 from impact_damper_ros.orbits.equations import check_forcing
-from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
 
 from .comparison_curves import impact_curve, motion_curve, predicted_curve, spectrum
 from .fault_search import FaultSearch
@@ -19,7 +19,6 @@ from .log_findings import log_findings, repaired_impacts
 from .matched_orbit import impulses_of
 from .periodic_part import PeriodicPart, knots_between, measured_motion, periodic_part
 from .recorded_stretch import ForceClock, RecordedStates, RecordedStretch
-from .recurrence import MOST_CYCLES, SETTLED
 from .run_comparison import EnergyBalance, Finding, StretchComparison, Verdict
 from .run_curves import StretchCurves
 from .stretch_kind import (
@@ -205,13 +204,13 @@ def why_no_theory(stretch: RecordedStretch) -> str:
         return 'the first harmonic of the force is off: there are no cycles to count'
     if stretch.clock is None:
         return 'the phase of the force is not in the bag (no snapshot)'
-    for cycles in range(1, MOST_CYCLES + 1):
+    for cycles in range(1, LONGEST_PERIOD + 1):
         try:
             check_forcing(rig, cycles)
         except OrbitError:
             continue
         return ''
-    return f'the harmonics of the force have no common period of up to {MOST_CYCLES} cycles'
+    return f'the harmonics of the force have no common period of up to {LONGEST_PERIOD} cycles'
 
 
 def _cycle(stretch: RecordedStretch) -> float:

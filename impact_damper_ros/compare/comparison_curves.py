@@ -10,7 +10,7 @@ import numpy as np
 from impact_damper_ros.orbits import PeriodicOrbit, continue_orbit
 from impact_damper_ros.orbits.event_map import origin_at, run_course
 from impact_damper_ros.rig.flight import motion_at
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.origin import offset_of
 
 from .periodic_part import knots_between
@@ -92,7 +92,7 @@ def predicted_curve(
     if not orbit.viable or not orbit.impacts:
         return None
     rig = clock.counted_from_zero()
-    machine = make_machine(rig)
+    machine = rig_constants(rig)
     # The zero of the force before the measured period, from which both count their phases
     first = period.phases[0] if period is not None else float(clock.phase(np.array(time)) % 1.0)
     late = round(orbit.phases[0] - first) if period is not None else 0

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.orbits.event_map import Course, Incident, origin_at, run_course
 from impact_damper_ros.rig import EventKind
 from impact_damper_ros.rig.hybrid_motion import RunawayError
-from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, rig_constants
 from impact_damper_ros.rig.origin import offset_of
 
 from .flight_check import Intervals, Knots, check_intervals, resting_place
@@ -52,7 +52,7 @@ class FollowedRig:
     def __init__(self, clock: ForceClock) -> None:
         self.rig = clock.counted_from_zero()
         self._clock = clock
-        self._machine = make_machine(self.rig)
+        self._machine = rig_constants(self.rig)
 
     def course(
         self, knots: Knots, first: int, duration: float, *, differentiate: bool = False

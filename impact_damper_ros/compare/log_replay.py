@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.replay.findings import Difference
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig.simulator import ARITHMETIC
 
@@ -116,10 +116,10 @@ def replayed_log(
         Called now and then with the rig time reached, s.
     """
     try:
-        replay = Replay(RunHistory(path, node, purpose='compare'), adopt=True)
+        replay = Replay(RecordedRun(path, node, purpose='compare'), adopt=True)
     except RecordingError as error:
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; it could not be replayed: {error}'))
-    arithmetic = replay.history.start.arithmetic
+    arithmetic = replay.recorded.start.arithmetic
     if arithmetic > ARITHMETIC:
         newer = (
             f'it was recorded with arithmetic {arithmetic}, later than that of this version, '
@@ -128,8 +128,8 @@ def replayed_log(
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; {newer}'), faults=(newer,))
     findings = replay.run(progress)
     if arithmetic != ARITHMETIC and findings.by_topic.keys() & {
-        replay.history.topics.joint_states,
-        replay.history.topics.impacts,
+        replay.recorded.topics.joint_states,
+        replay.recorded.topics.impacts,
     }:
         why = f'it was recorded with arithmetic {arithmetic}, this version has {ARITHMETIC}'
     elif findings.by_another_library:
@@ -152,16 +152,16 @@ def replayed_log(
 
 def _unchecked(replay: Replay) -> tuple[str, ...]:
     """Return what the replay does not look at."""
-    topics = replay.history.topics
+    topics = replay.recorded.topics
     checked = {topics.joint_states, topics.impacts, topics.gap_control, topics.snapshot}
     found = [
         name
-        for name in sorted(replay.history.reader.topics)
+        for name in sorted(replay.recorded.reader.topics)
         if name not in checked and name != topics.parameter_events
     ]
     if topics.parameter_events:
         what = 'settings of the node'
-        if replay.history.start.time_ns:
+        if replay.recorded.start.time_ns:
             what += ', initial_* up to the first reset'
         found.append(f'{topics.parameter_events}: {what}')
     return tuple(found)

@@ -15,11 +15,11 @@ from impact_damper_ros.orbits import (
     orbit_near,
 )
 from impact_damper_ros.orbits.impact_solver import polish
+from impact_damper_ros.orbits.recognition import ImpactTable, Recurrence
 from impact_damper_ros.orbits.search import orbit_of, within_theory
 from impact_damper_ros.rig import Event, EventKind, RigParameters
 
 from .recorded_stretch import ForceClock, RecordedImpacts
-from .recurrence import ImpactTable, Recurrence
 from .run_comparison import ImpactStates
 from .run_curves import Array
 

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impact_damper_ros.orbits.recognition import SETTLED, ImpactTable, Recurrence
+
 from .flight_check import Knots, knots_of
 from .matched_orbit import MatchedOrbit, impact_table, match_orbit, state_row
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStretch
-from .recurrence import SETTLED, ImpactTable, Recurrence
 from .run_comparison import Decay, Finding, ImpactStates, MeasuredMotion
 from .run_curves import Array, Convergence, cubic_swing
 from .stretch_kind import StretchKind

@@ -16,10 +16,10 @@ from typing import Literal, TypeAlias
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits, orbit_near
 from impact_damper_ros.orbits.equations import check_forcing
-from impact_damper_ros.orbits.rhythm import MOST_CYCLES, Rhythm, rhythm_of, turned_cycles
+from impact_damper_ros.orbits.recognition import LONGEST_RHYTHM, Rhythm, rhythm_of, turned_cycles
 from impact_damper_ros.orbits.search import counted_as
-from impact_damper_ros.orbits.settled import starting_points
-from impact_damper_ros.rig import Event, EventKind, ParameterError, RigParameters, Simulator
+from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
+from impact_damper_ros.rig import Event, ParameterError, RigParameters, Simulator
 
 from .carried_rig import carry_on
 from .recorded_stretch import ForceClock, RecordedImpacts
@@ -35,7 +35,7 @@ Basis: TypeAlias = Literal['measured', 'run ahead', 'listed', '']
 #: Longest run ahead, in cycles of the force, and how often its impacts are looked at.
 MOST_CYCLES_AHEAD = 1500
 _CYCLES_BETWEEN_LOOKS = 25
-_LOOKS_PER_CYCLE = 4
+_PARTS_OF_CYCLE = 4
 _MOST_EVENTS = 30_000
 #: The same for other attractors, from other starts.
 _ELSEWHERE = 600
@@ -110,27 +110,18 @@ def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
     """Run a rig on until its impacts repeat."""
     frequency = rig.parameters.force_frequencies[0]
     began, turned, cycle = rig.time, turned_cycles(rig.snapshot(), frequency), math.tau / frequency
-    instants: list[float] = []
     impacts: list[Event] = []
     total, looked, rhythm, hits = 0, 0, None, False
-    largest = newest = 0.0
-    for k in range(1, most_cycles + 1):
-        for quarter in range(1, _LOOKS_PER_CYCLE + 1):
-            # One rounding, so that the steps do not drift
-            events = rig.advance(began + (k - 1 + quarter / _LOOKS_PER_CYCLE) * cycle)
-            newest = max([newest, abs(rig.sample().x), *(abs(event.x) for event in events)])
-            total += len(events)
-            for event in events:
-                if event.kind is EventKind.IMPACT:
-                    impacts.append(event)
-                    instants.append(turned + (event.time - began) / cycle)
-        if k % _CYCLES_BETWEEN_LOOKS and k < most_cycles:
-            continue
-        del impacts[:-_KEPT_IMPACTS], instants[:-_KEPT_IMPACTS]
-        largest, newest, looked = newest, 0.0, k
-        hits = bool(instants) and instants[-1] > turned + k - MOST_CYCLES
+    instants: list[float] = []
+    for look in run_by_cycles(
+        rig, _CYCLES_BETWEEN_LOOKS, most_cycles, base=began, parts=_PARTS_OF_CYCLE
+    ):
+        total, looked = total + len(look.events), look.cycles
+        impacts = [*impacts, *look.impacts][-_KEPT_IMPACTS:]
+        instants = [turned + (event.time - began) / cycle for event in impacts]
+        hits = bool(instants) and instants[-1] > turned + looked - LONGEST_RHYTHM
         stops, x = [event.stop for event in impacts], [event.x for event in impacts]
-        rhythm = rhythm_of(instants, stops, x, largest) if hits else None
+        rhythm = rhythm_of(instants, stops, x, look.largest) if hits else None
         if (rhythm is not None and rhythm.settled) or total > _MOST_EVENTS:
             break
     impact = impacts[-1] if impacts else None
@@ -140,11 +131,11 @@ def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
 
 def _period_of_force(parameters: RigParameters) -> int:
     """Return the period of the force in cycles of its first harmonic."""
-    for cycles in range(1, MOST_CYCLES + 1):
+    for cycles in range(1, LONGEST_RHYTHM + 1):
         try:
             check_forcing(parameters, cycles)
         except OrbitError:
-            if cycles == MOST_CYCLES:
+            if cycles == LONGEST_RHYTHM:
                 raise
         else:
             break

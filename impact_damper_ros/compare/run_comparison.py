@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.rig import RigParameters
 
 from .run_curves import StretchCurves

@@ -8,20 +8,25 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from impact_damper_ros.orbits.rhythm import MotionKind
-
-from .carried_rig import CarriedMotion, carry_on
-from .irregularity import (
+from impact_damper_ros.orbits.irregularity import (
     IRREGULAR_SPREAD,
     REGULAR_SPREAD,
     Indications,
     average_spread,
-    largest_exponent,
     zero_one_test,
 )
+from impact_damper_ros.orbits.recognition import (
+    LONGEST_PERIOD,
+    SETTLED,
+    MotionKind,
+    Recurrence,
+    find_recurrence,
+)
+
+from .carried_rig import CarriedMotion, carry_on
+from .irregularity import MOST_IMPACTS, largest_exponent
 from .matched_orbit import counted_impacts, impact_table
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
-from .recurrence import MOST_CYCLES, SETTLED, Recurrence, find_recurrence
 
 __all__ = [
     'Oscillation',
@@ -184,8 +189,8 @@ def _ahead(carried: CarriedMotion) -> StretchKind | None:
     text = f'{on} settles after {"" if carried.period else "about "}{settled:.0f} more cycles to '
     if recurrence is None or (carried.period and recurrence.cycles != carried.period):
         text += f'a period of {carried.period} cycles'
-        if carried.period > MOST_CYCLES:
-            text += f', longer than the {MOST_CYCLES} that are predicted'
+        if carried.period > LONGEST_PERIOD:
+            text += f', longer than the {LONGEST_PERIOD} that are predicted'
         return StretchKind(MotionKind.TRANSIENT, text, measures)
     text += f'a period of {_period_text(recurrence)}'
     return StretchKind(
@@ -253,9 +258,9 @@ def _recorded(
             [strobe.x, strobe.velocity_after, strobe.damper_velocity_after]
         ) / np.array([1.0, clock.parameters.omega, clock.parameters.omega])
         spread = average_spread(np.column_stack([states, np.cos(angle), np.sin(angle)]))
-        found = Indications(exponent.value, exponent.error, int(exponent.cycles), spread)
+        found = replace(exponent, spread=spread)
         seen += f'; Lyapunov exponent {_exponent_text(found)} per cycle along the last '
-        seen += f'{exponent.impacts} recorded impacts'
+        seen += f'{min(len(late), MOST_IMPACTS)} recorded impacts'
     if not math.isnan(regularity):
         seen += f'; their 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
     return found, regularity, seen
@@ -350,7 +355,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
         measures['measured_cycles'] = float(found.cycles)
         measures['average_spread'] = found.spread
     measures['carried_cycles'] = float(carried.cycles) if carried is not None else 0.0
-    seen = f'does not repeat within {MOST_CYCLES} cycles{seen}'
+    seen = f'does not repeat within {LONGEST_PERIOD} cycles{seen}'
     if carried is not None and found is not None:
         seen += f'; {_carried_text(found)}'
     kind = MotionKind.UNDECIDED if found is None else found.kind()
@@ -379,7 +384,7 @@ def kind_without_force_phase(impacts: RecordedImpacts, cycle: float) -> StretchK
         return _recurring(recurrence, counted)
     late = counted[len(counted) // 2 :]
     regularity = zero_one_test(late.x)
-    text = f'does not repeat within {MOST_CYCLES} cycles'
+    text = f'does not repeat within {LONGEST_PERIOD} cycles'
     if not math.isnan(regularity):
         text += f'; 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
     return StretchKind(MotionKind.UNDECIDED, text, {'zero_one_test': regularity})

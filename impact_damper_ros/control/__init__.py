@@ -5,10 +5,11 @@ What is known of the published law, and what is reconstruction or extension, sta
 `amplitude_law`, `timed_law` and in docs/gap_control.
 """
 
+from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters
+
 from .controlled_rig import ControlledRig, completed
 from .controller import CONTROL_JOINTS, Action, ControlRecord
 from .law import Damper, damper_of
-from .parameters import GAP_CONTROL_SPECS, GapControlParameters
 
 __all__ = [
     'CONTROL_JOINTS',

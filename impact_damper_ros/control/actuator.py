@@ -14,9 +14,11 @@ M. An actuator that moves at once has no speed, and spends nothing.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-from .parameters import GapControlParameters
+from impact_damper_ros.rig import GapControlParameters
+
+from .sensors import LENGTH, SPEED, TIME, Kinds
 
 __all__ = ['Actuators', 'Command']
 
@@ -56,6 +58,13 @@ class Actuators:
     energies : list of float
         Energy spent by each so far, J.
     """
+
+    KINDS: ClassVar[Kinds] = {
+        'waiting': (TIME, LENGTH, LENGTH),
+        'targets': LENGTH,
+        'commanded': LENGTH,
+        'velocities': SPEED,
+    }
 
     waiting: list[Command] = field(default_factory=list)
     targets: list[float] = field(default_factory=lambda: [0.0, 0.0])

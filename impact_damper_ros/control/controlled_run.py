@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from impact_damper_ros.rig import GapControlParameters
 from impact_damper_ros.rig.event import Event, Sample
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.long_run import (
@@ -20,7 +21,7 @@ from impact_damper_ros.rig.long_run import (
     SAMPLE_TYPE,
     Loop,
     Outcome,
-    Stretch,
+    RunResult,
     event_table,
     has_numba,
 )
@@ -31,7 +32,6 @@ from impact_damper_ros.rig.run_loop import DONE, Progress
 from impact_damper_ros.rig.simulator import Simulator
 
 from .controlled_rig import ControlledRig
-from .parameters import GapControlParameters
 
 __all__ = ['AccountedSimulator', 'ControlledRun', 'ModeAccount']
 
@@ -118,9 +118,9 @@ class AccountedSimulator(Simulator):
         self._ahead = []
         if self._parameters.sweep_mode != 'off' or not has_numba():
             return
-        if self._loop is None or self._loop.machine is not self._machine:
+        if self._loop is None or self._loop.constants is not self._constants:
             mass = self._parameters.damper_mass
-            self._loop = Loop(self._machine, mass, compiled=True)
+            self._loop = Loop(self._constants, mass, compiled=True)
         rows = np.empty((len(instants), len(Sample._fields)))
         progress = self._loop.run(
             Progress(DONE, self._loop.packed(self._origin), self._time, 0, 0, 0),
@@ -266,7 +266,7 @@ class ControlledRun:
 
     def advance(
         self, time: float, instants: npt.ArrayLike = (), *, most_events: int = 1_000_000
-    ) -> Stretch:
+    ) -> RunResult:
         """
         Let the rig run to a later time.
 
@@ -281,7 +281,7 @@ class ControlledRun:
 
         Returns
         -------
-        Stretch
+        RunResult
             Samples and events, among them the passages of X through zero and what the stops do,
             and whether the time was reached.
 
@@ -305,7 +305,7 @@ class ControlledRun:
         except RunawayError:
             outcome = Outcome.RUNAWAY
         account = rig.take_account()
-        return Stretch(
+        return RunResult(
             outcome,
             outcome.reason(len(events), begun, rig.time, rig.mode.name.lower()),
             rig.time,

@@ -1,31 +1,42 @@
 """
 Sensors of the gap control: samples with noise, and the observer of amplitude, rhythm and impacts.
 
-Samples are taken at its own rate, and one more at each passage of X through zero, where the
-crossing detector triggers the same converters.
+Samples are taken at the rate of the control, and one more at each passage of X through zero, where
+the crossing detector triggers the same converters. The noise is a function of its seed and the
+index of the sample, so that a run can be cut, continued and replayed.
 
-The noise is a pure function of its seed and the index of the sample, so that a run can be cut,
-continued and replayed, and any sample be measured anew.
-
-It holds what both laws need, and no model of the structure. Of the damper it knows how m rebounds,
-to tell an impact from the noise.
+The observer has no model of the structure. Of the damper it knows how m rebounds, to distinguish
+an impact from noise.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import atan2, cos, hypot, log, pi, sin, sqrt
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple, TypeAlias
 
-from impact_damper_ros.rig import Sample
+from impact_damper_ros.rig import GapControlParameters, Sample
+from impact_damper_ros.rig.forcing import mixed
 
-from .parameters import GapControlParameters
+__all__ = [
+    'LENGTH',
+    'SPEED',
+    'TIME',
+    'Hit',
+    'Kinds',
+    'Measurement',
+    'Observer',
+    'Passage',
+    'measured',
+    'noise',
+]
 
-__all__ = ['Hit', 'Measurement', 'Observer', 'Passage', 'measured', 'noise']
 
-
-_WORD = (1 << 64) - 1
 _CHANNELS = 4
+
+LENGTH, SPEED, TIME = 'length', 'speed', 'time'
+#: What the numbers of a state are, by field; of a list by its index, where its entries differ.
+Kinds: TypeAlias = dict[str, str | tuple[str, ...]]
 
 
 class Measurement(NamedTuple):
@@ -63,14 +74,6 @@ class Measurement(NamedTuple):
         return self.x_rate + self.y_rate
 
 
-def _mixed(word: int) -> int:
-    """Return 64 bits that depend on all bits of a word (the finaliser of splitmix64)."""
-    word = (word + 0x9E3779B97F4A7C15) & _WORD
-    word = ((word ^ (word >> 30)) * 0xBF58476D1CE4E5B9) & _WORD
-    word = ((word ^ (word >> 27)) * 0x94D049BB133111EB) & _WORD
-    return word ^ (word >> 31)
-
-
 def _uniform(word: int) -> float:
     """Return a number in (0, 1] from the upper 53 bits."""
     return ((word >> 11) + 1) * 2.0**-53
@@ -78,12 +81,12 @@ def _uniform(word: int) -> float:
 
 def noise(seed: int, index: int) -> tuple[float, float, float, float]:
     """Return independent standard normal numbers for the channels of one sample."""
-    key = _mixed(_mixed(seed & _WORD) ^ (index & _WORD))
+    key = mixed(mixed(seed) ^ (index & (2**64 - 1)))
     values: list[float] = []
     for pair in range(_CHANNELS // 2):
         # Box and Muller (1958)
-        radius = sqrt(-2.0 * log(_uniform(_mixed(key + 2 * pair))))
-        angle = 2.0 * pi * _uniform(_mixed(key + 2 * pair + 1))
+        radius = sqrt(-2.0 * log(_uniform(mixed(key + 2 * pair))))
+        angle = 2.0 * pi * _uniform(mixed(key + 2 * pair + 1))
         values += (radius * cos(angle), radius * sin(angle))
     return values[0], values[1], values[2], values[3]
 
@@ -160,6 +163,16 @@ class Observer:
     hit_1, hit_2 : list of float
         The last impact at each stop since the last passage, as a `Hit`; empty if there was none.
     """
+
+    KINDS: ClassVar[Kinds] = {
+        'amplitude': LENGTH,
+        'half_cycle': TIME,
+        'crossed': TIME,
+        'peak': LENGTH,
+        'last': (TIME, LENGTH, SPEED, LENGTH, SPEED, LENGTH, LENGTH),
+        'hit_1': (TIME, SPEED),
+        'hit_2': (TIME, SPEED),
+    }
 
     amplitude: float = 0.0
     half_cycle: float = 0.0

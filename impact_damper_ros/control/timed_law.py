@@ -8,19 +8,20 @@ then opened again; at most one such impact for each passage.
 With symmetric stops, m has to be on the side of the stop that is closed, as in the reconstruction
 of the law of Masri et al. (1989). With independent stops, an extension, a stop may come past the
 middle to where m is, which matters as soon as weight, friction or a random force let the middle of
-the motion of m wander; and m must come with a good part of the speed of M, so that the one blow
-which each passage allows is not spent on a feeble one.
+the motion of m wander; and m must come with a good part of the speed of M, since each passage
+allows one impact only.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-from .law import Damper
-from .parameters import GapControlParameters
-from .sensors import Measurement, Observer, Passage
+from impact_damper_ros.rig import GapControlParameters
+
+from .law import Damper, Plant
+from .sensors import LENGTH, TIME, Kinds, Measurement, Observer, Passage
 
 __all__ = ['Closing', 'TimedLaw', 'stop_to_close']
 
@@ -35,6 +36,10 @@ _OVERREACH = 0.1
 _LATEST = 0.2
 #: A stop that has met no m this long after the passage is opened, in half cycles.
 _GIVE_UP = 0.25
+#: A stop is not parked anew by less than this part of its place: each start costs energy.
+_DEAD_BAND = 0.05
+#: A stop is not parked where m will be within this part of a half cycle.
+_CLEARANCE = 0.05
 
 
 class Closing(NamedTuple):
@@ -88,12 +93,58 @@ class TimedLaw:
         When it is opened at the latest, s.
     """
 
+    KINDS: ClassVar[Kinds] = {'parked': LENGTH, 'until': TIME}
+
     parked: float = 0.0
     aimed: bool = False
     closed: int = 0
     until: float = 0.0
 
-    def aim(
+    def see(self, sample: Measurement, plant: Plant) -> None:
+        """Open the stop that has done its work, and close one for the passage ahead."""
+        if self.parked == 0.0:
+            return
+        if self._reopens(sample, plant.observer):
+            stop, self.closed = self.closed, 0
+            self._park(sample.time, (stop,), plant)
+        p = plant.parameters
+        if self.closed or self.aimed or not (p.actuator_delay or p.actuator_speed):
+            return
+        ahead = plant.observer.next_passage()
+        if ahead is not None and self._close(ahead, sample, plant.next_sample, plant):
+            self.aimed = True
+
+    def cross(self, sample: Measurement, plant: Plant) -> None:
+        """Park the stops, and close one for this passage if that has not been done."""
+        aimed, self.aimed = self.aimed, False
+        self.parked = plant.symmetric_place(plant.parameters.gap_control_park)
+        if not aimed and not self.closed:
+            here = Passage(sample.time, sample.x_rate, sample.y, sample.y_rate)
+            self._close(here, sample, inf, plant)
+        self._park(sample.time, tuple(stop for stop in (1, 2) if stop != self.closed), plant)
+
+    def _park(self, time: float, stops: tuple[int, ...], plant: Plant) -> None:
+        """Send stops to where they are parked; they close on m in timed impacts only."""
+        now = Measurement(*plant.observer.last)
+        free: list[float | None] = []
+        for stop, side in ((1, 1.0), (2, -1.0)):
+            outwards = side * now.y
+            ahead = _CLEARANCE * plant.observer.half_cycle * max(0.0, side * now.y_rate)
+            parked = stop in stops and outwards + ahead < self.parked
+            free.append(side * self.parked if parked else None)
+        plant.move(time, (free[0], free[1]), _DEAD_BAND)
+
+    def _close(self, at: Passage, now: Measurement, before: float, plant: Plant) -> bool:
+        """Order a stop to meet m at a passage, if it is to be and is to be ordered by then."""
+        closing = self._aim(at, now, before, plant.observer, plant.damper, plant.parameters)
+        if closing is None:
+            return False
+        issue, stop, target = closing
+        first, second = (target, None) if stop == 1 else (None, target)
+        plant.actuators.order(issue, first, second, plant.parameters)
+        return True
+
+    def _aim(
         self,
         at: Passage,
         now: Measurement,
@@ -102,7 +153,7 @@ class TimedLaw:
         damper: Damper,
         p: GapControlParameters,
     ) -> Closing | None:
-        """Return the command that lets a stop meet m at a passage ahead; None if not by now."""
+        """Return the command that lets a stop meet m at a passage; None if not by now."""
         optimal = damper.optimal_gap(observer.amplitude, p.gap_max)
         stop = stop_to_close(at, self.parked, optimal, damper, p)
         if stop == 0:
@@ -132,8 +183,8 @@ class TimedLaw:
         self.until = at.time + max(0.0, late)
         return Closing(issue, stop, side * target)
 
-    def reopens(self, now: Measurement, observer: Observer) -> bool:
-        """Return whether a sample says that the stop that was closed has done its work."""
+    def _reopens(self, now: Measurement, observer: Observer) -> bool:
+        """Return whether the stop that was closed has done its work."""
         if self.closed == 0 or not observer.last:
             return False
         away = now.y_rate <= 0.0 if self.closed == 1 else now.y_rate >= 0.0

@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from impact_damper_ros.orbits.rhythm import (
-    MOST_CYCLES,
-    SETTLED,
+from impact_damper_ros.orbits.recognition import (
+    LONGEST_RHYTHM,
+    SETTLED_DRIFT,
     MotionKind,
     Rhythm,
     approaches,
@@ -24,7 +24,7 @@ from impact_damper_ros.orbits.rhythm import (
     turned_cycles,
 )
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
-from impact_damper_ros.rig.stepped_sine import frequency_at
+from impact_damper_ros.rig.forcing import frequency_at
 from impact_damper_ros.rig.swing import extremes
 
 __all__ = ['MeasuredMotion', 'MotionTrace', 'measure']
@@ -198,7 +198,7 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
     cycles = (now - trace.began) / cycle
     impacts = trace.impacts()
     instants = [trace.cycles(event.time) for event in impacts]
-    largest = trace.largest(now - MOST_CYCLES * cycle)
+    largest = trace.largest(now - LONGEST_RHYTHM * cycle)
     stops, x = [event.stop for event in impacts], [event.x for event in impacts]
     rhythm = rhythm_of(instants, stops, x, largest)
     turned = trace.cycles(now)
@@ -210,7 +210,7 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
         largest = trace.largest(now - rhythm.cycles * cycle)
         rhythm = replace(rhythm, x_max=largest)
         kind = MotionKind.UNDECIDED
-        if max(distances[-SETTLED_PERIODS:], default=math.inf) < SETTLED:
+        if max(distances[-SETTLED_PERIODS:], default=math.inf) < SETTLED_DRIFT:
             kind = MotionKind.PERIODIC
         elif approaches(distances):
             kind = MotionKind.TRANSIENT

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from impact_damper_ros.orbits.rhythm import MOST_CYCLES, MotionKind, Rhythm
+from impact_damper_ros.orbits.recognition import LONGEST_RHYTHM, MotionKind, Rhythm
 
 from .measured_motion import MeasuredMotion, MotionTrace, measure
 from .prediction import Answer, PredictedMotion, Predictor, PredictorStatus
@@ -193,7 +193,7 @@ def _why_undecided(measured: MeasuredMotion) -> str:
     if measured.rhythm is not None:
         return 'the impacts nearly repeat, but do not come closer to it'
     return (
-        f'no period of up to {MOST_CYCLES} cycles of the force is recognised, '
+        f'no period of up to {LONGEST_RHYTHM} cycles of the force is recognised, '
         f'{measured.cycles:.0f} cycles after the last change'
     )
 

@@ -1,16 +1,15 @@
 """
 ROS parameters and the rig: descriptors, tolerant reading, validation of whole requests.
 
-The names, units and ranges of the rig are those of `PARAMETER_SPECS` and `INITIAL_SPECS`; here
-stand only the node's own settings. What people write is read as they mean it: `37` for a double,
-`5` or `[1, 0.5]` or `1e-3` as the command line hands them over, one force array at a time.
+What people write is read as they mean it: `37` for a double, `5` or `[1, 0.5]` or `1e-3` as the
+command line hands them over, one force array at a time.
 """
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,21 +21,22 @@ from rcl_interfaces.msg import (
 )
 from rclpy.parameter import Parameter
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import (
+    ALL_SPECS,
+    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    SETTING_SPECS,
+    GapControlParameters,
     InitialConditions,
+    NodeSettings,
     ParameterError,
     ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.shown import named, printable, shown
+from impact_damper_ros.rig.quoting import named, printable, shown
 
 __all__ = [
-    'ALL_SPECS',
-    'READ_ONLY',
-    'SETTING_SPECS',
     'LiveParameters',
     'NodeParameters',
     'descriptor',
@@ -48,17 +48,6 @@ __all__ = [
 
 
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
-READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_priority')
-SLOWEST_FACTOR = 1e-3
-#: As of `RunWriter`, which is not loaded unless something is recorded.
-SMALLEST_FILE = 100_000
-SHORTEST_FILE = 1.0
-#: Parameters that are 0 or at least something, and what 0 stands for.
-_LEAST = {
-    'real_time_factor': (SLOWEST_FACTOR, 'as fast as possible'),
-    'max_bag_size': (SMALLEST_FILE, 'no limit'),
-    'max_bag_duration': (SHORTEST_FILE, 'no limit'),
-}
 #: No name as long as this is a slip of the pen.
 _LONGEST_NAME = 80
 #: Of `bag_directory`; a recording adds to it, and the system has 4096.
@@ -68,93 +57,6 @@ _MOST_WARNINGS = 8
 # A name this similar to a known one is a slip of the pen, not meant for another node.
 SLIP_OF_THE_PEN = 0.75
 
-
-SETTING_SPECS: dict[str, ParameterSpec] = {
-    spec.name: spec
-    for spec in (
-        ParameterSpec(
-            'state_rate',
-            'Joint states per second of rig time.',
-            'Hz',
-            1.0,
-            2000.0,
-            'double',
-            200.0,
-        ),
-        ParameterSpec(
-            'real_time_factor',
-            'Rig seconds per wall second; 0 runs as fast as possible.',
-            '',
-            0.0,
-            1000.0,
-            'double',
-            1.0,
-        ),
-        ParameterSpec(
-            'publish_clock',
-            'Publish /clock, and count stamps from 0 instead of from the system time. So it is in '
-            'any case if real_time_factor is not 1.',
-            '',
-            None,
-            None,
-            'bool',
-            False,
-        ),
-        ParameterSpec(
-            'real_time_priority',
-            'Real-time priority of the thread that moves the rig, where the system permits it; '
-            'that of the others is one less. 0 for ordinary scheduling.',
-            '',
-            0,
-            99,
-            'integer',
-            2,
-        ),
-        ParameterSpec(
-            'predict_motion',
-            'Predict the periodic motion, in a process of its own, for the diagnostics.',
-            '',
-            None,
-            None,
-            'bool',
-            True,
-        ),
-        ParameterSpec('record', 'Record the run to MCAP.', '', None, None, 'bool', False),
-        ParameterSpec(
-            'bag_directory',
-            'Directory in which every recording makes its own; ~ is the home directory.',
-            '',
-            None,
-            None,
-            'string',
-            'runs',
-        ),
-        ParameterSpec(
-            'max_bag_size',
-            'Size of a file at which a recording goes on to the next one; 0 for no limit.',
-            'B',
-            0,
-            10**15,
-            'integer',
-            0,
-        ),
-        ParameterSpec(
-            'max_bag_duration',
-            'Time after which a recording goes on to the next file; 0 for no limit.',
-            's',
-            0.0,
-            1e9,
-            'double',
-            0.0,
-        ),
-    )
-}
-ALL_SPECS: dict[str, ParameterSpec] = {
-    **PARAMETER_SPECS,
-    **INITIAL_SPECS,
-    **GAP_CONTROL_SPECS,
-    **SETTING_SPECS,
-}
 
 _TYPES = {
     'bool': Parameter.Type.BOOL,
@@ -166,21 +68,17 @@ _TYPES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class NodeParameters:
-    """All parameters of the node."""
+class NodeParameters(NodeSettings):
+    """All parameters of the node: its settings, and those of the rig that it runs."""
 
-    rig: RigParameters
-    initial: InitialConditions
-    control: GapControlParameters
-    state_rate: float
-    real_time_factor: float
-    publish_clock: bool
-    real_time_priority: int
-    predict_motion: bool
-    record: bool
-    bag_directory: str
-    max_bag_size: int
-    max_bag_duration: float
+    rig: RigParameters = field(default_factory=RigParameters)
+    initial: InitialConditions = field(default_factory=InitialConditions)
+    control: GapControlParameters = field(default_factory=GapControlParameters)
+
+    def __post_init__(self) -> None:
+        """Check every setting, and write the home directory out."""
+        super().__post_init__()
+        object.__setattr__(self, 'bag_directory', _directory(self.bag_directory))
 
     @property
     def simulated_time(self) -> bool:
@@ -190,49 +88,32 @@ class NodeParameters:
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> NodeParameters:
         """Check values and fill in the defaults."""
-        start = cls(
-            rig=RigParameters(),
-            initial=InitialConditions(),
-            control=GapControlParameters(),
-            **{name: spec.default for name, spec in SETTING_SPECS.items()},  # type: ignore[arg-type]
-        )
-        changed = start.changed(values)
-        changed.initial.check_within(changed.rig)
-        return changed
+        start = cls().changed(values)
+        start.initial.check_within(start.rig)
+        return start
 
     def changed(self, values: Mapping[str, Any]) -> NodeParameters:
         """Return the parameters with some of them changed, all at once."""
-        rig_values = {name: v for name, v in values.items() if name in PARAMETER_SPECS}
-        initial_values = {name: v for name, v in values.items() if name in INITIAL_SPECS}
-        settings: dict[str, Any] = {
-            name: SETTING_SPECS[name].checked(v)
-            for name, v in values.items()
-            if name in SETTING_SPECS
-        }
-        if 'bag_directory' in settings:
-            settings['bag_directory'] = _directory(settings['bag_directory'])
-        for name, (least, meaning) in _LEAST.items():
-            if 0 < settings.get(name, 0) < least:
-                highest = SETTING_SPECS[name].high
-                raise ParameterError(
-                    name,
-                    f'{name} is {settings[name]!r}: give 0 ({meaning}) or a number from '
-                    f'{least:g} to {highest:g}',
-                )
-        rig = self.rig.replace(**rig_values) if rig_values else self.rig
-        initial = self.initial
-        if initial_values:
-            initial = InitialConditions(**{**initial.as_dict(), **initial_values})
-            initial.check_within(rig)
-        control_values = {name: v for name, v in values.items() if name in GAP_CONTROL_SPECS}
-        control = self.control.replace(**control_values) if control_values else self.control
-        return replace(self, rig=rig, initial=initial, control=control, **settings)
+        changed = replace(self, **_among(SETTING_SPECS, values))
+        parts: dict[str, Any] = {}
+        if rig := _among(PARAMETER_SPECS, values):
+            parts['rig'] = self.rig.replace(**rig)
+        if initial := _among(INITIAL_SPECS, values):
+            parts['initial'] = self.initial.replace(**initial)
+            parts['initial'].check_within(parts.get('rig', self.rig))
+        if control := _among(GAP_CONTROL_SPECS, values):
+            parts['control'] = self.control.replace(**control)
+        return replace(changed, **parts)
 
     def as_dict(self) -> dict[str, Any]:
         """Return name and value of every parameter."""
-        settings = {name: getattr(self, name) for name in SETTING_SPECS}
         parts = (self.rig, self.initial, self.control)
-        return {name: v for part in parts for name, v in part.as_dict().items()} | settings
+        rest = {name: getattr(self, name) for name in SETTING_SPECS}
+        return {name: value for part in parts for name, value in part.as_dict().items()} | rest
+
+
+def _among(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name in specs}
 
 
 def _directory(text: str) -> str:
@@ -271,20 +152,16 @@ def descriptor(spec: ParameterSpec) -> Any:
             f'The range holds for each entry. As long as {others}, which are cut, or filled up '
             'with zeros, to a new length.'
         )
-    elif spec.name in INITIAL_SPECS:
-        constraints = 'Used by the next reset.'
-    elif spec.name == 'real_time_factor':
-        constraints = f'0, or at least {SLOWEST_FACTOR:g}.'
-    elif spec.name in _LEAST:
-        constraints = f'0, or at least {_LEAST[spec.name][0]:g}. Used by the next recording.'
-    elif spec.name == 'bag_directory':
-        constraints = 'Used by the next recording.'
+    elif spec.least:
+        constraints = f'0, or at least {spec.least:g}.'
+    if spec.effect in ('next reset', 'next recording'):
+        constraints = f'{constraints} Used by the {spec.effect}.'.lstrip()
     return ParameterDescriptor(
         name=spec.name,
         type=_TYPES[spec.kind].value,
         description=f'{spec.description} Unit: {spec.unit}.' if spec.unit else spec.description,
         additional_constraints=constraints,
-        read_only=spec.name in READ_ONLY,
+        read_only=spec.effect == 'start',
         floating_point_range=ranges,
         integer_range=whole_ranges,
     )
@@ -447,7 +324,7 @@ class LiveParameters:
                 return f'{named(name)} is not a parameter of this node: {hint}'
             if name not in ALL_SPECS:
                 continue
-            if name in READ_ONLY:
+            if ALL_SPECS[name].effect == 'start':
                 return (
                     f'{name} is fixed while the node runs: start it with '
                     f'--ros-args -p {name}:={shown(parameter.value)}'

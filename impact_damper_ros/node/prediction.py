@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import impact_damper_ros
-from impact_damper_ros.orbits.rhythm import Apart, Rhythm
+from impact_damper_ros.orbits.recognition import Apart, Rhythm
 from impact_damper_ros.rig import Event
 
 __all__ = ['Answer', 'PredictedMotion', 'Predictor', 'PredictorStatus']

@@ -30,7 +30,7 @@ from typing import Any, NoReturn
 from impact_damper_ros.compare.prediction import Course, Prediction, predictions
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.orbits.rhythm import Rhythm
+from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
 __all__ = ['main']

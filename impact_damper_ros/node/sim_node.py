@@ -37,16 +37,16 @@ from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros import __version__
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
 from impact_damper_ros.rig.parameters_file import YamlError, check_yaml
-from impact_damper_ros.rig.shown import printable, shown
+from impact_damper_ros.rig.quoting import printable, shown
 
 from .diagnostics import Diagnostics
 from .engine import Engine, Ticket
 from .motion_report import MotionMonitor
 from .pacing import SWITCH_INTERVAL_S, EndRequest, Scheduling, priority_of_others
 from .parameters import (
-    ALL_SPECS,
     LiveParameters,
     NodeParameters,
     descriptor,

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 
 from .equations import Array, ImpactEquations, OrbitError, single_harmonic
 from .impact_solver import Root
@@ -207,7 +207,7 @@ class ShootingFamily:
         """Return the equations' residual, and its derivative by the unknowns."""
         rig = with_value(self.parameters, self.name, value)
         period = self.cycles * math.tau / rig.force_frequencies[0]
-        shot = follow_section(make_machine(rig), self._placed(rig, unknowns), period)
+        shot = follow_section(rig_constants(rig), self._placed(rig, unknowns), period)
         if shot is None:
             raise ArithmeticError('the motion changes its kind where the period begins')
         change, matrix = shot

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 
 __all__ = [
     'Array',
@@ -209,8 +209,8 @@ class ImpactEquations:
         Period of the motion, s.
     length, rate : float
         Scales of displacement (m) and frequency (rad/s), by which residuals are divided.
-    accelerations : ndarray, shape (N,)
-        Acceleration of m in the flight after each impact.
+    air, accelerations : ndarray, shape (N,)
+        Acceleration of m in the flight after each impact: by the air, and in all.
     pushes : ndarray, shape (N,)
         Constant acceleration of M by friction and air in that flight.
 
@@ -224,7 +224,7 @@ class ImpactEquations:
     def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
         check_forcing(parameters)
         check_stops(parameters, stops, cycles)
-        machine = make_machine(parameters)
+        machine = rig_constants(parameters)
         self.parameters = parameters
         self.stops = stops
         self.cycles = cycles
@@ -251,9 +251,9 @@ class ImpactEquations:
         self._after_from_after = (1.0 - mass_ratio * restitution) / (1.0 + restitution)
         self._after_from_before = (1.0 + mass_ratio) * restitution / (1.0 + restitution)
         direction = np.array(self.directions)
-        air = np.where(first, -machine.air, machine.air)
-        self.accelerations: Array = machine.slope - direction * machine.grip + air
-        self.pushes: Array = mass_ratio * (direction * machine.grip - air)
+        self.air: Array = np.where(first, -machine.air, machine.air)
+        self.accelerations: Array = machine.slope - direction * machine.grip + self.air
+        self.pushes: Array = mass_ratio * (direction * machine.grip - self.air)
         self._next = np.roll(np.arange(self.impacts), -1)
         self._last = np.roll(np.arange(self.impacts), 1)
         offsets = np.where(first, machine.stop, -machine.stop)

@@ -26,29 +26,27 @@ from impact_damper_ros.rig.contact import (
     flight_end,
 )
 from impact_damper_ros.rig.flight import Flight, Motion, end_at, motion_at, starting_motion
+from impact_damper_ros.rig.forcing import sines_of, turned_angles
 from impact_damper_ros.rig.mode import (
     CHATTER_1,
     REST_1,
     REST_2,
     STICK,
-    Machine,
     Origin,
+    RigConstants,
     launch,
     mode_at_rest,
 )
-from impact_damper_ros.rig.phase import sines_of, turned_angles
-from impact_damper_ros.rig.transition import Transition, carried, moving_mode, resolve
+from impact_damper_ros.rig.transition import carried, moving_mode, resolve
 
 from .equations import Array
-from .floquet import flight_matrix, impact_matrix, joint_matrix, saltation
+from .multipliers import event_matrices, flight_matrices
 
 __all__ = ['Course', 'Incident', 'Stretch', 'origin_at', 'run_course']
 
 
 #: More events in one period than any motion that is sought.
 MOST_EVENTS = 2000
-
-_RELATIVE_SPEED = np.array([0.0, -1.0, 0.0, 1.0])
 
 
 class Stretch(NamedTuple):
@@ -125,7 +123,7 @@ class Course:
 
 
 def origin_at(
-    machine: Machine,
+    machine: RigConstants,
     instant: float,
     x: float,
     velocity: float,
@@ -139,7 +137,7 @@ def origin_at(
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     instant : float
         Time on the force's clock, s.
@@ -197,18 +195,51 @@ def _rates(motion: Motion, flight: Flight) -> Array:
     )
 
 
-def _event_matrix(
-    machine: Machine, kind: int, before: Array, after: Array, transition: Transition
-) -> Array:
-    """Return the saltation matrix of an event."""
-    if kind in (CONTACT_1, CONTACT_2):
+class _Passage:
+    """What carries deviations: the flights and the events between them, in order."""
+
+    def __init__(self, machine: RigConstants) -> None:
+        self.machine = machine
+        self.modes: list[int] = []
+        self.spans: list[float] = []
+        self.impacts: list[bool] = []
+        self.restitutions: list[float] = []
+        self.crosses: list[bool] = []
+        self.before: list[Array] = []
+        self.after: list[Array] = []
+
+    def fly(self, origin: Origin, span: float) -> None:
+        """Pass through a flight."""
+        self.modes.append(origin.mode)
+        self.spans.append(span)
+
+    def meet(self, kind: int, origin: Origin, before: Array, after: Array) -> None:
+        """Pass through an event that leads to an origin."""
+        machine = self.machine
         restitution = machine.restitution_1 if kind == CONTACT_1 else machine.restitution_2
-        if transition.origin.mode >= STICK:
-            restitution = 0.0
-        return impact_matrix(machine.mass_ratio, restitution, before, after)
-    if kind in (RELEASE_UP, RELEASE_DOWN, NO_EVENT):
-        return np.eye(4)
-    return saltation(np.eye(4), before, after, _RELATIVE_SPEED)
+        self.impacts.append(kind in (CONTACT_1, CONTACT_2))
+        self.restitutions.append(0.0 if origin.mode >= STICK else restitution)
+        self.crosses.append(kind not in (RELEASE_UP, RELEASE_DOWN, NO_EVENT))
+        self.before.append(before)
+        self.after.append(after)
+
+    def matrix(self) -> Array:
+        """Return the derivative of the state at the end by the state at the beginning."""
+        flights = flight_matrices(
+            self.machine, np.array(self.modes, np.int64), np.array(self.spans)
+        )
+        events = event_matrices(
+            self.machine.mass_ratio,
+            np.array(self.impacts, dtype=bool),
+            np.array(self.restitutions),
+            np.reshape(self.before, (-1, 4)),
+            np.reshape(self.after, (-1, 4)),
+            np.array(self.crosses, dtype=bool),
+        )
+        matrix: Array = flights[0]
+        for event, flight in zip(events, flights[1:], strict=True):
+            matrix = flight @ (event @ matrix)
+        return matrix
 
 
 def _kind_of(kind: int, mode: int) -> EventKind:
@@ -222,14 +253,14 @@ def _kind_of(kind: int, mode: int) -> EventKind:
 
 
 def run_course(
-    machine: Machine, origin: Origin, duration: float, *, differentiate: bool = True
+    machine: RigConstants, origin: Origin, duration: float, *, differentiate: bool = True
 ) -> Course | None:
     """
     Follow the motion for a time.
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     origin : Origin
         The state at the beginning.
@@ -243,7 +274,7 @@ def run_course(
     Course or None
         The motion with its derivative; None if it has too many events.
     """
-    matrix = np.eye(4)
+    passage = _Passage(machine)
     incidents: list[Incident] = []
     stretches: list[Stretch] = []
     elapsed = 0.0
@@ -260,10 +291,9 @@ def run_course(
             end = end_at(flight, NO_EVENT, left)
         kind, span = end.kind, end.tau
         stretches.append(Stretch(elapsed, span, origin, flight))
-        if differentiate:
-            carry = joint_matrix if flight.joint else flight_matrix
-            matrix = carry(flight.oscillator, span) @ matrix
+        passage.fly(origin, span)
         if not ended:
+            matrix = passage.matrix() if differentiate else np.eye(4)
             return Course(carried(origin, flight, end), matrix, incidents, stretches)
         mode = origin.mode
         transition = resolve(machine, origin, flight, end)
@@ -271,9 +301,7 @@ def run_course(
         ending, flight = flight, launch(machine, origin)
         if differentiate:
             before = _rates(motion_at(ending, span), ending)
-            after = _rates(starting_motion(flight), flight)
-            if kind in (CONTACT_1, CONTACT_2) or before[3] != before[1]:
-                matrix = _event_matrix(machine, kind, before, after, transition) @ matrix
+            passage.meet(kind, origin, before, _rates(starting_motion(flight), flight))
         elapsed += span
         stop = transition.stop
         if origin.mode in (REST_1, REST_2):

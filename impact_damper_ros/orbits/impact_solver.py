@@ -11,14 +11,16 @@ equations lose rank, as in the symmetric motion of a symmetric rig, it is a quad
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from impact_damper_ros.rig import Event
+
 from .equations import Array, ImpactEquations
-from .settled import settled_impacts, starting_points, windows
+from .settling import settled_impacts, starting_points
 
 __all__ = [
     'RESIDUAL_TOLERANCE',
@@ -404,6 +406,19 @@ def _systematic_starts(equations: ImpactEquations, count: int) -> tuple[Array, A
     return x, offsets + first
 
 
+def _windows(
+    impacts: Sequence[Event], stops: tuple[int, ...], period: float
+) -> Iterator[tuple[list[float], list[float]]]:
+    """Yield X and instants wherever a run hits the stops in an asked order within a period."""
+    n = len(stops)
+    for i in range(len(impacts) - n + 1):
+        chosen = impacts[i : i + n]
+        if tuple(event.stop for event in chosen) != stops:
+            continue
+        if chosen[-1].time - chosen[0].time < period:
+            yield [event.x for event in chosen], [event.time for event in chosen]
+
+
 def _simulated_starts(equations: ImpactEquations) -> tuple[Array, Array]:
     """Return starts from motion simulated from several initial conditions."""
     parameters = equations.parameters
@@ -416,7 +431,7 @@ def _simulated_starts(equations: ImpactEquations) -> tuple[Array, Array]:
         impacts = settled_impacts(
             parameters, initial, _SETTLING_CYCLES, _WATCHED_CYCLES, most_events
         )
-        found = list(windows(impacts, equations.stops, equations.period))[-_MOST_WINDOWS:]
+        found = list(_windows(impacts, equations.stops, equations.period))[-_MOST_WINDOWS:]
         xs += [x for x, _ in found]
         instants += [t for _, t in found]
     return np.array(xs).reshape(-1, n), np.array(instants).reshape(-1, n)

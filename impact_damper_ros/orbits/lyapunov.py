@@ -1,28 +1,26 @@
 """
-How deviations grow along a run: multipliers and the largest Lyapunov exponent.
+The largest Lyapunov exponent of a run, and the multipliers of a motion under control.
 
-The state (X, X', Z, Z') at a fixed instant is carried by the free vibration of each flight and by
-the saltation matrix of each event, as in `orbits.floquet`; here for all flights and events of a
-run at once, from nothing but the list of its events. The many impacts that a complete chatter
-has after its cut act together as one plastic impact. Müller, Chaos Solitons Fractals 5 (1995),
-gives the method for impacts; Parker and Chua, Practical Numerical Algorithms for Chaotic Systems
-(1989), the estimate from renormalised growth.
+Without control, `multipliers` gives a matrix for every flight and event of a run [1]_, and the
+exponent is the mean growth of a deviation that is normalised again and again [2]_.
 
-The matrices of `lyapunov` do not hold what the control does with a deviation. Here two whole rigs
-are run, which differ by a little in the motion, and from then on in all that the control knows and
-does about it: its samples, estimates, the places of the stops, the commands that wait.
+These matrices do not hold what a control does with a deviation: samples, estimates, places of
+the stops, commands that wait. Under control two whole rigs are run that differ by a little in
+the motion. Their decisions (whether a stop is sent off now or at the next sample) are not
+differentiable; a finite, small separation is therefore taken anew at the same instant of each
+cycle [3]_. Two rigs that have decided differently are neighbours no longer: such cycles are left
+out, and another neighbour is taken. The smaller the separation, the fewer such cycles there are,
+so that the exponent exists in spite of the jumps [4]_; where they are many, none is given. [5]_
+compares such methods. Stops that stand, as they do within the dead band of the control, do not
+deviate and have no part in the exponent.
 
-What the control decides is not differentiable: whether a stop is sent off now or at the next
-sample, whether a change is worth a command. A finite, small separation is therefore taken anew at
-the same instant of each cycle (Benettin, Galgani, Giorgilli and Strelcyn, Meccanica 15, 1980), and
-no linearisation at the jump, where there is none. Two rigs that have decided differently are not
-neighbours any more; such cycles are left out, and another neighbour is taken. That they are the
-fewer the smaller the separation is what lets an exponent exist at all with such jumps (Katok and
-Strelcyn, Lecture Notes in Mathematics 1222, 1986); where they are not few, there is none here.
-Balcerzak and others, Mech. Syst. Signal Process. 141 (2020) 106734, compare such methods.
-
-Deviations begin in the motion. Stops that stand, as they do while what the control wants is within
-its dead band, do not deviate then, and have no part in the exponent.
+References
+----------
+.. [1] P. C. Müller, Chaos Solitons Fractals 5, 1671-1681 (1995).
+.. [2] T. S. Parker, L. O. Chua, Practical Numerical Algorithms for Chaotic Systems (1989).
+.. [3] G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Meccanica 15 (1980).
+.. [4] A. Katok, J.-M. Strelcyn, Lecture Notes in Mathematics 1222 (1986).
+.. [5] M. Balcerzak et al., Mech. Syst. Signal Process. 141, 106734 (2020).
 """
 
 from __future__ import annotations
@@ -35,11 +33,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control.controlled_rig import NearbyRig, RigState, Scales
+from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
 from impact_damper_ros.rig import Event, EventKind, Mode
 from impact_damper_ros.rig.long_run import Events
-from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, Machine
-from impact_damper_ros.rig.oscillator import Oscillator
+from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
+
+from .multipliers import event_matrices, flight_matrices, state_rates
 
 __all__ = [
     'BATCHES',
@@ -61,9 +60,6 @@ BATCHES = 20
 #: 97.5 % point of Student's distribution with BATCHES - 1 degrees of freedom.
 _STUDENT = 2.093
 
-_PLACE = np.array([-1.0, 0.0, 1.0, 0.0])
-_SPEED = np.array([0.0, -1.0, 0.0, 1.0])
-
 
 @dataclass(frozen=True)
 class Deviations:
@@ -80,7 +76,7 @@ class Deviations:
         Their saltation matrices.
     modes : ndarray of int, shape (n + 1,)
         The mode before each event, and after the last.
-    machine : Machine
+    machine : RigConstants
         The rig.
     """
 
@@ -89,7 +85,7 @@ class Deviations:
     instants: Array
     events: Array
     modes: NDArray[np.int64]
-    machine: Machine
+    machine: RigConstants
 
     def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
         """
@@ -114,7 +110,7 @@ class Deviations:
         cut[order + np.arange(len(ends))] = True
         before = np.concatenate([[self.start], nodes[:-1]])
         flight = np.cumsum(~cut) - ~cut
-        matrices = _flight_matrices(self.machine, self.modes[flight], nodes - before)
+        matrices = flight_matrices(self.machine, self.modes[flight], nodes - before)
         matrices[~cut] = self.events @ matrices[~cut]
         return matrices, np.cumsum(cut) - cut
 
@@ -141,35 +137,8 @@ class Exponent:
         return self.uncertainty / _STUDENT
 
 
-def _vibrations(oscillator: Oscillator, spans: Array) -> Array:
-    envelope = np.exp(-oscillator.decay * spans)
-    impulse = envelope * np.sin(oscillator.frequency * spans) / oscillator.frequency
-    cosine = envelope * np.cos(oscillator.frequency * spans)
-    matrices = np.empty((len(spans), 2, 2))
-    matrices[:, 0, 0] = cosine + oscillator.decay * impulse
-    matrices[:, 0, 1] = impulse
-    matrices[:, 1, 0] = -oscillator.omega_squared * impulse
-    matrices[:, 1, 1] = cosine - oscillator.decay * impulse
-    return matrices
-
-
-def _flight_matrices(machine: Machine, modes: NDArray[np.int64], spans: Array) -> Array:
-    """Return the matrix of each flight, by its mode and duration."""
-    matrices = np.zeros((len(spans), 4, 4))
-    apart, stuck, on_stop = modes < STICK, modes == STICK, modes > STICK
-    matrices[apart, :2, :2] = _vibrations(machine.free, spans[apart])
-    matrices[apart, 2, 2] = matrices[apart, 3, 3] = 1.0
-    matrices[apart, 2, 3] = spans[apart]
-    matrices[~apart, :2, :2] = _vibrations(machine.joint, spans[~apart])
-    # Friction holds m wherever it is; a stop leaves it no deviation
-    matrices[stuck, 2] = matrices[stuck, 0] + _PLACE
-    matrices[on_stop, 2] = matrices[on_stop, 0]
-    matrices[~apart, 3] = matrices[~apart, 1]
-    return matrices
-
-
 def deviations(
-    machine: Machine,
+    machine: RigConstants,
     angles: tuple[float, ...],
     events: Events,
     mode: int,
@@ -182,7 +151,7 @@ def deviations(
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     angles : tuple of float
         Angle turned by each harmonic at time 0, rad.
@@ -210,50 +179,31 @@ def deviations(
         machine.free.forces, machine.free.frequencies, machine.phases, angles, strict=True
     ):
         drive += force * np.sin(rate * time + (phase + angle))
-    mu = machine.mass_ratio
 
-    def rates(flight: slice, velocity: Array, damper: Array) -> Array:
+    def rates(flight: slice, side: str) -> Array:
         """Return (X', X'', Z', Z'') at the events, in the flights before or after them."""
-        free, both = machine.free, machine.joint
-        way, push, together = direction[flight], air[flight], joint[flight]
-        common = (velocity + mu * damper) / (1.0 + mu)
-        apart = (
-            drive
-            + mu * (way * machine.grip - push)
-            - 2.0 * free.decay * velocity
-            - free.omega_squared * x
-        )
-        one = (
-            drive / (1.0 + mu)
-            + mu / (1.0 + mu) * machine.slope
-            - 2.0 * both.decay * common
-            - both.omega_squared * x
-        )
-        slide = machine.slope - way * machine.grip + push
-        return np.where(
-            together[:, None],
-            np.stack([common, one, common, one], axis=-1),
-            np.stack([velocity, apart, damper, slide], axis=-1),
+        return state_rates(
+            machine,
+            drive,
+            x,
+            events[f'primary_velocity_{side}'],
+            events[f'damper_velocity_{side}'],
+            direction[flight],
+            air[flight],
+            joint[flight],
         )
 
-    before = rates(
-        slice(0, count), events['primary_velocity_before'], events['damper_velocity_before']
-    )
-    after = rates(
-        slice(1, count + 1), events['primary_velocity_after'], events['damper_velocity_after']
-    )
     restitution = np.where(stop == 1, machine.restitution_1, machine.restitution_2)
-    # Plastic, or the cut of a chatter: all the impacts to come are one
-    jump = _jumps(mu, np.where(joint[1:], 0.0, restitution), impact)
-    normal = np.where(impact[:, None], _PLACE, _SPEED)
-    across = np.einsum('ij,ij->i', normal, before)
-    # A release changes nothing, since the relative acceleration is zero there
-    apart = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST)) & ~joint[:-1]
-    crosses = (impact | apart) & (across != 0.0)
-    rise = (after - np.einsum('ijk,ik->ij', jump, before)) / np.where(crosses, across, 1.0)[
-        :, None
-    ]
-    matrices = jump + np.where(crosses[:, None, None], rise[:, :, None] * normal[:, None, :], 0.0)
+    halts = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST))
+    matrices = event_matrices(
+        machine.mass_ratio,
+        impact,
+        # Plastic, or the cut of a chatter: all the impacts to come are one
+        np.where(joint[1:], 0.0, restitution),
+        rates(slice(0, count), 'before'),
+        rates(slice(1, count + 1), 'after'),
+        impact | (halts & ~joint[:-1]),
+    )
     inside = (time > start) & (time <= end)
     first = int(np.count_nonzero(time <= start))
     return Deviations(
@@ -264,20 +214,6 @@ def deviations(
         modes=modes[first : first + int(inside.sum()) + 1],
         machine=machine,
     )
-
-
-def _jumps(mass_ratio: float, restitution: Array, impact: NDArray[np.bool_]) -> Array:
-    """Return the derivative of the state after each event by the one before it."""
-    total = 1.0 + mass_ratio
-    jump = np.zeros((len(restitution), 4, 4))
-    jump[:, range(4), range(4)] = 1.0
-    hit = np.zeros((len(restitution), 4, 4))
-    hit[:, 0, 0] = hit[:, 2, 2] = 1.0
-    hit[:, 1, 1] = (1.0 - mass_ratio * restitution) / total
-    hit[:, 1, 3] = mass_ratio * (1.0 + restitution) / total
-    hit[:, 3, 1] = (1.0 + restitution) / total
-    hit[:, 3, 3] = (mass_ratio - restitution) / total
-    return np.where(impact[:, None, None], hit, jump)
 
 
 def monodromy_of(along: Deviations, ends: Array) -> list[Array]:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 
 from .equations import Array, ImpactEquations, check_forcing, check_stops, single_harmonic
-from .floquet import monodromy, multipliers_of
 from .impact_solver import Root, StartReport, many_impact_roots, one_impact_roots, two_impact_roots
+from .multipliers import monodromy, multipliers_of
 from .orbit import PeriodicOrbit
 from .shooting import shot_orbits
 from .viability import assumed_flights, largest_displacement, why_not_viable
@@ -144,13 +144,13 @@ def orbit_of(equations: ImpactEquations, root: Root) -> PeriodicOrbit:
 def within_theory(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
     """Return whether friction keeps its sign from impact to impact, or there is none."""
     alternating = all(a != b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
-    return alternating or make_machine(parameters).grip == 0.0
+    return alternating or rig_constants(parameters).grip == 0.0
 
 
 def may_rest_or_reverse(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
     """Return whether m is likely to reverse, stick or come to rest between these impacts."""
     both = {1: parameters.restitution_1, 2: parameters.restitution_2}
-    return make_machine(parameters).grip > 0.0 or min(both[stop] for stop in stops) < SOFT
+    return rig_constants(parameters).grip > 0.0 or min(both[stop] for stop in stops) < SOFT
 
 
 def _theory(

@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_damper_ros.rig import Event, EventKind, RigParameters
-from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, Machine, Origin, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, Origin, RigConstants, rig_constants
 
 from .equations import Array, check_forcing
 from .event_map import Course, Stretch, origin_at, run_course
-from .floquet import multipliers_of
 from .impact_solver import StartReport
+from .multipliers import multipliers_of
 from .orbit import Node, PeriodicOrbit
-from .settled import starting_points
+from .settling import starting_points
 from .viability import swing_extremes
 
 __all__ = [
@@ -81,7 +81,7 @@ class Section:
         """Number of free coordinates."""
         return {0: 4, STICK: 3}.get(self.resting, 2)
 
-    def origin(self, machine: Machine, state: Array) -> Origin:
+    def origin(self, machine: RigConstants, state: Array) -> Origin:
         """Return a state of this section as the origin of a flight."""
         x, velocity, beyond, relative_velocity = (*(float(v) for v in state), 0.0, 0.0)[:4]
         return origin_at(
@@ -114,13 +114,13 @@ def _promise(stretch: Stretch) -> tuple[int, float]:
     return 0, stretch.duration * abs(stretch.flight.relative_velocity)
 
 
-def section_of(machine: Machine, course: Course, instant: float) -> Section:
+def section_of(machine: RigConstants, course: Course, instant: float) -> Section:
     """
     Choose where the period of a motion begins.
 
     Parameters
     ----------
-    machine : Machine
+    machine : RigConstants
         The rig.
     course : Course
         About one period of it.
@@ -156,7 +156,7 @@ def section_on(orbit: PeriodicOrbit) -> Section | None:
     Section or None
         None if the simulator cannot follow it.
     """
-    machine = make_machine(orbit.parameters)
+    machine = rig_constants(orbit.parameters)
     stop = orbit.stops[0]
     origin = origin_at(
         machine,
@@ -181,7 +181,7 @@ class _Shot:
     course: Course
 
 
-def _shot(machine: Machine, section: Section, state: Array, period: float) -> _Shot | None:
+def _shot(machine: RigConstants, section: Section, state: Array, period: float) -> _Shot | None:
     origin = section.origin(machine, state)
     if _resting(origin) != section.resting or min(origin.clearance_1, origin.clearance_2) < 0.0:
         return None
@@ -198,7 +198,7 @@ def _shot(machine: Machine, section: Section, state: Array, period: float) -> _S
 
 
 def follow_section(
-    machine: Machine, section: Section, period: float
+    machine: RigConstants, section: Section, period: float
 ) -> tuple[Array, Array] | None:
     """Return what a period changes in the state of a section, and the map's derivative."""
     shot = _shot(machine, section, section.state, period)
@@ -210,7 +210,7 @@ def orbit_on(
 ) -> PeriodicOrbit:
     """Return the periodic motion through a state that is known to be a fixed point."""
     period = cycles * math.tau / parameters.force_frequencies[0]
-    shot = _shot(make_machine(parameters), section, section.state, period)
+    shot = _shot(rig_constants(parameters), section, section.state, period)
     if shot is None:
         raise ArithmeticError('the motion changes its kind where the period begins')
     return _orbit(parameters, section, cycles, shot, history)
@@ -244,7 +244,7 @@ def shoot(
         If the force does not repeat within the period.
     """
     check_forcing(parameters, cycles)
-    machine = make_machine(parameters)
+    machine = rig_constants(parameters)
     cycle = math.tau / parameters.force_frequencies[0]
     state = section.state
     shot = _shot(machine, section, state, cycles * cycle)
@@ -339,7 +339,7 @@ def settled_sections(
     parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
 ) -> Iterator[Section]:
     """Yield states of simulated motion, after it has had time to settle."""
-    machine = make_machine(parameters)
+    machine = rig_constants(parameters)
     period = cycles * math.tau / parameters.force_frequencies[0]
     for initial in starting_points(parameters):
         origin = origin_at(

@@ -14,18 +14,18 @@ from typing import NamedTuple
 from impact_damper_ros.rig.certificate import safe_step
 from impact_damper_ros.rig.contact import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL, first_event
 from impact_damper_ros.rig.flight import Flight, Motion, motion_at
+from impact_damper_ros.rig.forcing import turned_angles
 from impact_damper_ros.rig.mode import (
     FREE,
     SLIDE_DOWN,
     SLIDE_UP,
     STICK,
-    Machine,
     Origin,
+    RigConstants,
     launch,
-    make_machine,
+    rig_constants,
 )
 from impact_damper_ros.rig.oscillator import derivative_bound
-from impact_damper_ros.rig.phase import turned_angles
 from impact_damper_ros.rig.transition import struck
 
 from .equations import Array, ImpactEquations, ImpactVelocities
@@ -122,7 +122,7 @@ _MODE_OF_DIRECTION = {0: FREE, 1: SLIDE_DOWN, -1: SLIDE_UP}
 
 def _origin(
     equations: ImpactEquations,
-    machine: Machine,
+    machine: RigConstants,
     impact: int,
     instant: float,
     x: float,
@@ -157,7 +157,7 @@ def assumed_flights(
     equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
 ) -> list[Flight]:
     """Return the closed-form flights after each impact, as the equations assume them."""
-    machine = make_machine(equations.parameters)
+    machine = rig_constants(equations.parameters)
     relative = at.damper_after - at.primary_after
     return [
         launch(
@@ -185,7 +185,7 @@ def largest_displacement(flights: list[Flight], durations: Array) -> float:
     return largest
 
 
-def _after_impact(machine: Machine, origin: Origin, incoming: float, before: float) -> str:
+def _after_impact(machine: RigConstants, origin: Origin, incoming: float, before: float) -> str:
     """Say what keeps m from leaving the stop as assumed, if anything does."""
     stop = origin.last_stop
     hit = struck(machine, origin._replace(velocity=before, relative_velocity=incoming), stop)
@@ -198,7 +198,12 @@ def _after_impact(machine: Machine, origin: Origin, incoming: float, before: flo
 
 
 def _in_flight(
-    machine: Machine, flight: Flight, origin: Origin, duration: float, end: int, tolerance: float
+    machine: RigConstants,
+    flight: Flight,
+    origin: Origin,
+    duration: float,
+    end: int,
+    tolerance: float,
 ) -> str:
     """Say what happens in a flight before the impact that ends it, if anything does."""
     start = origin.last_stop
@@ -229,7 +234,7 @@ def why_not_viable(
     equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
 ) -> str:
     """Say why the rig cannot move so."""
-    machine = make_machine(equations.parameters)
+    machine = rig_constants(equations.parameters)
     durations = equations.durations(instants)
     tolerance = TIME_TOLERANCE * equations.period
     incoming = at.damper_before - at.primary_before

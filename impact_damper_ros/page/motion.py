@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
 from impact_damper_ros.rig.simulator import Snapshot
-from impact_damper_ros.rig.stepped_sine import frequency_at, frequency_steps
 
 __all__ = [
     'IMPACT_COLUMNS',

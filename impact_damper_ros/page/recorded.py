@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from impact_damper_ros.bag import Record
 from impact_damper_ros.bag.rig_messages import IMPACT_JOINTS, JOINTS, JointStateColumns
-from impact_damper_ros.bag.run_history import Change, RunHistory, SnapshotRecord, StateRecord
+from impact_damper_ros.replay.recorded_run import RecordedChange, RecordedRun
+from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import INITIAL_SPECS, RigParameters
 from impact_damper_ros.rig.simulator import Snapshot
 
@@ -86,29 +88,29 @@ class Recorded:
 class _Reading:
     """Puts together what a bag holds."""
 
-    def __init__(self, history: RunHistory) -> None:
-        self._history = history
-        count = history.reader.topics[history.topics.joint_states].message_count
+    def __init__(self, run: RecordedRun) -> None:
+        self._topics = run.topics
+        count = run.reader.topics[run.topics.joint_states].message_count
         # What does not fit in is dropped below, at its end.
         self.motion = Motion(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
         self._columns = {
-            history.topics.joint_states: JointStateColumns(JOINTS, (4, 4, 0)),
-            history.topics.impacts: JointStateColumns(IMPACT_JOINTS, (2, 2, 2)),
+            run.topics.joint_states: JointStateColumns(JOINTS, (4, 4, 0)),
+            run.topics.impacts: JointStateColumns(IMPACT_JOINTS, (2, 2, 2)),
         }
         self._waiting: dict[str, list[bytes]] = {name: [] for name in self._columns}
         self._initial: dict[str, Any] = {}
         self.eras: list[Era] = []
         self.changes: list[dict[str, Any]] = []
-        self._enter(history.start)
+        self._enter(run.start)
 
-    def take(self, item: StateRecord | Change | SnapshotRecord) -> None:
-        if isinstance(item, StateRecord):
-            waiting = self._waiting.get(item.topic)
-            if waiting is not None:
-                waiting.append(item.content)
-                if len(waiting) >= _BATCH:
-                    self.read()
-        elif isinstance(item, Change):
+    def take(self, item: list[Record] | RecordedChange | RecordedSnapshot) -> None:
+        if isinstance(item, list):
+            for record in item:
+                if (waiting := self._waiting.get(record.topic)) is not None:
+                    waiting.append(record.content)
+            if max(map(len, self._waiting.values())) >= _BATCH:
+                self.read()
+        elif isinstance(item, RecordedChange):
             self._initial |= {n: v for n, v in item.values.items() if n in INITIAL_SPECS}
             if item.dump:
                 self.eras[-1].values.update(self._initial)
@@ -116,7 +118,7 @@ class _Reading:
             self.read()
             self._enter(item)
 
-    def _enter(self, snapshot: SnapshotRecord) -> None:
+    def _enter(self, snapshot: RecordedSnapshot) -> None:
         state = snapshot.state
         restored = Snapshot.from_dict(dict(state))
         rig = restored.parameters
@@ -148,7 +150,7 @@ class _Reading:
             waiting.clear()
 
     def _read_states(self, contents: list[bytes]) -> None:
-        table = self._columns[self._history.topics.joint_states].read(contents)
+        table = self._columns[self._topics.joint_states].read(contents)
         time = (table.stamps_ns - self._offset_ns) / 1e9
         later = np.maximum.accumulate(np.append(self.motion.end, time)) if len(time) else time
         known = np.nan_to_num(later[:-1], nan=-np.inf)
@@ -170,7 +172,7 @@ class _Reading:
         )
 
     def _read_impacts(self, contents: list[bytes]) -> None:
-        columns = self._columns[self._history.topics.impacts]
+        columns = self._columns[self._topics.impacts]
         table = columns.read(contents)
         stops = np.array([{'stop_1': 1.0, 'stop_2': 2.0}.get(f, 0.0) for f in columns.frames])
         time = (table.stamps_ns - self._offset_ns) / 1e9
@@ -208,10 +210,10 @@ def load_recording(path: Path) -> Recorded:
     ValueError
         If it holds no motion.
     """
-    history = RunHistory(path, purpose='play')
-    reading = _Reading(history)
+    run = RecordedRun(path, purpose='play')
+    reading = _Reading(run)
     remarks = []
-    for item in history.items():
+    for item in run.walk():
         reading.take(item)
         if len(reading.motion.samples) >= MOST_SAMPLES:
             remarks.append(f'only the first {MOST_SAMPLES:,} samples are shown')
@@ -219,6 +221,6 @@ def load_recording(path: Path) -> Recorded:
     reading.read()
     if not len(reading.motion.samples):
         raise ValueError(f'{path.name} holds no joint states of a rig')
-    if not history.reader.complete:
+    if not run.reader.complete:
         remarks.append('the recording was cut short')
     return Recorded(reading.motion, reading.eras, reading.changes, '; '.join(remarks))

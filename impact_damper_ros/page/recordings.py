@@ -21,7 +21,7 @@ import yaml
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.metadata import read_listing
 from impact_damper_ros.bag.run_reader import bag_files
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.rig.quoting import printable
 
 from .child import environment
 
@@ -162,7 +162,7 @@ class Recordings:
             self._reports = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
         directory = self._reports / path.name
         process = await asyncio.create_subprocess_exec(
-            *('nice', '-n', '10', sys.executable, '-m', 'impact_damper_ros.cli.compare_run'),
+            *('nice', '-n', '5', sys.executable, '-m', 'impact_damper_ros.cli.compare_run'),
             *(str(path), '--json', str(directory.with_suffix('.json'))),
             *('--report', str(directory)),
             env=environment(),

@@ -177,6 +177,11 @@ class RigLink:
                     messages.append(taken[0])
         return polled
 
+    def count(self) -> int:
+        """Return how many nodes have the name of the rig."""
+        nodes = self._node.get_node_names_and_namespaces()
+        return sum(f'{space.rstrip("/")}/{name}' == self.name for name, space in nodes)
+
     async def knobs(self) -> list[Knob]:
         """Return all parameters with descriptors and values."""
         listed = await self._services['list_parameters'].call(ListParameters.Request())
@@ -196,6 +201,8 @@ class RigLink:
 
     async def set(self, values: Mapping[str, Any]) -> str:
         """Set parameters, all or none; return why they are rejected, or an empty text."""
+        if not self._kinds:
+            await self.knobs()
         try:
             parameters = [
                 Parameter(name, _ROS_TYPES[self._kinds[name]], _as(self._kinds[name], value))

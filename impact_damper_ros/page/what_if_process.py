@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.run_history import RunHistory
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.replayed_rig import setting_of
 from impact_damper_ros.replay.what_if import WhatIf
@@ -41,8 +41,8 @@ def _write(line: str) -> None:
 
 def _run(path: Path, values: dict[str, Any]) -> str:
     """Run the rig; return how it started."""
-    replay = Replay(RunHistory(path), adopt=True)
-    known = setting_of(replay.history.start.state).as_dict()
+    replay = Replay(RecordedRun(path), adopt=True)
+    known = setting_of(replay.recorded.start.state).as_dict()
     strange = [name for name in values if name not in known and name not in INITIAL_SPECS]
     if strange:
         raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')
@@ -54,7 +54,7 @@ def _run(path: Path, values: dict[str, Any]) -> str:
     for tick in replay.ticks():
         if other is None:
             initial = replay.replayed.first_initial
-            other = WhatIf(replay.history.start, initial, held, held_initial)
+            other = WhatIf(replay.recorded.start, initial, held, held_initial)
         sample, _ = other.follow(tick)
         x, x_velocity, z, z_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample[1:]
         rig = other.rig.parameters

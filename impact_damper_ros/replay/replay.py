@@ -18,10 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.bag.errors import RecordingError
+from impact_damper_ros.bag import Record, RecordingError
 from impact_damper_ros.bag.messages import CdrError
 from impact_damper_ros.bag.rig_messages import JointStateColumns
-from impact_damper_ros.bag.run_history import Change, Item, RunHistory, SnapshotRecord, StateRecord
 from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample, Simulator
 from impact_damper_ros.rig.hybrid_motion import RunawayError
@@ -31,19 +30,14 @@ from impact_damper_ros.rig.simulator import ARITHMETIC, Snapshot
 
 from .checks import ControlLedger, ImpactLedger, SampleCheck, SampleSpacing
 from .findings import Difference, Findings, SampleGap
+from .recorded_run import RecordedChange, RecordedRun
+from .recorded_snapshot import RecordedSnapshot
 from .replayed_rig import Batch, ReplayedRig, Step
 
-__all__ = ['BatchReplay', 'Recorded', 'Replay', 'Tick']
+__all__ = ['BatchReplay', 'Replay', 'Tick']
 
 
 _Ints = NDArray[np.int64]
-
-
-class Recorded(NamedTuple):
-    """Serialised messages of one topic, and the stamp of each, ns."""
-
-    stamps_ns: list[int]
-    contents: list[bytes]
 
 
 class BatchReplay:
@@ -65,10 +59,14 @@ class BatchReplay:
         self._impacts = JointStateColumns(IMPACT_JOINTS, (2, 2, 2))
 
     def reproduces(
-        self, state: Snapshot, offset_ns: int, states: Recorded, impacts: Recorded | None
+        self,
+        state: Snapshot,
+        offset_ns: int,
+        states: Sequence[Record],
+        impacts: Sequence[Record] | None,
     ) -> Simulator | None:
-        """Run a rig through recorded joint states."""
-        stamps_ns = np.array(states.stamps_ns, dtype=np.int64)
+        """Return a rig after recorded messages; None if it does not reproduce each bit."""
+        stamps_ns = np.array([record.stamp_ns for record in states], dtype=np.int64)
         instants = (stamps_ns - offset_ns) / 1e9
         if not (np.diff(stamps_ns) > 0).all() or instants[0] <= state.time:
             return None
@@ -82,19 +80,23 @@ class BatchReplay:
         numbers = np.column_stack([column for part in parts for column in part])
         if not _all_equal(self._states, states, ('',), stamps_ns, numbers):
             return None
-        if impacts is not None and not self._hit(stretch.impacts(), impacts, offset_ns, rest):
+        if impacts is not None and not self._same_impacts(
+            stretch.impacts(), impacts, offset_ns, rest
+        ):
             return None
         return run.simulator()
 
-    def _hit(self, rows: Events, impacts: Recorded, offset_ns: int, rest: float) -> bool:
+    def _same_impacts(
+        self, rows: Events, impacts: Sequence[Record], offset_ns: int, rest: float
+    ) -> bool:
         """Return whether the impacts are those recorded."""
         events = [_event(row) for row in rows]
-        if len(events) != len(impacts.contents):
+        if len(events) != len(impacts):
             return False
         if not events:
             return True
         stamps_ns = np.array([offset_ns + round(e.time * 1e9) for e in events], dtype=np.int64)
-        if stamps_ns.tolist() != impacts.stamps_ns:
+        if stamps_ns.tolist() != [record.stamp_ns for record in impacts]:
             return False
         numbers = np.array(
             [sum(impact_numbers(event, rest, self._version), ()) for event in events]
@@ -110,13 +112,13 @@ def _event(row: np.void) -> Event:
 
 def _all_equal(
     columns: JointStateColumns,
-    recorded: Recorded,
+    recorded: Sequence[Record],
     frames: Sequence[str],
     stamps_ns: _Ints,
     numbers: NDArray[np.float64],
 ) -> bool:
     """Return whether messages hold these frames, one or one each, stamps and numbers."""
-    table = columns.read(recorded.contents)
+    table = columns.read([record.content for record in recorded])
     if table.unreadable or not np.array_equal(table.stamps_ns, stamps_ns):
         return False
     found = [columns.frames[number] for number in table.frames]
@@ -132,8 +134,8 @@ _LONGEST_GAP_NS = 6 * 3600 * 10**9
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
 #: Joint states that are held against `state_rate`, and by how many ns they may be off.
 _LOOKED_AT, _OFF_GRID_NS = 100, 2
-#: Messages replayed at once, at most and at least.
-_BATCH, _LEAST_BATCH = 8192, 64
+#: Fewer messages than that are replayed one by one.
+_LEAST_BATCH = 64
 #: Joint states for which compiled code is worth its loading.
 _COMPILED_FROM = 100_000
 _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it'
@@ -175,7 +177,7 @@ class Replay:
 
     Parameters
     ----------
-    history : RunHistory
+    recorded : RecordedRun
         The run.
     adopt : bool, optional
         Whether to go on from each snapshot that is not as replayed, so that a difference does not
@@ -183,7 +185,7 @@ class Replay:
 
     Attributes
     ----------
-    history : RunHistory
+    recorded : RecordedRun
         As given.
     findings : Findings
         What was found, so far.
@@ -196,25 +198,25 @@ class Replay:
         If the first snapshot cannot be restored.
     """
 
-    def __init__(self, history: RunHistory, *, adopt: bool = False) -> None:
-        self.history = history
+    def __init__(self, recorded: RecordedRun, *, adopt: bool = False) -> None:
+        self.recorded = recorded
         self._adopts = adopt
         # Whether the parameter events of this node are recorded
         self._hears = False
-        self.findings = Findings(offset_ns=history.start.offset_ns)
+        self.findings = Findings(offset_ns=recorded.start.offset_ns)
         try:
-            self.replayed = ReplayedRig(history.start)
+            self.replayed = ReplayedRig(recorded.start)
         except ValueError as error:
             cause = f'its first snapshot cannot be restored: {error}'
-            raise RecordingError('replay', history.reader.path, cause, _REMEDY) from error
-        if history.start.arithmetic != ARITHMETIC:
+            raise RecordingError('replay', recorded.reader.path, cause, _REMEDY) from error
+        if recorded.start.arithmetic != ARITHMETIC:
             self.findings.remarks.append(
-                f'recorded with arithmetic {history.start.arithmetic}, this version has '
+                f'recorded with arithmetic {recorded.start.arithmetic}, this version has '
                 f'{ARITHMETIC}: differences of round-off, and what grows from them, are due to '
                 f'that; {_REMEDY}'
             )
-        self._time_ns = history.start.time_ns
-        self._pending: list[Change] = []
+        self._time_ns = recorded.start.time_ns
+        self._pending: list[RecordedChange] = []
         self._steps: list[tuple[int, Step]] = []
         self._events: list[Event] = []
         # What a joint state of an instant may hold that changes came after, with the instant
@@ -223,25 +225,29 @@ class Replay:
         self._begun = -inf
         # Joint states per second as listed, and how many are known to lie on that grid
         self._rate, self._on_grid = 0.0, 0
-        topics = history.topics
-        count = history.reader.topics[topics.joint_states].message_count
+        topics = recorded.topics
+        count = recorded.reader.topics[topics.joint_states].message_count
         self._batch = BatchReplay(
-            history.start.version, compiled=count >= _COMPILED_FROM and has_numba()
+            recorded.start.version, compiled=count >= _COMPILED_FROM and has_numba()
         )
         self._check = SampleCheck(topics.joint_states, self.findings)
         self._spacing = SampleSpacing(self.findings)
-        stamped = history.stamped
+        stamped = recorded.stamped
         self._ledger = ImpactLedger(topics.impacts, self.findings, stamped=stamped)
         self._control = ControlLedger(topics.gap_control, self.findings, stamped=stamped)
         self._ledgers = {topics.impacts: self._ledger, topics.gap_control: self._control}
-        self._check_stops(history.start)
+        self._check_stops(recorded.start)
 
     def ticks(self) -> Iterator[Tick]:
         """Replay, sample by sample; the findings name those that cannot be read."""
-        for item in self.history.items():
-            tick = self._take(item)
-            if tick is not None:
-                yield tick
+        for item in self.recorded.walk():
+            if isinstance(item, list):
+                for record in item:
+                    tick = self._take(record)
+                    if tick is not None:
+                        yield tick
+            else:
+                self._act(item)
         self._finish()
 
     def run(self, progress: Callable[[float], object] = float) -> Findings:
@@ -258,43 +264,38 @@ class Replay:
         Findings
             All that was found.
         """
-        waiting: list[StateRecord] = []
-        for item in self.history.items():
-            if isinstance(item, StateRecord):
-                waiting.append(item)
-                if len(waiting) < _BATCH:
-                    continue
-            self._take_many(waiting)
-            waiting = []
-            if not isinstance(item, StateRecord):
-                self._take(item)
+        for item in self.recorded.walk():
+            if isinstance(item, list):
+                self._take_many(item)
+            else:
+                self._act(item)
             progress(self._time_ns / 1e9)
-        self._take_many(waiting)
         self._finish()
         return self.findings
 
-    def _take(self, item: Item) -> Tick | None:
-        if isinstance(item, StateRecord):
-            try:
-                if (ledger := self._ledgers.get(item.topic)) is not None:
-                    ledger.take(item.content)
-                elif self._reach(item.stamp_ns):
-                    return self._look(item)
-            except CdrError as error:
-                self._note_unreadable(item, error)
-        elif isinstance(item, Change):
+    def _take(self, record: Record) -> Tick | None:
+        try:
+            if (ledger := self._ledgers.get(record.topic)) is not None:
+                ledger.take(record.content)
+            elif self._reach(record.stamp_ns):
+                return self._look(record)
+        except CdrError as error:
+            self._note_unreadable(record, error)
+        return None
+
+    def _act(self, item: RecordedChange | RecordedSnapshot) -> None:
+        if isinstance(item, RecordedChange):
             self._take_change(item)
         else:
             self._take_snapshot(item)
-        return None
 
-    def _take_many(self, records: list[StateRecord]) -> None:
+    def _take_many(self, records: list[Record]) -> None:
         """Take messages of the rig, all at once if they come out bit for bit."""
-        topic, place = self.history.topics.joint_states, 0
+        topic, place = self.recorded.topics.joint_states, 0
         # The first ones one by one: of an instant that the rig has reached, say
         while place < len(records) and (
             self.findings.end_ns is None
-            or (self._rate and self.history.stamped and self._on_grid < _LOOKED_AT)
+            or (self._rate and self.recorded.stamped and self._on_grid < _LOOKED_AT)
             or self._steps
             or not self._ledger.even
             or records[place].stamp_ns - self.findings.offset_ns <= self._time_ns
@@ -308,8 +309,8 @@ class Replay:
         for record in records[place:]:
             self._take(record)
 
-    def _all_as_replayed(self, records: list[StateRecord]) -> bool:
-        findings, topics = self.findings, self.history.topics
+    def _all_as_replayed(self, records: list[Record]) -> bool:
+        findings, topics = self.findings, self.recorded.topics
         state = self.replayed.rig.plain
         if state is None or self._pending:
             return False
@@ -319,12 +320,9 @@ class Replay:
         }
         if sum(map(len, parts.values())) < len(records):
             return False
-        states, impacts = (
-            Recorded([r.stamp_ns for r in part], [r.content for r in part])
-            for part in (parts[topics.joint_states], parts[topics.impacts])
-        )
+        states, impacts = parts[topics.joint_states], parts[topics.impacts]
         offset_ns = findings.offset_ns
-        times_ns = [stamp_ns - offset_ns for stamp_ns in states.stamps_ns]
+        times_ns = [record.stamp_ns - offset_ns for record in states]
         if not self._spacing.even(times_ns):
             return False
         rig = self._batch.reproduces(state, offset_ns, states, impacts if topics.impacts else None)
@@ -334,10 +332,10 @@ class Replay:
         self._time_ns = findings.end_ns = times_ns[-1]
         self._before = []
         findings.samples += len(times_ns)
-        self._ledger.paired(len(impacts.contents))
+        self._ledger.paired(len(impacts))
         return True
 
-    def _check_stops(self, snapshot: SnapshotRecord) -> None:
+    def _check_stops(self, snapshot: RecordedSnapshot) -> None:
         """Note a snapshot in which the stops that no control moves are not at the gap."""
         control = snapshot.state['gap_control']
         if control['parameters']['gap_control'] != 'off' or control['state']['returning']:
@@ -349,7 +347,7 @@ class Replay:
             ('target_2', origin['target_2'], -half),
         ):
             if recorded != expected and not snapshot.state['parameters']['one_sided']:
-                topic = self.history.topics.snapshot
+                topic = self.recorded.topics.snapshot
                 self._differ(snapshot.stamp_ns, topic, f'origin.{name}', recorded, expected)
 
     # Samples and impacts
@@ -359,14 +357,14 @@ class Replay:
         time_ns = stamp_ns - self.findings.offset_ns
         self._flush(time_ns)
         ahead_ns = time_ns - self._time_ns
-        first = self.findings.end_ns is None and not self.history.stamped
+        first = self.findings.end_ns is None and not self.recorded.stamped
         if not 0 <= ahead_ns <= (_LONGEST_WAIT_NS if first else _LONGEST_GAP_NS):
             self._left_out += 1
             return False
         self._time_ns = time_ns
         return True
 
-    def _look(self, record: StateRecord) -> Tick:
+    def _look(self, record: Record) -> Tick:
         """Compare a sample."""
         stamp_ns, content, time_ns = record.stamp_ns, record.content, self._time_ns
         positions, velocities, *_ = self._check.numbers(content)
@@ -376,7 +374,7 @@ class Replay:
             # A recorder that joins late gets the latched snapshot, and nothing of what happened
             # between it and the first sample.
             first_ns = min(ledger.begin(stamp_ns) for ledger in self._ledgers.values())
-            if not self.history.stamped:
+            if not self.recorded.stamped:
                 self._begun = (first_ns - self.findings.offset_ns) / 1e9
                 self._events = [e for e in self._events if e.time >= self._begun]
         self._excuse(self._spacing.look(time_ns, stamp_ns))
@@ -393,20 +391,20 @@ class Replay:
 
     def _check_rate(self, stamp_ns: int) -> None:
         """Hold the first joint states against the rate that the parameters name."""
-        if not self._rate or not self.history.stamped or self._on_grid >= _LOOKED_AT:
+        if not self._rate or not self.recorded.stamped or self._on_grid >= _LOOKED_AT:
             return
         self._on_grid += 1
         tick = round(self._time_ns * self._rate / 1e9)
         # Of stamps on whole nanoseconds there are no more than that.
         wrong = self._rate > 1e9
         if wrong or abs(round(tick * 1e9 / self._rate) - self._time_ns) > _OFF_GRID_NS:
-            topic = self.history.topics.parameter_events
+            topic = self.recorded.topics.parameter_events
             self._differ(stamp_ns, topic, 'state_rate', self._rate, None)
             self._on_grid = _LOOKED_AT
 
     def _sampled(self) -> tuple[Sample, tuple[tuple[float, ...], ...]]:
         """Return the present motion, and the numbers of its joint states as published."""
-        rig, version = self.replayed.rig, self.history.start.version
+        rig, version = self.replayed.rig, self.recorded.start.version
         sample = rig.sample()
         return sample, state_numbers(sample, rig.parameters.static_deflection, version)
 
@@ -419,7 +417,7 @@ class Replay:
                 events = rig.advance(time)
             except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
                 cause = f'the rig cannot be run on to rig time {time:.9g} s: {error}'
-                path = self.history.reader.path
+                path = self.recorded.reader.path
                 raise RecordingError('replay', path, cause, _REMEDY) from error
             self._take_events(events, rig.records, rig.parameters)
 
@@ -437,10 +435,10 @@ class Replay:
     ) -> None:
         """Take what the rig did; the stamps may have another offset than the present one."""
         self._events += events
-        topics = self.history.topics
+        topics = self.recorded.topics
         if offset_ns is None:
             offset_ns = self.findings.offset_ns
-        version = self.history.start.version
+        version = self.recorded.start.version
         for event in events if topics.impacts else ():
             if event.kind is EventKind.IMPACT:
                 stamp_ns = offset_ns + round(event.time * 1e9)
@@ -449,17 +447,17 @@ class Replay:
         for record in records if topics.gap_control else ():
             self._control.expect_record(offset_ns + round(record.time * 1e9), record)
 
-    def _note_unreadable(self, record: StateRecord, error: CdrError) -> None:
-        topics = self.history.topics
+    def _note_unreadable(self, record: Record, error: CdrError) -> None:
+        topics = self.recorded.topics
         topic = record.topic
         if not self.findings.samples and topic == topics.joint_states:
             cause = f'the first message of {topic} is not of a rig: {error}'
-            raise RecordingError('replay', self.history.reader.path, cause)
+            raise RecordingError('replay', self.recorded.reader.path, cause)
         self._differ(record.stamp_ns, topic, 'message', str(error), 'a readable one')
 
     # What was done to the rig
 
-    def _take_change(self, change: Change) -> None:
+    def _take_change(self, change: RecordedChange) -> None:
         self._hears = True
         rate = change.values.get('state_rate')
         if isinstance(rate, float) and rate > 0.0:
@@ -491,18 +489,18 @@ class Replay:
             self._carry_out(batch, None)
             self._pending = later
 
-    def _take_snapshot(self, snapshot: SnapshotRecord) -> None:
+    def _take_snapshot(self, snapshot: RecordedSnapshot) -> None:
         findings = self.findings
         self._flush(snapshot.time_ns, snapshot.offset_ns)
         if snapshot.time_ns < self._time_ns:
-            topic, disorder = self.history.topics.snapshot, self.history.disorder
+            topic, disorder = self.recorded.topics.snapshot, self.recorded.disorder
             disorder.note(disorder.late, topic, snapshot.stamp_ns)
             return
         findings.snapshots += 1
         self._time_ns = snapshot.time_ns
-        start = self.history.start
+        start = self.recorded.start
         if snapshot.arithmetic != start.arithmetic:
-            topic = self.history.topics.snapshot
+            topic = self.recorded.topics.snapshot
             self._differ(
                 snapshot.stamp_ns, topic, 'arithmetic', snapshot.arithmetic, start.arithmetic
             )
@@ -513,10 +511,10 @@ class Replay:
             findings.pauses += 1
         findings.offset_ns = snapshot.offset_ns
 
-    def _carry_out(self, changes: list[Change], snapshot: SnapshotRecord | None) -> None:
+    def _carry_out(self, changes: list[RecordedChange], snapshot: RecordedSnapshot | None) -> None:
         """Do what was done to the rig at one instant."""
         self._advance()
-        if not self.history.stamped:
+        if not self.recorded.stamped:
             # A sample of this instant may come from before the change, or from after it.
             now, numbers = self._sampled()
             before = [entry for entry in self._before if entry[0] == now.time]
@@ -547,7 +545,7 @@ class Replay:
         if snapshot is not None:
             self._judge(batch, snapshot, known)
 
-    def _described(self, batch: Batch, changes: list[Change]) -> str:
+    def _described(self, batch: Batch, changes: list[RecordedChange]) -> str:
         values = [pair for change in changes[: batch.used] for pair in change.values.items()]
         parts = [f'{name} = {value!r}' for name, value in [*values, *batch.unlogged.items()]]
         parts += ['reset'] * batch.resets
@@ -556,14 +554,14 @@ class Replay:
     def _contradict(self, stamp_ns: int, found: Sequence[tuple[str, Any, Any]]) -> None:
         """Note parameter events that contradict the snapshots, in the node's own bag."""
         # Others may lack events, or have them in another order.
-        if self.history.stamped:
+        if self.recorded.stamped:
             for name, recorded, replayed in found:
                 self._differ(
-                    stamp_ns, self.history.topics.parameter_events, name, recorded, replayed
+                    stamp_ns, self.recorded.topics.parameter_events, name, recorded, replayed
                 )
 
-    def _judge(self, batch: Batch, snapshot: SnapshotRecord, known: bool) -> None:
-        topics = self.history.topics
+    def _judge(self, batch: Batch, snapshot: RecordedSnapshot, known: bool) -> None:
+        topics = self.recorded.topics
         if self._hears:
             unlogged = [(name, None, value) for name, value in batch.unlogged.items()]
             self._contradict(snapshot.stamp_ns, unlogged)
@@ -574,7 +572,7 @@ class Replay:
                 'from its snapshot: no parameter event tells them'
             )
             return
-        if not batch.agrees and not self.history.stamped and not self.findings.difference_count:
+        if not batch.agrees and not self.recorded.stamped and not self.findings.difference_count:
             self.replayed.adopt(snapshot)
             self.findings.fault(
                 f'what was done at rig time {self._time_ns * 1e-9:.9g} s cannot be retraced: not '
@@ -600,7 +598,7 @@ class Replay:
 
     def _finish(self) -> None:
         """Compare what came after the last sample, and say what is wrong with the bag."""
-        findings, history = self.findings, self.history
+        findings, recorded = self.findings, self.recorded
         self._excuse(self._spacing.close())
         end_ns = findings.offset_ns + self._time_ns
         for ledger in self._ledgers.values():
@@ -615,16 +613,16 @@ class Replay:
         self._judge_losses(end_ns)
         if self._left_out:
             findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')
-        for fault in history.faults():
+        for fault in recorded.faults():
             findings.fault(fault)
-        for remark in history.remarks():
+        for remark in recorded.remarks():
             findings.remark(remark)
-        if history.early:
-            findings.remark(f'messages from before the first snapshot, left out: {history.early}')
+        if recorded.early:
+            findings.remark(f'messages from before the first snapshot, left out: {recorded.early}')
 
     def _judge_losses(self, end_ns: int) -> None:
         """Say what is missing: the node records all that it does not note as dropped."""
-        findings, history = self.findings, self.history
+        findings, recorded = self.findings, self.recorded
         for topic, ledger in self._ledgers.items():
             if ledger.unheard:
                 findings.remark(
@@ -632,16 +630,16 @@ class Replay:
                     'the recorder got'
                 )
         period_ns = self._spacing.period_ns
-        if not history.stamped or not period_ns or findings.start_ns is None:
+        if not recorded.stamped or not period_ns or findings.start_ns is None:
             return
         # Before the first sample, and after the last one while impacts go on
-        head_ns = findings.start_ns - history.start.time_ns
+        head_ns = findings.start_ns - recorded.start.time_ns
         tail_ns = max(ledger.last_ns for ledger in self._ledgers.values()) - end_ns
         lost = findings.missing_samples + int(max(0, tail_ns) // period_ns)
         lost += round(head_ns / period_ns) - 1 if head_ns > 1.5 * period_ns else 0
         if not lost:
             return
-        noted = history.reader.dropped
+        noted = recorded.reader.dropped
         text = f'{lost:,} joint states are missing'
         if findings.gaps:
             text += f', the first after {findings.gaps[0].time:.9g} s'

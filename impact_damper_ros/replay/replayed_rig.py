@@ -15,7 +15,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from impact_damper_ros.bag.run_history import Change, SnapshotRecord
 from impact_damper_ros.control import (
     GAP_CONTROL_SPECS,
     ControlledRig,
@@ -30,6 +29,9 @@ from impact_damper_ros.rig import (
     ParameterError,
     RigParameters,
 )
+
+from .recorded_run import RecordedChange
+from .recorded_snapshot import RecordedSnapshot
 
 __all__ = [
     'Batch',
@@ -89,7 +91,7 @@ class Effect(NamedTuple):
 
     Attributes
     ----------
-    change : Change or None
+    change : RecordedChange or None
         The parameter event, if there is one.
     events : list of Event
         Impacts, among others.
@@ -99,7 +101,7 @@ class Effect(NamedTuple):
         The rig after it.
     """
 
-    change: Change | None
+    change: RecordedChange | None
     events: list[Event]
     records: list[ControlRecord]
     parameters: RigParameters
@@ -170,7 +172,7 @@ def state_differences(
     return found
 
 
-def initial_of(snapshot: SnapshotRecord) -> InitialConditions:
+def initial_of(snapshot: RecordedSnapshot) -> InitialConditions:
     """
     Read initial conditions back from the snapshot of a reset.
 
@@ -199,7 +201,7 @@ class ReplayedRig:
 
     Parameters
     ----------
-    start : SnapshotRecord
+    start : RecordedSnapshot
         Where it begins.
 
     Attributes
@@ -217,7 +219,7 @@ class ReplayedRig:
         If the snapshot is of another format or not complete.
     """
 
-    def __init__(self, start: SnapshotRecord) -> None:
+    def __init__(self, start: RecordedSnapshot) -> None:
         self.rig = ControlledRig.restore(start.state)
         self.initial: InitialConditions | None = None
         self.first_initial: InitialConditions | None = None
@@ -239,11 +241,13 @@ class ReplayedRig:
             self.first_initial = self.first_initial or self.initial
         return found
 
-    def adopt(self, snapshot: SnapshotRecord) -> None:
+    def adopt(self, snapshot: RecordedSnapshot) -> None:
         """Go on from a snapshot, whatever the state was."""
         self.rig = ControlledRig.restore(snapshot.state)
 
-    def carry_out(self, changes: Sequence[Change], snapshot: SnapshotRecord | None) -> Batch:
+    def carry_out(
+        self, changes: Sequence[RecordedChange], snapshot: RecordedSnapshot | None
+    ) -> Batch:
         """Do to the rig what was done to it at the present instant."""
         if snapshot is None:
             self.rig, self.initial, batch = self._tried(changes)
@@ -267,7 +271,7 @@ class ReplayedRig:
         batch.contradicted = _contradictions(stated, after)
         return batch
 
-    def _disagree(self, batch: Batch, snapshot: SnapshotRecord) -> None:
+    def _disagree(self, batch: Batch, snapshot: RecordedSnapshot) -> None:
         """Note how the snapshot differs, and go on with what has to be taken from it."""
         batch.agrees = False
         batch.differences = state_differences(snapshot.state, _plain(self.rig.snapshot()))
@@ -278,7 +282,9 @@ class ReplayedRig:
             return
         _change(self.rig, setting_of(snapshot.state), None, batch)
 
-    def _attempts(self, changes: Sequence[Change], snapshot: SnapshotRecord) -> Iterator[_Attempt]:
+    def _attempts(
+        self, changes: Sequence[RecordedChange], snapshot: RecordedSnapshot
+    ) -> Iterator[_Attempt]:
         """Yield rigs to which that was done which the snapshot may show, the likely ones first."""
         count = len(changes)
         # Some of the changes may belong to later batches.
@@ -301,7 +307,7 @@ class ReplayedRig:
 
     def _tried(
         self,
-        changes: Sequence[Change],
+        changes: Sequence[RecordedChange],
         *,
         reset_at: int | None = None,
         last: Setting | None = None,
@@ -331,7 +337,9 @@ def _setting(rig: ControlledRig) -> Setting:
     return Setting(rig.parameters, rig.control)
 
 
-def _change(rig: ControlledRig, setting: Setting, change: Change | None, batch: Batch) -> None:
+def _change(
+    rig: ControlledRig, setting: Setting, change: RecordedChange | None, batch: Batch
+) -> None:
     if setting != _setting(rig):
         events = rig.change(*setting)
         batch.effects.append(Effect(change, events, rig.records, rig.parameters))
@@ -348,7 +356,7 @@ def _updated(
     return InitialConditions(**{**known, **given})
 
 
-def _is_reset(snapshot: SnapshotRecord) -> bool:
+def _is_reset(snapshot: RecordedSnapshot) -> bool:
     """Return whether the snapshot may be that of a reset: motion and force have just begun."""
     if snapshot.reason in ('reset', 'start', 'record'):
         # The last two announce a rig to which nothing was done.

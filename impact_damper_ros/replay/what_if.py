@@ -14,10 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from impact_damper_ros.bag.run_history import SnapshotRecord
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.rig import Event, InitialConditions, ParameterError, Sample
 
+from .recorded_snapshot import RecordedSnapshot
 from .replay import Replay, Tick
 from .replayed_rig import Setting, Step, setting_of
 
@@ -34,7 +34,7 @@ class WhatIf:
 
     Parameters
     ----------
-    start : SnapshotRecord
+    start : RecordedSnapshot
         Where the history begins.
     initial : InitialConditions or None
         The recorded rig's at that time, as far as they are known.
@@ -62,7 +62,7 @@ class WhatIf:
 
     def __init__(
         self,
-        start: SnapshotRecord,
+        start: RecordedSnapshot,
         initial: InitialConditions | None,
         held: Mapping[str, Any],
         held_initial: Mapping[str, Any] | None = None,
@@ -144,7 +144,7 @@ class WhatIf:
 
 
 def _from_initial(
-    start: SnapshotRecord,
+    start: RecordedSnapshot,
     logged: Setting,
     initial: InitialConditions | None,
     setting: Setting,

@@ -14,7 +14,9 @@ from impact_damper_ros.compare.run_comparison import (
     Verdict,
 )
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.rig.shown import as_line
+from impact_damper_ros.rig.quoting import as_line
+
+from .units import counted
 
 __all__ = ['comparison_text', 'stretch_text']
 
@@ -25,10 +27,6 @@ _HEAD = (
     "             stop  phase [cycles]          X [m]   X' before    X' after   Z' before    "
     "Z' after [m/s]  impulse [N s]"
 )
-
-
-def _count(number: int, noun: str) -> str:
-    return f'{number} {noun}{"" if number == 1 else "s"}'
 
 
 def _impact_lines(
@@ -47,7 +45,7 @@ def _impact_lines(
             f'{states.x[i]:14.9g} {numbers}      {impulses[i]:11.7g}'
         )
     if (more := len(states.stops) - _MOST_IMPACTS) > 0:
-        yield f'{"":13}and {_count(more, "impact")} more'
+        yield f'{"":13}and {counted(more, "impact")} more'
 
 
 def _energy_lines(energy: EnergyBalance) -> Iterator[str]:
@@ -60,7 +58,7 @@ def _energy_lines(energy: EnergyBalance) -> Iterator[str]:
     )
     yield (
         f'             residual {energy.residual:+.1e} J (interpolation may make '
-        f'{energy.tolerance:.1e} J), in {_count(energy.periods, "period")}'
+        f'{energy.tolerance:.1e} J), in {counted(energy.periods, "period")}'
     )
 
 
@@ -82,7 +80,7 @@ def _motion_lines(stretch: StretchComparison) -> Iterator[str]:
         size += f' (predicted {orbit.x_max:.7g} m, {orbit.amplitude_ratio:.7g})'
     yield f'  swing      {size}; rms X {measured.x_rms:.6g} m'
     rhythm = (
-        f'{_count(measured.impacts, "impact")} in the part measured, {measured.start:.6g} s to '
+        f'{counted(measured.impacts, "impact")} in the part measured, {measured.start:.6g} s to '
         f'{measured.end:.6g} s'
     )
     if not math.isnan(measured.impacts_per_cycle):
@@ -100,7 +98,7 @@ def _overall_lines(overall: Overall) -> Iterator[str]:
         span += f' (samples cover {overall.covered:.6g} s)'
     yield (
         f'  overall    largest |X| {overall.x_max:.7g} m, rms X {overall.x_rms:.6g} m in {span}; '
-        f'{_count(overall.impacts, "impact")} ({stops})'
+        f'{counted(overall.impacts, "impact")} ({stops})'
     )
     work = '' if math.isnan(overall.force_work) else f'force {overall.force_work:.6g} J into M; '
     yield (
@@ -121,21 +119,21 @@ def stretch_text(stretch: StretchComparison) -> str:
             ',...' if len(stretch.stops) > 12 else ''
         )
         kind += (
-            f', {_count(stretch.impacts_per_period, "impact")} in '
-            f'{_count(stretch.cycles, "cycle")}, stops {stops}'
+            f', {counted(stretch.impacts_per_period, "impact")} in '
+            f'{counted(stretch.cycles, "cycle")}, stops {stops}'
         )
     if stretch.settled_at is not None:
         kind += f', settled at {stretch.settled_at:.6g} s'
     lines += [f'  motion     {kind}', f'             {stretch.evidence}']
     if stretch.missing_samples:
-        lines.append(f'  missing    {_count(stretch.missing_samples, "sample")}')
+        lines.append(f'  missing    {counted(stretch.missing_samples, "sample")}')
     if stretch.overall is not None:
         lines += _overall_lines(stretch.overall)
     lines += _motion_lines(stretch)
     decay = stretch.decay
     if decay is not None:
         rate = 'not measured' if math.isnan(decay.measured) else f'{decay.measured:.6g}'
-        over = f' over {_count(decay.periods, "period")}' if decay.periods else ''
+        over = f' over {counted(decay.periods, "period")}' if decay.periods else ''
         lines.append(
             f'  decay      {rate} per period{over}, largest multiplier {decay.predicted:.6g}; '
             f'distance at the end {decay.distance:.2g} (stamps hide {decay.floor:.1g})'
@@ -149,7 +147,7 @@ def stretch_text(stretch: StretchComparison) -> str:
         lines.append(f'  theory     {state}; {stretch.solver}')
     lines += [f'  finding    {finding.text}' for finding in stretch.findings[:_MOST_FINDINGS]]
     if (more := len(stretch.findings) - _MOST_FINDINGS) > 0:
-        lines.append(f'             and {_count(more, "finding")} more')
+        lines.append(f'             and {counted(more, "finding")} more')
     word = stretch.verdict.value
     shown = word.upper() if stretch.verdict is Verdict.DIFFERS else word
     lines.append(f'  verdict    {shown}: {stretch.sentence}')
@@ -161,8 +159,8 @@ def comparison_text(comparison: RunComparison) -> str:
     lines = [
         f'compared     {comparison.bag}, node {comparison.node} (stamps: {comparison.stamps})',
         f'recorded     {comparison.start:.9g} s to {comparison.end:.9g} s of rig time, '
-        f'{_count(comparison.samples, "sample")}, {_count(comparison.impacts, "impact")}, '
-        f'{_count(len(comparison.stretches), "stretch").replace("stretchs", "stretches")}',
+        f'{counted(comparison.samples, "sample")}, {counted(comparison.impacts, "impact")}, '
+        f'{counted(len(comparison.stretches), "stretch")}',
     ]
     lines.append(f'checked      {comparison.log.text}')
     if comparison.log.unchecked:

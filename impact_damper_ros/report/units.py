@@ -14,10 +14,12 @@ __all__ = [
     'NONE',
     'Unit',
     'aligned',
+    'counted',
     'difference',
     'instant',
     'number',
     'power_of_ten',
+    'quantity',
     'unit_for',
     'worded',
 ]
@@ -68,6 +70,13 @@ def unit_for(name: str, *values: ArrayLike) -> Unit:
     return Unit(_PREFIXES[-1][0], _PREFIXES[-1][1] + name)
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a count with its noun, as in 1 stretch, 2 stretches."""
+    if count == 1:
+        return f'{count} {noun}'
+    return f'{count} {noun}{"es" if noun.endswith(("ch", "s")) else "s"}'
+
+
 def _plain(text: str) -> str:
     """Return a number as it is printed: with a true minus, powers of ten raised."""
     mantissa, _, exponent = text.partition('e')
@@ -110,6 +119,12 @@ def number(value: float | None, digits: int = 6) -> str:
     size = math.floor(math.log10(abs(value))) if value != 0.0 else 0
     text = f'{value:.{max(0, digits - 1 - size)}f}'
     return _plain(text.rstrip('0').rstrip('.') if '.' in text else text)
+
+
+def quantity(value: float, name: str, digits: int = 6, like: float | None = None) -> str:
+    """Return a value with a handy unit, or with that of another value like it."""
+    unit = unit_for(name, value if like is None else like)
+    return f'{number(unit.factor * value, digits)} {unit.name}'
 
 
 def difference(value: float | None) -> str:

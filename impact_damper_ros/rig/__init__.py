@@ -7,9 +7,14 @@ Importable without ROS.
 from .event import Event, EventKind, Sample
 from .mode import Mode
 from .parameters import (
+    ALL_SPECS,
+    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    SETTING_SPECS,
+    GapControlParameters,
     InitialConditions,
+    NodeSettings,
     ParameterError,
     ParameterSpec,
     RigParameters,
@@ -18,12 +23,17 @@ from .parameters_file import ParametersFileError, load_parameters
 from .simulator import Simulator
 
 __all__ = [
+    'ALL_SPECS',
+    'GAP_CONTROL_SPECS',
     'INITIAL_SPECS',
     'PARAMETER_SPECS',
+    'SETTING_SPECS',
     'Event',
     'EventKind',
+    'GapControlParameters',
     'InitialConditions',
     'Mode',
+    'NodeSettings',
     'ParameterError',
     'ParameterSpec',
     'ParametersFileError',

@@ -11,41 +11,41 @@ from __future__ import annotations
 from enum import IntEnum
 from math import inf, isinf, isnan
 
-from .mode import Machine
+from .mode import RigConstants
 from .origin import Origin, locked, offset_of
 from .parameters import ParameterError
 
-__all__ = ['Outcome', 'changed', 'check_command', 'commanded', 'kept_angles', 'supports']
+__all__ = ['StopOutcome', 'changed', 'check_command', 'commanded', 'kept_angles', 'supports']
 
 
-def regapped(here: Origin, machine: Machine) -> Origin:
+def regapped(here: Origin, rig: RigConstants) -> Origin:
     """
-    Return the state with both stops sent to the places that the machine has for them, at once.
+    Return the state with both stops sent to the places that the rig has for them, at once.
 
     A stop that would pass m comes up to it, and follows it inwards from then on.
     """
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
-    stop_1 = max(machine.stop, offset)
-    stop_2 = -machine.stop if machine.one_sided else min(-machine.stop, offset)
+    stop_1 = max(rig.stop, offset)
+    stop_2 = -rig.stop if rig.one_sided else min(-rig.stop, offset)
     # Clearances move by what the stops move, so that the tiny ones keep their digits.
     clearance_1 = max(0.0, here.clearance_1 + (stop_1 - here.stop_1))
-    if stop_1 == offset and stop_1 > machine.stop:
+    if stop_1 == offset and stop_1 > rig.stop:
         clearance_1 = 0.0
-    if machine.one_sided:
+    if rig.one_sided:
         clearance_2 = inf
     elif here.clearance_2 == inf:
         clearance_2 = max(0.0, offset - stop_2)
     else:
         clearance_2 = max(0.0, here.clearance_2 - (stop_2 - here.stop_2))
-    if stop_2 == offset and stop_2 < -machine.stop and not machine.one_sided:
+    if stop_2 == offset and stop_2 < -rig.stop and not rig.one_sided:
         clearance_2 = 0.0
     return here._replace(
         stop_1=stop_1,
         stop_2=stop_2,
         clearance_1=clearance_1,
         clearance_2=clearance_2,
-        target_1=machine.stop,
-        target_2=-machine.stop,
+        target_1=rig.stop,
+        target_2=-rig.stop,
         stop_velocity_1=0.0,
         stop_velocity_2=0.0,
     )
@@ -66,11 +66,11 @@ def kept_angles(
 
 
 def changed(
-    here: Origin, before: Machine, machine: Machine, shift: float, angles: tuple[float, ...]
+    here: Origin, before: RigConstants, rig: RigConstants, shift: float, angles: tuple[float, ...]
 ) -> Origin:
     """Return the state just after a change, before m hits a stop that has come up to it."""
-    if before.stop != machine.stop or before.one_sided != machine.one_sided:
-        here = regapped(here, machine)
+    if before.stop != rig.stop or before.one_sided != rig.one_sided:
+        here = regapped(here, rig)
     return here._replace(x=here.x + shift, angles=angles)
 
 
@@ -78,7 +78,7 @@ _FARTHEST = 1e9
 _SLOWEST = 1e-9
 
 
-class Outcome(IntEnum):
+class StopOutcome(IntEnum):
     """What a command does to a stop at its instant."""
 
     #: It is on its way.
@@ -120,7 +120,7 @@ def supports(origin: Origin) -> tuple[bool, bool]:
 
 def commanded(
     one_sided: bool, here: Origin, stop: int, target: float, speed: float
-) -> tuple[Origin, Outcome]:
+) -> tuple[Origin, StopOutcome]:
     """Return the state just after a stop has been told to move, mode and velocities unchanged."""
     outwards = 1.0 if stop == 1 else -1.0
     place = here.stop_1 if stop == 1 else here.stop_2
@@ -133,15 +133,15 @@ def commanded(
     if velocity != 0.0:
         closing = outwards * (here.relative_velocity - velocity)
         if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
-            return locked(one_sided, moved, stop), Outcome.TOUCHED
-        return moved, Outcome.MOVING
+            return locked(one_sided, moved, stop), StopOutcome.TOUCHED
+        return moved, StopOutcome.MOVING
     if way == 0.0:
-        return moved, Outcome.ARRIVED
+        return moved, StopOutcome.ARRIVED
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
     if outwards * way < 0.0 and outwards * (target - offset) <= 0.0:
-        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), Outcome.TOUCHED
+        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), StopOutcome.TOUCHED
     # Clearances move by what the stop moves, so that tiny ones keep their digits.
-    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), Outcome.ARRIVED
+    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), StopOutcome.ARRIVED
 
 
 def _set_off(here: Origin, stop: int, target: float, velocity: float) -> Origin:

@@ -24,7 +24,7 @@ from __future__ import annotations
 from math import copysign, inf
 
 from .certificate import ROUND_OFF, least_step, look_ahead, look_past, safe_step
-from .event import (
+from .flight import (
     ARRIVAL,
     CONTACT_1,
     CONTACT_2,
@@ -34,8 +34,13 @@ from .event import (
     REVERSAL,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
+    Flight,
+    FlightEnd,
+    Motion,
+    end_at,
+    motion_at,
+    unfinished,
 )
-from .flight import Flight, FlightEnd, Motion, end_at, motion_at, unfinished
 from .kernels import kernel
 from .oscillator import Oscillator, derivative_bound
 from .roots import (

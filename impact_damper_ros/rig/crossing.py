@@ -18,9 +18,8 @@ from math import inf, nextafter
 from .certificate import ROUND_OFF, least_step, safe_step
 from .flight import Flight, Motion, motion_at
 from .kernels import kernel
-from .origin import Origin, with_side
+from .origin import Origin, advance_time, with_side
 from .oscillator import Oscillator, derivative_bound
-from .phase import advance_time
 
 __all__ = [
     'CrossingWatch',

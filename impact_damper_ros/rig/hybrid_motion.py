@@ -15,14 +15,12 @@ from typing import Any
 from .changes import supports
 from .contact import NO_EVENT, chatter_end, flight_end
 from .crossing import CrossingWatch, SearchInterruptedError, sided
-from .event import Event, EventKind, Sample
-from .event_rows import impact_events, make_event, quiet, transition_events
-from .flight import FlightEnd, end_at, motion_at
-from .mode import CHATTER_1, Machine, Mode, launch, make_machine
-from .origin import Origin, carried, offset_of, placed, stop_rates
+from .event import Event, EventKind, Sample, impact_events, make_event, quiet, transition_events
+from .flight import Flight, FlightEnd, end_at, motion_at
+from .forcing import SteppedSine, frequency_at
+from .mode import CHATTER_1, Mode, RigConstants, launch, rig_constants
+from .origin import Origin, advance_time, carried, offset_of, placed, stop_rates
 from .parameters import RigParameters
-from .phase import advance_time
-from .stepped_sine import Sweep, frequency_at, origin_at_step, step_event
 from .transition import at_rest, moving_mode, resolve, struck
 
 __all__ = ['HybridMotion', 'RunawayError']
@@ -48,6 +46,18 @@ class RunawayError(RuntimeError):
         )
 
 
+def origin_at_step(rig: RigConstants, origin: Origin, flight: Flight, instant: float) -> Origin:
+    """Return the origin of the first flight after a step."""
+    tau = max(0.0, (instant - origin.time) - origin.time_low)
+    there = carried(origin, flight, end_at(flight, NO_EVENT, tau))
+    return sided(rig.free, origin, flight, there._replace(time=instant, time_low=0.0))
+
+
+def step_event(origin: Origin) -> Event:
+    """Return the event as which a step is reported."""
+    return make_event(EventKind.FREQUENCY_STEP, 0, quiet(origin))
+
+
 class HybridMotion:
     """
     The motion of one rig whose parameters and stops nobody touches.
@@ -56,10 +66,10 @@ class HybridMotion:
     """
 
     _parameters: RigParameters
-    _machine: Machine
+    _constants: RigConstants
     _time: float
     _unreported: list[Event]
-    _sweep: Sweep
+    _sweep: SteppedSine
     _step_due: float
 
     def snapshot(self) -> dict[str, Any]:
@@ -69,7 +79,7 @@ class HybridMotion:
     def _begin(self, origin: Origin) -> None:
         """Make an origin the present one."""
         self._origin = origin
-        self._flight = launch(self._machine, origin)
+        self._flight = launch(self._constants, origin)
         self._node = 0.0
         self._clear = -inf
         self._due = inf
@@ -85,21 +95,21 @@ class HybridMotion:
     def _begin_all(self, origin: Origin) -> list[Event]:
         """Begin from a state of unknown mode; m may be about to hit the stop it is on."""
         if origin.relative_velocity == 0.0:
-            self._begin(at_rest(self._machine, origin))
+            self._begin(at_rest(self._constants, origin))
             return []
         on_1, on_2 = supports(origin)
         if (on_1 and origin.relative_velocity > 0.0) or (on_2 and origin.relative_velocity < 0.0):
             stop = 1 if origin.relative_velocity > 0.0 else 2
-            transition = struck(self._machine, origin, stop)
+            transition = struck(self._constants, origin, stop)
             self._begin(transition.origin)
-            return impact_events(self._machine, self._parameters.damper_mass, transition)
-        mode = moving_mode(self._machine, origin.relative_velocity)
+            return impact_events(self._constants, self._parameters.damper_mass, transition)
+        mode = moving_mode(self._constants, origin.relative_velocity)
         self._begin(origin._replace(mode=mode, chatter_left=0.0))
         return []
 
     def _sided(self, origin: Origin) -> Origin:
         """Return the next origin, with the side of X if X is too small to tell."""
-        return sided(self._machine.free, self._origin, self._flight, origin)
+        return sided(self._constants.free, self._origin, self._flight, origin)
 
     def _crossings(self) -> CrossingWatch:
         """Return the present flight's passages through X = 0."""
@@ -125,7 +135,7 @@ class HybridMotion:
     @property
     def force_frequency(self) -> float:
         """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
-        return self._machine.free.frequencies[0]
+        return self._constants.free.frequencies[0]
 
     @property
     def stops(self) -> tuple[float, float]:
@@ -240,7 +250,7 @@ class HybridMotion:
                 until = max(self._time, self._origin.time)
                 break
             events += self._pass_event() if self._due <= due else self._step_frequency()
-            if self._origin.time > instant + _AT_ONCE / self._machine.joint.frequency:
+            if self._origin.time > instant + _AT_ONCE / self._constants.joint.frequency:
                 instant, at_once = self._origin.time, 0
             at_once += 1
             if at_once > _MOST_EVENTS_AT_ONCE:
@@ -282,21 +292,21 @@ class HybridMotion:
 
     def _step_frequency(self) -> list[Event]:
         """Let the sweep go on to its next frequency, at an exact instant."""
-        there = origin_at_step(self._machine, self._origin, self._flight, self._step_due)
-        self._sweep = Sweep(self._sweep.start, self._sweep.step + 1)
+        there = origin_at_step(self._constants, self._origin, self._flight, self._step_due)
+        self._sweep = SteppedSine(self._sweep.start, self._sweep.step + 1)
         self._step_due = self._sweep.due(self._parameters)
         frequency = frequency_at(self._parameters, self._sweep.step)
-        self._machine = make_machine(self._parameters, frequency)
+        self._constants = rig_constants(self._parameters, frequency)
         self._begin(there)
         return [step_event(there)]
 
     def _pass_event(self) -> list[Event]:
         """Let the event that ends the flight happen."""
         kind, before = self._end.kind, self._origin
-        transition = resolve(self._machine, before, self._flight, self._end)
+        transition = resolve(self._constants, before, self._flight, self._end)
         self._begin(self._sided(transition.origin))
         mass = self._parameters.damper_mass
-        return transition_events(self._machine, mass, kind, before, transition)
+        return transition_events(self._constants, mass, kind, before, transition)
 
     def sample(self) -> Sample:
         """Return the motion at the present time, after any event at that instant."""
@@ -313,7 +323,7 @@ class HybridMotion:
             until = min(self._due, self._step_due)
             if not decided:
                 until = min(until, self._clear)
-        if interrupted is None or len(self._machine.phases) < _MANY_HARMONICS:
+        if interrupted is None or len(self._constants.phases) < _MANY_HARMONICS:
             return [self._sample_at(time) for time in times if time < until]
         samples = []
         for time in times:

@@ -17,16 +17,16 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from .event import Event, EventKind, Sample
-from .event_rows import MOST_ROWS
+from .event import MOST_ROWS, Event, EventKind, Sample
+from .forcing import SteppedSine, frequency_at
+from .hybrid_motion import origin_at_step, step_event
 from .kernels import compiled as compile_kernels
 from .kernels import compiling_alone, stamp
-from .mode import Machine, Mode, launch, make_machine
+from .mode import Mode, RigConstants, launch, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
 from .run_loop import DONE, FULL, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator, Snapshot
-from .stepped_sine import Sweep, frequency_at, origin_at_step, step_event
 
 __all__ = [
     'EVENT_TYPE',
@@ -36,7 +36,7 @@ __all__ = [
     'LongRun',
     'Loop',
     'Outcome',
-    'Stretch',
+    'RunResult',
     'event_table',
     'has_numba',
 ]
@@ -104,7 +104,7 @@ class Outcome(IntEnum):
         )
 
 
-class Stretch(NamedTuple):
+class RunResult(NamedTuple):
     """
     What happened in one advance.
 
@@ -224,7 +224,7 @@ class Loop:
 
     Parameters
     ----------
-    machine : Machine
+    constants : RigConstants
         The rig.
     damper_mass : float
         Mass m, kg.
@@ -237,18 +237,18 @@ class Loop:
         If compiled code is asked for without numba.
     """
 
-    def __init__(self, machine: Machine, damper_mass: float, *, compiled: bool) -> None:
-        self.machine = machine
+    def __init__(self, constants: RigConstants, damper_mass: float, *, compiled: bool) -> None:
+        self.constants = constants
         self.compiled = compiled
         self._damper_mass = damper_mass
         self._loop = _compiled_loop() if compiled else run_through
         # One harmonic is compiled as such; any other number of them as arrays, once for all.
-        self._arrays = compiled and len(machine.phases) != 1
-        self._packed_machine = _with_arrays(machine) if self._arrays else machine
+        self._arrays = compiled and len(constants.phases) != 1
+        self._packed = _with_arrays(constants) if self._arrays else constants
 
-    def turned_to(self, machine: Machine) -> Self:
+    def turned_to(self, constants: RigConstants) -> Self:
         """Return the loop of the same rig at other frequencies."""
-        return type(self)(machine, self._damper_mass, compiled=self.compiled)
+        return type(self)(constants, self._damper_mass, compiled=self.compiled)
 
     def packed(self, origin: Origin) -> Any:
         """Return an origin as the loop takes it."""
@@ -289,7 +289,7 @@ class Loop:
         """
         shape = len(table), len(EVENT_TYPE.names or ())
         arguments = (
-            self._packed_machine,
+            self._packed,
             self._damper_mass,
             progress.origin,
             progress.time,
@@ -369,8 +369,8 @@ class LongRun:
 
     def _take(self, state: Snapshot) -> None:
         self._state = state
-        machine = _machine_of(state.parameters, state.sweep)
-        self._loop = Loop(machine, state.parameters.damper_mass, compiled=self._compiled)
+        constants = _constants_at(state.parameters, state.sweep)
+        self._loop = Loop(constants, state.parameters.damper_mass, compiled=self._compiled)
 
     @classmethod
     def restore(cls, snapshot: dict[str, Any], *, compiled: bool | None = None) -> LongRun:
@@ -413,7 +413,7 @@ class LongRun:
     @property
     def force_frequency(self) -> float:
         """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
-        return self._loop.machine.free.frequencies[0]
+        return self._loop.constants.free.frequencies[0]
 
     @property
     def compiled(self) -> bool:
@@ -441,7 +441,7 @@ class LongRun:
         *,
         record: bool = True,
         most_events: int = 1_000_000,
-    ) -> Stretch:
+    ) -> RunResult:
         """
         Let the rig run to a later time.
 
@@ -460,7 +460,7 @@ class LongRun:
 
         Returns
         -------
-        Stretch
+        RunResult
             Samples and events, and whether the time was reached.
 
         Raises
@@ -513,15 +513,15 @@ class LongRun:
                 status = SPENT
             if status != DONE or due > time:
                 break
-            origin = origin_at_step(loop.machine, origin, launch(loop.machine, origin), due)
-            sweep = Sweep(sweep.start, sweep.step + 1)
-            loop = loop.turned_to(_machine_of(state.parameters, sweep))
+            origin = origin_at_step(loop.constants, origin, launch(loop.constants, origin), due)
+            sweep = SteppedSine(sweep.start, sweep.step + 1)
+            loop = loop.turned_to(_constants_at(state.parameters, sweep))
             table.add([step_event(origin)], origin.mode)
             happened += 1
         # At once: an exception from a signal leaves the rig where it was
         self._state, self._loop = Snapshot(state.parameters, origin, reached, (), sweep), loop
         outcome = Outcome(status)
-        return Stretch(
+        return RunResult(
             outcome,
             outcome.reason(happened, state.time, reached, self.mode.name.lower()),
             reached,
@@ -532,6 +532,6 @@ class LongRun:
         )
 
 
-def _machine_of(parameters: RigParameters, sweep: Sweep) -> Machine:
+def _constants_at(parameters: RigParameters, sweep: SteppedSine) -> RigConstants:
     """Return the rig at its present frequency."""
-    return make_machine(parameters, frequency_at(parameters, sweep.step))
+    return rig_constants(parameters, frequency_at(parameters, sweep.step))

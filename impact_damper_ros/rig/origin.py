@@ -10,11 +10,12 @@ from math import inf
 from typing import NamedTuple
 
 from .flight import Flight, FlightEnd
+from .forcing import turned_angles
 from .kernels import kernel
-from .phase import advance_time, turned_angles
 
 __all__ = [
     'Origin',
+    'advance_time',
     'carried',
     'locked',
     'offset_of',
@@ -80,6 +81,16 @@ class Origin(NamedTuple):
     stop_velocity_1: float = 0.0
     stop_velocity_2: float = 0.0
     side: int = 0
+
+
+@kernel(inline=True)
+def advance_time(time: float, time_low: float, tau: float) -> tuple[float, float]:
+    """Add a duration to an instant held as an unevaluated sum."""
+    total = time + tau
+    back = total - time
+    low = time_low + ((time - (total - back)) + (tau - back))
+    rounded = total + low
+    return rounded, low - (rounded - total)
 
 
 @kernel(inline=True)

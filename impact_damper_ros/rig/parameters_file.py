@@ -22,13 +22,14 @@ from typing import Any
 import yaml
 
 from .parameters import (
+    ALL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
     InitialConditions,
     ParameterError,
     RigParameters,
 )
-from .shown import named, shown
+from .quoting import named, shown
 
 __all__ = [
     'Block',
@@ -312,38 +313,8 @@ def guarded_yaml_text(text: str) -> Any:
             loader.dispose()
 
 
-# Other parameters that may stand in the same file: of the node, which ROS itself adds to, and of
-# the gap control. Both are layers above; tests compare the names with theirs.
-_OTHER_NAMES = (
-    'state_rate',
-    'real_time_factor',
-    'publish_clock',
-    'real_time_priority',
-    'predict_motion',
-    'record',
-    'bag_directory',
-    'max_bag_size',
-    'max_bag_duration',
-    'use_sim_time',
-    'start_type_description_service',
-    'gap_control',
-    'gap_control_stops',
-    'gap_control_gain',
-    'gap_control_park',
-    'gap_control_lead',
-    'gap_control_timing_gain',
-    'gap_control_smoothing',
-    'gap_control_threshold',
-    'gap_min',
-    'gap_max',
-    'gap_control_rate',
-    'gap_control_noise_position',
-    'gap_control_noise_velocity',
-    'gap_control_seed',
-    'actuator_delay',
-    'actuator_speed',
-    'actuator_mass',
-)
+# Parameters that ROS itself gives every node
+_ROS_NAMES = ('use_sim_time', 'start_type_description_service')
 
 
 class ParametersFileError(ValueError):
@@ -414,7 +385,7 @@ def _names(tree: Block) -> str:
 
 
 def load_parameters(
-    path: str | PathLike[str], known: tuple[str, ...] = (), node: str = ''
+    path: str | PathLike[str], node: str = ''
 ) -> tuple[RigParameters, InitialConditions, dict[str, Any]]:
     """
     Read a rig from a ROS 2 parameters file.
@@ -424,8 +395,6 @@ def load_parameters(
     path : str or path
         YAML file with ``/**: ros__parameters:`` or the same for ``sim_node``; or the name of a
         preset, such as ``bench_rig``, if there is no such file.
-    known : tuple of str, optional
-        Names of other parameters that are allowed, besides those of node and gap control.
     node : str, optional
         Full name of a node, such as ``/rig1/sim_node``: the entries of the file that ROS gives to
         it are read, and no others. Without it, those of any `sim_node`.
@@ -464,7 +433,7 @@ def load_parameters(
             '"ros__parameters:"'
         )
     values = _parameter_blocks(tree, path, node)
-    allowed = [*PARAMETER_SPECS, *INITIAL_SPECS, *_OTHER_NAMES, *known]
+    allowed = [*ALL_SPECS, *_ROS_NAMES]
     for name in values:
         base = str(name).split('.')[0]
         if base not in allowed and base != 'qos_overrides':

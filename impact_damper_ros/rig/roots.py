@@ -13,8 +13,17 @@ from __future__ import annotations
 from math import cos, nan, sin
 from typing import NamedTuple
 
-from .event import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL
-from .flight import Flight, FlightEnd, Motion, motion_at, unfinished
+from .flight import (
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    REVERSAL,
+    Flight,
+    FlightEnd,
+    Motion,
+    motion_at,
+    unfinished,
+)
 from .kernels import elementwise, kernel
 from .oscillator import Grid, Oscillator, acceleration_at
 

@@ -18,13 +18,29 @@ from typing import Any, NamedTuple
 from .certificate import least_step
 from .contact import NO_EVENT, chatter_end, flight_end, search_contact
 from .crossing import has_side, sided
-from .event import CONTACT_1, CONTACT_2
-from .event_rows import IMPACT, MOST_ROWS, write_event, write_transition
-from .flight import Flight, FlightEnd, Motion, motion_at, starting_motion, unfinished
+from .event import IMPACT, MOST_ROWS, write_event, write_transition
+from .flight import (
+    CONTACT_1,
+    CONTACT_2,
+    Flight,
+    FlightEnd,
+    Motion,
+    motion_at,
+    starting_motion,
+    unfinished,
+)
 from .kernels import kernel
-from .mode import CHATTER_1, STICK, Machine, launch, moving_flight
-from .origin import Origin, carried, offset_of, on_stop, placed, stop_rates, with_motion
-from .phase import advance_time
+from .mode import CHATTER_1, STICK, RigConstants, launch, moving_flight
+from .origin import (
+    Origin,
+    advance_time,
+    carried,
+    offset_of,
+    on_stop,
+    placed,
+    stop_rates,
+    with_motion,
+)
 from .transition import Transition, impulse, is_no_chatter, moving_mode, rebounded, resolve
 
 __all__ = [
@@ -55,7 +71,7 @@ def flies_plainly(origin: Origin) -> bool:
 
 @kernel(inline=True)
 def plain_impacts(
-    machine: Machine,
+    rig: RigConstants,
     damper_mass: float,
     origin: Origin,
     begun: float,
@@ -73,7 +89,7 @@ def plain_impacts(
     writing = len(codes) > 0
     ending: FlightEnd = unfinished(NO_EVENT, 0.0)
     while happened < most and not (writing and written + MOST_ROWS > len(codes)):
-        flight: Flight = moving_flight(machine, origin)
+        flight: Flight = moving_flight(rig, origin)
         motion: Motion = starting_motion(flight)
         ending = search_contact(flight, 0.0, motion)
         if ending.kind not in (CONTACT_1, CONTACT_2):
@@ -82,20 +98,20 @@ def plain_impacts(
         there = carried(origin, flight, ending)
         if there.time > target or there.time <= instant + span:
             break
-        there = on_stop(machine.one_sided, there, stop, there.stop_1, there.stop_2)
-        restitution, relative_before, after, relative_after = rebounded(machine, there, stop)
+        there = on_stop(rig.one_sided, there, stop, there.stop_1, there.stop_2)
+        restitution, relative_before, after, relative_after = rebounded(rig, there, stop)
         hit = with_motion(
-            there, moving_mode(machine, relative_after), after, relative_after, stop, False, 0.0
+            there, moving_mode(rig, relative_after), after, relative_after, stop, False, 0.0
         )
         if (
             relative_after == 0.0
-            or not is_no_chatter(machine, hit, stop)
-            or not has_side(machine.free, hit)
+            or not is_no_chatter(rig, hit, stop)
+            or not has_side(rig.free, hit)
         ):
             break
         in_mode[origin.mode] += ending.tau - begun
         if writing:
-            push = impulse(damper_mass, machine.mass_ratio, restitution, relative_before)
+            push = impulse(damper_mass, rig.mass_ratio, restitution, relative_before)
             before = there.velocity
             written = write_event(
                 numbers,
@@ -178,7 +194,7 @@ def _write_sample(
 
 @kernel
 def run_through(
-    machine: Machine,
+    rig: RigConstants,
     damper_mass: float,
     origin: Origin,
     time: float,
@@ -193,7 +209,7 @@ def run_through(
 ) -> tuple[int, tuple[Any, ...], float, int, int, int]:
     """Let a rig run to a later time."""
     writing = len(codes) > 0
-    flight: Flight = launch(machine, origin)
+    flight: Flight = launch(rig, origin)
     node = 0.0
     known = False
     written = 0
@@ -204,7 +220,7 @@ def run_through(
     # Of the present flight, what belongs to the time before
     begun = (time - origin.time) - origin.time_low
     ending: FlightEnd = unfinished(NO_EVENT, 0.0)
-    at_once_span = least_step(machine.joint.horizon) * 0.5
+    at_once_span = least_step(rig.joint.horizon) * 0.5
     while True:
         target = end
         if sampled < count:
@@ -212,7 +228,7 @@ def run_through(
         if not known and node == 0.0 and flies_plainly(origin):
             before = happened
             origin, instant, written, happened, ending = plain_impacts(
-                machine,
+                rig,
                 damper_mass,
                 origin,
                 begun,
@@ -229,7 +245,7 @@ def run_through(
             known = ending.kind != NO_EVENT
             node = ending.tau
             if happened > before:
-                flight = launch(machine, origin)
+                flight = launch(rig, origin)
                 begun = 0.0
                 at_once = 1
         since = (target - origin.time) - origin.time_low
@@ -261,18 +277,18 @@ def run_through(
             return status, origin[:], time, sampled, written, happened
         in_mode[origin.mode] += ending.tau - begun
         ended = origin
-        transition: Transition = resolve(machine, ended, flight, ending)
-        origin = sided(machine.free, ended, flight, transition.origin)
+        transition: Transition = resolve(rig, ended, flight, ending)
+        origin = sided(rig.free, ended, flight, transition.origin)
         happened += 1
         if writing:
             written = write_transition(
-                machine, damper_mass, ending.kind, ended, transition, numbers, codes, written
+                rig, damper_mass, ending.kind, ended, transition, numbers, codes, written
             )
         if origin.time > instant + at_once_span:
             instant = origin.time
             at_once = 0
         at_once += 1
-        flight = launch(machine, origin)
+        flight = launch(rig, origin)
         node = 0.0
         begun = 0.0
         known = False

@@ -5,14 +5,13 @@ from __future__ import annotations
 from math import inf
 from typing import Any, NamedTuple, Self
 
-from .changes import Outcome, changed, check_command, commanded, kept_angles, supports
-from .event import Event, EventKind
-from .event_rows import make_event, quiet, support_events
+from .changes import StopOutcome, changed, check_command, commanded, kept_angles, supports
+from .event import Event, EventKind, make_event, quiet, support_events
+from .forcing import SWEEP_FIELDS, SteppedSine, frequency_at
 from .hybrid_motion import HybridMotion
-from .mode import STICK, Machine, make_machine
+from .mode import STICK, RigConstants, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
-from .stepped_sine import SWEEP_FIELDS, Sweep, frequency_at
 
 __all__ = ['ARITHMETIC', 'FORMATS', 'Simulator', 'Snapshot', 'upgraded']
 
@@ -39,7 +38,7 @@ class Snapshot(NamedTuple):
         Time reached, s; the flight's origin may be earlier.
     unreported : tuple of Event
         Events of the very start that have not been reported yet.
-    sweep : Sweep
+    sweep : SteppedSine
         How far the sweep has come.
     """
 
@@ -47,7 +46,7 @@ class Snapshot(NamedTuple):
     origin: Origin
     time: float
     unreported: tuple[Event, ...]
-    sweep: Sweep
+    sweep: SteppedSine
 
     def as_dict(self) -> dict[str, Any]:
         """Return the snapshot as numbers, texts, lists and dictionaries."""
@@ -99,7 +98,7 @@ class Snapshot(NamedTuple):
                     for event in stored.get('unreported', [])
                 ),
                 # The first format knew no sweep; nor does one that is off begin anywhere.
-                sweep=Sweep(**stored.get('sweep', {'start': 0.0})),
+                sweep=SteppedSine(**stored.get('sweep', {'start': 0.0})),
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f'snapshot is not complete: {error}') from error
@@ -150,18 +149,18 @@ class Simulator(HybridMotion):
         time: float = 0.0,
     ) -> None:
         """Start the rig."""
-        machine = make_machine(parameters, frequency_at(parameters, 0))
-        self._start(parameters, machine, initial or InitialConditions(), time)
+        constants = rig_constants(parameters, frequency_at(parameters, 0))
+        self._start(parameters, constants, initial or InitialConditions(), time)
 
     def _start(
         self,
         parameters: RigParameters,
-        machine: Machine,
+        constants: RigConstants,
         initial: InitialConditions,
         time: float,
     ) -> None:
         initial.check_within(parameters)
-        half = machine.stop
+        half = constants.stop
         offset = initial.initial_damper_offset
         origin = Origin(
             time=time,
@@ -171,10 +170,10 @@ class Simulator(HybridMotion):
             velocity=initial.initial_primary_velocity,
             relative_velocity=initial.initial_damper_velocity - initial.initial_primary_velocity,
             clearance_1=half - offset,
-            clearance_2=inf if machine.one_sided else half + offset,
+            clearance_2=inf if constants.one_sided else half + offset,
             stop_1=half,
             stop_2=-half,
-            angles=(0.0,) * len(machine.phases),
+            angles=(0.0,) * len(constants.phases),
             last_stop=0,
             released=False,
             chatter_left=0.0,
@@ -182,9 +181,9 @@ class Simulator(HybridMotion):
             target_2=-half,
         )
         self._parameters = parameters
-        self._machine = machine
+        self._constants = constants
         self._time = time
-        self._sweep = Sweep.begun(parameters, time)
+        self._sweep = SteppedSine.begun(parameters, time)
         self._step_due = self._sweep.due(parameters)
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported = self._begin_all(origin)
@@ -218,20 +217,20 @@ class Simulator(HybridMotion):
             return []
         before = self._parameters
         if any(getattr(parameters, name) != getattr(before, name) for name in SWEEP_FIELDS):
-            self._sweep = Sweep.begun(parameters, self._time)
-        machine = make_machine(parameters, frequency_at(parameters, self._sweep.step))
+            self._sweep = SteppedSine.begun(parameters, self._time)
+        constants = rig_constants(parameters, frequency_at(parameters, self._sweep.step))
         shift = before.static_deflection - parameters.static_deflection
         here = self._here()
         if shift == 0.0:
             here = self._sided(here)
         own = len(before.force_phases), len(parameters.force_phases)
-        lines = len(self._machine.phases) - own[0], len(machine.phases) - own[1]
+        lines = len(self._constants.phases) - own[0], len(constants.phases) - own[1]
         angles = kept_angles(here.angles, own, lines)
         # An impact that the last reset began with is reported later; X counts from here then.
         self._unreported = [event._replace(x=event.x + shift) for event in self._unreported]
-        origin = changed(here, self._machine, machine, shift, angles)
+        origin = changed(here, self._constants, constants, shift, angles)
         self._parameters = parameters
-        self._machine = machine
+        self._constants = constants
         self._step_due = self._sweep.due(parameters)
         return self._begin_all(origin)
 
@@ -268,16 +267,19 @@ class Simulator(HybridMotion):
         m leaves (`RELEASE`) and may catch up with the stop. Where both stops have come up to m, m
         cannot move in M, and the impact that ends its motion there is a plastic one.
         """
-        machine = self._machine
+        constants = self._constants
         targets = [(n, t) for n, t in ((1, stop_1), (2, stop_2)) if t is not None]
         for stop, target in targets:
-            check_command(machine.one_sided, stop, target, speed)
+            check_command(constants.one_sided, stop, target, speed)
         before = self._here()
         here, outcomes = self._sided(before), []
         for stop, target in targets:
-            here, outcome = commanded(machine.one_sided, here, stop, float(target), float(speed))
+            here, outcome = commanded(constants.one_sided, here, stop, float(target), float(speed))
             outcomes.append((stop, outcome))
-        kinds = {Outcome.ARRIVED: EventKind.STOP_ARRIVED, Outcome.TOUCHED: EventKind.STOP_TOUCHED}
+        kinds = {
+            StopOutcome.ARRIVED: EventKind.STOP_ARRIVED,
+            StopOutcome.TOUCHED: EventKind.STOP_TOUCHED,
+        }
         events = [
             make_event(kinds[outcome], stop, quiet(here))
             for stop, outcome in outcomes
@@ -300,8 +302,8 @@ class Simulator(HybridMotion):
             If m would not start between the stops; the rig then runs on as before.
         """
         parameters = self._parameters
-        machine = make_machine(parameters, frequency_at(parameters, 0))
-        self._start(parameters, machine, initial or InitialConditions(), self._time)
+        constants = rig_constants(parameters, frequency_at(parameters, 0))
+        self._start(parameters, constants, initial or InitialConditions(), self._time)
 
     def snapshot(self) -> dict[str, Any]:
         """
@@ -345,7 +347,7 @@ class Simulator(HybridMotion):
         rig._sweep = state.sweep
         rig._step_due = state.sweep.due(state.parameters)
         frequency = frequency_at(state.parameters, state.sweep.step)
-        rig._machine = make_machine(state.parameters, frequency)
+        rig._constants = rig_constants(state.parameters, frequency)
         rig._time = state.time
         rig._unreported = list(state.unreported)
         rig._begin(state.origin)

@@ -23,6 +23,7 @@ from .contact import (
     STOP_ARRIVED_2,
 )
 from .flight import Flight, FlightEnd, Motion, starting_motion
+from .forcing import sines_of
 from .kernels import kernel
 from .mode import (
     CHATTER_1,
@@ -33,14 +34,13 @@ from .mode import (
     SLIDE_DOWN,
     SLIDE_UP,
     STICK,
-    Machine,
+    RigConstants,
     launch,
     mode_at_rest,
     support_need,
 )
 from .origin import Origin, carried, locked, on_stop, placed, stopped, with_motion
 from .oscillator import derivative_bound
-from .phase import sines_of
 
 __all__ = [
     'CHATTER_TOLERANCE',
@@ -161,67 +161,65 @@ class Transition(NamedTuple):
 
 
 @kernel(inline=True)
-def impulse_of(machine: Machine, damper_mass: float, transition: Transition) -> float:
+def impulse_of(rig: RigConstants, damper_mass: float, transition: Transition) -> float:
     """Return the impulse of the impact that a transition is, N s."""
-    restitution = machine.restitution_1 if transition.stop == 1 else machine.restitution_2
+    restitution = rig.restitution_1 if transition.stop == 1 else rig.restitution_2
     if transition.relative_velocity_after == 0.0:
         restitution = 0.0
-    return impulse(
-        damper_mass, machine.mass_ratio, restitution, transition.relative_velocity_before
-    )
+    return impulse(damper_mass, rig.mass_ratio, restitution, transition.relative_velocity_before)
 
 
 @kernel(inline=True)
-def moving_mode(machine: Machine, relative_velocity: float) -> int:
+def moving_mode(rig: RigConstants, relative_velocity: float) -> int:
     """Return the mode of a relative motion that is under way."""
-    if machine.grip == 0.0:
+    if rig.grip == 0.0:
         return FREE
     return SLIDE_DOWN if relative_velocity > 0.0 else SLIDE_UP
 
 
 @kernel
-def at_rest(machine: Machine, origin: Origin) -> Origin:
+def at_rest(rig: RigConstants, origin: Origin) -> Origin:
     """Return the state that follows when the relative velocity has become zero."""
     still = with_motion(origin, origin.mode, origin.velocity, 0.0, origin.last_stop, False, 0.0)
-    mode = mode_at_rest(machine, still, sines_of(machine.phases, still.angles))
+    mode = mode_at_rest(rig, still, sines_of(rig.phases, still.angles))
     return with_motion(still, mode, still.velocity, 0.0, still.last_stop, False, 0.0)
 
 
 @kernel(inline=True)
-def is_no_chatter(machine: Machine, hit: Origin, stop: int) -> bool:
+def is_no_chatter(rig: RigConstants, hit: Origin, stop: int) -> bool:
     """Return whether an impact belongs to no chatter, as far as one can tell without a sine."""
-    push = machine.push + (1.0 + machine.mass_ratio) * (
-        machine.joint.omega_squared * abs(hit.x)
-        + 2.0 * machine.joint.decay * abs(_common_velocity(machine, hit))
+    push = rig.push + (1.0 + rig.mass_ratio) * (
+        rig.joint.omega_squared * abs(hit.x)
+        + 2.0 * rig.joint.decay * abs(_common_velocity(rig, hit))
     )
     speed = hit.relative_velocity if stop == 2 else -hit.relative_velocity
-    shortest = least_step(machine.free.horizon)
-    return not may_chatter(speed, push, machine.free.bound_3, shortest)
+    shortest = least_step(rig.free.horizon)
+    return not may_chatter(speed, push, rig.free.bound_3, shortest)
 
 
 @kernel(inline=True)
-def _common_velocity(machine: Machine, hit: Origin) -> float:
+def _common_velocity(rig: RigConstants, hit: Origin) -> float:
     """Return the velocity that M and m would have together."""
-    share = machine.mass_ratio / (1.0 + machine.mass_ratio)
+    share = rig.mass_ratio / (1.0 + rig.mass_ratio)
     return hit.velocity + share * hit.relative_velocity
 
 
 @kernel
-def _last_bounces(machine: Machine, hit: Origin, stop: int, restitution: float) -> Origin:
+def _last_bounces(rig: RigConstants, hit: Origin, stop: int, restitution: float) -> Origin:
     """Return the state just after an impact, in the chatter that it belongs to if it does."""
-    common = _common_velocity(machine, hit)
+    common = _common_velocity(rig, hit)
     away = 1.0 if stop == 2 else -1.0
     speed = away * hit.relative_velocity
-    need = support_need(machine, hit, sines_of(machine.phases, hit.angles), common)
-    press = (1.0 + machine.mass_ratio) * away * need
-    grip = (1.0 + machine.mass_ratio) * machine.grip
+    need = support_need(rig, hit, sines_of(rig.phases, hit.angles), common)
+    press = (1.0 + rig.mass_ratio) * away * need
+    grip = (1.0 + rig.mass_ratio) * rig.grip
     # The least that the bound of the jerk can be rules most of these out too.
-    left = chatter_duration(speed, press, grip, restitution, machine.free.bound_3)
+    left = chatter_duration(speed, press, grip, restitution, rig.free.bound_3)
     if left < inf:
-        motion: Motion = starting_motion(launch(machine, hit))
-        bound = derivative_bound(machine.free, motion.x_3, motion.x_4, machine.free.bound_3)
+        motion: Motion = starting_motion(launch(rig, hit))
+        bound = derivative_bound(rig.free, motion.x_3, motion.x_4, rig.free.bound_3)
         left = chatter_duration(speed, press, grip, restitution, bound)
-    if left == inf and bounce_duration(speed, press, grip) < least_step(machine.free.horizon):
+    if left == inf and bounce_duration(speed, press, grip) < least_step(rig.free.horizon):
         # Elastic stops: such bounces go on for ever, and have no energy left.
         left = 0.0
     if left == inf:
@@ -231,33 +229,31 @@ def _last_bounces(machine: Machine, hit: Origin, stop: int, restitution: float) 
 
 
 @kernel(inline=True)
-def rebounded(machine: Machine, origin: Origin, stop: int) -> tuple[float, float, float, float]:
+def rebounded(rig: RigConstants, origin: Origin, stop: int) -> tuple[float, float, float, float]:
     """Return the velocities at an impact."""
     relative_before = origin.relative_velocity
     # Towards stop 1 is positive; round-off must not turn a grazing contact into a push.
     if stop == 1:
         relative_before = max(relative_before, 0.0)
-        restitution = machine.restitution_1
+        restitution = rig.restitution_1
     else:
         relative_before = min(relative_before, 0.0)
-        restitution = machine.restitution_2
+        restitution = rig.restitution_2
     if origin.clearance_1 == 0.0 and origin.clearance_2 == 0.0:
         # With no room between the stops the impacts on both have no end before m is at rest.
         restitution = 0.0
-    after, relative_after = rebound(
-        origin.velocity, relative_before, restitution, machine.mass_ratio
-    )
+    after, relative_after = rebound(origin.velocity, relative_before, restitution, rig.mass_ratio)
     return restitution, relative_before, after, relative_after
 
 
 @kernel(inline=True)
-def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
+def struck(rig: RigConstants, origin: Origin, stop: int) -> Transition:
     """
     Resolve an impact.
 
     Parameters
     ----------
-    machine, origin, stop : Machine, Origin, int
+    rig, origin, stop : RigConstants, Origin, int
         As for `rebounded`.
 
     Returns
@@ -266,17 +262,15 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
         The state just after: moving away, or at rest, or in the last bounces of a chatter.
     """
     before = origin.velocity
-    restitution, relative_before, after, relative_after = rebounded(machine, origin, stop)
+    restitution, relative_before, after, relative_after = rebounded(rig, origin, stop)
     if relative_after == 0.0:
         # -0.0 would be taken for a direction
         relative_after = 0.0
         hit = with_motion(origin, origin.mode, after, 0.0, stop, False, 0.0)
-        return Transition(
-            at_rest(machine, hit), stop, before, relative_before, after, relative_after
-        )
+        return Transition(at_rest(rig, hit), stop, before, relative_before, after, relative_after)
     hit = with_motion(
         origin,
-        moving_mode(machine, relative_after),
+        moving_mode(rig, relative_after),
         after,
         relative_after,
         stop,
@@ -284,33 +278,33 @@ def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
         0.0,
     )
     held = hit.stop_1 > hit.target_1 if stop == 1 else hit.stop_2 < hit.target_2
-    if not held and not is_no_chatter(machine, hit, stop):
-        hit = _last_bounces(machine, hit, stop, restitution)
+    if not held and not is_no_chatter(rig, hit, stop):
+        hit = _last_bounces(rig, hit, stop, restitution)
     return Transition(hit, stop, before, relative_before, after, relative_after)
 
 
 @kernel
-def _touched(machine: Machine, there: Origin, stop: int) -> Transition:
+def _touched(rig: RigConstants, there: Origin, stop: int) -> Transition:
     """Resolve the meeting of m with a moving stop: it stays where it is, and m may hit it."""
     before = there.velocity
     relative_before = there.relative_velocity
-    there = locked(machine.one_sided, there, stop)
+    there = locked(rig.one_sided, there, stop)
     outward = relative_before > 0.0 if stop == 1 else relative_before < 0.0
     if outward:
-        return struck(machine, there, stop)
+        return struck(rig, there, stop)
     if relative_before == 0.0:
-        there = at_rest(machine, there)
+        there = at_rest(rig, there)
     return Transition(there, stop, before, relative_before, before, relative_before)
 
 
 @kernel(inline=True)
-def resolve(machine: Machine, origin: Origin, flight: Flight, end: FlightEnd) -> Transition:
+def resolve(rig: RigConstants, origin: Origin, flight: Flight, end: FlightEnd) -> Transition:
     """
     Resolve the event that ends a flight.
 
     Parameters
     ----------
-    machine, origin, flight : Machine, Origin, Flight
+    rig, origin, flight : RigConstants, Origin, Flight
         The rig, and the flight with its origin.
     end : FlightEnd
         The event, as `contact.flight_end` names it; `NO_EVENT` ends a chatter.
@@ -328,14 +322,14 @@ def resolve(machine: Machine, origin: Origin, flight: Flight, end: FlightEnd) ->
         stop = 1 if kind == CONTACT_1 else 2
         velocity = there.stop_velocity_1 if stop == 1 else there.stop_velocity_2
         if velocity != 0.0:
-            return _touched(machine, there, stop)
-        there = on_stop(machine.one_sided, there, stop, there.stop_1, there.stop_2)
-        return struck(machine, there, stop)
+            return _touched(rig, there, stop)
+        there = on_stop(rig.one_sided, there, stop, there.stop_1, there.stop_2)
+        return struck(rig, there, stop)
     if kind == ARRIVAL:
         if flight.direction < 0:
-            there = on_stop(machine.one_sided, there, 1, there.target_1, there.stop_2)
+            there = on_stop(rig.one_sided, there, 1, there.target_1, there.stop_2)
         else:
-            there = on_stop(machine.one_sided, there, 2, there.stop_1, there.target_2)
+            there = on_stop(rig.one_sided, there, 2, there.stop_1, there.target_2)
         return Transition(there, 0, before, relative_before, before, relative_before)
     if kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
         stop = 1 if kind == STOP_ARRIVED_1 else 2
@@ -353,11 +347,11 @@ def resolve(machine: Machine, origin: Origin, flight: Flight, end: FlightEnd) ->
         there = with_motion(there, mode, before, 0.0, there.last_stop, False, 0.0)
         return Transition(there, 0, before, relative_before, before, 0.0)
     if kind == REVERSAL or origin.mode >= CHATTER_1:
-        there = at_rest(machine, there)
+        there = at_rest(rig, there)
         return Transition(there, 0, before, relative_before, before, 0.0)
     # A support gives way; which direction it fails in was the event's kind.
     mode = FREE
-    if machine.grip > 0.0:
+    if rig.grip > 0.0:
         mode = SLIDE_UP if kind == RELEASE_UP else SLIDE_DOWN
     there = with_motion(there, mode, before, 0.0, there.last_stop, True, 0.0)
     return Transition(there, 0, before, 0.0, before, 0.0)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.report.drawing import BLUE, ORANGE, blank_figure, finish_panel, save_figure
 
 from .columns import FAILED, MEASURES

@@ -15,7 +15,7 @@ import numpy as np
 
 import impact_damper_ros
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -24,7 +24,7 @@ from impact_damper_ros.rig import (
     ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.quoting import shown
 
 __all__ = [
     'MOST_POINTS',

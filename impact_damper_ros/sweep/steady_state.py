@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.compare.run_curves import cubic_swing
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.orbits.floquet import multipliers_of
+from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.lyapunov import (
     Deviations,
     Exponent,
@@ -22,10 +21,11 @@ from impact_damper_ros.orbits.lyapunov import (
     parting_exponent,
     period_exponent,
 )
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import Settling, SettlingRig, section_of
+from impact_damper_ros.orbits.multipliers import multipliers_of
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import Settling, SettlingRig, section_of
 from impact_damper_ros.rig import EventKind, Mode
-from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Stretch
+from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, RunResult
 
 __all__ = [
     'SteadyState',
@@ -83,7 +83,7 @@ class StretchSwing(NamedTuple):
     rms: float
 
 
-def stretch_swing(stretch: Stretch) -> StretchSwing:
+def stretch_swing(stretch: RunResult) -> StretchSwing:
     """
     Measure how M swings from the first sample to the last.
 
@@ -249,7 +249,7 @@ def _kind(
     return Indications(cycle * exponent.value, error, watch, spread).kind()
 
 
-def _shares(stretch: Stretch, around: Events, start: float, end: float) -> TimeShares:
+def _shares(stretch: RunResult, around: Events, start: float, end: float) -> TimeShares:
     spent = stretch.time_in_mode / (end - start)
     return TimeShares(
         stick=float(spent[Mode.STICK]),

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, Self
 import impact_damper_ros
 from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.orbits.settling_rig import EndlessEventsError, Settling
+from impact_damper_ros.orbits.settling import EndlessEventsError, Settling
 from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
 

@@ -1,7 +1,7 @@
 """Rigs that move as the theory says."""
 
 from impact_damper_ros.compare.prediction import Course
-from impact_damper_ros.orbits.rhythm import Rhythm
+from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
 

@@ -14,7 +14,7 @@ from compare.recorded import (
 )
 
 from impact_damper_ros.compare.run_comparison import Verdict
-from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.rig import RigParameters
 
 SYMMETRIC = OFF_RESONANCE.replace(damping=0.05, damper_mass=0.3)

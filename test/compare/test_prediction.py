@@ -9,7 +9,7 @@ from compare.courses import course_on
 from impact_damper_ros.compare.prediction import predictions, run_ahead
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.rhythm import Rhythm, turned_cycles
+from impact_damper_ros.orbits.recognition import Rhythm, turned_cycles
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 from impact_damper_ros.rig.swing import Swing
 

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from compare.recorded import BENCH, impact_rows
 
-from impact_damper_ros.compare.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.compare.recorded_stretch import ForceClock
 from impact_damper_ros.compare.stretch_kind import kind_of
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import Simulator
 from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.steady_state import steady_state

@@ -15,12 +15,12 @@ from std_msgs.msg import String
 
 from impact_damper_ros.bag import RunWriter
 from impact_damper_ros.bag.rig_recorder import rig_topics
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.node.engine import LOG_BACKLOG, Engine
 from impact_damper_ros.node.motion_ahead import ticks_ahead
 from impact_damper_ros.node.pacing import CATCH_UP_NS
 from impact_damper_ros.node.publishing import Outlet, Outlets
 from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 from impact_damper_ros.rig.published import PAUSED_FRAME
@@ -371,7 +371,7 @@ def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
         if name != 'clock':
             log.write(name, data, 10**18 + 1_000_003 * number)
     assert log.close().error is None
-    replay = Replay(RunHistory(tmp_path / 'bag'))
+    replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(1 for _ in replay.ticks()) == len(bench.samples())
     assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
 
@@ -506,7 +506,7 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
         assert not bench.engine._thread.is_alive()
     assert bench.engine.failure is None
     assert log.close().error is None
-    replay = Replay(RunHistory(tmp_path / 'bag'))
+    replay = Replay(RecordedRun(tmp_path / 'bag'))
     count = sum(1 for _ in replay.ticks())
     assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
     assert (count > 40, replay.findings.resets) == (True, 2)

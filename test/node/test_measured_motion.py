@@ -13,7 +13,7 @@ from impact_damper_ros.node.motion_report import (
 )
 from impact_damper_ros.node.prediction import Answer, PredictedMotion, Predictor, PredictorStatus
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.rhythm import MotionKind, Rhythm
+from impact_damper_ros.orbits.recognition import MotionKind, Rhythm
 from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
 
 INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)

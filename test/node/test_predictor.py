@@ -14,7 +14,7 @@ from compare.courses import course_on
 from impact_damper_ros.node import prediction as module
 from impact_damper_ros.node.prediction import WORKER, Predictor
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.rhythm import Rhythm
+from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import RigParameters, Simulator
 from node.rig_client import DEADLINE_S, until
 

@@ -45,6 +45,7 @@ class FakeLink:
         self.calls = []
         self.answers = True
         self.closed = False
+        self.namesakes = 1
         self._tick = 0
         self._pattern = RigMessages()
         self._announce(reason)
@@ -97,6 +98,9 @@ class FakeLink:
     def poll(self):
         taken, self.messages = self.messages, Messages()
         return taken
+
+    def count(self):
+        return self.namesakes
 
     async def knobs(self):
         if not self.answers:

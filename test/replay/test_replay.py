@@ -13,8 +13,8 @@ from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
 from impact_damper_ros.bag import RecordingError, RunWriter
 from impact_damper_ros.bag.messages import CdrError, decode
 from impact_damper_ros.bag.rig_messages import JointStateBytes, header_ns, parameter_event
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, Simulator
@@ -23,10 +23,10 @@ from impact_damper_ros.rig.simulator import ARITHMETIC
 
 def replayed(bag, node=None):
     """Replay one by one, and many at once: both find the same."""
-    replay = Replay(RunHistory(bag, node))
+    replay = Replay(RecordedRun(bag, node))
     for _ in replay.ticks():
         pass
-    assert repr(Replay(RunHistory(bag, node)).run()) == repr(replay.findings)
+    assert repr(Replay(RecordedRun(bag, node)).run()) == repr(replay.findings)
     return replay.findings
 
 
@@ -172,7 +172,7 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
         assert findings.verdict is Verdict.IDENTICAL, findings.differences
         assert findings.impacts > 50
         assert findings.changes == len(changes)
-        assert RunHistory(bag).start.version == version
+        assert RecordedRun(bag).start.version == version
         # A tick carries a stretch of a thousandth of a second with it.
         states = [
             decode('sensor_msgs/msg/JointState', rig.messages[place][1])
@@ -194,7 +194,7 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
     ]
     assert replayed(samples.record(tmp_path / 'mistaken', mistaken)).verdict is Verdict.DIFFERENT
     # What a what-if holds against is X, whatever the messages show.
-    recorded = [list(Replay(RunHistory(tmp_path / f'bag_{v}')).ticks()) for v in (1, 2)]
+    recorded = [list(Replay(RecordedRun(tmp_path / f'bag_{v}')).ticks()) for v in (1, 2)]
     assert [tick.x for tick in recorded[0]] == [tick.x for tick in recorded[1]]
     assert all(tick.x == tick.sample.x for tick in recorded[1])
 
@@ -579,7 +579,7 @@ def test_joint_state_bytes():
 
 
 def what_if(bag, **held):
-    history = RunHistory(bag)
+    history = RecordedRun(bag)
     replay = Replay(history)
     other, rows = None, []
     for tick in replay.ticks():
@@ -640,6 +640,6 @@ def test_inadmissible_what_ifs(tmp_path):
     bag = RecordedRig().start().run(5).save(tmp_path / 'bag')
     with pytest.raises(ParameterError, match='force_amplitudes has 1'):
         what_if(bag, force_frequencies=(1.0, 2.0))
-    history = RunHistory(bag)
+    history = RecordedRun(bag)
     with pytest.raises(ValueError, match='initial_primary_position cannot be set'):
         WhatIf(history.start, None, {}, {'initial_primary_position': 0.1})

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
 from impact_damper_ros.rig.long_run import LongRun, Outcome
-from impact_damper_ros.rig.stepped_sine import frequency_at, frequency_steps
 from rig.long_run_events import rows, without_mode
 from rig.random_rigs import random_command, random_rig, through_json
 

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from sweep.shuffled_executor import Shuffled
 
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.execution import Here, LocalWorkers, WorkersError, run_sweep

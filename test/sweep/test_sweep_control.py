@@ -11,8 +11,8 @@ from sweep.shuffled_executor import Shuffled
 
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import EndlessEventsError, Settling
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import EndlessEventsError, Settling
 from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.columns import columns_of

@@ -14,7 +14,7 @@ from control.controlled_rigs import TRIAL, control
 
 import impact_damper_ros
 from impact_damper_ros.cli.sweep_rig import main
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.sweep.execution import (
     DaskWorkers,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.orbits import optimal_gap
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.sweep.columns import FAILED, identified
 from impact_damper_ros.sweep.execution import Here, run_sweep

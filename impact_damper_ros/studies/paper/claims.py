@@ -17,10 +17,10 @@ from itertools import pairwise
 import numpy as np
 
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.floquet import flight_matrix
+from impact_damper_ros.orbits.multipliers import free_vibration
 from impact_damper_ros.orbits.optimum import Limit
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 
 from .curves import TOLERANCE, Curve, Point, Status, disturbed, settle
 from .plan import STRONG_FORCE, OptimumPoint, Series
@@ -59,7 +59,7 @@ def symmetric_displacements(rig: RigParameters) -> tuple[float, ...]:
     mu, restitution = rig.mass_ratio, rig.restitution_1
     rate = rig.force_frequencies[0]
     half = math.pi / rate
-    phi = flight_matrix(make_machine(rig).free, half)[:2, :2]
+    phi = free_vibration(rig_constants(rig).free, np.array([half]))[0]
     k = (1.0 + phi[0, 0]) / phi[0, 1]
     after = -(1.0 - restitution - 2.0 * mu * restitution) / (1.0 + restitution)
     # Free part of X over v; then X - free = A sin, and its rate over Omega = A cos
@@ -397,7 +397,7 @@ def vertical_claims() -> list[Claim]:
     rig = VERTICAL.replace(gravity=VERTICAL.response_amplitude * rate**2 / 0.8)
     orbit = find_orbits(rig, (1,), simulate=False).orbits[0]
     settled = settle(disturbed(orbit, 1e-3))
-    ratio = make_machine(rig).mass_ratio
+    ratio = rig_constants(rig).mass_ratio
     return [
         Claim(
             'text',

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.orbits import PeriodicOrbit, find_orbits, orbit_near
-from impact_damper_ros.orbits.settled import repeated_impacts
+from impact_damper_ros.orbits.recognition import repeated_impacts
+from impact_damper_ros.orbits.settling import run_by_cycles
 from impact_damper_ros.orbits.shooting import Section, section_on, shoot
-from impact_damper_ros.rig import Event, EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import Event, InitialConditions, RigParameters, Simulator
 from impact_damper_ros.rig.swing import Swing
 
 from .rigs import VARIABLES
@@ -126,9 +127,8 @@ def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
     cycle = math.tau / rig.force_frequencies[0]
     begun = math.ceil(simulator.time / cycle)
     recent: list[Event] = []
-    for k in range(begun + CYCLES_BETWEEN_LOOKS, begun + MOST_CYCLES + 1, CYCLES_BETWEEN_LOOKS):
-        events = simulator.advance(k * cycle)
-        recent = [e for e in events if e.kind is EventKind.IMPACT]
+    for look in run_by_cycles(simulator, CYCLES_BETWEEN_LOOKS, MOST_CYCLES, first=begun):
+        k, recent = begun + look.cycles, look.impacts
         if len(recent) > _MOST_IMPACTS_PER_CYCLE * CYCLES_BETWEEN_LOOKS:
             return SettledMotion(value, (), 0, math.nan, (), None)
         recent = [e for e in recent if e.time > (k - 3 * _MOST_PERIODS - 1) * cycle]

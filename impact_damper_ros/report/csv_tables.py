@@ -1,7 +1,8 @@
-"""CSV tables of impacts, events and states, the same from every command; 17 digits."""
+"""CSV tables of impacts and states, the same from every command; 17 digits."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -37,8 +38,12 @@ def impact_rows(events: Sequence[Event]) -> str:
     )
 
 
-def open_table(path: Path, columns: Sequence[str], stack: ExitStack) -> IO[str]:
-    """Open a file for a table and write its head."""
-    stream = stack.enter_context(path.open('w', encoding='utf-8', newline=''))
+def open_table(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
+    """Open a table, if one is asked for, and write its head; - stands for standard output."""
+    if path is None:
+        return None
+    stream: IO[str] = sys.stdout
+    if str(path) != '-':
+        stream = stack.enter_context(path.open('w', encoding='utf-8', newline=''))
     stream.write(row(columns))
     return stream

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
-from impact_damper_ros.orbits.floquet import (
-    expected_determinant,
-    monodromy,
-    multipliers_of,
-    section_monodromy,
-)
+from impact_damper_ros.orbits.multipliers import monodromy, multipliers_of
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 
 INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
@@ -44,6 +39,32 @@ CASES = {
 
 def arrays(orbit):
     return np.array(orbit.x), np.array(orbit.instants)
+
+
+def expected_determinant(parameters, stops, period):
+    """Return exp(-2 zeta omega T) times the product of all R^2."""
+    product = math.exp(-2.0 * parameters.zeta * parameters.omega * period)
+    for stop in stops:
+        product *= (parameters.restitution_1 if stop == 1 else parameters.restitution_2) ** 2
+    return product
+
+
+def section_monodromy(equations, x, instants):
+    """Return the derivative of the map of (X, X', Z', t) just after the first impact."""
+    rig, at = equations.parameters, equations.velocities(x, instants)
+    velocity, damper_velocity = at.primary_after[0], at.damper_after[0]
+    force = rig.force_amplitudes[0] * math.sin(
+        rig.force_frequencies[0] * instants[0] + rig.force_phases[0]
+    )
+    acceleration = (
+        force - rig.damping * velocity - rig.stiffness * x[0]
+    ) / rig.primary_mass + equations.pushes[0]
+    rates = [velocity, acceleration, damper_velocity, equations.accelerations[0]]
+    # A section deviation, seen at the instant of the undisturbed impact
+    into = np.zeros((4, 4))
+    into[0, 0] = into[1, 1] = into[2, 0] = into[3, 2] = 1.0
+    into[:, 3] = [-rate for rate in rates]
+    return np.linalg.solve(into, monodromy(equations, x, instants) @ into)
 
 
 def section_map(rig, orbit, state):

@@ -1,34 +1,188 @@
-"""A rig on its way into a steady state: run cycle by cycle until its states come back."""
+"""A rig on its way into a steady state: where it starts, and how it is run until it repeats."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import GapControlParameters
-from impact_damper_ros.control.controlled_rig import Scales
+from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, Stretch
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.control.nearby_rig import Scales
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    Event,
+    EventKind,
+    InitialConditions,
+    RigParameters,
+    Simulator,
+)
+from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, RunResult
+from impact_damper_ros.rig.mode import rig_constants
 
-__all__ = ['EndlessEventsError', 'Settling', 'SettlingRig', 'cycle_of', 'section_of']
+from .recognition import LONGEST_PERIOD, Array, section_distance
+
+__all__ = [
+    'EndlessEventsError',
+    'Look',
+    'Settling',
+    'SettlingRig',
+    'cycle_of',
+    'run_by_cycles',
+    'section_of',
+    'settled_impacts',
+    'starting_points',
+]
 
 
-Array = NDArray[np.float64]
-
+# Far more events than the motions sought have; a rig that chatters all the time is left early.
+_EVENTS_PER_CYCLE = 60
 #: Cycles between two looks at whether the motion repeats.
 CYCLES_BETWEEN_LOOKS = 50
-#: Longest period looked for, in cycles of the force.
-LONGEST_PERIOD = 16
 #: For how many cycles at least the states must come back.
 _LEAST_REPEATS = 10
 #: How many times the tolerance the states may be apart for a period to be in question still.
 _NEARLY = 1e3
+
+
+def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
+    """
+    Yield initial conditions from which a rig may settle into different motions.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+
+    Yields
+    ------
+    InitialConditions
+        At rest; displaced; moving fast; with m next to a stop. Scaled by the response without
+        impacts and the gap.
+    """
+    static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
+    amplitude = min(parameters.response_amplitude, 5.0 * static)
+    speed = amplitude * parameters.force_frequencies[0]
+    half = 0.5 * parameters.gap
+    limit = INITIAL_SPECS['initial_primary_velocity'].high
+    assert limit is not None
+    for x, velocity, offset in (
+        (1.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0),
+        (-0.5, 1.0, 0.9),
+        (0.3, -2.0, -0.9),
+        (2.0, 1.0, 0.3),
+    ):
+        yield InitialConditions(
+            initial_primary_position=min(limit, x * amplitude),
+            initial_primary_velocity=max(-limit, min(limit, velocity * speed)),
+            initial_damper_offset=(
+                half - min(half, abs(offset) * amplitude)
+                if parameters.one_sided
+                else offset * half
+            ),
+            initial_damper_velocity=0.0,
+        )
+
+
+class Look(NamedTuple):
+    """
+    What a rig has done between two looks at it.
+
+    Attributes
+    ----------
+    cycles : int
+        Cycles of the force run so far.
+    events : list of Event
+        Events since the last look.
+    largest : float
+        Largest |X| at events and at the ends of the parts of cycles since then, m.
+    """
+
+    cycles: int
+    events: list[Event]
+    largest: float
+
+    @property
+    def impacts(self) -> list[Event]:
+        """The impacts among the events."""
+        return [event for event in self.events if event.kind is EventKind.IMPACT]
+
+
+def run_by_cycles(
+    rig: Simulator | ControlledRig,
+    every: int,
+    most_cycles: int,
+    *,
+    base: float = 0.0,
+    first: int = 0,
+    parts: int = 1,
+) -> Iterator[Look]:
+    """
+    Run a rig by whole cycles of its force, and look at it now and then.
+
+    Parameters
+    ----------
+    rig : Simulator or ControlledRig
+        The rig; it goes on.
+    every, most_cycles : int
+        Cycles between two looks, and in all; the last look is at the end.
+    base, first : float, int, optional
+        The cycles are counted from this instant, s, and this many after it.
+    parts : int, optional
+        In how many parts a cycle is run.
+
+    Yields
+    ------
+    Look
+        What has happened since the last look.
+    """
+    cycle = math.tau / rig.parameters.force_frequencies[0]
+    events: list[Event] = []
+    largest = 0.0
+    for k in range(1, most_cycles + 1):
+        for part in range(1, parts + 1):
+            # One rounding, so that the steps do not drift
+            new = rig.advance(base + (first + k - 1 + part / parts) * cycle)
+            largest = max([largest, abs(rig.sample().x), *(abs(event.x) for event in new)])
+            events += new
+        if k % every == 0 or k == most_cycles:
+            yield Look(k, events, largest)
+            events, largest = [], 0.0
+
+
+def settled_impacts(
+    parameters: RigParameters,
+    initial: InitialConditions,
+    cycles: int,
+    watched: int,
+    most_events: float = _EVENTS_PER_CYCLE,
+) -> list[Event]:
+    """
+    Return the impacts in the last cycles of a run.
+
+    Parameters
+    ----------
+    parameters, initial : RigParameters, InitialConditions
+        The rig, and how it begins.
+    cycles, watched : int
+        Cycles of the force that it is run, and the last ones of which the impacts are returned.
+    most_events : float, optional
+        Most events in a cycle on average; a rig that has more is left, without impacts.
+    """
+    kept: list[Event] = []
+    total = 0
+    for look in run_by_cycles(Simulator(parameters, initial), 1, cycles):
+        total += len(look.events)
+        if total > most_events * (look.cycles + 20):
+            return []
+        if look.cycles > cycles - watched:
+            kept += look.impacts
+    return kept
 
 
 class EndlessEventsError(RuntimeError):
@@ -148,7 +302,7 @@ class SettlingRig:
         parameters = run.parameters
         self.settling = settling
         self.cycle = cycle_of(parameters)
-        self.machine = make_machine(parameters)
+        self.machine = rig_constants(parameters)
         self.angles = tuple(run.snapshot()['origin']['angles'])
         self.repeating = _repeats_with(parameters, self.cycle)
         self.controlled = isinstance(run, ControlledRun)
@@ -183,7 +337,7 @@ class SettlingRig:
         """Return the instant at which some cycles have been run, s."""
         return cycles * self.cycle + self._start
 
-    def run(self, cycles: int, looks: int = 1) -> Stretch:
+    def run(self, cycles: int, looks: int = 1) -> RunResult:
         """
         Go on for some cycles, with some looks in each, the first one at once.
 
@@ -220,7 +374,7 @@ class SettlingRig:
         return stretch.events
 
     def forget(self) -> None:
-        """Let only states to come tell whether the motion repeats."""
+        """Judge from now on only by states to come whether the motion repeats."""
         self._recent = np.empty((0, 6 if self.controlled else 4))
 
     def period(self) -> int:
@@ -244,10 +398,10 @@ class SettlingRig:
             return 0
         nearly = False
         for period in range(1, LONGEST_PERIOD + 1):
-            last = self._recent[-(period + max(2 * period, _LEAST_REPEATS)) :]
-            if len(last) < 3 * period:
+            count = min(max(2 * period, _LEAST_REPEATS), len(self._recent) - period)
+            if count < 2 * period:
                 break
-            apart = float((np.abs(last[period:] - last[:-period]) / size).max())
+            apart = section_distance(self._recent, period, count, size)
             if apart <= 1.0:
                 return 0 if nearly and self.cycles < self.settling.cycles else period
             nearly = nearly or apart <= _NEARLY

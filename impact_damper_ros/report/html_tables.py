@@ -13,11 +13,10 @@ from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 
 from .glossary import linked
-from .html import Column, Html, safe, table
-from .units import NONE, Unit, aligned, difference, instant, number, unit_for, worded
+from .html import Column, Html, element, table
+from .units import NONE, Unit, aligned, counted, difference, instant, number, unit_for, worded
 
 __all__ = [
-    'badge',
     'cause_of',
     'comparison_table',
     'energy_table',
@@ -64,27 +63,25 @@ def sign_of(verdict: Verdict) -> str:
     return _BADGES[verdict][1]
 
 
-def badge(verdict: Verdict, count: int | None = None) -> Html:
+def _badge(verdict: Verdict, word: str, count: int | None = None) -> Html:
     """Return a verdict, and how often, as a label with a sign besides its colour."""
     kind, sign = _BADGES[verdict]
     times = '' if count is None else f': {count}'
-    return Html(f'<span class="badge {kind}">{sign} {safe(verdict.value)}{times}</span>')
+    return element('span', f'{sign} ', word, times, class_=f'badge {kind}')
 
 
 def linked_badge(verdict: Verdict, count: int | None = None) -> Html:
     """Return a verdict as a label that leads to its explanation."""
-    label = badge(verdict, count)
-    word = safe(verdict.value)
-    return Html(label.replace(word, linked(verdict.value), 1))
+    return _badge(verdict, linked(verdict.value), count)
 
 
 def cause_of(stretch: StretchComparison) -> str:
-    """Return what a stretch begins with, the changes that say most, if there are very many."""
+    """Return what a stretch begins with; of very many changes, the most important ones."""
     cause = worded(stretch.cause) or stretch.begins.value
     changes = _CHANGES.split(cause)
     if len(changes) <= _MOST_CHANGES:
         return cause
-    # What comes or goes along with another change says the least.
+    # What comes or goes along with another change says least
     changes.sort(key=lambda change: 'none' in change)
     left = len(changes) - _MOST_CHANGES
     return f'{", ".join(changes[:_MOST_CHANGES])} and {left} more changes'
@@ -95,8 +92,7 @@ def motion_of(stretch: StretchComparison) -> str:
     count, cycles = stretch.impacts_per_period, stretch.cycles
     if not count or not cycles:
         return stretch.kind.value
-    impacts = f'{count} impact{"s" if count > 1 else ""}'
-    return f'{stretch.kind.value}: {impacts} in {cycles} cycle{"s" if cycles > 1 else ""}'
+    return f'{stretch.kind.value}: {counted(count, "impact")} in {counted(cycles, "cycle")}'
 
 
 def _swing_of(orbit: PeriodicOrbit | None, unit: Unit) -> str:
@@ -115,12 +111,12 @@ def overview_table(
     for stretch in stretches:
         name = str(stretch.number)
         if stretch.number in detailed:
-            name = Html(f'<a href="#stretch-{stretch.number}">{stretch.number}</a>')
+            name = element('a', name, href=f'#stretch-{name}')
         measured, predicted = stretch.measured, stretch.predicted
         rows.append(
             (
                 name,
-                badge(stretch.verdict),
+                _badge(stretch.verdict, stretch.verdict.value),
                 f'{instant(stretch.start)} to {instant(stretch.end)}',
                 cause_of(stretch),
                 motion_of(stretch),
@@ -139,9 +135,11 @@ def overview_table(
         Column(f'largest |X| [{unit.name}]'),
         Column(linked(f'predicted [{unit.name}]')),
     )
-    told = 'Impacts per cycle and largest |X| are those of the steady part, or of the second half '
-    told += f'of what has none. {note}'
-    return table('All stretches', columns, [('', rows)], note=linked(told))
+    note = (
+        'Impacts per cycle and largest |X| are those of the steady part, or of the second half of '
+        f'a stretch that has none. {note}'
+    )
+    return table('All stretches', columns, [('', rows)], note=linked(note))
 
 
 def overall_table(
@@ -183,13 +181,13 @@ def overall_table(
         Column(f'taken from M by impacts [{energy.name}]'),
         Column(f'by the dashpot [{energy.name}]'),
     )
-    told = 'Over whole stretches, transients included; between the samples, X follows cubics '
-    told += f'through positions and velocities, right to about {number(overall.accuracy, 1)}. '
+    text = 'Over whole stretches, transients included; between the samples, X follows cubics '
+    text += f'through positions and velocities, accurate to about {number(overall.accuracy, 1)}. '
     if overall.covered < _COVERED * overall.duration:
-        told += f'Samples are missing: rms and work go over {instant(overall.covered)} s of '
-        told += f'{instant(overall.duration)} s. '
+        text += f'Samples are missing: rms and work go over {instant(overall.covered)} s of '
+        text += f'{instant(overall.duration)} s. '
     groups = [('', rows[: len(known)]), ('', rows[len(known) :])]
-    return table('Swing, impacts and energy', columns, groups, note=linked(told + note))
+    return table('Swing, impacts and energy', columns, groups, note=linked(text + note))
 
 
 def _pair(
@@ -209,28 +207,16 @@ def comparison_table(stretch: StretchComparison) -> Html:
     measured, orbit = stretch.measured, stretch.predicted
     if measured is None:
         return Html()
-    nan = math.nan
+    x_max = ratio = per_cycle = impulse = math.nan
+    if orbit is not None:
+        x_max, ratio = orbit.x_max, orbit.amplitude_ratio
+        per_cycle, impulse = orbit.impacts / orbit.cycles, _mean(stretch.predicted_impulse)
     whole = [
-        _pair('largest |X|', 'm', measured.x_max, nan if orbit is None else orbit.x_max),
-        _pair(
-            'Xmax / A',
-            '',
-            measured.amplitude_ratio,
-            nan if orbit is None else orbit.amplitude_ratio,
-        ),
-        _pair('rms of X', 'm', measured.x_rms, nan),
-        _pair(
-            'impacts per cycle',
-            '',
-            measured.impacts_per_cycle,
-            nan if orbit is None else orbit.impacts / orbit.cycles,
-        ),
-        _pair(
-            'mean impulse',
-            'N s',
-            measured.mean_impulse,
-            _mean(stretch.predicted_impulse) if orbit is not None else nan,
-        ),
+        _pair('largest |X|', 'm', measured.x_max, x_max),
+        _pair('Xmax / A', '', measured.amplitude_ratio, ratio),
+        _pair('rms of X', 'm', measured.x_rms, math.nan),
+        _pair('impacts per cycle', '', measured.impacts_per_cycle, per_cycle),
+        _pair('mean impulse', 'N s', measured.mean_impulse, impulse),
     ]
     if stretch.decay is not None:
         decay = stretch.decay
@@ -304,7 +290,7 @@ def energy_table(stretch: StretchComparison) -> Html:
         for name, value in entries:
             length = 100.0 * abs(value / periods) / most if most > 0.0 else 0.0
             style = f'width:{length:.1f}%' if math.isfinite(length) else 'width:0'
-            bar = Html(f'<span class="bar {kind}" style="{style}"></span>')
+            bar = element('span', class_=f'bar {kind}', style=style)
             lines.append((linked(name), amounts[value], shares[value], bar))
         return lines
 
@@ -333,7 +319,7 @@ def multiplier_table(stretch: StretchComparison) -> Html:
     ]
     columns = (Column('', 'text'), Column('modulus'), Column('angle [°]'))
     stable = 'all within the unit circle' if orbit.stable else 'not all within the unit circle'
-    note = f'Deviations are multiplied so in each period: {stable}.'
+    note = f'In each period deviations are multiplied by these: {stable}.'
     caption = linked('Multipliers of the predicted motion')
     return table(caption, columns, [('', rows)], note=linked(note))
 
@@ -349,7 +335,7 @@ def _value(value: Any) -> str:
 
 
 def parameter_table(stretch: StretchComparison, before: StretchComparison | None) -> Html:
-    """Return the parameters of a stretch, those highlighted that are not as before."""
+    """Return the parameters of a stretch; those that differ from the one before are marked."""
     values = {**stretch.parameters.as_dict(), **stretch.control}
     earlier = {} if before is None else {**before.parameters.as_dict(), **before.control}
     changed = [name for name, value in values.items() if earlier.get(name, value) != value]
@@ -364,5 +350,5 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     note = 'As logged.'
     if changed:
         columns.append(Column('before'))
-        note += ' Highlighted: what is not as in the stretch before.'
+        note += ' Highlighted: what differs from the stretch before.'
     return table('Parameters', columns, [('', rows)], note=note, marked=changed)

@@ -7,9 +7,9 @@ from itertools import pairwise
 import pytest
 
 from impact_damper_ros.orbits import find_orbits, orbit_near
-from impact_damper_ros.orbits.rhythm import (
+from impact_damper_ros.orbits.recognition import (
     RECOGNISED,
-    SETTLED,
+    SETTLED_DRIFT,
     Rhythm,
     approaches,
     period_distances,
@@ -65,7 +65,7 @@ def test_the_transient_is_recognised_before_it_has_settled():
     stops, x = [e.stop for e in impacts], [e.x for e in impacts]
     found = rhythm_of(instants, stops, x, 5.07)
     assert (found.stops, found.cycles, found.settled) == ((1, 2), 1, False)
-    assert SETTLED < found.drift < RECOGNISED
+    assert SETTLED_DRIFT < found.drift < RECOGNISED
     assert rhythm_of(instants[:40], stops[:40], x[:40], 5.07) is None
 
 
@@ -94,7 +94,7 @@ def test_a_doubled_period_is_told_from_a_slow_approach(wobble, cycles):
         instants, x = repeating((0.2, 0.7), (1.0, -1.0), 1, periods, wobble)
         found = rhythm_of(instants, [1, 2] * periods, x, 1.0)
         assert (found.cycles, found.impacts) == (cycles, 2 * cycles)
-        assert found.settled == (found.drift < SETTLED)
+        assert found.settled == (found.drift < SETTLED_DRIFT)
 
 
 def test_the_decay_is_the_factor_per_period():
