@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from impact_damper_ros.orbits import PeriodicOrbit, continue_orbit
-from impact_damper_ros.orbits.event_map import origin_at, run_course
+from impact_damper_ros.orbits.event_map import follow_trajectory, origin_at
 from impact_damper_ros.rig.flight import motion_at
 from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.origin import offset_of
@@ -108,11 +108,11 @@ def predicted_curve(
         0,
         stop,
     )
-    course = run_course(machine, origin, orbit.period, differentiate=False)
+    course = follow_trajectory(machine, origin, orbit.period, differentiate=False)
     if course is None:
         return None
     rows = []
-    for part in course.stretches:
+    for part in course.flights:
         start = part.origin
         y = offset_of(start.clearance_1, start.clearance_2, start.stop_1, start.stop_2)
         count = max(2, math.ceil(_PER_CYCLE * part.duration / clock.cycle))

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.orbits.event_map import origin_at, run_course
+from impact_damper_ros.orbits.event_map import follow_trajectory, origin_at
 from impact_damper_ros.orbits.irregularity import Indications
 from impact_damper_ros.orbits.multipliers import event_matrices, state_rates
 from impact_damper_ros.rig.mode import REST_1, REST_2, rig_constants
@@ -87,7 +87,7 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications
             stop,
         )
         duration = float(impacts.time[i] - impacts.time[j])
-        course = run_course(machine, origin, max(duration - _GUARD_S, 0.0))
+        course = follow_trajectory(machine, origin, max(duration - _GUARD_S, 0.0))
         if course is None or before[0][i] == before[1][i]:
             continue
         deviation = hits[i] @ (course.matrix @ deviation)

@@ -20,7 +20,7 @@ from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, RigConstants, rig_
 from impact_damper_ros.rig.origin import Origin
 
 from .equations import Array, check_forcing
-from .event_map import Course, Stretch, origin_at, run_course
+from .event_map import FlightPart, Trajectory, follow_trajectory, origin_at
 from .multipliers import multipliers_of
 from .newton import solve
 from .orbit import Node, PeriodicOrbit
@@ -98,22 +98,22 @@ def _resting(origin: Origin) -> int:
     return origin.mode if origin.mode in (STICK, REST_1, REST_2) else 0
 
 
-def _promise(stretch: Stretch) -> tuple[int, float]:
-    """Rate a stretch as a place to begin a period: resting first, then long and fast."""
-    if _resting(stretch.origin):
-        return 1, stretch.duration
-    if stretch.flight.joint:
+def _promise(part: FlightPart) -> tuple[int, float]:
+    """Rate a flight as a place to begin a period: resting first, then long and fast."""
+    if _resting(part.origin):
+        return 1, part.duration
+    if part.flight.joint:
         return 0, 0.0
-    return 0, stretch.duration * abs(stretch.flight.relative_velocity)
+    return 0, part.duration * abs(part.flight.relative_velocity)
 
 
-def section_of(machine: RigConstants, course: Course, instant: float) -> Section:
+def section_of(machine: RigConstants, course: Trajectory, instant: float) -> Section:
     """Choose where the period of a motion that starts at an instant (s) begins."""
-    best = max(course.stretches, key=_promise)
+    best = max(course.flights, key=_promise)
     resting = _resting(best.origin)
     # In flight closer to its beginning, away from a reversal that may be half-way
     tau = best.duration * (0.5 if resting else 0.25)
-    there = run_course(machine, best.origin, tau)
+    there = follow_trajectory(machine, best.origin, tau)
     assert there is not None
     section = Section(instant + best.start + tau, resting, there.end.last_stop, np.empty(0))
     return Section(
@@ -138,7 +138,7 @@ def _section_after(
     beyond = 0.0 if stop == 1 else -2.0 * machine.stop
     relative = damper_velocity - velocity
     origin = origin_at(machine, instant, x, velocity, beyond, relative, 0, stop)
-    course = run_course(machine, origin, period)
+    course = follow_trajectory(machine, origin, period)
     return None if course is None else section_of(machine, course, instant)
 
 
@@ -173,7 +173,7 @@ class _Shot:
 
     change: Array
     matrix: Array
-    course: Course
+    course: Trajectory
 
 
 def _shot(machine: RigConstants, section: Section, state: Array, period: float) -> _Shot | None:
@@ -182,7 +182,7 @@ def _shot(machine: RigConstants, section: Section, state: Array, period: float) 
         return None
     # Through hundreds of impacts a derivative may grow beyond all numbers
     with np.errstate(over='ignore', invalid='ignore'):
-        course = run_course(machine, origin, period)
+        course = follow_trajectory(machine, origin, period)
     if course is None or _resting(course.end) != section.resting:
         return None
     if not np.isfinite(course.matrix).all():
@@ -272,15 +272,15 @@ def _orbit(
 ) -> PeriodicOrbit:
     """Gather what is known about a fixed point."""
     cycle = math.tau / parameters.force_frequencies[0]
-    incidents = shot.course.incidents
-    impacts = [i for i in incidents if i.kind is EventKind.IMPACT]
+    events = shot.course.events
+    impacts = [i for i in events if i.kind is EventKind.IMPACT]
     first = impacts[0].time if impacts else 0.0
     whole = cycle * math.floor((section.instant + first) / cycle)
 
     def phase(time: float) -> float:
         return ((section.instant - whole) + time) / cycle % cycles
 
-    flights = shot.course.stretches
+    flights = shot.course.flights
     multipliers = multipliers_of(shot.matrix) + (0j,) * (4 - section.dimension)
     return PeriodicOrbit(
         parameters=parameters,
@@ -302,9 +302,7 @@ def _orbit(
         residual=history[-1],
         residual_history=history,
         nodes=tuple(
-            Node(i.kind, i.stop, phase(i.time))
-            for i in incidents
-            if i.kind is not EventKind.IMPACT
+            Node(i.kind, i.stop, phase(i.time)) for i in events if i.kind is not EventKind.IMPACT
         ),
     )
 
