@@ -22,7 +22,6 @@ from impact_damper_ros.rig.origin import Origin
 from .equations import Array, check_forcing
 from .event_map import FlightPart, Trajectory, follow_trajectory, origin_at
 from .multipliers import multipliers_of
-from .newton import solve
 from .orbit import Node, PeriodicOrbit
 from .viability import largest_displacement
 
@@ -39,6 +38,11 @@ __all__ = [
 
 #: Largest change of the state over a period, relative to its size.
 RESIDUAL_TOLERANCE = 1e-11
+
+# Newton's method with shorter steps where needed. `scipy.optimize.root` takes 25 % longer (192 to
+# 240 ms for 15 starts) and converges from other far starts (one row of 2052 of figure 3 changes).
+_NEWTON_STEPS = 30
+_LEAST_PART = 1.0 / 256.0
 
 # Deviations of (X, X', Y, Y') from those of (X, X', Z, Z')
 _RELATIVE = np.array(
@@ -240,27 +244,42 @@ def shoot(
     """
     check_forcing(parameters, cycles)
     machine = rig_constants(parameters)
-    period = cycles * math.tau / parameters.force_frequencies[0]
-    static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
-    length = max(static, abs(float(section.state[0])))
-    speed = parameters.omega * length
-    units = np.array([length, speed, length, speed])[: section.dimension]
-
-    def system(unknowns: Array) -> tuple[Array, Array]:
-        shot = _shot(machine, section, unknowns * units, period)
-        if shot is None:
-            raise ArithmeticError('the motion changes its kind where the period begins')
-        change = shot.matrix - np.eye(section.dimension)
-        return shot.change / units, change * units / units[:, None]
-
-    found = solve(system, section.state / units)
-    if not found.residual <= RESIDUAL_TOLERANCE:
+    cycle = math.tau / parameters.force_frequencies[0]
+    state = section.state
+    shot = _shot(machine, section, state, cycles * cycle)
+    history: list[float] = []
+    if shot is None:
         return None
-    settled = replace(section, state=found.unknowns * units)
-    shot = _shot(machine, settled, settled.state, period)
-    if shot is None or shot.course.end.last_stop != section.last_stop:
+    rate = parameters.omega
+
+    def size(change: Array, at: Array) -> float:
+        length = max(abs(parameters.force_amplitudes[0]) / parameters.stiffness, abs(at[0]))
+        units = np.array([length, rate * length, length, rate * length])[: len(change)]
+        return float(np.abs(change / units).max())
+
+    best = size(shot.change, state)
+    for _ in range(_NEWTON_STEPS):
+        history.append(best)
+        if best == 0.0:
+            break
+        step = np.linalg.lstsq(np.eye(len(state)) - shot.matrix, shot.change, rcond=1e-14)[0]
+        part = 1.0
+        better = None
+        while part >= _LEAST_PART:
+            trial = _shot(machine, section, state + part * step, cycles * cycle)
+            if trial is not None and size(trial.change, state + part * step) < best:
+                better = trial
+                break
+            part *= 0.25
+        if better is None:
+            break
+        state, shot = state + part * step, better
+        best = size(shot.change, state)
+    history.append(best)
+    if best > RESIDUAL_TOLERANCE or shot.course.end.last_stop != section.last_stop:
         return None
-    return _orbit(parameters, settled, cycles, shot, found.history), settled
+    settled = replace(section, state=state)
+    return _orbit(parameters, settled, cycles, shot, tuple(history)), settled
 
 
 def _orbit(
