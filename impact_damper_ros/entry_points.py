@@ -24,6 +24,7 @@ __all__ = [
     'recover_run',
     'replay_run',
     'reproduce_paper',
+    'rig_page',
     'run',
     'sim_node',
     'simulate_rig',
@@ -112,6 +113,7 @@ compare_run = partial(_command, 'compare_run')
 recover_run = partial(_command, 'recover_run')
 replay_run = partial(_command, 'replay_run')
 reproduce_paper = partial(_command, 'reproduce_paper')
+rig_page = partial(_command, 'rig_page')
 sim_node = partial(_command, _NODE, 'node')
 simulate_rig = partial(_command, 'simulate_rig')
 solve_periodic = partial(_command, 'solve_periodic')

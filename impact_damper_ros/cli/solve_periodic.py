@@ -22,7 +22,7 @@ from impact_damper_ros.orbits import (
     value_of,
 )
 from impact_damper_ros.outputs import check_file
-from impact_damper_ros.report.units import counted
+from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig import RigParameters
 
 from .command_line import (
