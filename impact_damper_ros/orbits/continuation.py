@@ -203,7 +203,7 @@ def _family_of(orbit: PeriodicOrbit, name: str) -> _Family:
     """Return the family of a motion."""
     value_of(orbit.parameters, name)
     solvable = single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
-    if solvable and not orbit.nodes:
+    if solvable and not orbit.events:
         return _EquationFamily(orbit.parameters, name, orbit.stops, orbit.cycles)
     return _ShootingFamily(orbit, name)
 
@@ -389,7 +389,7 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
     words: Counter[str] = Counter(f'impact on stop {stop}' for stop in orbit.stops)
     words.update(
         node.kind.name.lower() + (f' on stop {node.stop}' if node.stop else '')
-        for node in orbit.nodes
+        for node in orbit.events
     )
     return words
 

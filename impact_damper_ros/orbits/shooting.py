@@ -22,7 +22,7 @@ from impact_damper_ros.rig.origin import Origin
 from .equations import Array, check_forcing
 from .event_map import FlightPart, Trajectory, follow_trajectory, origin_at
 from .multipliers import multipliers_of
-from .orbit import Node, PeriodicOrbit
+from .orbit import OrbitEvent, PeriodicOrbit
 from .viability import largest_displacement
 
 __all__ = [
@@ -320,8 +320,10 @@ def _orbit(
         reason='',
         residual=history[-1],
         residual_history=history,
-        nodes=tuple(
-            Node(i.kind, i.stop, phase(i.time)) for i in events if i.kind is not EventKind.IMPACT
+        events=tuple(
+            OrbitEvent(i.kind, i.stop, phase(i.time))
+            for i in events
+            if i.kind is not EventKind.IMPACT
         ),
     )
 
