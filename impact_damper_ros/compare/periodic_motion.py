@@ -24,7 +24,7 @@ from impact_damper_ros.orbits import (
     find_orbits,
     orbit_near,
 )
-from impact_damper_ros.orbits.event_map import origin_at, run_course
+from impact_damper_ros.orbits.event_map import follow_trajectory, origin_at
 from impact_damper_ros.orbits.impact_roots import polish
 from impact_damper_ros.orbits.recognition import SETTLED, ImpactTable, Recurrence
 from impact_damper_ros.orbits.search import orbit_of, within_theory
@@ -455,11 +455,11 @@ def predicted_curve(
         0,
         stop,
     )
-    course = run_course(machine, origin, orbit.period, differentiate=False)
+    course = follow_trajectory(machine, origin, orbit.period, differentiate=False)
     if course is None:
         return None
     rows = []
-    for part in course.stretches:
+    for part in course.flights:
         start = part.origin
         y = offset_of(start.clearance_1, start.clearance_2, start.stop_1, start.stop_2)
         count = max(2, math.ceil(_PER_CYCLE * part.duration / clock.cycle))
