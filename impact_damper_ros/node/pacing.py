@@ -76,14 +76,7 @@ FREE_RUN_REST_S = 0.0005
 
 
 class TickGrid:
-    """
-    Instants of the ticks in whole nanoseconds, each rounded from its exact value k / rate.
-
-    Parameters
-    ----------
-    rate : float
-        Ticks per second of rig time.
-    """
+    """Instants of the ticks in whole nanoseconds, each rounded from its exact value k / rate."""
 
     def __init__(self, rate: float) -> None:
         """Take the rate as the exact fraction that the float is."""
@@ -99,11 +92,8 @@ class StampClock:
     """
     Stamps of rig time.
 
-    Parameters
-    ----------
-    simulated : bool
-        Stamps count from 0, as those of a simulator do. Otherwise from the system time at the
-        start, and a pause or a slip moves them on with the wall clock.
+    Simulated stamps count from 0. Others count from the system time at the start, and a pause or a
+    slip moves them on with the wall clock.
 
     Attributes
     ----------
@@ -290,25 +280,19 @@ def priority_of_others(priority: int) -> int:
 
 class Scheduling:
     """
-    The scheduling of one thread.
+    The scheduling of one thread: a real-time priority of 1 to 99, or 0 for an ordinary thread.
 
-    Parameters
-    ----------
-    priority : int
-        Real-time priority asked for, 1 to 99; 0 for ordinary scheduling.
-    inherited : bool, optional
-        Whether threads and processes that the thread starts have it, too.
+    If it is inherited, threads and processes that the thread starts have it, too.
 
     Attributes
     ----------
     text : str
-        What it has: ``'SCHED_FIFO 1'``, or ``'ordinary'``, with the reason if more was asked for.
+        The present one: ``'SCHED_FIFO 1'``, or ``'ordinary'`` with the reason why not more.
     given_up : bool
         Whether it has ordinary scheduling until it holds its pace again.
     """
 
     def __init__(self, priority: int, *, inherited: bool = True) -> None:
-        """Change nothing yet."""
         self.text = ORDINARY
         self.given_up = False
         self._inherited = inherited

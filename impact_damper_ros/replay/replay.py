@@ -45,16 +45,7 @@ _Ints = NDArray[np.int64]
 
 
 class BatchReplay:
-    """
-    Replays batches of messages.
-
-    Parameters
-    ----------
-    version : int
-        Format of the messages, see `bag.rig_topics.FORMAT`.
-    compiled : bool
-        Whether to run compiled code, which takes some seconds to load or longer to compile.
-    """
+    """Replays batches of messages."""
 
     def __init__(self, version: int, *, compiled: bool) -> None:
         self._version = version
