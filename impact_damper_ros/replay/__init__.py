@@ -1,6 +1,6 @@
 """Recorded runs: walked once in order, replayed bit for bit, and run with other parameters."""
 
-from .findings import Difference, Divergence, Findings, SampleGap, Verdict
+from .findings import Difference, Divergence, Findings, ReplayVerdict, SampleGap
 from .recorded_run import RecordedChange, RecordedRun, RigTopics
 from .recorded_snapshot import RecordedSnapshot
 from .replay import Replay, Tick
@@ -17,13 +17,13 @@ __all__ = [
     'RecordedSnapshot',
     'RecordedValues',
     'Replay',
+    'ReplayVerdict',
     'RigTopics',
     'SampleGap',
     'Setting',
     'Step',
     'Tick',
     'Trace',
-    'Verdict',
     'WhatIf',
     'setting_of',
 ]
