@@ -9,14 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
-
-from impact_damper_ros import __version__
-from impact_damper_ros.compare.bag_stretches import BagStretches
-from impact_damper_ros.compare.clock_fit import with_fitted_clock
-from impact_damper_ros.compare.compare_stretch import compare_stretch
-from impact_damper_ros.compare.log_replay import replayed_log
-from impact_damper_ros.compare.run_comparison import RunComparison, StretchComparison
+from impact_damper_ros.compare import RunComparison, compare_bag
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory, check_file
 from impact_damper_ros.report.text_report import comparison_text
@@ -79,20 +72,15 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _compared(arguments: argparse.Namespace) -> RunComparison:
-    """Read the bag and compare its stretches."""
+    """Compare the bag, with a progress bar for each pass through it."""
     rig = None
     if arguments.params is not None:
         rig = load_parameters(arguments.params)[0]
         if not arguments.quiet:
             announce('compare_run', rig)
-    stretches: list[StretchComparison] = []
-    remarks: list[str] = []
     with ExitStack() as stack:
-        bag = BagStretches(arguments.bag, arguments.node, rig)
-        reader = bag.history.reader
-        span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
 
-        def progress(what: str) -> Callable[[float], None]:
+        def progress(what: str, span: float) -> Callable[[float], None]:
             bar = stack.enter_context(progress_bar(what, span, 's', quiet=arguments.quiet))
             start: float | None = None
 
@@ -103,34 +91,7 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
 
             return reached
 
-        log = replayed_log(arguments.bag, arguments.node, progress('replayed'))
-        # What a replay has reproduced bit for bit needs no other check
-        bag.checks = not log.check.replayed or bool(log.differences)
-        bag.progress = progress('compared')
-        for (stretch, search), replayed in log.judged(bag):
-            if stretch.clock is None:
-                stretch, search = with_fitted_clock(stretch)
-                if stretch.clock is not None:
-                    remarks.append(
-                        f'the phase of the force in stretch {stretch.number} is not in the bag; '
-                        'it was found from the motion'
-                    )
-            stretches.append(compare_stretch(stretch, search, replayed))
-    return RunComparison(
-        bag=str(arguments.bag),
-        node=bag.history.topics.name,
-        version=__version__,
-        complete=reader.complete,
-        stamps='rig time' if bag.history.stamped else 'times of arrival',
-        start=(bag.start_ns or 0) / 1e9,
-        end=(bag.end_ns or 0) / 1e9,
-        samples=bag.samples,
-        impacts=bag.impacts,
-        stretches=tuple(stretches),
-        log=log.check,
-        faults=tuple(dict.fromkeys([*bag.all_faults(), *log.faults])),
-        remarks=(*bag.all_remarks(), *remarks),
-    )
+        return compare_bag(arguments.bag, arguments.node, rig, progress=progress)
 
 
 def _write_report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> Path:
@@ -158,9 +119,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.report is not None:
             need_matplotlib()
             check_directory(arguments.report)
-        # A wrong number may be as large as numbers are
-        with np.errstate(over='ignore', invalid='ignore'):
-            comparison = _compared(arguments)
+        comparison = _compared(arguments)
         write_json(arguments.json, comparison.as_dict())
         stream = text_stream(arguments.json)
         if not arguments.quiet:

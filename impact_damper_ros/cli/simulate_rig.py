@@ -19,7 +19,7 @@ from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
 from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from impact_damper_ros.report.units import setting
+from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,

@@ -7,8 +7,8 @@ from configparser import ConfigParser
 from importlib.resources import files
 from typing import NamedTuple
 
+from .formatting import worded
 from .html import Html, element, joined
-from .units import worded
 
 __all__ = ['TERMS', 'Term', 'glossary_html', 'linked']
 

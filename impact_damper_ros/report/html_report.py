@@ -18,12 +18,12 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
-from impact_damper_ros.compare.comparison_curves import GapCurves
-from impact_damper_ros.compare.run_comparison import RunComparison, StretchComparison, Verdict
+from impact_damper_ros.compare import GapCurves, RunComparison, StretchComparison, Verdict
 from impact_damper_ros.outputs import write_texts
 
 from .charts import PICTURES, Picture, draw_history, draw_run
 from .drawing import page_style
+from .formatting import counted, instant, number, quantity
 from .glossary import glossary_html, linked
 from .html import Html, element, joined, listed, safe
 from .html_tables import (
@@ -39,7 +39,6 @@ from .html_tables import (
     sign_of,
 )
 from .inline_svg import inline_svg
-from .units import counted, instant, number, quantity
 
 __all__ = ['MOST_DETAILED', 'MOST_LISTED', 'report_page', 'shown_stretches', 'write_report']
 

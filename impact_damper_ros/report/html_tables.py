@@ -8,13 +8,13 @@ import re
 from collections.abc import Collection, Sequence
 from typing import Any
 
-from impact_damper_ros.compare.run_comparison import Overall, StretchComparison, Verdict
+from impact_damper_ros.compare import Overall, StretchComparison, Verdict
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import ALL_SPECS
 
+from .formatting import NONE, Unit, aligned, counted, difference, instant, number, unit_for, worded
 from .glossary import linked
 from .html import Column, Html, element, table
-from .units import NONE, Unit, aligned, counted, difference, instant, number, unit_for, worded
 
 __all__ = [
     'cause_of',

@@ -9,7 +9,7 @@ from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdic
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.rig.quoting import as_line
 
-from .units import counted
+from .formatting import counted
 
 __all__ = ['findings_json', 'findings_text']
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .drawing import COLORS, DASHED, blank_figure, draw_stop, finish_panel, legend_handles
-from .units import Unit, unit_for
+from .formatting import Unit, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
-from impact_damper_ros.compare.run_comparison import (
+from impact_damper_ros.compare import (
     EnergyBalance,
     ImpactStates,
     Overall,
@@ -17,7 +17,7 @@ from impact_damper_ros.compare.run_comparison import (
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig.quoting import as_line
 
-from .units import counted
+from .formatting import counted
 
 __all__ = ['comparison_text']
 

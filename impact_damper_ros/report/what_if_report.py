@@ -24,8 +24,8 @@ from impact_damper_ros.rig import (
 )
 from impact_damper_ros.rig.swing import Swing
 
+from .formatting import setting, unit_for
 from .run_figures import Motion, Side, draw_what_if
-from .units import setting, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

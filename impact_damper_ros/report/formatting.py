@@ -1,4 +1,4 @@
-"""Numbers for readers: in a handy unit, with the digits that they carry."""
+"""Numbers, units and counts as readers see them: in a handy unit, with the digits they carry."""
 
 from __future__ import annotations
 
