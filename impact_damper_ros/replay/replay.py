@@ -566,7 +566,7 @@ class Replay:
         if batch.adopted and not known:
             self.findings.remark(
                 f'the initial conditions of the reset at {self._time_ns * 1e-9:.9g} s were taken '
-                'from its snapshot: no parameter event tells them'
+                'from its snapshot: no parameter event gives them'
             )
             return
         if not batch.agrees and not self.recorded.stamped and not self.findings.difference_count:
