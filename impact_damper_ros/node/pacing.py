@@ -2,9 +2,10 @@
 Pacing: the instants of ticks, the priority of their thread, and the request to end.
 
 Policy for lateness. Deadlines are absolute, so a late tick does not delay the next one. A rig less
-than `CATCH_UP` behind catches up: the missed ticks are computed and published back to back, none is
-left out. Further behind, it gives the lost wall time up and counts its deadlines from there (a
-slip): rig time then lags wall time by as much, but the samples stay on their grid without a gap.
+than `CATCH_UP` behind catches up: the missed ticks are computed and published back to back, and
+none is left out. Further behind, it gives the lost wall time up and counts its deadlines from
+there (a slip): rig time then lags wall time by as much, but the samples stay on their grid without
+a gap.
 Stamps that count from the system time are moved on, so that they agree with the time of the other
 nodes. Late ticks and slips are counted and reported in the diagnostics.
 
