@@ -11,12 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impact_damper_ros import __version__
-from impact_damper_ros.compare.bag_stretches import BagStretches
-from impact_damper_ros.compare.clock_fit import with_fitted_clock
-from impact_damper_ros.compare.compare_stretch import compare_stretch
-from impact_damper_ros.compare.log_replay import replayed_log
-from impact_damper_ros.compare.run_comparison import RunComparison, StretchComparison
+from impact_damper_ros.compare import RunComparison, compare_bag
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory, check_file
 from impact_damper_ros.report.text_report import comparison_text
@@ -41,18 +36,18 @@ __all__ = ['main']
 
 
 _DESCRIPTION = """\
-Compare a recorded run with the periodic theory. The run is cut where its parameters change and
-where it is reset. Each stretch is classified as transient, periodic, quasi-periodic or chaotic,
-the matching periodic problem is solved for the logged parameters, and both are shown side by
-side: impacts, largest |X|, energy, decay into the steady state, and a verdict. Every recorded
+Compare a recorded run with the periodic theory. The run is cut into stretches where its parameters
+change and where it is reset. Each stretch is classified as transient, periodic, quasi-periodic or
+chaotic, the matching periodic problem is solved for the logged parameters, and both are shown side
+by side: impacts, largest |X|, energy, decay into the steady state, and a verdict. Every recorded
 number is also checked against the equations of motion, whatever the motion. Works without ROS, on
 a bag directory or a single .mcap file, also a recovered one.
 """
 _EPILOG = """\
 Exit code: 0 if no stretch differs from theory (stretches that are not settled, or for which
 theory has no motion, do not differ); 1 if one does (or a file cannot be written); 2 if the bag or
-an argument is not usable; 3 if nothing differs, but the bag is cut, damaged, or holds messages
-that contradict one another; 130 on Ctrl-C.
+an argument is not usable; 3 if nothing differs, but the bag is cut, damaged, or holds wrong
+messages; 130 on Ctrl-C.
 Example: compare_run runs/run_20250131_120000 --json result.json --report report
 """
 
@@ -79,20 +74,15 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _compared(arguments: argparse.Namespace) -> RunComparison:
-    """Read the bag and compare its stretches."""
+    """Compare the bag, with a progress bar for each pass through it."""
     rig = None
     if arguments.params is not None:
         rig = load_parameters(arguments.params)[0]
         if not arguments.quiet:
             announce('compare_run', rig)
-    stretches: list[StretchComparison] = []
-    remarks: list[str] = []
     with ExitStack() as stack:
-        bag = BagStretches(arguments.bag, arguments.node, rig)
-        reader = bag.history.reader
-        span = ((reader.end_ns or 0) - (reader.start_ns or 0)) / 1e9
 
-        def progress(what: str) -> Callable[[float], None]:
+        def progress(what: str, span: float) -> Callable[[float], None]:
             bar = stack.enter_context(progress_bar(what, span, 's', quiet=arguments.quiet))
             start: float | None = None
 
@@ -103,34 +93,9 @@ def _compared(arguments: argparse.Namespace) -> RunComparison:
 
             return reached
 
-        log = replayed_log(arguments.bag, arguments.node, progress('replayed'))
-        # What a replay has reproduced bit for bit needs no other check
-        bag.checks = not log.check.replayed or bool(log.differences)
-        bag.progress = progress('compared')
-        for (stretch, search), replayed in log.judged(bag):
-            if stretch.clock is None:
-                stretch, search = with_fitted_clock(stretch)
-                if stretch.clock is not None:
-                    remarks.append(
-                        f'the phase of the force in stretch {stretch.number} is not in the bag; '
-                        'it was found from the motion'
-                    )
-            stretches.append(compare_stretch(stretch, search, replayed))
-    return RunComparison(
-        bag=str(arguments.bag),
-        node=bag.history.topics.name,
-        version=__version__,
-        complete=reader.complete,
-        stamps='rig time' if bag.history.stamped else 'times of arrival',
-        start=(bag.start_ns or 0) / 1e9,
-        end=(bag.end_ns or 0) / 1e9,
-        samples=bag.samples,
-        impacts=bag.impacts,
-        stretches=tuple(stretches),
-        log=log.check,
-        faults=tuple(dict.fromkeys([*bag.all_faults(), *log.faults])),
-        remarks=(*bag.all_remarks(), *remarks),
-    )
+        # A wrong number may be as large as numbers are
+        with np.errstate(over='ignore', invalid='ignore'):
+            return compare_bag(arguments.bag, arguments.node, rig, progress=progress)
 
 
 def _write_report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> Path:
@@ -158,9 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.report is not None:
             need_matplotlib()
             check_directory(arguments.report)
-        # A wrong number may be as large as numbers are
-        with np.errstate(over='ignore', invalid='ignore'):
-            comparison = _compared(arguments)
+        comparison = _compared(arguments)
         write_json(arguments.json, comparison.as_dict())
         stream = text_stream(arguments.json)
         if not arguments.quiet:

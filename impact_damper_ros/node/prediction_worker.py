@@ -27,7 +27,7 @@ import warnings
 from collections.abc import Iterator
 from typing import Any, NoReturn
 
-from impact_damper_ros.compare.prediction import Course, Prediction, predictions
+from impact_damper_ros.compare import ObservedMotion, Prediction, predictions
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.orbits.recognition import Rhythm
@@ -86,7 +86,9 @@ def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
         if (measured := request['measured']) is not None:
             instant, kind, *numbers = measured['impact']
             impact = Event(instant, EventKind(kind), *numbers)
-            course = Course(Rhythm.from_dict(measured['rhythm']), impact, measured['phase'])
+            course = ObservedMotion(
+                Rhythm.from_dict(measured['rhythm']), impact, measured['phase']
+            )
         rig = ControlledRig.restore(request['snapshot']['state'])
         for prediction in predictions(rig, course):
             yield _answer(prediction)

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impact_damper_ros.compare.run_comparison import StretchComparison
-from impact_damper_ros.compare.run_curves import (
+from impact_damper_ros.compare import (
     Array,
     Convergence,
     GapCurve,
     ImpactCurve,
     MotionCurve,
+    StretchComparison,
     SwingEnvelope,
 )
 

@@ -18,8 +18,7 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
-from impact_damper_ros.compare.comparison_curves import GapCurves
-from impact_damper_ros.compare.run_comparison import RunComparison, StretchComparison, Verdict
+from impact_damper_ros.compare import GapCurves, RunComparison, StretchComparison, Verdict
 from impact_damper_ros.outputs import write_texts
 
 from .charts import PICTURES, Picture, draw_history, draw_run

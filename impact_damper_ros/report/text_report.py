@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
-from impact_damper_ros.compare.run_comparison import (
+from impact_damper_ros.compare import (
     EnergyBalance,
     ImpactStates,
     Overall,

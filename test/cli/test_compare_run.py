@@ -286,13 +286,13 @@ def _first_number(content):
     return JointStateLayout(content).numbers(content)[0][0]
 
 
-def test_a_bag_that_does_not_tell_its_rig(tmp_path, capsys):
+def test_a_bag_without_its_rig(tmp_path, capsys):
     rig = RecordedRig(BENCH).start().run(4000)
     plain = [m for m in rig.messages if m[0] in ('/joint_states', '/impacts')]
     bag = samples.record(tmp_path / 'bag', plain)
     assert run(bag, tmp_path) == (2, None)
     error = capsys.readouterr().err
-    assert 'does not tell the parameters of the rig' in error
+    assert 'does not hold the parameters of the rig' in error
     assert '--params FILE.yaml' in error
     params = params_file(tmp_path / 'params.yaml', BENCH)
     code, result = run(bag, tmp_path, '--params', str(params))

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from compare.recorded import BENCH, impact_rows
 
+from impact_damper_ros.compare.motion_kind import kind_of
 from impact_damper_ros.compare.recorded_stretch import ForceClock
-from impact_damper_ros.compare.stretch_kind import kind_of
 from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling

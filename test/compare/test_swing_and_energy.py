@@ -19,9 +19,9 @@ from compare.recorded import (
 )
 
 from impact_damper_ros.cli.compare_run import main as compare_run
-from impact_damper_ros.compare.periodic_part import measured_motion
+from impact_damper_ros.compare.measured_motion import measured_motion
 from impact_damper_ros.compare.recorded_stretch import RecordedImpacts
-from impact_damper_ros.compare.run_comparison import Overall
+from impact_damper_ros.compare.result import Overall
 from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
 from impact_damper_ros.rig.swing import Swing
 
