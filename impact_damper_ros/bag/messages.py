@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
-    'CLOCK',
     'DECODABLE',
     'DIAGNOSTIC_ARRAY',
     'JOINT_STATE',
@@ -55,7 +54,6 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 STRING = 'std_msgs/msg/String'
 PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
 DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
-CLOCK = 'rosgraph_msgs/msg/Clock'
 
 T = TypeVar('T')
 
@@ -444,7 +442,7 @@ def restamped(content: bytes, stamp_ns: int) -> bytes:
 
 def clock_message(stamp_ns: int) -> bytes:
     """Return a rosgraph_msgs/Clock."""
-    return bytes(CdrWriter().time_ns(stamp_ns).content)
+    return b'\x00\x01\x00\x00' + _LITTLE.pack(*divmod(stamp_ns, _NS_PER_S))
 
 
 class JointStateLayout:
@@ -501,7 +499,9 @@ class JointStateLayout:
         self._parts = tuple(same for _, _, same in self._fixed)
         sizes = [len(part) for part in self._parts]
         numbers = [f'{count}d{size}s' for count, size in zip(self.counts, sizes[2:], strict=True)]
-        self._whole = struct.Struct(f'{order}{sizes[0]}siI{sizes[1]}s{"".join(numbers)}')
+        whole = struct.Struct(f'{order}{sizes[0]}siI{sizes[1]}s{"".join(numbers)}')
+        self._pack = whole.pack
+        self._no_efforts = (0.0,) * self.counts[2]
 
     @classmethod
     def of(cls, frame_id: str, names: Sequence[str], *counts: int) -> Self:
@@ -518,15 +518,18 @@ class JointStateLayout:
     ) -> bytes:
         """Return a message of this layout; efforts that are not given are 0."""
         head, names, after_positions, after_velocities, after_efforts = self._parts
-        return self._whole.pack(
+        # In one go: this is what a rig sends at every tick.
+        seconds, nanoseconds = divmod(stamp_ns, _NS_PER_S)
+        return self._pack(
             head,
-            *divmod(stamp_ns, _NS_PER_S),
+            seconds,
+            nanoseconds,
             names,
             *positions,
             after_positions,
             *velocities,
             after_velocities,
-            *((0.0,) * self.counts[2] if efforts is None else efforts),
+            *(self._no_efforts if efforts is None else efforts),
             after_efforts,
         )
 

@@ -61,7 +61,7 @@ def recorded_topics(names: Mapping[str, str]) -> list[Topic]:
 
 
 def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
-    """Return the notes that tell a reader which topic is which, whatever it was remapped to."""
+    """Return the notes that name the topics, which may be remapped, for a reader."""
     own = [key for key, topic in RIG_TOPICS.items() if not topic.name.startswith('/')]
     return {'node': node, **{key: names[key] for key in own}}
 
@@ -82,15 +82,15 @@ def state_numbers(
     sample: Sample, deflection: float, version: int = FORMAT
 ) -> tuple[_Numbers, _Numbers]:
     """
-    Return what is published of a sample: positions and velocities of `JOINTS`.
+    Return the published numbers of a sample: positions and velocities of `JOINTS`.
 
     Parameters
     ----------
     sample : Sample
         The sample.
     deflection : float
-        Static deflection of the rig then, m. Positions count from where M is while its spring is
-        unloaded, a place that no change of the rig moves.
+        Static deflection of the rig then, m. Positions count from the place of M with an unloaded
+        spring, which no change of the rig moves.
     version : int, optional
         Format of the messages.
     """
@@ -107,10 +107,10 @@ def impact_numbers(
     event: Event, deflection: float, version: int = FORMAT
 ) -> tuple[_Numbers, _Numbers, _Numbers]:
     """
-    Return what is published of an impact: of `IMPACT_JOINTS` positions, velocities and efforts.
+    Return the published numbers of an impact: positions, velocities, efforts of `IMPACT_JOINTS`.
 
-    The velocities are those after the impact, the efforts the impulses that M and m received: stop
-    1, the lower one, throws m up. For the parameters see `state_numbers`.
+    The velocities are those after the impact, the efforts the impulses on M and m: stop 1, the
+    lower one, throws m up. For the parameters see `state_numbers`.
     """
     impulse = event.impulse if event.stop == 1 else -event.impulse
     x, z = event.x, event.x + event.y
@@ -125,16 +125,16 @@ def impact_numbers(
 
 def snapshot_text(offset_ns: int, time_ns: int, reason: str, state: Mapping[str, Any]) -> str:
     """
-    Return the text of a snapshot: all that is needed to run on from here, bit for bit.
+    Return the text of a snapshot: all that a bit-for-bit continuation needs.
 
     Parameters
     ----------
     offset_ns, time_ns : int
         Stamp of rig time 0, and rig time.
     reason : str
-        Why it is published.
+        Reason of its publication.
     state : mapping
-        Of the rig.
+        State of the rig.
     """
     return json.dumps(
         {

@@ -7,10 +7,20 @@ import cmath
 import math
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.orbits import OrbitSearch, PeriodicOrbit, find_orbits, plausible_stops
+from impact_damper_ros.orbits import (
+    Branch,
+    OrbitSearch,
+    PeriodicOrbit,
+    SpecialKind,
+    continue_orbit,
+    find_orbits,
+    plausible_stops,
+    switch_branch,
+    value_of,
+)
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig import RigParameters
@@ -55,6 +65,19 @@ def _stops(text: str) -> tuple[int, ...]:
     return tuple(int(word) for word in words)
 
 
+def _range(text: str) -> tuple[str, float, float]:
+    name, _, ends = text.partition('=')
+    try:
+        low, high = (float(end) for end in ends.split(':'))
+    except ValueError:
+        low = high = math.nan
+    if not low < high:
+        raise argparse.ArgumentTypeError(
+            f'{text!r}: give a parameter and its least and largest value, such as gap=20:60'
+        )
+    return name, low, high
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('solve_periodic', _DESCRIPTION, _EPILOG)
     add_params_argument(parser)
@@ -73,6 +96,13 @@ def _parser() -> argparse.ArgumentParser:
         type=_stops,
         metavar='1,2,...',
         help='stops hit in one period, in order [every sequence of N impacts; 1 for N = 1]',
+    )
+    parser.add_argument(
+        '--vary',
+        type=_range,
+        metavar='NAME=LOW:HIGH',
+        help='follow the first motion of the list while a parameter varies, and the branches '
+        'that leave it at period doublings and branch points',
     )
     add_json_option(parser, 'the list of motions')
     add_set_option(parser)
@@ -134,6 +164,37 @@ def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     return '\n'.join(lines)
 
 
+def _branch_text(branch: Branch) -> str:
+    if not branch.orbits:
+        return f'  {branch.ended}'
+    swings = [orbit.x_max for orbit in branch.orbits]
+    lines = [
+        f'  {branch.name} from {branch.values[0]:.9g} to {branch.values[-1]:.9g}: '
+        f'{counted(len(swings), "motion")}, largest |X| between {min(swings):.6g} and '
+        f'{max(swings):.6g} m',
+    ]
+    lines.extend(
+        f'  {point.kind.value} {"at" if point.converged else "near"} {branch.name} = '
+        f'{point.value:.9g}' + (f': {point.reason}' if point.reason else '')
+        for point in branch.special
+    )
+    return '\n'.join([*lines, f'  end: {branch.ended}'])
+
+
+def _branch_texts(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Iterator[str]:
+    """Yield what becomes of a motion while a parameter varies."""
+    for upwards in (True, False):
+        branch = continue_orbit(orbit, name, low, high, upwards=upwards)
+        yield f'\nmotion 1, {name} {"rising" if upwards else "falling"}:\n{_branch_text(branch)}'
+        for point in branch.special:
+            if point.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
+                leaves = switch_branch(point, name, low, high, most_points=100)
+                yield (
+                    f'\nbranch from the {point.kind.value} at {name} = {point.value:.9g}:\n'
+                    f'{_branch_text(leaves)}'
+                )
+
+
 def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[OrbitSearch]:
     if arguments.stops is not None and len(arguments.stops) != arguments.impacts:
         raise ValueError(
@@ -175,6 +236,8 @@ def _solve(arguments: argparse.Namespace) -> int:
         check_file(arguments.json)  # before the work, not after it
     if not arguments.quiet:
         hint('solve_periodic', given.parameters)
+    if arguments.vary is not None:
+        value_of(given.parameters, arguments.vary[0])
     searches = _searches(given.parameters, arguments)
     orbits = [orbit for search in searches for orbit in search.orbits]
     orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
@@ -183,6 +246,8 @@ def _solve(arguments: argparse.Namespace) -> int:
         texts = [textwrap.fill(rig_line(given.parameters), 99, subsequent_indent='  ')]
         texts += [search.report.text for search in searches]
         texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
+        if arguments.vary is not None and orbits:
+            texts += _branch_texts(orbits[0], *arguments.vary)
         try:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:

@@ -1,9 +1,9 @@
 """
 Recorded runs compared with the periodic theory.
 
-`compare_bag` cuts a bag into stretches with constant parameters, checks the log of each, measures
-its motion, finds the motion that theory predicts, and gives a verdict. `predictions` does the
-theory's part for a rig that is running. Importable without ROS; needs numpy.
+`compare_bag` divides a bag into stretches with constant parameters, checks the log of each,
+measures its motion, finds the motion that theory predicts, and gives a verdict. `predictions`
+predicts the motion of a rig that is running. Importable without ROS; needs numpy.
 """
 
 from importlib import import_module
@@ -75,17 +75,16 @@ __all__ = [
 ]
 
 
-#: Imported when they are used: the node predicts without them.
-_WHEN_USED = {
-    'BagStretches': 'bag_stretches',
-    'GapCurves': 'periodic_motion',
-    'LogReplay': 'comparison',
-    'compare_bag': 'comparison',
-    'replay_log': 'comparison',
+#: Imported on first use: the node predicts without them.
+_MODULES = {
+    'bag_stretches': ('BagStretches',),
+    'comparison': ('LogReplay', 'compare_bag', 'replay_log'),
+    'periodic_motion': ('GapCurves',),
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _WHEN_USED:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    return getattr(import_module(f'.{_WHEN_USED[name]}', __name__), name)
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f'{__name__}.{module}'), name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

@@ -100,7 +100,7 @@ class ControlRecord(NamedTuple):
 
 
 #: The laws by the name that `gap_control` gives them: the field of `Controller` with their state.
-_LAWS = {'amplitude': 'timing', 'timed': 'timed'}
+LAWS = {'amplitude': 'timing', 'timed': 'timed'}
 
 _Part = TypeVar('_Part')
 
@@ -209,7 +209,7 @@ class Controller:
     def relearn(self) -> None:
         """Reset the states of the laws, not those of the actuators."""
         self.search = Search()
-        for name in _LAWS.values():
+        for name in LAWS.values():
             setattr(self, name, type(getattr(self, name))())
         self.roused = False
 
@@ -241,7 +241,7 @@ class Controller:
 
     def _law(self, p: GapControlParameters) -> Law:
         """Return the law that moves the stops."""
-        law: Law = getattr(self, _LAWS[p.gap_control])
+        law: Law = getattr(self, LAWS[p.gap_control])
         return law
 
     def _plant(self, damper: Damper, p: GapControlParameters) -> Plant:

@@ -128,7 +128,7 @@ class Ticket:
             self._done.set()
 
     def turn_away(self) -> None:
-        """Fail the request, because the engine has ended."""
+        """Fail the request because the engine has ended."""
         self.error = RuntimeError('the rig is shutting down')
         self._done.set()
 
@@ -269,7 +269,7 @@ class Engine:
             MotionTrace.at(parameters, self._simulator.snapshot()),
             ticks_ahead(self._grid.instant(1), real_time_factor),
         )
-        # The start is the first change of course.
+        # Whether the rig has another motion since the last snapshot; also at the start
         self._new_course = True
         # All parameters, as a encoded ParameterEvent, while there is a recording
         self._listing = b''
@@ -281,7 +281,7 @@ class Engine:
     # Called from other threads
 
     def start(self) -> None:
-        """Set the rig going."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self, timeout: float = 5.0) -> None:
@@ -291,15 +291,15 @@ class Engine:
             self._thread.join(timeout)
 
     def trace(self) -> MotionTrace:
-        """Return what the rig has done since it was last changed or reset."""
+        """Return the motion of the rig since its last change or reset."""
         return self._motion.trace
 
     def stamp_ns(self) -> int:
-        """Return the stamp of the tick the rig stands at."""
+        """Return the stamp of the tick the rig is at."""
         return self._stamps.offset_ns + self._time_ns
 
     def status(self) -> EngineStatus:
-        """Return how the engine is doing, and begin to look for the worst lateness anew."""
+        """Return the state of the engine, and restart the search for the worst lateness."""
         return EngineStatus(
             self._time_ns,
             self._paused,
@@ -341,11 +341,11 @@ class Engine:
         return self._requests.submit(lambda: self._change(parameters, event, control, listing))
 
     def reset(self, initial: InitialConditions) -> Ticket:
-        """Put the rig to initial conditions; time goes on."""
+        """Put the rig to initial conditions; rig time goes on."""
         return self._requests.submit(lambda: self._reset(initial))
 
     def pause(self, paused: bool) -> Ticket:
-        """Hold the rig, or let it run on; the result tells whether that changed anything."""
+        """Pause the rig, or resume it; the result is whether that changed anything."""
         return self._requests.submit(lambda: self._pause(paused))
 
     def record_to(self, log: Log, event: bytes) -> Ticket:
@@ -357,7 +357,7 @@ class Engine:
         return self._requests.submit(lambda: self._record_to(log, event))
 
     def stop_recording(self) -> Ticket:
-        """Record no more; the result is the log that was written to, if any."""
+        """End the recording; the result is its log, if any."""
         return self._requests.submit(self._stop_recording)
 
     def record(self, topic: str, data: bytes) -> Ticket:
@@ -389,7 +389,7 @@ class Engine:
             due_ns = self._grid.instant(self._tick + 1)
             if not self._motion.known and not self._move_to(due_ns):
                 continue
-            # From here on nothing is asked of the rig before the tick.
+            # From here on no request is served before the tick.
             self._tick += 1
             self._pacer.wait(due_ns)
             self._time_ns, self._within_tick = due_ns, True
@@ -406,7 +406,7 @@ class Engine:
         """
         Move the rig to the next tick and send what happens on the way.
 
-        It may stop before, because something is asked, or because that takes long; false then.
+        Returns false if it stops before the tick, for a request or because the rig takes long.
         """
         if not self._pacer.approach(due_ns, self._interrupted):
             return False
@@ -433,10 +433,10 @@ class Engine:
 
     def _hold(self) -> None:
         """
-        Stand still until told otherwise.
+        Wait while the rig is paused or held.
 
-        Clock and joint states go on, for those who join meanwhile, and for transforms that are
-        looked up now. These are no samples of the motion, and not recorded.
+        Clock and joint states are still published, for nodes that join meanwhile and for
+        transforms that are looked up now. They are no samples of the motion and not recorded.
         """
         due_ns = time.monotonic_ns()
         while (self._paused or self._held) and not self._stopping.is_set():
@@ -449,19 +449,19 @@ class Engine:
             self._serve()
 
     def _give_up(self, error: Exception) -> None:
-        """Hold a rig that cannot go on, where it stands."""
+        """Hold a rig that cannot go on."""
         kind = '' if isinstance(error, RunawayError) else f'{type(error).__name__}: '
         self._held = f'{kind}{error}'
         self._motion.stand_at(self._time_ns)
         self._on_trouble(f'the rig is held: {self._held}; it waits for a change or a reset')
 
     def _go_on(self) -> None:
-        """Let a rig run on that has stood still: its stamps and deadlines begin anew."""
+        """Resume a rig: its stamps and deadlines begin anew."""
         self._stamps.catch_up(self._time_ns)
         self._pacer.anchor(self._time_ns)
 
     def _release(self) -> None:
-        """Let a rig that was held run on, since it has another motion now."""
+        """Resume a rig that was held, since it has another motion now."""
         if self._held:
             self._held = ''
             if not self._paused:
@@ -472,11 +472,11 @@ class Engine:
         self._slipped = True
 
     def _catch_up(self) -> None:
-        """Let the tick that the rig stands at be now, after wall time was given up."""
+        """Move the stamps on, so that the present tick is now, after a slip."""
         self._slipped = False
         before_ns = self._stamps.offset_ns
         if self._stamps.catch_up(self._time_ns):
-            # They have other stamps.
+            # The messages made ahead have other stamps.
             self._motion.stand_at(self._time_ns)
             self._motion.discard()
             self._news = self._news or 'slip'
@@ -508,7 +508,7 @@ class Engine:
         listing: bytes,
     ) -> None:
         self._listing = listing or self._listing
-        # First the cause, then what it does.
+        # First the cause, then its effects
         self._record_event(event)
         if parameters is not None or control is not None:
             rig = self._simulator
@@ -531,7 +531,7 @@ class Engine:
     def _pause(self, paused: bool) -> bool:
         if paused == self._paused:
             return False
-        # They have other stamps.
+        # The messages made ahead have other stamps.
         self._motion.discard()
         self._paused = paused
         if not paused:
@@ -546,7 +546,7 @@ class Engine:
         self._record_event(event)
 
     def _split(self, log: Log) -> None:
-        """Let a new file of the recording begin here, with what a reader of it alone needs."""
+        """Begin a new file of the recording, with all that a reader of it alone needs."""
         if log.split(self.stamp_ns()):
             self._motion.stand_at(self._time_ns)
             self._announce('record')
@@ -560,7 +560,7 @@ class Engine:
         log, self._out.log = self._out.log, None
         return log
 
-    # What goes out
+    # Publishing
 
     def _emit_all(self, messages: Sequence[OutgoingMessage]) -> None:
         for message in messages:
@@ -580,7 +580,7 @@ class Engine:
             self._out.publish(clock, clock_message(self.stamp_ns()))
 
     def _announce(self, reason: str) -> None:
-        """Publish all that is needed to run on from here, bit for bit."""
+        """Publish a snapshot: all that a bit-for-bit continuation needs."""
         state = self._simulator.snapshot()
         text = snapshot_text(self._stamps.offset_ns, self._time_ns, reason, state)
         self._out.emit(self._publishers['snapshot'], encode(String(text)), self.stamp_ns())

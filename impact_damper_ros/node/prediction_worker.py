@@ -50,7 +50,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def _orbit(orbit: PeriodicOrbit) -> dict[str, Any]:
-    """Return what the node needs to know of a motion."""
+    """Return a motion as the node reads it."""
     return {
         'stops': orbit.stops,
         'cycles': orbit.cycles,
@@ -230,9 +230,9 @@ def main() -> int:
     """Serve the node that has started this process."""
     os.nice(NICENESS)
     with contextlib.suppress(AttributeError, OSError):
-        # Whatever the thread had that started this process
+        # Not the scheduling of the thread that started this process
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    # Of a Ctrl-C in a terminal all processes hear; the node ends this one.
+    # A Ctrl-C in a terminal reaches all processes; the node ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.simplefilter('ignore')
     # Answers have a channel of their own: what a library prints must not get among them.

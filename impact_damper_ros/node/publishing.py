@@ -205,7 +205,10 @@ class Recorder:
         if summary.error is not None:
             self._error = str(summary.error)
             return f'the recording ended early: {summary.error}'
-        return f'recorded {summary.message_count} messages to {summary.directory}'
+        text = f'recorded {summary.message_count} messages to {summary.directory}'
+        if summary.dropped:
+            text += f'; {summary.dropped} were dropped: {writer.drop_reason}'
+        return text
 
     def failure(self) -> RecordingError | None:
         """Return why the recording has failed, or None."""

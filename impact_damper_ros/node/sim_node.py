@@ -87,7 +87,7 @@ Parameters, with unit and range: ros2 param describe /sim_node NAME"""
 
 
 def refuse(reason: object) -> int:
-    """Say why the node does not start, and return the exit code."""
+    """Print why the node does not start, and return the exit code."""
     print(printable(f'sim_node: cannot start: {reason}'), file=sys.stderr)
     return 1
 
@@ -112,12 +112,12 @@ def check_params_files(arguments: Sequence[str]) -> None:
     """
     Check the files that follow ``--params-file``, before ROS reads them.
 
-    Its parser refuses aliases by itself, but takes a minute for some ten thousand entries, and of
-    a name that stands there twice the last value.
+    Its parser refuses aliases, but takes a minute for some ten thousand entries, and the last
+    value of a name that is given twice.
     """
     for option, name in pairwise(arguments):
         if option == '--params-file':
-            with suppress(OSError):  # ROS says so
+            with suppress(OSError):  # reported by ROS
                 try:
                     check_yaml(Path(name))
                 except YamlError as error:
@@ -125,7 +125,7 @@ def check_params_files(arguments: Sequence[str]) -> None:
 
 
 def in_words(error: Exception) -> str:
-    """Shorten what rcl says about arguments it cannot parse to its two telling parts."""
+    """Shorten the message of rcl about arguments that it cannot parse."""
     text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
     if 'Sequence should be of same type' in text:
         text += ' (write [1.0, 0.5], not [1, 0.5])'
@@ -164,7 +164,7 @@ def _pace(factor: float) -> str:
 
 class Namesakes:
     """
-    Other nodes of the same name, which answer in the place of this one.
+    Detects other nodes of the same name, which answer in the place of this one.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ class Namesakes:
         Takes a warning.
     """
 
-    #: Looks after which a namesake is the newcomer, and says so itself.
+    #: Number of checks; a node of the same name that starts later warns by itself.
     LOOKS = 30
 
     def __init__(
@@ -185,7 +185,6 @@ class Namesakes:
         names: Callable[[], list[tuple[str, str]]],
         warn: Callable[[str], object],
     ) -> None:
-        """Know of none."""
         self._node = node
         self._names = names
         self._warn = warn
@@ -193,11 +192,11 @@ class Namesakes:
 
     @property
     def done(self) -> bool:
-        """Whether there is nothing more to look for."""
+        """Whether all checks are done."""
         return self._left == 0
 
     def look(self) -> None:
-        """Warn once if there is one."""
+        """Warn once if there is another node of the same name."""
         if self.done:
             return
         self._left -= 1
@@ -234,8 +233,8 @@ class SimNode(Node):
 
     def __init__(self) -> None:
         super().__init__('sim_node')
-        # There is no public way to ask what was given for parameters not declared yet; declaring
-        # from overrides would fix the type of `37` to an integer.
+        # There is no public way to get the overrides of parameters that are not declared yet;
+        # declaring from overrides would make `37` an integer parameter.
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
         declared = self.list_parameters([], 0).names
         parameters = parameters_from_overrides(overrides, declared, self.get_logger().warning)
@@ -288,8 +287,8 @@ class SimNode(Node):
         # Reports come in wall time, also when the node's clock is a simulated or stopped one.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPORT_PERIOD_S, self._report, clock=steady)
-        # Runs while a report is overdue. The executor takes half a millisecond of the interpreter
-        # each time that it wakes up, which the rig may have to wait for.
+        # Runs only while a report is overdue. Each time that the executor wakes up it takes the
+        # interpreter for half a millisecond, for which the rig may have to wait.
         self._overdue = self.create_timer(MOTION_PERIOD_S, self._report_motion, clock=steady)
         self._overdue.cancel()
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -299,13 +298,13 @@ class SimNode(Node):
             self._recorder.begin(self._listing(), encode(self._description))
 
     def _warn_of_trouble(self, text: str) -> None:
-        """Warn, from the engine's thread; now and then is enough."""
+        """Warn, from the engine's thread, but not too often."""
         if time.monotonic() >= self._warned_s + WARNING_PERIOD_S:
             self._warned_s = time.monotonic()
             self.get_logger().warning(text)
 
     def start(self) -> None:
-        """Set the rig going, and say what runs."""
+        """Start the rig, and log a summary."""
         self.engine.start()
         name, log = self.get_fully_qualified_name(), self.get_logger()
         log.info(start_message(self._live.now, self._topic_publishers, name, self._recorder.path))
@@ -319,18 +318,18 @@ class SimNode(Node):
             self._looking.cancel()
 
     def wake(self) -> None:
-        """Let the executor look whether it is to go on; from any thread."""
+        """Wake the executor, from any thread, to check whether it should go on."""
         self._woken.trigger()
 
     def finish(self) -> str:
-        """Stop the rig and finish the bag, without ROS; return what was recorded, in words."""
+        """Stop the rig and finish the bag, without ROS; return a summary of the recording."""
         self.engine.stop()
         summary = self._recorder.finish()
         self._predictor.close()
         return summary
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set parameters, all or none; a rejection says what would be accepted instead."""
+        """Set parameters, all or none; a rejection names the values that are accepted."""
         try:
             reason = self._live.objection(parameter_list, self.has_parameter)
         except Exception as error:
@@ -371,7 +370,7 @@ class SimNode(Node):
     # Parameters
 
     def _prepare(self, before: NodeParameters, after: NodeParameters) -> None:
-        # Only trying shows whether a recording can begin; a request is rejected if not.
+        # Whether a recording can begin is known only after a try; if not, the request is rejected.
         if after.record and not before.record:
             self._open_recording(after)
 
@@ -466,7 +465,7 @@ class SimNode(Node):
         self._publish('diagnostics', encode(report))
 
     def _report_motion(self) -> None:
-        """Report what has been predicted at once, or a little later than the last report."""
+        """Report a new prediction at once, or a little later after a recent report."""
         if self._monitor.may_look(MOTION_PERIOD_S):
             self._overdue.cancel()
             report = self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
@@ -511,21 +510,21 @@ def _spin(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> N
         try:
             executor.spin_once()
         except Exception:
-            # A malformed request, say; it must not take the rig down.
+            # For instance a malformed request, which must not stop the rig
             node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
 
 
 def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> int:
-    """Run the node until it is told to end, or its engine fails."""
+    """Run the node until it has to end, or its engine fails."""
     end.wake_with(node.wake)
     try:
-        # What exists by now stays: the garbage collector need not look through it again.
+        # The garbage collector need not go through the present objects again.
         gc.freeze()
         node.start()
         _spin(node, executor, end)
     finally:
         end.wake_with(None)
-        # There may be no terminal any more to say it to.
+        # The terminal may be closed.
         if summary := node.finish():
             with contextlib.suppress(OSError):
                 print(f'sim_node: {summary}', file=sys.stderr)

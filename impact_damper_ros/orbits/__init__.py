@@ -9,7 +9,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .continuation import Branch, SpecialKind, SpecialPoint, continue_orbit, switch_branch
+    from .continuation import (
+        Branch,
+        SpecialKind,
+        SpecialPoint,
+        continue_orbit,
+        switch_branch,
+        value_of,
+    )
     from .equations import ImpactEquations, OrbitError, plausible_stops
     from .optimum import OptimalGap, optimal_gap
     from .orbit import Node, PeriodicOrbit
@@ -36,6 +43,7 @@ __all__ = [
     'section_on',
     'shoot',
     'switch_branch',
+    'value_of',
 ]
 
 _MODULES = (

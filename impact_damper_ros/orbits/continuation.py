@@ -83,7 +83,7 @@ def with_value(parameters: RigParameters, name: str, value: float) -> RigParamet
     return parameters.replace(**{name: value})
 
 
-def limits_of(name: str) -> tuple[float, float]:
+def _limits_of(name: str) -> tuple[float, float]:
     """Return the least and largest value of a parameter, as `value_of` names it."""
     spec = PARAMETER_SPECS['restitution_1' if name == BOTH_RESTITUTIONS else name]
     assert spec.low is not None
@@ -91,7 +91,7 @@ def limits_of(name: str) -> tuple[float, float]:
     return spec.low, spec.high
 
 
-class Family(Protocol):
+class _Family(Protocol):
     """What a continuation varies: n equations in n unknowns and one parameter, `name`."""
 
     name: str
@@ -106,7 +106,7 @@ class Family(Protocol):
         """Return the motion at a solution."""
 
 
-class EquationFamily:
+class _EquationFamily:
     """Motions that the impact equations hold for; unknowns are X_i over a length, and W t_i."""
 
     def __init__(
@@ -127,14 +127,12 @@ class EquationFamily:
         return unknowns[:n] * self.length, unknowns[n:] / equations.frequency
 
     def start(self, orbit: PeriodicOrbit) -> Array:
-        """Return the unknowns of a motion of this family."""
         frequency = orbit.parameters.force_frequencies[0]
         return np.concatenate(
             [np.array(orbit.x) / self.length, frequency * np.array(orbit.instants)]
         )
 
     def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
-        """Return the equations' residual, and its derivative by the unknowns."""
         equations = self._equations(value)
         x, instants = self._split(equations, unknowns)
         if float(equations.durations(instants).min()) <= 0.0:
@@ -146,12 +144,11 @@ class EquationFamily:
         return size, jacobian
 
     def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
-        """Return the motion at a solution."""
         equations = self._equations(value)
         return orbit_of(equations, Root(*self._split(equations, unknowns), history[-1], history))
 
 
-class ShootingFamily:
+class _ShootingFamily:
     """
     Motions with reversals, sticking or rest, as fixed points of the event map.
 
@@ -188,7 +185,6 @@ class ShootingFamily:
         return self._section.state / self._units
 
     def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
-        """Return the equations' residual, and its derivative by the unknowns."""
         rig = with_value(self.parameters, self.name, value)
         period = self.cycles * math.tau / rig.force_frequencies[0]
         shot = follow_section(rig_constants(rig), self._placed(rig, unknowns), period)
@@ -199,19 +195,18 @@ class ShootingFamily:
         return change / self._units, jacobian
 
     def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
-        """Return the motion at a solution."""
         rig = with_value(self.parameters, self.name, value)
         orbit = orbit_on(rig, self._placed(rig, unknowns), self.cycles, history)
         return counted_as(orbit, self.stops) or orbit
 
 
-def family_of(orbit: PeriodicOrbit, name: str) -> Family:
+def _family_of(orbit: PeriodicOrbit, name: str) -> _Family:
     """Return the family of a motion."""
     value_of(orbit.parameters, name)
     solvable = single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
     if solvable and not orbit.nodes:
-        return EquationFamily(orbit.parameters, name, orbit.stops, orbit.cycles)
-    return ShootingFamily(orbit, name)
+        return _EquationFamily(orbit.parameters, name, orbit.stops, orbit.cycles)
+    return _ShootingFamily(orbit, name)
 
 
 #: Largest residual of a point on a branch.
@@ -221,7 +216,7 @@ _ROUND_OFF = 1e-12
 
 
 @dataclass(frozen=True)
-class Point:
+class _Point:
     """A point of a branch: unknowns and scaled parameter, unit tangent, and the motion."""
 
     place: Array
@@ -229,17 +224,17 @@ class Point:
     orbit: PeriodicOrbit
 
 
-class Curve:
+class _Curve:
     """The solutions of a family as a curve, with the scaled parameter as the last coordinate."""
 
-    def __init__(self, family: Family, scale: float) -> None:
+    def __init__(self, family: _Family, scale: float) -> None:
         self.family = family
         self.scale = scale
 
     def value(self, place: Array) -> float:
         """Return the parameter, on the edge of its range if round-off has put it beyond."""
         value = float(place[-1]) * self.scale
-        low, high = limits_of(self.family.name)
+        low, high = _limits_of(self.family.name)
         slack = _ROUND_OFF * self.scale
         if low - slack <= value < low:
             return low
@@ -261,7 +256,7 @@ class Curve:
         by_value = (value_ahead - value_behind) / (ahead - behind)
         return residual, np.column_stack([by_unknowns, by_value])
 
-    def correct(self, guess: Array, normal: Array) -> Point | None:
+    def correct(self, guess: Array, normal: Array) -> _Point | None:
         """Return the point of the curve in the plane through a guess, or None."""
 
         def in_plane(place: Array) -> tuple[Array, Array]:
@@ -279,9 +274,9 @@ class Curve:
             orbit = self.family.orbit(place[:-1], self.value(place), found.history)
         except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
             return None
-        return Point(place, tangent, orbit)
+        return _Point(place, tangent, orbit)
 
-    def ahead(self, point: Point, step: float) -> Point | None:
+    def ahead(self, point: _Point, step: float) -> _Point | None:
         """Return the point a step further along the curve, or None."""
         return self.correct(point.place + step * point.tangent, point.tangent)
 
@@ -331,7 +326,7 @@ class SpecialPoint:
     reason: str = ''
 
 
-_Test = Callable[[Point], float]
+_Test = Callable[[_Point], float]
 
 
 def _real_product(factors: list[complex]) -> float:
@@ -341,19 +336,19 @@ def _real_product(factors: list[complex]) -> float:
     return product.real
 
 
-def _fold(point: Point) -> float:
+def _fold(point: _Point) -> float:
     return float(point.tangent[-1])
 
 
-def _doubling(point: Point) -> float:
+def _doubling(point: _Point) -> float:
     return _real_product([1.0 + m for m in point.orbit.multipliers])
 
 
-def _branching(point: Point) -> float:
+def _branching(point: _Point) -> float:
     return _real_product([1.0 - m for m in point.orbit.multipliers])
 
 
-def _torus(point: Point) -> float:
+def _torus(point: _Point) -> float:
     pairs = itertools.combinations(point.orbit.multipliers, 2)
     return _real_product([1.0 - a * b for a, b in pairs])
 
@@ -368,11 +363,11 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
     return words
 
 
-def _likeness(start: Point) -> _Test:
+def _likeness(start: _Point) -> _Test:
     """Return a test of whether a motion is of the same kind as that at the start."""
     kind = (start.orbit.viable, _events(start.orbit))
 
-    def alike(point: Point) -> float:
+    def alike(point: _Point) -> float:
         return 1.0 if (point.orbit.viable, _events(point.orbit)) == kind else -1.0
 
     return alike
@@ -401,7 +396,7 @@ def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
 
 
 def _locate(
-    curve: Curve, start: Point, end: Point, step: float, kind: SpecialKind, test: _Test
+    curve: _Curve, start: _Point, end: _Point, step: float, kind: SpecialKind, test: _Test
 ) -> SpecialPoint | None:
     """Find where a test function changes sign between two points of a branch."""
     from scipy.optimize import brentq
@@ -447,7 +442,7 @@ def _locate(
     )
 
 
-def special_points(curve: Curve, start: Point, end: Point, step: float) -> list[SpecialPoint]:
+def _special_points(curve: _Curve, start: _Point, end: _Point, step: float) -> list[SpecialPoint]:
     """Locate what happens between two neighbouring points of a branch."""
     turns = _fold(start) * _fold(end) < 0.0
     tests: tuple[tuple[SpecialKind, _Test], ...] = (
@@ -499,17 +494,17 @@ class Branch:
     ended: str
 
 
-def _begun_elsewhere(curve: Curve, point: Point) -> tuple[Curve, Point] | None:
+def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | None:
     """
     Return the curve with the period begun at another instant, and the point on it.
 
     What happens at the instant at which the period of the event map begins may have come to be
     a reversal or an impact.
     """
-    if not isinstance(curve.family, ShootingFamily):
+    if not isinstance(curve.family, _ShootingFamily):
         return None
-    family = family_of(point.orbit, curve.family.name)
-    fresh = Curve(family, curve.scale)
+    family = _family_of(point.orbit, curve.family.name)
+    fresh = _Curve(family, curve.scale)
     place = np.append(family.start(point.orbit), point.place[-1])
     normal = np.zeros_like(place)
     normal[-1] = math.copysign(1.0, point.tangent[-1])
@@ -517,7 +512,7 @@ def _begun_elsewhere(curve: Curve, point: Point) -> tuple[Curve, Point] | None:
     return None if again is None else (fresh, again)
 
 
-def _edge(curve: Curve, here: Point, step: float, bounds: tuple[float, float]) -> Point | None:
+def _edge(curve: _Curve, here: _Point, step: float, bounds: tuple[float, float]) -> _Point | None:
     """Return the branch's point on the bound that the next step would pass, if it would."""
     ahead = curve.value(here.place + step * here.tangent)
     if bounds[0] <= ahead <= bounds[1]:
@@ -535,8 +530,8 @@ def _edge(curve: Curve, here: Point, step: float, bounds: tuple[float, float]) -
 
 
 def _leapt(
-    curve: Curve, here: Point, largest_step: float, bounds: tuple[float, float]
-) -> tuple[Point, float] | None:
+    curve: _Curve, here: _Point, largest_step: float, bounds: tuple[float, float]
+) -> tuple[_Point, float] | None:
     """
     Return a point beyond a place where motions change their kind, and the step to it.
 
@@ -555,8 +550,8 @@ def _leapt(
 
 
 def _follow(
-    curve: Curve,
-    point: Point,
+    curve: _Curve,
+    point: _Point,
     bounds: tuple[float, float],
     first_step: float,
     largest_step: float,
@@ -566,7 +561,7 @@ def _follow(
     points = [point]
     special: list[SpecialPoint] = []
     step = first_step
-    fresh_tried: Point | None = None
+    fresh_tried: _Point | None = None
     moved = False
     ended = f'{most_points} points'
     while len(points) < most_points:
@@ -574,7 +569,7 @@ def _follow(
         last = _edge(curve, here, step, bounds)
         if last is not None:
             span = float((last.place - here.place) @ here.tangent)
-            special += special_points(curve, here, last, span)
+            special += _special_points(curve, here, last, span)
             points.append(last)
             bound = min(bounds, key=lambda b: abs(b - curve.value(last.place)))
             ended = f'{curve.family.name} = {bound:g}, the end of the range'
@@ -592,7 +587,7 @@ def _follow(
             leap = None if fresh else _leapt(curve, here, largest_step, bounds)
             if leap is not None:
                 there, step = leap
-                special += special_points(curve, here, there, step)
+                special += _special_points(curve, here, there, step)
                 points.append(there)
                 continue
             if fresh is None:
@@ -601,7 +596,7 @@ def _follow(
             curve, points[-1] = fresh
             fresh_tried, step, moved = points[-1], first_step, True
             continue
-        special += special_points(curve, here, there, step)
+        special += _special_points(curve, here, there, step)
         points.append(there)
         if (
             not moved
@@ -668,9 +663,9 @@ def continue_orbit(
     >>> branch.ended
     'gap = 40, the end of the range'
     """
-    family = family_of(orbit, name)
+    family = _family_of(orbit, name)
     value = value_of(orbit.parameters, name)
-    curve = Curve(family, abs(value) or max(abs(low), abs(high)) or 1.0)
+    curve = _Curve(family, abs(value) or max(abs(low), abs(high)) or 1.0)
     place = np.append(family.start(orbit), value / curve.scale)
     normal = np.zeros_like(place)
     normal[-1] = 1.0 if upwards else -1.0
@@ -680,14 +675,14 @@ def continue_orbit(
     return _follow(curve, point, (low, high), 0.1 * largest_step, largest_step, most_points)
 
 
-def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[Family, Array]:
+def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[_Family, Array]:
     """Return the family of some periods of a motion, and its unknowns there."""
-    family = family_of(orbit, name)
+    family = _family_of(orbit, name)
     unknowns = family.start(orbit)
-    if not isinstance(family, EquationFamily):
-        shot = ShootingFamily(orbit, name, times)
+    if not isinstance(family, _EquationFamily):
+        shot = _ShootingFamily(orbit, name, times)
         return shot, shot.start(orbit)
-    longer = EquationFamily(orbit.parameters, name, orbit.stops * times, orbit.cycles * times)
+    longer = _EquationFamily(orbit.parameters, name, orbit.stops * times, orbit.cycles * times)
     n = orbit.impacts
     turns = math.tau * orbit.cycles * np.arange(times)
     x = np.tile(unknowns[:n] * (family.length / longer.length), times)
@@ -737,7 +732,7 @@ def switch_branch(
         raise ValueError(f'no branch leaves at a {special.kind.value}')
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
     family, unknowns = _repeated(orbit, name, times)
-    curve = Curve(family, abs(special.value) or 1.0)
+    curve = _Curve(family, abs(special.value) or 1.0)
     place = np.append(unknowns, special.value / curve.scale)
     by_unknowns = family.residual(unknowns, special.value)[1]
     direction = np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)

@@ -31,7 +31,6 @@ __all__ = [
     'OrbitError',
     'check_forcing',
     'check_stops',
-    'flight_direction',
     'plausible_stops',
     'single_harmonic',
 ]
@@ -156,11 +155,6 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
 Array = NDArray[np.float64]
 
 
-def flight_direction(start: int, end: int) -> int:
-    """Return the paper's lambda of a flight between stops; 0 if it returns to the same one."""
-    return start - end
-
-
 @dataclass(frozen=True)
 class ImpactVelocities:
     """Absolute velocities of M and m just before and after each impact, (..., N), m/s."""
@@ -216,9 +210,8 @@ class ImpactEquations:
         self.phase = parameters.force_phases[0]
         self.cycle = math.tau / self.frequency
         self.period = cycles * self.cycle
-        self.directions = tuple(
-            flight_direction(a, b) for a, b in zip(stops, stops[1:] + stops[:1], strict=True)
-        )
+        # The paper's lambda of the flight after each impact; 0 if it returns to the same stop
+        self.directions = tuple(a - b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
         if machine.grip > 0.0 and 0 in self.directions:
             raise OrbitError(
                 f'stop sequence {",".join(map(str, stops))} with friction '

@@ -44,7 +44,6 @@ __all__ = [
     'BATCHES',
     'Deviations',
     'Exponent',
-    'batched_exponent',
     'deviations',
     'growth_exponent',
     'monodromy_of',
@@ -228,10 +227,10 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
             return Exponent(-math.inf, 0.0)
         growth[part] += math.log(norm)
         vector /= norm
-    return batched_exponent(growth, np.diff(ends, prepend=along.start))
+    return _batched_exponent(growth, np.diff(ends, prepend=along.start))
 
 
-def batched_exponent(growth: Array, spans: Array) -> Exponent:
+def _batched_exponent(growth: Array, spans: Array) -> Exponent:
     """Return the exponent from the growth in each part of a time."""
     rates: Any = growth[1:] / spans[1:]
     return Exponent(float(rates.mean()), _STUDENT * float(rates.std(ddof=1)) / math.sqrt(BATCHES))
@@ -442,7 +441,7 @@ def parting_exponent(
     if np.count_nonzero(spans) < (1.0 - _MOST_LEFT_OUT) * cycles:
         return Exponent(math.nan, math.nan)
     parts = np.array_split(np.arange(cycles), BATCHES + 1)
-    return batched_exponent(
+    return _batched_exponent(
         np.array([growth[part].sum() for part in parts]),
         np.array([spans[part].sum() for part in parts]),
     )

@@ -133,23 +133,14 @@ def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | 
     If several ways of counting do, the one whose first impact is earliest in the force's
     cycle.
     """
-    turned = [
-        orbit.begun_at(shift)
-        for shift in range(orbit.impacts)
-        if orbit.stops[shift:] + orbit.stops[:shift] == stops
-    ]
-    return min(turned, key=lambda orbit: orbit.phases[0], default=None)
+    return min(orbit.turned_to(stops), key=lambda orbit: orbit.phases[0], default=None)
 
 
 def _distinct(orbits: Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
     """Return each motion once, without those that repeat within the period."""
     kept: list[PeriodicOrbit] = []
     for orbit in sorted(orbits, key=lambda orbit: orbit.residual):
-        turns = [
-            orbit.begun_at(shift)
-            for shift in range(orbit.impacts)
-            if orbit.stops[shift:] + orbit.stops[:shift] == orbit.stops
-        ]
+        turns = list(orbit.turned_to(orbit.stops))
         if orbit.repeats(SAME):
             continue
         if not any(turn.differs(other) < SAME for turn in turns for other in kept):
@@ -285,17 +276,13 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
             force_amplitudes=(first, *(ahead * other for other in others)),
         )
         shot = shoot(rig, section, orbit.cycles)
-        if shot is None or shot[0].stops not in _turns(orbit.stops):
+        if shot is None or not any(shot[0].turned_to(orbit.stops)):
             share *= 0.5
             continue
         found = shot[0]
         section = section_on(found) or shot[1]
         done, share = ahead, 1.5 * share
     return found
-
-
-def _turns(stops: tuple[int, ...]) -> list[tuple[int, ...]]:
-    return [stops[i:] + stops[:i] for i in range(len(stops))]
 
 
 def _shot_orbits(
@@ -319,7 +306,7 @@ def _shot_orbits(
             shot = shoot(parameters, section, cycles)
             if shot is not None:
                 simulated_converged += 1
-                if shot[0].stops in _turns(stops):
+                if any(shot[0].turned_to(stops)):
                     orbits.append(shot[0])
     return orbits, StartReport(
         stops=stops,

@@ -24,7 +24,7 @@ from .event_map import Course, Stretch, origin_at, run_course
 from .multipliers import multipliers_of
 from .newton import solve
 from .orbit import Node, PeriodicOrbit
-from .viability import swing_extremes
+from .viability import largest_displacement
 
 __all__ = [
     'Section',
@@ -280,7 +280,7 @@ def _orbit(
     def phase(time: float) -> float:
         return ((section.instant - whole) + time) / cycle % cycles
 
-    swings = [swing_extremes(s.flight, s.duration) for s in shot.course.stretches]
+    flights = shot.course.stretches
     multipliers = multipliers_of(shot.matrix) + (0j,) * (4 - section.dimension)
     return PeriodicOrbit(
         parameters=parameters,
@@ -292,7 +292,9 @@ def _orbit(
         primary_velocity_after=tuple(i.velocity_after for i in impacts),
         damper_velocity_before=tuple(i.velocity_before + i.relative_before for i in impacts),
         damper_velocity_after=tuple(i.velocity_after + i.relative_after for i in impacts),
-        x_max=max(max(swing.high, -swing.low) for swing in swings),
+        x_max=largest_displacement(
+            (part.flight for part in flights), (part.duration for part in flights)
+        ),
         multipliers=multipliers,
         stable=abs(multipliers[0]) < 1.0,
         viable=True,

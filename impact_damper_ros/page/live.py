@@ -29,6 +29,8 @@ _MOST_SAMPLES, _MOST_IMPACTS = 60_000, 20_000
 #: Without any message for so long a node is gone, s; its diagnostics come each second.
 GONE_S = 3.5
 _STATUS_PERIOD_S = 1.0
+#: A node that was killed is known to the network for some 20 s.
+_NAMESAKE_S = 30.0
 _LEVELS = ('ok', 'warn', 'error')
 #: Stamps this near to the clock are those of the clock, s.
 _WALL_S = 3600.0
@@ -52,6 +54,9 @@ class Link(Protocol):
 
     def poll(self) -> Messages:
         """Take what has come in."""
+
+    def count(self) -> int:
+        """Return how many nodes have the name."""
 
     async def knobs(self) -> list[Knob]:
         """Return all parameters."""
@@ -113,6 +118,8 @@ class LiveRig:
         self._heard = time.monotonic()
         self._said: tuple[str, str] = ('', '')
         self._said_at = 0.0
+        # Since when there are several nodes of this name
+        self._namesakes_since = 0.0
         #: Called when the rig has other parameters, or is another one.
         self.on_course: Callable[[], None] = lambda: None
         #: Called when the parameters have to be asked for (anew).
@@ -146,7 +153,8 @@ class LiveRig:
     def look(self) -> None:
         """Take what has come in since the last look."""
         messages = self.link.poll()
-        if messages.states or messages.snapshots or messages.diagnostics:
+        # /diagnostics are of all nodes; see below.
+        if messages.states or messages.snapshots or messages.impacts:
             self._heard = time.monotonic()
         for content in messages.snapshots:
             self._take_snapshot(content)
@@ -304,6 +312,7 @@ class LiveRig:
         own = f'{self.link.name.removeprefix("/")}: '
         found = {s.name.removeprefix(own): s for s in array.status if s.name.startswith(own)}
         if found:
+            self._heard = time.monotonic()
             self.reports |= found
             self._tell(self.diagnostics())
 
@@ -363,9 +372,15 @@ class LiveRig:
         }
 
     def _judged(self) -> tuple[str, str]:
-        silent = time.monotonic() - self._heard
+        now = time.monotonic()
+        silent = now - self._heard
         if silent > GONE_S or not self._eras:
             return 'gone', f'no message from {self.link.name} for {max(1, round(silent))} s'
+        if self._namesakes_since and now > self._namesakes_since + _NAMESAKE_S:
+            return 'lagging', (
+                f'several nodes are called {self.link.name}, and shown as if they were one: end '
+                'the others, or start them in namespaces'
+            )
         if self._paused:
             return 'paused', 'paused'
         for task in ('rig', 'pacing'):
@@ -374,12 +389,19 @@ class LiveRig:
                 return 'lagging', report.message
         return 'running', ''
 
+    def _look_for_namesakes(self, now: float) -> None:
+        if self.link.count() < 2:
+            self._namesakes_since = 0.0
+        elif not self._namesakes_since:
+            self._namesakes_since = now
+
     def _say_status(self) -> None:
         now, judged = time.monotonic(), self._judged()
         # The seconds of silence are no news.
         news = judged[0] != self._said[0] or (judged[0] != 'gone' and judged != self._said)
         if news or now >= self._said_at + _STATUS_PERIOD_S:
             self._said, self._said_at = judged, now
+            self._look_for_namesakes(now)
             self._tell(self.status())
 
 

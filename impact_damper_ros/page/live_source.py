@@ -203,6 +203,8 @@ class LiveSource:
         if name not in self._presets:
             raise Refusal(f'there is no preset {name[:80]}')
         known = {knob.name for knob in self.rig.knobs if not knob.read_only}
+        if not known:
+            raise Refusal('the parameters of the rig are not known yet')
         values = {n: v for n, v in self._presets[name].all_values().items() if n in known}
         if reason := await self.rig.link.set(values):
             return {'ok': False, 'reason': reason}

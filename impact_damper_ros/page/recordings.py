@@ -162,7 +162,7 @@ class Recordings:
             self._reports = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
         directory = self._reports / path.name
         process = await asyncio.create_subprocess_exec(
-            *('nice', '-n', '10', sys.executable, '-m', 'impact_damper_ros.cli.compare_run'),
+            *('nice', '-n', '5', sys.executable, '-m', 'impact_damper_ros.cli.compare_run'),
             *(str(path), '--json', str(directory.with_suffix('.json'))),
             *('--report', str(directory)),
             env=environment(),

@@ -177,6 +177,11 @@ class RigLink:
                     messages.append(taken[0])
         return polled
 
+    def count(self) -> int:
+        """Return how many nodes have the name of the rig."""
+        nodes = self._node.get_node_names_and_namespaces()
+        return sum(f'{space.rstrip("/")}/{name}' == self.name for name, space in nodes)
+
     async def knobs(self) -> list[Knob]:
         """Return all parameters with descriptors and values."""
         listed = await self._services['list_parameters'].call(ListParameters.Request())

@@ -69,15 +69,15 @@ def _root_of_x(flight: Flight, side: int, low: float, high: float) -> float:
 
 @kernel
 def first_crossing(
-    flight: Flight, side: int, node: float, limit: float
+    flight: Flight, side: int, searched: float, limit: float
 ) -> tuple[bool, float, float]:
-    """Find the first passage of X through zero after a node."""
+    """Find the first passage of X through zero after a time searched."""
     oscillator: Oscillator = flight.oscillator
     horizon = oscillator.horizon
-    above = node
-    tau = node
+    above = searched
+    tau = searched
     # A flight that begins at a passage may have its rest before it, by the round-off of its time.
-    arriving = node == 0.0
+    arriving = searched == 0.0
     while True:
         motion: Motion = motion_at(flight, tau)
         height = side * motion.x
@@ -129,9 +129,9 @@ def _side_at(origin: Origin, flight: Flight, instant: float) -> int:
         return side
     # At least one float more than the instant
     limit = (instant - origin.time) - origin.time_low + 2.0 * _EPSILON * abs(instant)
-    node = 0.0
-    while node <= limit + _OVERTIME * flight.oscillator.horizon:
-        found, tau, node = first_crossing(flight, side, node, limit)
+    searched = 0.0
+    while searched <= limit + _OVERTIME * flight.oscillator.horizon:
+        found, tau, searched = first_crossing(flight, side, searched, limit)
         if not found or advance_time(origin.time, origin.time_low, tau)[0] > instant:
             break
         side = -side
@@ -163,7 +163,7 @@ class CrossingWatch:
         self._origin = origin
         self._flight = flight
         self._side = starting_side(flight, origin.side)
-        self._node = 0.0
+        self._searched = 0.0
         # A passage at the origin belongs to this flight and comes after it.
         self._earliest = nextafter(origin.time, inf)
         self._next: float | None = None
@@ -175,13 +175,15 @@ class CrossingWatch:
         origin = self._origin
         limit = (nextafter(until, inf) - origin.time) - origin.time_low
         horizon = self._flight.oscillator.horizon
-        if self._node > limit + _OVERTIME * horizon:
+        if self._searched > limit + _OVERTIME * horizon:
             return
         while True:
             ahead = limit
             if interrupted is not None:
-                ahead = min(limit, self._node + _STRETCH * horizon)
-            found, tau, self._node = first_crossing(self._flight, self._side, self._node, ahead)
+                ahead = min(limit, self._searched + _STRETCH * horizon)
+            found, tau, self._searched = first_crossing(
+                self._flight, self._side, self._searched, ahead
+            )
             if found or ahead == limit:
                 break
             if interrupted is not None and interrupted():

@@ -77,7 +77,7 @@ class HybridMotion:
         """Begin the flight of an origin."""
         self._origin = origin
         self._flight = launch(self._constants, origin)
-        self._node = 0.0
+        self._searched = 0.0
         self._clear = -inf
         self._due = inf
         self._watch: CrossingWatch | None = None
@@ -287,13 +287,13 @@ class HybridMotion:
         limit = self._tau(nextafter(time, inf))
         while True:
             if interrupted is None:
-                end = flight_end(self._flight, self._node, limit)
+                end = flight_end(self._flight, self._searched, limit)
             else:
-                end = flight_end(self._flight, self._node, limit, _STEPS_AT_A_STRETCH)
+                end = flight_end(self._flight, self._searched, limit, _STEPS_AT_A_STRETCH)
             if end.kind != NO_EVENT:
                 self._expect(end)
                 return True
-            self._node = end.tau
+            self._searched = end.tau
             # No event up to here, less a digit
             reached = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
             self._clear = reached - 4.0 * ulp(reached)

@@ -9,7 +9,7 @@ the divided difference of exp over the eigenvalues l = -a + ib and conj(l), and 
 at resonance, where the particular and the homogeneous part of the textbook form do. Far above
 resonance the textbook form is more accurate and is used.
 
-From one node of the grid to the next, X, X' and the drive are multiplied by constants.
+From one point of the grid to the next, X, X' and the drive are multiplied by constants.
 """
 
 from __future__ import annotations
@@ -169,8 +169,8 @@ def driven_response(
 
 #: Length of a step, as a phase of the fastest of spring and harmonics, rad.
 _STEP = 1.2
-#: Nodes reached from one base. The bounds grow with their number, round-off with its square root.
-_NODES = 5
+#: Points reached from one base. The bounds grow with their number, round-off with its square root.
+_POINTS = 5
 
 
 class Grid(NamedTuple):
@@ -180,9 +180,9 @@ class Grid(NamedTuple):
     Attributes
     ----------
     step, inverse : float
-        Time from node to node, s, and its inverse.
-    nodes : int
-        Number of nodes for which the bounds hold.
+        Time from point to point, s, and its inverse.
+    points : int
+        Number of points for which the bounds hold.
     x_x, v_x, x_v, v_v : float
         X and X' after a step from unit X, and from unit X', without drive.
     x_cosine, x_sine, v_cosine, v_sine : tuple of float
@@ -191,7 +191,7 @@ class Grid(NamedTuple):
     turn_cosine, turn_sine : tuple of float
         Cosine and sine of the angle that each harmonic turns.
     bound_3, bound_4, bound_5, bound_6 : float
-        As the oscillator's bounds, over all nodes.
+        As the oscillator's bounds, over all points.
     spring, dashpot : float
         Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
     pushes, turns : tuple of float
@@ -200,7 +200,7 @@ class Grid(NamedTuple):
 
     step: float
     inverse: float
-    nodes: int
+    points: int
     x_x: float
     v_x: float
     x_v: float
@@ -262,11 +262,11 @@ def make_grid(
         for (_, circular), harmonic in zip(drive, harmonics, strict=True)
     ]
     scaled = [(force, r) for (force, _), r in zip(drive, responses, strict=True)]
-    bounds = [drive_bound(omega, decay, drive, order, _NODES * step) for order in (3, 4, 5, 6)]
+    bounds = [drive_bound(omega, decay, drive, order, _POINTS * step) for order in (3, 4, 5, 6)]
     return Grid(
         step=step,
         inverse=1.0 / step,
-        nodes=_NODES,
+        points=_POINTS,
         x_x=free.step,
         v_x=-(omega * omega) * free.impulse,
         x_v=free.impulse,

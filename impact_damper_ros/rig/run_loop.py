@@ -200,7 +200,7 @@ def run_through(
     """Let a rig run to a later time."""
     writing = len(codes) > 0
     flight: Flight = launch(rig, origin)
-    node = 0.0
+    searched = 0.0
     known = False
     written = 0
     happened = 0
@@ -215,7 +215,7 @@ def run_through(
         target = end
         if sampled < count:
             target = float(instants[sampled])
-        if not known and node == 0.0 and flies_plainly(origin):
+        if not known and searched == 0.0 and flies_plainly(origin):
             before = happened
             origin, instant, written, happened, ending = plain_impacts(
                 rig,
@@ -233,7 +233,7 @@ def run_through(
                 at_once_span,
             )
             known = ending.kind != NO_EVENT
-            node = ending.tau
+            searched = ending.tau
             if happened > before:
                 flight = launch(rig, origin)
                 begun = 0.0
@@ -243,9 +243,9 @@ def run_through(
             ending = chatter_end(flight, origin.chatter_left)
             known = True
         elif not known:
-            ending = flight_end(flight, node, since + _NEXT * abs(target))
+            ending = flight_end(flight, searched, since + _NEXT * abs(target))
             known = ending.kind != NO_EVENT
-            node = ending.tau
+            searched = ending.tau
         if not known or advance_time(origin.time, origin.time_low, ending.tau)[0] > target:
             time = target
             if sampled == count:
@@ -279,6 +279,6 @@ def run_through(
             at_once = 0
         at_once += 1
         flight = launch(rig, origin)
-        node = 0.0
+        searched = 0.0
         begun = 0.0
         known = False

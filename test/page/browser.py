@@ -16,7 +16,7 @@ from impact_damper_ros.page.server import PageServer
 
 from .fake_rig import NoAnswerError
 
-DEADLINE_S = 100.0
+DEADLINE_S = 300.0
 HEADER = struct.Struct('<BBHHHddd')
 
 

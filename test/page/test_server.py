@@ -16,7 +16,7 @@ from impact_damper_ros.page.session import Session
 from impact_damper_ros.rig import RigParameters
 
 from .browser import get, opened, serving, taken_apart, url
-from .fake_rig import FakeLink, FakeNetwork
+from .fake_rig import FakeLink, FakeNetwork, diagnostics
 
 MARKUP = '<img src=x onerror=alert(1)>'
 
@@ -364,6 +364,7 @@ def test_a_rig_that_comes_later_is_found_and_one_that_is_not_there_is_named(tmp_
             assert (hello['rig'], hello['rigs']) == ('', [])
             assert (await page.next('status'))['state'] == 'gone'
             assert 'no rig' in (await page.ask(type='set', values={'gap': 1.0}))['reason']
+            assert not (await page.ask(type='preset', name='bench'))['ok']
             link = network.links.setdefault('/left/sim_node', FakeLink('/left/sim_node'))
             link.run(1.0)
             assert (await page.next('hello', rig='/left/sim_node'))['rigs'] == ['/left/sim_node']
@@ -387,6 +388,43 @@ def test_silence_is_said(tmp_path, monkeypatch):
             status = await page.next('status', after=seen, state='lagging')
             assert status['text'] == 'cannot hold 200 Hz'
             assert status['overruns'] == 3.0
+
+    run(test())
+
+
+def test_reports_of_another_rig_are_no_sign_of_life(tmp_path, monkeypatch):
+    """All rigs report on the same topic."""
+    monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 0.3)
+
+    async def test():
+        link = started(FakeLink('/left/sim_node'))
+        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
+            await page.until(lambda: page.frames)
+
+            async def others():
+                while True:
+                    link.messages.diagnostics.append(
+                        diagnostics((0, 'right/sim_node: pacing', 'holds 200 Hz', {}))
+                    )
+                    await asyncio.sleep(0.05)
+
+            task = asyncio.ensure_future(others())
+            await page.next('status', state='gone')
+            task.cancel()
+            assert not page.of('diagnostics')[-1]['statuses']
+
+    run(test())
+
+
+def test_namesakes_are_named(tmp_path, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.live._NAMESAKE_S', 0.0)
+
+    async def test():
+        link = started(FakeLink())
+        link.namesakes = 2
+        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
+            status = await page.next('status', state='lagging')
+            assert status['text'].startswith('several nodes are called /sim_node')
 
     run(test())
 
@@ -519,5 +557,7 @@ def test_the_client_library_keeps_origin_checks_honest(tmp_path):
             socket_ = await websocket_connect(url(server, '/ws', 'ws'))
             assert json.loads(await socket_.read_message())['type'] == 'hello'
             socket_.close()
+            while await socket_.read_message() is not None:
+                pass
 
     run(test())

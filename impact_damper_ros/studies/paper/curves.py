@@ -338,14 +338,6 @@ def enumerated_curves(plan: SeriesPlan) -> list[Curve]:
     return done
 
 
-def _turned(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
-    """Return the motion begun at the impact from which it hits `stops`, if there is one."""
-    for shift in range(orbit.impacts):
-        if orbit.stops[shift:] + orbit.stops[:shift] == stops:
-            return orbit.begun_at(shift)
-    return None
-
-
 @dataclass(frozen=True)
 class _Step:
     """A motion that is followed, and the state to shoot from."""
@@ -357,7 +349,7 @@ class _Step:
     def to(self, plan: SeriesPlan, value: float) -> _Step | None:
         """Return the motion at another value, if it is still of the same kind."""
         shot = shoot(plan.at(value), self.section, self.orbit.cycles)
-        turned = None if shot is None else _turned(shot[0], self.orbit.stops)
+        turned = None if shot is None else next(shot[0].turned_to(self.orbit.stops), None)
         if shot is None or turned is None or self.orbit.differs(turned) > _LARGEST_STEP:
             return None
         return _Step(value, turned, section_on(turned) or shot[1])
