@@ -241,6 +241,25 @@ def test_recordings_are_listed_and_handed_out(runs, tmp_path):
         only.path('link')
 
 
+def test_bags_that_do_not_change_are_described_once(runs, monkeypatch):
+    read = []
+    monkeypatch.setattr(
+        'impact_damper_ros.page.recordings.read_listing',
+        lambda path: read.append(path) or None,
+    )
+    recordings = Recordings(runs)
+    first = recordings.list()
+    assert recordings.list() == first
+    assert len(read) == 1
+    extra = runs / 'run' / 'note.txt'
+    extra.write_text('changed', encoding='utf-8')
+    try:
+        recordings.list()
+    finally:
+        extra.unlink()
+    assert len(read) == 2
+
+
 def test_a_comparison_is_shown_in_the_page(runs):
     async def test():
         async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
