@@ -315,11 +315,13 @@ class PageServer:
             If there is no such thing.
         """
         await self.list_recordings()
-        bag = bag or ('' if self._network is not None else self.recordings.single)
+        if not bag and self._network is None:
+            # The newest
+            bag = next((entry['name'] for entry in self._list), '')
         if bag:
             return await self._play(socket, bag)
         if self._network is None:
-            raise Refusal('name a recording: there is no ROS here')
+            raise Refusal('there is no recording here, and no ROS')
         rig = rig or self._node or (self._rigs[0] if self._rigs else '')
         if rig and rig not in self._rigs and rig not in (self._node, *self._sources):
             raise Refusal(f'there is no rig {rig[:200]}')
