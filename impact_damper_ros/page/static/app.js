@@ -71,12 +71,13 @@ function setStatus(state, text = '') {
     gone: 'The node does not answer; waiting for it.',
     offline: 'The page server does not answer; trying again.',
     paused: player.on ? '' : 'Paused',
-    lagging: text || 'The rig is behind its clock.',
   }[state] ?? '';
   curtain.hidden = !said;
   mark(curtain, 'data-state', state);
   write(curtain, said);
+  // A rig that lags says why in a tooltip and to a screen reader; it runs on.
   mark(pill, 'title', text || said || TEXTS[state] || '');
+  mark(pill, 'aria-label', state === 'lagging' && text ? `${TEXTS[state]}: ${text}` : TEXTS[state] ?? state);
   const paused = state === 'paused';
   mark(byId('pause'), 'aria-pressed', String(paused));
   write(byId('pause'), paused ? 'Resume' : 'Pause');
