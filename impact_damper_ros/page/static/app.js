@@ -322,7 +322,8 @@ byId('reset').addEventListener('click', () => service('reset'));
 byId('record').addEventListener('click', async () => {
   const on = byId('record').getAttribute('aria-pressed') !== 'true';
   const { ok, reason } = await connection.ask({ type: 'record', on });
-  if (!ok) toast(reason, 'bad');
+  if (ok) takeValues({ record: on });
+  else toast(reason, 'bad');
 });
 byId('rig-choice').addEventListener('change', () => join({ rig: byId('rig-choice').value }));
 byId('back-live').addEventListener('click', () => join({}));
