@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts
-from impact_damper_ros.compare.stretch_kind import StretchKind, kind_of
 from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
 from impact_damper_ros.orbits.recognition import MotionKind

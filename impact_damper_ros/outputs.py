@@ -42,6 +42,15 @@ def _is_stream(path: Path) -> bool:
     return path.exists() and (not path.is_file() or path.is_relative_to('/dev'))
 
 
+def _sync(path: Path) -> None:
+    """Have the disk keep a file, or the names in a directory."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def _refusal(number: int, path: Path) -> OSError:
     return OSError(number, os.strerror(number), str(path))
 
@@ -106,9 +115,9 @@ def whole(path: Path) -> Iterator[Path]:
     draft = file.with_name(f'.{os.getpid()}.{file.name}')
     try:
         yield draft
-        with draft.open('rb') as stream:
-            os.fsync(stream.fileno())
+        _sync(draft)
         draft.replace(file)
+        _sync(file.parent)
     except OSError as error:
         if error.filename in (None, str(draft)):
             error.filename = str(path)

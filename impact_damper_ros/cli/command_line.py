@@ -70,23 +70,7 @@ def discard_output() -> None:
 
 
 def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupted') -> int:
-    """
-    Do the work of a command; report an error in a line.
-
-    Parameters
-    ----------
-    command : str
-        Name of the command.
-    work : callable
-        Returns the exit code.
-    interrupted : str, optional
-        What to say after Ctrl-C.
-
-    Returns
-    -------
-    int
-        The exit code.
-    """
+    """Do the work of a command, and return its exit code; report an error in a line."""
     message: object
     try:
         return work()

@@ -1,5 +1,5 @@
 """
-The demonstration: run the node, turn its knobs, record, and hold the recording against theory.
+The demonstration: run the node, change its parameters, record, compare the recording with theory.
 
 Run by ``make demo``, or ``python -m impact_damper_ros.cli.demo [DIRECTORY]``.
 """
@@ -55,23 +55,14 @@ STAGES = (
 
 
 class Row(NamedTuple):
-    """
-    One stage, as `compare_run` measures it.
-
-    Attributes
-    ----------
-    stage : Stage
-        What was set.
-    measured : mapping of str to Any
-        The motion measured, as in ``report.json``; see `MeasuredMotion`.
-    """
+    """One stage, and the motion measured, as in ``report.json``."""
 
     stage: Stage
     measured: Mapping[str, Any]
 
 
 def _environment() -> None:
-    """Keep to this machine, and out of the way of other ROS systems on it."""
+    """Keep to this machine, and apart from other ROS systems on it."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
     if (Path(sys.prefix) / 'share' / 'ament_index').is_dir():
@@ -130,7 +121,7 @@ class _Client:
         return condition()
 
     def set(self, name: str, value: Any) -> None:
-        """Set a parameter of the node, or say why it will not have it."""
+        """Set a parameter of the node; raise RuntimeError if it is rejected."""
         from rclpy.parameter import Parameter
 
         if not self._parameters.wait_for_services(PATIENCE_S):
@@ -153,7 +144,7 @@ def _has_reached(node: subprocess.Popen[bytes], client: _Client, time: float) ->
 
 
 def _perform(node: subprocess.Popen[bytes], duration: float) -> tuple[int, int]:
-    """Turn the knobs while the node runs; return the messages that arrived meanwhile."""
+    """Change parameters while the node runs; return how many messages arrived."""
     client = _Client()
     try:
         if not client.until(lambda: client.states > 0 or node.poll() is not None, PATIENCE_S):
@@ -200,11 +191,7 @@ def _end(node: subprocess.Popen[bytes]) -> None:
 
 
 def _read(bag: Path) -> tuple[Motion, list[float]]:
-    """
-    Read the motion back from the bag, and the instants at which parameters changed.
-
-    Positions of the motion count from the static equilibrium of each stage.
-    """
+    """Read the motion from the equilibrium of each stage, and the instants of the changes."""
     reader = RunReader(bag)
     states: list[tuple[float, ...]] = []
     impacts: list[tuple[float, ...]] = []
@@ -249,8 +236,8 @@ def _table(rows: Sequence[Row], without: float) -> str:
         [
             *lines,
             '',
-            'Measured are the last periods of a motion that has settled, up to 20, or else the',
-            'second half of the stage, as in the report; |X| is counted from the equilibrium.',
+            'The last periods of a settled motion are measured, up to 20, or else the second half',
+            'of the stage, as in the report; |X| is counted from the equilibrium.',
         ]
     )
 
@@ -285,14 +272,14 @@ def _draw(bag: Path, preset: Path, picture: Path, rows: Sequence[Row]) -> None:
 
 
 def _compare(bag: Path, directory: Path) -> int:
-    """Hold the recording against theory; return the exit code."""
+    """Compare the recording with theory; return the exit code."""
     from .compare_run import main as compare_run
 
     return compare_run(['--quiet', os.path.relpath(bag), '--report', os.path.relpath(directory)])
 
 
 def _print_verdicts(directory: Path) -> None:
-    print('\nheld against the exact periodic theory (compare_run):\n')
+    print('\ncompared with the exact periodic theory (compare_run):\n')
     result = json.loads((directory / 'report.json').read_text(encoding='utf-8'))
     for stretch in result['stretches']:
         text = f'{stretch["cause"]}: {stretch["verdict"]}. {stretch["sentence"]}'

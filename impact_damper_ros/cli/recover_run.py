@@ -49,11 +49,11 @@ def _short(name: str) -> str:
 def report(recovery: Recovery) -> str:
     """Say what was saved, topic by topic."""
     seconds = (recovery.end_ns - recovery.start_ns) / 1e9
-    count = f'{recovery.message_count} message{"s" if recovery.message_count != 1 else ""}'
     lines = []
     if recovery.was_complete:
         name = printable(recovery.source.name)
         lines.append(f'{name} is complete: nothing was lost; this is a copy of it')
+    count = f'{recovery.message_count} message{"s" if recovery.message_count != 1 else ""}'
     lines.append(f'saved {count} over {seconds:.3f} s to {printable(str(recovery.output))}')
     lines.append(f'  stamps {recovery.start_ns} to {recovery.end_ns} ns')
     topics = [replace(t, name=_short(t.name), type=_short(t.type)) for t in recovery.topics]

@@ -21,21 +21,20 @@ from .command_line import (
 )
 
 if TYPE_CHECKING:
-    from impact_damper_ros.studies.paper.claims import Claim
-    from impact_damper_ros.studies.paper.plan import OptimumPoint, Series
+    from impact_damper_ros.studies.paper.series import AngleOptimum, Series
 
 __all__ = ['main']
 
 
 _DESCRIPTION = """\
 Compute the figures of Bapat (1995) from the periodic theory and the exact simulator, draw them,
-and hold every claim of the paper's section 3 and conclusions against the numbers. Writes PNG
-files, a CSV file for each figure and, when all figures are made, README.md with captions and
-the table of claims, which is printed too.
+and compare every claim of the paper's section 3 and conclusions with the numbers. Writes PNG
+files, a CSV file for each figure and, if all figures are made, README.md with captions and the
+table of claims. The claims are printed, too.
 """
 _EPILOG = """\
-Exit code: 0; 2 if the input is not usable or matplotlib is missing; 1 if a file could not be
-written or a process died; 130 on Ctrl-C, which leaves no half-written file.
+Exit code: 0 on success; 1 if a file could not be written or a process died; 2 if the input is not
+usable or matplotlib is missing; 130 on Ctrl-C, which leaves no unfinished file.
 Example: reproduce_paper --only 3a,5 --output /tmp/paper
 """
 
@@ -43,11 +42,17 @@ Example: reproduce_paper --only 3a,5 --output /tmp/paper
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('reproduce_paper', _DESCRIPTION, _EPILOG)
     parser.add_argument(
-        '--output', type=Path, default=Path('docs/paper'), metavar='DIR', help='[docs/paper]'
+        '--output',
+        type=Path,
+        default=Path('docs/paper'),
+        metavar='DIR',
+        help='directory of the files [docs/paper]',
     )
     add_jobs_option(parser)
     parser.add_argument(
-        '--quick', action='store_true', help='a quarter of the values: a look in half a minute'
+        '--quick',
+        action='store_true',
+        help='compute a quarter of the values, in half a minute',
     )
     parser.add_argument(
         '--only',
@@ -59,47 +64,41 @@ def _parser() -> argparse.ArgumentParser:
 
 def _compute(
     figures: Sequence[str], jobs: int, quick: bool
-) -> tuple[dict[str, Series], list[OptimumPoint]]:
-    """Run all sweeps and optima in processes, under one progress bar; the order is fixed."""
+) -> tuple[dict[str, Series], list[AngleOptimum]]:
+    """Compute all series and optima in processes, under one progress bar, in a fixed order."""
     from tqdm import tqdm
 
-    from impact_damper_ros.studies.paper.plan import (
+    from impact_damper_ros.studies.paper.series import (
+        compute_series,
         figure_5_angles,
         optimum_at,
-        run_sweep,
-        sweeps_of,
+        plans_of,
     )
 
-    sweeps = [sweep for figure in figures for sweep in sweeps_of(figure, quick=quick)]
+    plans = [plan for figure in figures for plan in plans_of(figure, quick=quick)]
     angles = figure_5_angles(quick=quick) if '5' in figures else ()
-    # A sweep takes up to a minute
     with process_pool(jobs) as pool:
-        series: list[Future[Series]] = [pool.submit(run_sweep, sweep) for sweep in sweeps]
-        optima: list[Future[OptimumPoint]] = [pool.submit(optimum_at, v) for v in angles]
+        series: list[Future[Series]] = [pool.submit(compute_series, plan) for plan in plans]
+        optima: list[Future[AngleOptimum]] = [pool.submit(optimum_at, v) for v in angles]
         work: list[Future[Any]] = [*series, *optima]
         for done in tqdm(as_completed(work), total=len(work), desc='curves', unit=''):
             done.result()
-        results = [future.result() for future in series]
-        points = [future.result() for future in optima]
-    return {one.sweep.name: one for one in results}, points
-
-
-def _print_claims(claims: Sequence[Claim]) -> None:
-    for number, claim in enumerate(claims, 1):
-        print(f'\n{number}. [{claim.figure}] {claim.claim}')
-        print(f'   {claim.computed}')
-        print(f'   -> {claim.verdict.value}' + (f': {claim.remark}' if claim.remark else ''))
+        return {one.result().plan.name: one.result() for one in series}, [
+            one.result() for one in optima
+        ]
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from impact_damper_ros.studies.paper.plan import FIGURES, figure_of
-    from impact_damper_ros.studies.paper.report import claims_of, write_figure, write_report
+    from impact_damper_ros.studies.paper.claims import claims_of
+    from impact_damper_ros.studies.paper.report import write_figure, write_report
+    from impact_damper_ros.studies.paper.series import FIGURES, figure_of
 
+    need_matplotlib()
     figures = list(FIGURES)
     if arguments.only is not None:
         asked = {figure_of(name.strip()) for name in arguments.only.split(',')}
         figures = [figure for figure in FIGURES if figure in asked]
-    # Before the work, not after it
+    # Before the work, which takes minutes
     check_directory(arguments.output)
     arguments.output.mkdir(parents=True, exist_ok=True)
     results, optima = _compute(figures, arguments.jobs, arguments.quick)
@@ -111,19 +110,19 @@ def _run(arguments: argparse.Namespace) -> int:
         print(arguments.output / 'README.md')
     else:
         claims = [claim for figure in figures for claim in claims_of(figure, results, optima)]
-    _print_claims(claims)
+    for number, claim in enumerate(claims, 1):
+        print(f'\n{number}. [{claim.figure}] {claim.claim}')
+        print(f'   {claim.computed}')
+        print(f'   -> {claim.verdict}')
     return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-
-    def work() -> int:
-        need_matplotlib()
-        return _run(arguments)
-
-    return outcome('reproduce_paper', work, 'interrupted; no half-written file is left')
+    return outcome(
+        'reproduce_paper', lambda: _run(arguments), 'interrupted; no unfinished file is left'
+    )
 
 
 if __name__ == '__main__':

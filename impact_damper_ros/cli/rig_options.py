@@ -49,20 +49,7 @@ class GivenRig(NamedTuple):
 
 
 class TimedChange(NamedTuple):
-    """
-    A change of parameters at an instant.
-
-    Attributes
-    ----------
-    time_ns : int
-        The instant, ns.
-    values : dict of str to value
-        The new values by name.
-    parameters : RigParameters
-        The rig from then on.
-    control : GapControlParameters
-        Its gap control from then on.
-    """
+    """A change of parameters at an instant: the new values, and the rig and control from then."""
 
     time_ns: int
     values: dict[str, Any]
@@ -95,22 +82,10 @@ def given_rig(
     params: Path, settings: Sequence[str] = (), *, with_control: bool = True
 ) -> GivenRig:
     """
-    Read the rig of a command.
+    Read the rig of a command from a parameters file or preset, and from ``--set`` options.
 
-    Parameters
-    ----------
-    params : Path
-        Parameters file, or the name of a preset.
-    settings : sequence of str, optional
-        The ``--set`` options.
-    with_control : bool, optional
-        Whether the command uses the gap control; if not, that of the file is left aside, and
-        ``--set`` takes no parameter of it.
-
-    Raises
-    ------
-    ValueError
-        If the file or an option is not usable.
+    A command that does not use the gap control leaves that of the file aside, and takes no
+    parameter of it from ``--set``.
     """
     parameters, initial, other = load_parameters(params)
     control = GapControlParameters(**_among(other, GAP_CONTROL_SPECS if with_control else ()))

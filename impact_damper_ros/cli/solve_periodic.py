@@ -7,19 +7,30 @@ import cmath
 import math
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.orbits import OrbitSearch, PeriodicOrbit, find_orbits, plausible_stops
+from impact_damper_ros.orbits import (
+    Branch,
+    OrbitSearch,
+    PeriodicOrbit,
+    SpecialKind,
+    continue_orbit,
+    find_orbits,
+    plausible_stops,
+    switch_branch,
+    value_of,
+)
 from impact_damper_ros.outputs import check_file
+from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig import RigParameters
 
 from .command_line import (
+    CommandError,
     add_json_option,
     command_parser,
     discard_output,
     outcome,
-    say,
     text_stream,
     up_to,
     write_json,
@@ -32,15 +43,15 @@ __all__ = ['main']
 EXIT_NONE, EXIT_NOT_VIABLE = 3, 4
 
 _DESCRIPTION = """\
-Solve for the periodic motions of an impact damper with N impacts in K cycles of the force, stable
-and unstable, from the same parameters file as sim_node and simulate_rig. All quantities are in SI
-units; velocities are absolute, along the axis, positive downwards. Phases are impact times in
-cycles of the force, whose own phase counts: F sin(W t + force_phase).
+Find the periodic motions of an impact damper with N impacts in K cycles of the force, stable and
+unstable, for the same parameters file as sim_node and simulate_rig. All quantities are in SI
+units; velocities are absolute, along the axis, positive downwards. A phase is the time of an
+impact from t = 0 in cycles of the force F sin(W t + force_phase).
 """
 _EPILOG = """\
 Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution; 4 if there
 are solutions but none is viable (the table says why); 2 if the input is not usable; 1 if the file
-could not be written.
+could not be written; 130 on Ctrl-C.
 Example: solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
 """
 
@@ -52,6 +63,19 @@ def _stops(text: str) -> tuple[int, ...]:
             f'{text!r}: give the stops hit in one period, in order, such as 1,2 or 1,1,2'
         )
     return tuple(int(word) for word in words)
+
+
+def _range(text: str) -> tuple[str, float, float]:
+    name, _, ends = text.partition('=')
+    try:
+        low, high = (float(end) for end in ends.split(':'))
+    except ValueError:
+        low = high = math.nan
+    if not low < high:
+        raise argparse.ArgumentTypeError(
+            f'{text!r}: give a parameter and its least and largest value, such as gap=20:60'
+        )
+    return name, low, high
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -72,6 +96,13 @@ def _parser() -> argparse.ArgumentParser:
         type=_stops,
         metavar='1,2,...',
         help='stops hit in one period, in order [every sequence of N impacts; 1 for N = 1]',
+    )
+    parser.add_argument(
+        '--vary',
+        type=_range,
+        metavar='NAME=LOW:HIGH',
+        help='follow the first motion of the list while a parameter varies, and the branches '
+        'that leave it at period doublings and branch points',
     )
     add_json_option(parser, 'the list of motions')
     add_set_option(parser)
@@ -95,10 +126,9 @@ def _multiplier_text(multipliers: Sequence[complex]) -> str:
 
 def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     stops = ','.join(map(str, orbit.stops))
-    cycles = f'{orbit.cycles} cycle' + ('s' if orbit.cycles > 1 else '')
-    verdict = 'stable' if orbit.stable else 'unstable'
     lines = [
-        f'motion {number}: stops {stops} in {cycles} ({orbit.period:.9g} s), {verdict}, '
+        f'motion {number}: stops {stops} in {counted(orbit.cycles, "cycle")} '
+        f'({orbit.period:.9g} s), {"stable" if orbit.stable else "unstable"}, '
         + ('viable' if orbit.viable else 'NOT VIABLE'),
         "  stop  phase [cycles]         X [m]   X' before    X' after   Z' before    Z' after "
         '[m/s]',
@@ -134,6 +164,37 @@ def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     return '\n'.join(lines)
 
 
+def _branch_text(branch: Branch) -> str:
+    if not branch.orbits:
+        return f'  {branch.ended}'
+    swings = [orbit.x_max for orbit in branch.orbits]
+    lines = [
+        f'  {branch.name} from {branch.values[0]:.9g} to {branch.values[-1]:.9g}: '
+        f'{counted(len(swings), "motion")}, largest |X| between {min(swings):.6g} and '
+        f'{max(swings):.6g} m',
+    ]
+    lines.extend(
+        f'  {point.kind.value} {"at" if point.converged else "near"} {branch.name} = '
+        f'{point.value:.9g}' + (f': {point.reason}' if point.reason else '')
+        for point in branch.special
+    )
+    return '\n'.join([*lines, f'  end: {branch.ended}'])
+
+
+def _branch_texts(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Iterator[str]:
+    """Yield what becomes of a motion while a parameter varies."""
+    for upwards in (True, False):
+        branch = continue_orbit(orbit, name, low, high, upwards=upwards)
+        yield f'\nmotion 1, {name} {"rising" if upwards else "falling"}:\n{_branch_text(branch)}'
+        for point in branch.special:
+            if point.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
+                leaves = switch_branch(point, name, low, high, most_points=100)
+                yield (
+                    f'\nbranch from the {point.kind.value} at {name} = {point.value:.9g}:\n'
+                    f'{_branch_text(leaves)}'
+                )
+
+
 def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[OrbitSearch]:
     if arguments.stops is not None and len(arguments.stops) != arguments.impacts:
         raise ValueError(
@@ -148,23 +209,25 @@ def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[
     return [find_orbits(parameters, stops, arguments.cycles) for stops in sequences]
 
 
-def _verdict(searches: list[OrbitSearch], arguments: argparse.Namespace) -> tuple[int, str]:
-    """Return the exit code, and what to say if it is not 0."""
+def _check_found(searches: list[OrbitSearch], arguments: argparse.Namespace) -> None:
+    """Raise CommandError if no motion was found that the rig can perform."""
     orbits = [orbit for search in searches for orbit in search.orbits]
-    asked = f'{arguments.impacts} impacts in {arguments.cycles} cycles'
+    asked = f'{counted(arguments.impacts, "impact")} in {counted(arguments.cycles, "cycle")}'
     if not orbits:
-        certain = all(search.report.complete for search in searches)
-        return EXIT_NONE, (
-            f'no periodic motion with {asked}'
-            + ('' if certain else ' was found from any start')
-            + ': try other --impacts, --cycles or --stops; simulate_rig shows what the rig does'
+        none = f'no periodic motion with {asked} was found from any start'
+        if all(search.report.complete for search in searches):
+            none = f'there is no periodic motion with {asked}'
+        raise CommandError(
+            f'{none}: try other --impacts, --cycles or --stops; simulate_rig shows what the rig '
+            'does',
+            EXIT_NONE,
         )
     if not any(orbit.viable for orbit in orbits):
-        return EXIT_NOT_VIABLE, (
+        raise CommandError(
             f'none of the {len(orbits)} solutions with {asked} is viable; the first: '
-            f'{orbits[0].reason}'
+            f'{orbits[0].reason}',
+            EXIT_NOT_VIABLE,
         )
-    return 0, ''
 
 
 def _solve(arguments: argparse.Namespace) -> int:
@@ -173,6 +236,8 @@ def _solve(arguments: argparse.Namespace) -> int:
         check_file(arguments.json)  # before the work, not after it
     if not arguments.quiet:
         hint('solve_periodic', given.parameters)
+    if arguments.vary is not None:
+        value_of(given.parameters, arguments.vary[0])
     searches = _searches(given.parameters, arguments)
     orbits = [orbit for search in searches for orbit in search.orbits]
     orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
@@ -181,14 +246,14 @@ def _solve(arguments: argparse.Namespace) -> int:
         texts = [textwrap.fill(rig_line(given.parameters), 99, subsequent_indent='  ')]
         texts += [search.report.text for search in searches]
         texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
+        if arguments.vary is not None and orbits:
+            texts += _branch_texts(orbits[0], *arguments.vary)
         try:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:
             discard_output()
-    code, complaint = _verdict(searches, arguments)
-    if complaint:
-        say('solve_periodic', complaint)
-    return code
+    _check_found(searches, arguments)
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

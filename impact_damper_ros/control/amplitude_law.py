@@ -1,8 +1,8 @@
 """
 The amplitude law: at each passage of X through zero, places for both stops.
 
-Symmetric stops are the reconstruction of the law of Masri, Miller, Dehghanyar and Caughey (1989),
-of which is known that the amplitude of the primary mass sets the gap: d = kappa d*(A).
+Symmetric stops reconstruct the law of Masri, Miller, Dehghanyar and Caughey (1989), in which the
+amplitude of the primary mass sets the gap: d = kappa d*(A).
 
 Independent stops are an extension. Each stop has a place of its own, which grows and shrinks with
 the amplitude and is corrected by the instant at which m hit it: after an early impact the stop is
@@ -17,9 +17,6 @@ from typing import ClassVar
 
 from .law import Plant
 from .sensors import LENGTH, Kinds, Measurement
-
-__all__ = ['AmplitudeLaw']
-
 
 #: A stop is not moved by less than this part of its place: each start costs energy.
 _DEAD_BAND = 0.005

@@ -28,14 +28,11 @@ from .controller import Action, Controller, ControlRecord
 from .law import damper_of
 from .sensors import measured
 
-__all__ = ['ControlledRig', 'completed']
-
-
 _ACTIONS = {EventKind.STOP_ARRIVED: Action.ARRIVED, EventKind.STOP_TOUCHED: Action.TOUCHED}
 
 
 def completed(snapshot: dict[str, Any]) -> dict[str, Any]:
-    """Return a snapshot with the state of the control, off if it has none: an older one."""
+    """Return a snapshot with the state of the control; off, if it is an older one without."""
     if 'gap_control' in snapshot:
         return snapshot
     return {**snapshot, 'gap_control': ControlledRig.restore(snapshot).snapshot()['gap_control']}
@@ -73,7 +70,7 @@ class ControlledRig:
     (2.7, 100.0)
     """
 
-    #: What runs the rig itself.
+    #: Class of the rig itself.
     _simulator: type[Simulator] = Simulator
 
     def __init__(
@@ -141,19 +138,19 @@ class ControlledRig:
 
     @property
     def records(self) -> list[ControlRecord]:
-        """What the control did during the last call of `advance`, `change` or `reset`."""
+        """Records of the last call of `advance`, `change` or `reset`."""
         return self._records
 
     @property
     def plain(self) -> Snapshot | None:
-        """State of the rig while no control watches or moves it; None if one does."""
+        """State of the rig if no control acts on it; else None."""
         controller = self._controller
         if self._control.active or controller.returning or controller.actuators.due is not None:
             return None
         return self._rig.state()
 
     def gone_on(self, rig: Simulator) -> None:
-        """Take over where another simulator has brought the `plain` rig."""
+        """Continue from another simulator of the `plain` rig."""
         self._rig, self._records = rig, []
 
     def sample(self) -> Sample:
@@ -167,7 +164,7 @@ class ControlledRig:
         return [] if self.plain is None else self._rig.preview(times, interrupted)
 
     def mark(self) -> tuple[dict[str, Any], Controller]:
-        """Return what `go_back` takes rig and control back to, as `Simulator.mark` does."""
+        """Return a mark for `go_back`, as `Simulator.mark` does."""
         controller = self._controller
         if self._control.active or not controller.idles:
             controller = controller.copied()
@@ -196,7 +193,7 @@ class ControlledRig:
             After about so many events the rig stops, at an event, if more are due before that
             time; it may go on from there.
         interrupted : callable, optional
-            Called now and then; once it returns true, the rig stops, as of `Simulator.advance`.
+            Called now and then; once it returns true, the rig stops.
 
         Returns
         -------
@@ -209,7 +206,7 @@ class ControlledRig:
         ValueError
             If the time is before the present one or not finite.
         RunawayError
-            If the rig has events without end at one instant; `go_back` leads out of it.
+            If the rig has events without end at one instant; `go_back` undoes the advance.
         """
         self._records = []
         rig = self._rig
@@ -221,7 +218,7 @@ class ControlledRig:
             command, sample = controller.actuators.due, inf
             if active or controller.returning:
                 sample = controller.sample_index / self._control.gap_control_rate
-            # A command may have become due in the past, where the delay has been shortened.
+            # A command may be due in the past, after the delay has been shortened.
             until = max(rig.time, min(inf if command is None else command, sample, time))
             run = rig.advance_to_crossing if active else rig.advance
             new = run(until, most_events - len(events), interrupted)
@@ -250,7 +247,7 @@ class ControlledRig:
         self._record(Action.CROSSING, event.time)
 
     def _look(self) -> None:
-        """Sample, and act on it."""
+        """Take the sample that is due, and act on it."""
         controller, control, rig = self._controller, self._control, self._rig
         if control.active:
             sample = measured(rig.sample(), controller.sample_index, control)
@@ -271,11 +268,11 @@ class ControlledRig:
         return self._noted(rig.move_stops(*targets, speed=control.actuator_speed or inf))
 
     def _noted(self, events: list[Event]) -> list[Event]:
-        """Take note of stops that have come to a stand."""
+        """Record the stops that have arrived or met m, and return the events."""
         for event in events:
             action = _ACTIONS.get(event.kind)
             if action is not None:
-                # Not the event's own Y, that of m: an encoder knows exactly where a stop arrives.
+                # Not the Y of the event, which is that of m: the encoder shows the target.
                 targets = self._controller.actuators.targets
                 arrived = action is Action.ARRIVED
                 place = targets[event.stop - 1] if arrived else event.y
@@ -286,7 +283,7 @@ class ControlledRig:
     def _record(self, action: Action, time: float) -> None:
         controller = self._controller
         record = ControlRecord.of(action, time, controller.actuators, controller.observer)
-        # Stops that arrive together are told of once.
+        # Stops that arrive together make one record.
         if self._records[-1:] != [record]:
             self._records.append(record)
 
@@ -310,9 +307,9 @@ class ControlledRig:
 
         Notes
         -----
-        Another `gap` puts both stops there at once, as without control, and ends what they were
-        about; a law that is on moves them on from there. The control switched off sends them back
-        to the gap, by the actuators. Another law begins anew, with the amplitude known so far.
+        Another `gap` places both stops there at once, as without control, and ends their
+        movements; an active law moves them from there. Switching the control off sends them back
+        to the gap by the actuators. Another law begins anew, with the present amplitude.
         """
         self._records = []
         before, old = self._rig.parameters, self._control
@@ -348,13 +345,13 @@ class ControlledRig:
 
     def snapshot(self) -> dict[str, Any]:
         """
-        Return what the future of rig and control depends on.
+        Return all that the future of rig and control depends on.
 
         Returns
         -------
         dict
-            The simulator's snapshot, and under `gap_control` that of the control; it goes through
-            JSON without loss.
+            The simulator's snapshot, and under `gap_control` that of the control; JSON keeps it
+            exactly.
         """
         control = {
             'parameters': self._control.as_dict(),

@@ -15,21 +15,18 @@ from .law import Damper, Law, Plant, Search
 from .sensors import Measurement, Observer
 from .timed_law import TimedLaw
 
-__all__ = ['CONTROL_JOINTS', 'Action', 'ControlRecord', 'Controller']
-
-
 #: Joints of the topic `gap_control`.
 CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
 
 
 class Action(IntEnum):
-    """What a record tells of."""
+    """What a record is about."""
 
-    #: A command starts one or both stops.
+    #: A command started one or both stops.
     COMMAND = 1
-    #: A stop has reached its target.
+    #: A stop reached its target.
     ARRIVED = 2
-    #: A stop and m have met; the stop stays there.
+    #: A stop and m met; the stop stays there.
     TOUCHED = 3
     #: X passed through zero.
     CROSSING = 4
@@ -46,11 +43,11 @@ class ControlRecord(NamedTuple):
     action : Action
         What happened.
     target_1, target_2 : float
-        Where each stop is to be, Y in m.
+        Target of each stop, Y in m.
     amplitude : float
         Estimate of the amplitude of X, m.
     velocity_1, velocity_2 : float
-        Velocity of each stop in M, m/s; 0 of one that has moved at once.
+        Velocity of each stop in M, m/s; 0 for one that moves at once.
     x_rate : float
         X' of the last sample, m/s.
     energy_1, energy_2 : float
@@ -89,12 +86,12 @@ class ControlRecord(NamedTuple):
 
     @property
     def frame_id(self) -> str:
-        """What happened, as the topic `gap_control` names it."""
+        """Name of the action in the topic `gap_control`."""
         return self.action.name.lower()
 
     @property
     def numbers(self) -> tuple[tuple[float, float, float], ...]:
-        """Positions, velocities and efforts of `CONTROL_JOINTS`, as the topic has them."""
+        """Positions, velocities and efforts of `CONTROL_JOINTS`, as in the topic."""
         return (
             (self.target_1, self.target_2, self.amplitude),
             (self.velocity_1, self.velocity_2, self.x_rate),
@@ -103,7 +100,7 @@ class ControlRecord(NamedTuple):
 
 
 #: The laws by the name that `gap_control` gives them: the field of `Controller` with their state.
-_LAWS = {'amplitude': 'timing', 'timed': 'timed'}
+LAWS = {'amplitude': 'timing', 'timed': 'timed'}
 
 _Part = TypeVar('_Part')
 
@@ -111,7 +108,7 @@ _Part = TypeVar('_Part')
 @dataclass(slots=True)
 class Controller:
     """
-    State of the controller and its actuators; `as_dict` goes through JSON without loss.
+    State of the controller and its actuators; JSON keeps its `as_dict` exactly.
 
     Attributes
     ----------
@@ -120,7 +117,7 @@ class Controller:
     trigger_index : int
         Index of the next trigger of the crossing detector.
     observer : Observer
-        What it has seen.
+        Estimates from the samples.
     search : Search
         Where m is to be found.
     timing : AmplitudeLaw
@@ -151,15 +148,8 @@ class Controller:
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> Controller:
-        """
-        Read what `as_dict` has returned.
-
-        Raises
-        ------
-        KeyError, TypeError
-            If something is missing, or unknown.
-        """
-        # Lists of its own: what was stored may be read again
+        """Read a result of `as_dict`."""
+        # A copy: the stored lists may be read again
         stored = deepcopy(stored)
         values = {}
         for name, part in cls().parts().items():
@@ -187,13 +177,13 @@ class Controller:
         return replace(self, **{name: _copied(part) for name, part in self.parts().items()})
 
     def idle(self) -> Controller:
-        """Return a controller that keeps no more of this one than what the actuators have done."""
+        """Return a new controller with the actuators of this one."""
         return Controller(actuators=self.actuators)
 
     def switched(
         self, old: GapControlParameters, new: GapControlParameters, time: float, half_gap: float
     ) -> Controller:
-        """Return the controller that goes on with other parameters, on or off."""
+        """Return the controller that continues with other parameters."""
         if not new.active:
             if old.active:
                 self.rest(time, half_gap, new)
@@ -210,16 +200,16 @@ class Controller:
         return controller
 
     def begin(self, p: GapControlParameters, time: float) -> None:
-        """Begin to sample, from the first sampling instant after the present time on."""
+        """Begin to sample at the first sampling instant after the present time."""
         index = max(0, int(time * p.gap_control_rate))
         while index / p.gap_control_rate <= time:
             index += 1
         self.sample_index = index
 
     def relearn(self) -> None:
-        """Forget what the laws have learnt, not where the stops are."""
+        """Reset the states of the laws, not those of the actuators."""
         self.search = Search()
-        for name in _LAWS.values():
+        for name in LAWS.values():
             setattr(self, name, type(getattr(self, name))())
         self.roused = False
 
@@ -233,7 +223,7 @@ class Controller:
     def send_back(
         self, time: float, stops: tuple[float, float], half_gap: float, p: GapControlParameters
     ) -> None:
-        """Send stops that have met m on their way back on to the gap, at a sampling instant."""
+        """Send stops that met m on their way back to the gap again, at a sampling instant."""
         actuators = self.actuators
         if actuators.waiting or actuators.velocities != [0.0, 0.0]:
             return
@@ -251,7 +241,7 @@ class Controller:
 
     def _law(self, p: GapControlParameters) -> Law:
         """Return the law that moves the stops."""
-        law: Law = getattr(self, _LAWS[p.gap_control])
+        law: Law = getattr(self, LAWS[p.gap_control])
         return law
 
     def _plant(self, damper: Damper, p: GapControlParameters) -> Plant:
@@ -270,7 +260,7 @@ class Controller:
         damper: Damper,
         p: GapControlParameters,
     ) -> None:
-        """Take the trigger of the crossing detector with the sample it has held, and act on it."""
+        """Take a trigger of the crossing detector, with its sample, and act on it."""
         self.trigger_index += 1
         observer, time = self.observer, sample.time
         self._take_in(sample, damper, p)

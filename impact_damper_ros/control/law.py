@@ -11,12 +11,10 @@ from impact_damper_ros.rig import GapControlParameters, RigParameters
 from .actuator import Actuators
 from .sensors import LENGTH, Kinds, Measurement, Observer
 
-__all__ = ['Damper', 'Law', 'Plant', 'Search', 'damper_of']
-
 
 class Damper(NamedTuple):
     """
-    What the laws may know beforehand.
+    What the laws know of the damper.
 
     Attributes
     ----------
@@ -43,16 +41,11 @@ class Damper(NamedTuple):
         """
         Return the gap d* at which two impacts per cycle are at X = 0, where |X'| is largest.
 
-        Parameters
-        ----------
-        amplitude : float
-            Amplitude of X, m.
-        largest : float
-            What to return where there is no such gap, as for elastic stops.
+        Where there is none, as for elastic stops, it is the largest gap.
 
         Notes
         -----
-        From equal flights between X = 0 and X = 0 without friction and weight, and momentum and
+        From equal flights between impacts at X = 0 without friction and weight, and momentum and
         restitution at each impact: d* = pi A (1 + R)/((1 - R)(1 + mu)).
         """
         loss = (1.0 - self.restitution) * (1.0 + self.mass_ratio)
@@ -84,7 +77,7 @@ class Search:
     missed : list of int
         Half cycles since the last impact on stop 1 and on stop 2.
     reach : list of float
-        How far outwards m has been seen on each side since it could last have hit there, m.
+        How far outwards m was sampled on each side since it could last have hit there, m.
     """
 
     KINDS: ClassVar[Kinds] = {'reach': LENGTH}
@@ -108,12 +101,12 @@ class Search:
         self.reach[0 if rising else 1] = 0.0
 
     def limit(self, i: int) -> float:
-        """Return how far out a stop (0 or 1) may be to be found by m, m."""
+        """Return how far out a stop (0 or 1) may be for m to reach it, m."""
         return inf if self.missed[i] <= _PATIENCE else _REACH * self.reach[i]
 
     @property
     def common_limit(self) -> float:
-        """How far out symmetric stops may be if neither is hit any more, m."""
+        """How far out symmetric stops may be for m to reach them, m."""
         return max(self.limit(0), self.limit(1))
 
 
@@ -143,7 +136,7 @@ class Plant(NamedTuple):
     next_sample: float
 
     def symmetric_place(self, share: float) -> float:
-        """Return half a share of the optimal gap of the amplitude, but where m finds it, m."""
+        """Return the place of symmetric stops: half a share of the optimal gap, m."""
         p = self.parameters
         optimal = self.damper.optimal_gap(self.observer.amplitude, p.gap_max)
         half = 0.5 * min(max(share * optimal, p.gap_min), p.gap_max)
@@ -152,7 +145,7 @@ class Plant(NamedTuple):
     def move(
         self, time: float, places: tuple[float | None, float | None], dead_band: float
     ) -> None:
-        """Order stops to places, but for those that are less than the dead band away from it."""
+        """Order stops to places, but none that is within the dead band of its place."""
         wanted = [
             place if place is not None and abs(place - before) > dead_band * abs(before) else None
             for place, before in zip(places, self.actuators.commanded, strict=True)

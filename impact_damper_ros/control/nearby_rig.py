@@ -18,9 +18,6 @@ from .controlled_rig import ControlledRig
 from .controller import Controller
 from .sensors import LENGTH, SPEED, TIME, Kinds
 
-__all__ = ['NearbyRig', 'RigState', 'Scales']
-
-
 Array = npt.NDArray[np.float64]
 #: Where a leaf of the state is: keys and indices.
 _Path = tuple[str | int, ...]
@@ -156,21 +153,7 @@ class NearbyRig(ControlledRig):
         )
 
     def at(self, state: RigState, numbers: Array) -> Self | None:
-        """
-        Return a rig that is alike but for its numbers.
-
-        Parameters
-        ----------
-        state : RigState
-            The present state.
-        numbers : ndarray
-            The numbers of the other one.
-
-        Returns
-        -------
-        NearbyRig or None
-            None if m would be beyond a stop, or would slide against its mode.
-        """
+        """Return a rig with other numbers; None if m would pass a stop or slide backwards."""
         parts: dict[str, Any] = self._parts()
         for path, value in zip(state.places, numbers.tolist(), strict=True):
             parts = _changed(parts, path, value)

@@ -18,20 +18,6 @@ from typing import ClassVar, NamedTuple, TypeAlias
 from impact_damper_ros.rig import GapControlParameters, Sample
 from impact_damper_ros.rig.forcing import mixed
 
-__all__ = [
-    'LENGTH',
-    'SPEED',
-    'TIME',
-    'Hit',
-    'Kinds',
-    'Measurement',
-    'Observer',
-    'Passage',
-    'measured',
-    'noise',
-]
-
-
 _CHANNELS = 4
 
 LENGTH, SPEED, TIME = 'length', 'speed', 'time'
@@ -52,7 +38,7 @@ class Measurement(NamedTuple):
     y, y_rate : float
         Y, the place of m in M, and its rate.
     stop_1, stop_2 : float
-        Where the encoders of the actuators say that the stops are, Y in m.
+        Positions of the stops from the encoders of the actuators, Y in m.
     """
 
     time: float
@@ -65,7 +51,7 @@ class Measurement(NamedTuple):
 
     @property
     def z(self) -> float:
-        """Z, the absolute place of m, m."""
+        """Absolute position Z of m, m."""
         return self.x + self.y
 
     @property
@@ -92,7 +78,7 @@ def noise(seed: int, index: int) -> tuple[float, float, float, float]:
 
 
 def measured(sample: Sample, index: int, parameters: GapControlParameters) -> Measurement:
-    """Return what the sensors show."""
+    """Return a sample with the noise of the sensors."""
     x, x_rate = sample.x, sample.primary_velocity
     y, y_rate = sample.z - x, sample.damper_velocity - x_rate
     stop_1, stop_2 = sample.stop_1 - x, sample.stop_2 - x
@@ -107,17 +93,17 @@ def measured(sample: Sample, index: int, parameters: GapControlParameters) -> Me
     return Measurement(sample.time, x, x_rate, y, y_rate, stop_1, stop_2)
 
 
-#: Part of the jump in Z' that an impact makes from which a jump is taken for one.
+#: Least jump in Z' taken for an impact, over the jump that an impact makes.
 _JUMP_OF_AN_IMPACT = 0.3
-#: ... and it must be this many standard deviations of the noise on a difference of two samples.
+#: ... and over the standard deviation of the noise on a difference of two samples.
 _CLEAR_OF_NOISE = 4.0
 
-#: Time after a trigger in which the crossing detector gives no other, in half cycles.
+#: Time after a trigger without another one, in half cycles.
 _HOLD_OFF = 0.02
 
 
 class Hit(NamedTuple):
-    """An impact, as found between two samples: instant, approach speed, 0 if there was none."""
+    """An impact between two samples: instant and approach speed."""
 
     time: float
     speed: float
@@ -125,7 +111,7 @@ class Hit(NamedTuple):
 
 class Passage(NamedTuple):
     """
-    What is expected at the next passage of X through zero.
+    Motion expected at the next passage of X through zero.
 
     Attributes
     ----------
@@ -134,7 +120,7 @@ class Passage(NamedTuple):
     x_rate : float
         X' there, m/s.
     y, y_rate : float
-        Place of m in M and its rate there, if m flies on without an impact, m and m/s.
+        Place of m in M and its rate there, without an impact before, m and m/s.
     """
 
     time: float
@@ -146,14 +132,14 @@ class Passage(NamedTuple):
 @dataclass(slots=True)
 class Observer:
     """
-    What has been seen so far; every field goes through JSON.
+    Estimates from the samples so far; every field goes through JSON.
 
     Attributes
     ----------
     amplitude : float
         Smoothed amplitude of X, m; 0 before the first whole half cycle.
     half_cycle : float
-        Smoothed time from one passage of X through zero to the next, s; 0 as long as unknown.
+        Smoothed time from one passage of X through zero to the next, s; 0 if unknown.
     crossed : float or None
         Instant of the last passage.
     peak : float
@@ -192,7 +178,7 @@ class Observer:
     def _look_for_impact(
         self, before: Measurement, after: Measurement, rebound: float, noise: float
     ) -> None:
-        """Find an impact between two samples: m turns round in M, and Z' jumps."""
+        """Detect an impact between two samples: m reverses in M, and Z' jumps."""
         approach = before.y_rate
         jump = before.z_rate - after.z_rate
         if approach * after.y_rate > 0.0 or approach * jump <= 0.0:
@@ -211,7 +197,7 @@ class Observer:
             self.hit_2 = hit
 
     def holds_off(self, time: float) -> bool:
-        """Return whether a trigger comes too soon after the last one to be another passage."""
+        """Return whether a trigger comes too soon after the last one to count."""
         return self.crossed is not None and time - self.crossed <= _HOLD_OFF * self.half_cycle
 
     def cross(self, time: float, smoothing: float) -> bool:
@@ -226,16 +212,16 @@ class Observer:
         return True
 
     def forget_hits(self) -> None:
-        """Begin another half cycle with no impacts seen."""
+        """Begin another half cycle without impacts."""
         self.hit_1 = []
         self.hit_2 = []
 
     def next_passage(self) -> Passage | None:
         """
-        Return what the last sample makes expect.
+        Return the passage expected from the last sample.
 
-        None before the rhythm is known, and in the first half of a half cycle, when it is too
-        early to tell, and noise might show the last passage as one that is due.
+        None before the half cycle is known, and in its first half, when noise might show the last
+        passage as one to come.
         """
         if not self.last or self.half_cycle <= 0.0 or self.crossed is None:
             return None

@@ -1,13 +1,13 @@
 """
-The timed law: m is hit where X passes through zero, that is where |X'| is largest.
+The timed law: an impact where X passes through zero, that is where |X'| is largest.
 
-Between the impacts the stops are parked wide apart. For a passage of X through zero at which the
-impact would take energy from M, one stop is closed on m so as to meet it at that instant, and is
-then opened again; at most one such impact for each passage.
+Between the impacts the stops are parked wide apart. For a passage of X through zero at which an
+impact would take energy from M, one stop is closed so as to meet m at that instant, and is then
+opened again; at most one such impact for each passage.
 
 With symmetric stops, m has to be on the side of the stop that is closed, as in the reconstruction
-of the law of Masri et al. (1989). With independent stops, an extension, a stop may come past the
-middle to where m is, which matters as soon as weight, friction or a random force let the middle of
+of the law of Masri et al. (1989). With independent stops, an extension, a stop may pass the middle
+to meet m, which matters as soon as weight, friction or a random force let the middle of
 the motion of m wander; and m must come with a good part of the speed of M, since each passage
 allows one impact only.
 """
@@ -23,18 +23,15 @@ from impact_damper_ros.rig import GapControlParameters
 from .law import Damper, Plant
 from .sensors import LENGTH, TIME, Kinds, Measurement, Observer, Passage
 
-__all__ = ['Closing', 'TimedLaw', 'stop_to_close']
-
-
 #: Least approach speed with independent stops, over |X'|.
 _LEAST_APPROACH = 0.5
 #: How far past the middle an independent stop may be closed, over half the optimal gap.
 _WANDER = 1.0
-#: The stop goes past m by what m covers in this part of a half cycle, in case it is late.
+#: The target is beyond m by what m covers in this part of a half cycle, in case m is late.
 _OVERREACH = 0.1
 #: Longest delay of a timed impact after the passage, in half cycles.
 _LATEST = 0.2
-#: A stop that has met no m this long after the passage is opened, in half cycles.
+#: A stop that has not met m this long after the passage is opened, in half cycles.
 _GIVE_UP = 0.25
 #: A stop is not parked anew by less than this part of its place: each start costs energy.
 _DEAD_BAND = 0.05
@@ -67,7 +64,7 @@ def stop_to_close(
     stop = 1 if at.y_rate > 0.0 else 2
     outwards = at.y if stop == 1 else -at.y
     if outwards >= parked:
-        # It hits the parked stop before.
+        # m hits the parked stop before.
         return 0
     if not p.independent:
         return stop if 2.0 * outwards > p.gap_min else 0
@@ -86,11 +83,11 @@ class TimedLaw:
     parked : float
         Distance of the parked stops from the middle, m; 0 before they are parked.
     aimed : bool
-        Whether the coming passage has been dealt with.
+        Whether a stop has been ordered for the coming passage.
     closed : int
-        The stop that is being closed, or 0.
+        The stop that is closed, or 0.
     until : float
-        When it is opened at the latest, s.
+        When it is to meet m, s.
     """
 
     KINDS: ClassVar[Kinds] = {'parked': LENGTH, 'until': TIME}
@@ -124,7 +121,7 @@ class TimedLaw:
         self._park(sample.time, tuple(stop for stop in (1, 2) if stop != self.closed), plant)
 
     def _park(self, time: float, stops: tuple[int, ...], plant: Plant) -> None:
-        """Send stops to where they are parked; they close on m in timed impacts only."""
+        """Send stops to where they are parked, unless m is or will be beyond that place."""
         now = Measurement(*plant.observer.last)
         free: list[float | None] = []
         for stop, side in ((1, 1.0), (2, -1.0)):
@@ -135,7 +132,7 @@ class TimedLaw:
         plant.move(time, (free[0], free[1]), _DEAD_BAND)
 
     def _close(self, at: Passage, now: Measurement, before: float, plant: Plant) -> bool:
-        """Order a stop to meet m at a passage, if it is to be and is to be ordered by then."""
+        """Order a stop to meet m at a passage; return whether one is ordered before an instant."""
         closing = self._aim(at, now, before, plant.observer, plant.damper, plant.parameters)
         if closing is None:
             return False
@@ -153,7 +150,7 @@ class TimedLaw:
         damper: Damper,
         p: GapControlParameters,
     ) -> Closing | None:
-        """Return the command that lets a stop meet m at a passage; None if not by now."""
+        """Return the command that makes a stop meet m; None if none is to be given by then."""
         optimal = damper.optimal_gap(observer.amplitude, p.gap_max)
         stop = stop_to_close(at, self.parked, optimal, damper, p)
         if stop == 0:
@@ -170,7 +167,7 @@ class TimedLaw:
             return None
         late = now.time - issue
         if late > 0.0:
-            # From now on m and the stop approach one another.
+            # The stop starts late, and m and the stop approach each other.
             late *= 1.0 if speed == inf else speed / (speed + abs(at.y_rate))
             if late > _LATEST * observer.half_cycle:
                 return None

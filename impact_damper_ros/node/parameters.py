@@ -1,8 +1,8 @@
 """
 ROS parameters and the rig: descriptors, tolerant reading, validation of whole requests.
 
-What people write is read as they mean it: `37` for a double, `5` or `[1, 0.5]` or `1e-3` as the
-command line hands them over, one force array at a time.
+Values are read tolerantly: `37` for a double, `5`, `[1, 0.5]` or `1e-3` as the command line gives
+them, one force array at a time.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ __all__ = [
 
 
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
-#: No name as long as this is a slip of the pen.
+#: Longest name that may be a misspelt one.
 _LONGEST_NAME = 80
-#: Of `bag_directory`; a recording adds to it, and the system has 4096.
+#: Longest `bag_directory`; a recording adds to it, and the system has 4096.
 _LONGEST_PATH = 1000
 #: Most warnings of one kind.
 _MOST_WARNINGS = 8
-# A name this similar to a known one is a slip of the pen, not meant for another node.
-SLIP_OF_THE_PEN = 0.75
+# A name this similar to a known one is taken for misspelt, not for one of another node.
+_MISSPELT = 0.75
 
 
 _TYPES = {
@@ -168,7 +168,7 @@ def descriptor(spec: ParameterSpec) -> Any:
 
 
 def _numbers_in(text: str) -> float | list[float] | str:
-    """Read `1e-3` and `[1, 0.5]`, which YAML and `ros2 param set` take for texts."""
+    """Read `1e-3` and `[1, 0.5]`, which YAML and `ros2 param set` read as texts."""
     entries = text.strip()
     try:
         if entries.startswith('[') and entries.endswith(']'):
@@ -179,10 +179,10 @@ def _numbers_in(text: str) -> float | list[float] | str:
 
 
 def _as_meant(spec: ParameterSpec, value: Any) -> Any:
-    """Return the value as the kind of the parameter, if it can be read so, or unchanged."""
+    """Return a value in the type of the parameter if it can be read so, else unchanged."""
     if spec.kind == 'string':
         if isinstance(value, bool) and spec.choices:
-            # YAML 1.1 and `ros2 param set` take an unquoted off for false.
+            # YAML 1.1 and `ros2 param set` read an unquoted off as false.
             return 'on' if value else 'off'
         return str(value) if type(value) is int else value
     if spec.kind == 'bool' or isinstance(value, bool):
@@ -206,7 +206,7 @@ def _as_meant(spec: ParameterSpec, value: Any) -> Any:
 
 
 def promoted(parameter: Parameter) -> Parameter:
-    """Return a parameter with its value as the declared type, if it can be read so."""
+    """Return a parameter with its value in the declared type, if it can be read so."""
     spec = ALL_SPECS.get(parameter.name)
     if spec is None or parameter.type_ in (Parameter.Type.NOT_SET, _TYPES[spec.kind]):
         return parameter
@@ -218,7 +218,7 @@ def promoted(parameter: Parameter) -> Parameter:
 
 def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, list[float]]:
     """
-    Return what a new number of harmonics makes of the force arrays that were not given.
+    Return the force arrays that were not given, resized to the length of those that were.
 
     Surplus entries are dropped; new ones are zero, and a harmonic with a zero amplitude, or with
     frequency and phase zero, exerts no force.
@@ -227,7 +227,7 @@ def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, li
     if not all(hasattr(value, '__len__') for value in given.values()):
         return {}
     lengths = {len(value) for value in given.values()}
-    # Contradictory lengths are left for the validation to reject.
+    # The validation rejects contradictory lengths.
     if len(lengths) != 1 or (count := lengths.pop()) in (0, len(rig.force_amplitudes)):
         return {}
     return {
@@ -238,7 +238,7 @@ def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, li
 
 
 def nearest_name(name: str, cutoff: float = 0.5) -> str:
-    """Return the known parameter that is written most like this one, or an empty text."""
+    """Return the known parameter whose name is most similar, or an empty text."""
     if len(name) > _LONGEST_NAME:
         return ''
     return ''.join(difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=cutoff))
@@ -247,11 +247,11 @@ def nearest_name(name: str, cutoff: float = 0.5) -> str:
 def parameters_from_overrides(
     overrides: Mapping[str, Any], declared: Iterable[str], warn: Callable[[str], None]
 ) -> NodeParameters:
-    """Read what the command line and the parameters files give at start."""
+    """Return the parameters from the overrides of command line and parameters files."""
     strange = [n for n in overrides if n not in ALL_SPECS and n not in set(declared)]
     foreign = [name for name in strange if not name.startswith('qos_overrides.')]
     for name in foreign:
-        if near := nearest_name(name, SLIP_OF_THE_PEN):
+        if near := nearest_name(name, _MISSPELT):
             raise ParameterError(
                 name, f'{named(name)} is not a parameter of this node: write {near}'
             )
@@ -275,11 +275,11 @@ class LiveParameters:
     Parameters
     ----------
     start : NodeParameters
-        As declared.
+        The declared parameters.
     prepare : callable
-        Called with a valid request as a whole before it is accepted; what it raises rejects it.
+        Called with a valid request before it is accepted; an exception rejects it.
     apply : callable
-        Called with the accepted parameters before and after, and what was set.
+        Called with the parameters before and after, and those that were set.
     """
 
     def __init__(
@@ -289,7 +289,7 @@ class LiveParameters:
         prepare: Callable[[NodeParameters, NodeParameters], None],
         apply: Callable[[NodeParameters, NodeParameters, Sequence[Parameter]], None],
     ) -> None:
-        """Hold the parameters; `attach` connects them."""
+        """Hold the parameters; `attach` registers the callbacks."""
         self.now = start
         self._prepare = prepare
         self._apply = apply
@@ -301,7 +301,7 @@ class LiveParameters:
         node.add_post_set_parameters_callback(self.accept)
 
     def promote(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """Read values as they are meant, and resize the force arrays that were not given."""
+        """Convert values to the declared types, and resize the other force arrays."""
         meant = [promoted(parameter) for parameter in parameters]
         values = {p.name: p.value for p in meant if p.type_ is Parameter.Type.DOUBLE_ARRAY}
         resized = resized_force(values, self.now.rig)
@@ -311,7 +311,7 @@ class LiveParameters:
 
     def objection(self, parameters: Sequence[Parameter], has: Callable[[str], bool]) -> str:
         """
-        Say why a request cannot be met, or return an empty text.
+        Return why a request is rejected, or an empty text.
 
         rclpy checks names, types and ranges itself, but its reasons do not name the remedy.
         """
@@ -345,7 +345,7 @@ class LiveParameters:
         return SetParametersResult(successful=True)
 
     def accept(self, parameters: Sequence[Parameter]) -> None:
-        """Take over what has been set."""
+        """Apply the parameters that were set."""
         before = self.now
         self.now = before.changed(_known_values(parameters))
         self._apply(before, self.now, parameters)

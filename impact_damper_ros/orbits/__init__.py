@@ -9,12 +9,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .continuation import Branch, SpecialKind, SpecialPoint, continue_orbit, switch_branch
+    from .continuation import (
+        Branch,
+        SpecialKind,
+        SpecialPoint,
+        continue_orbit,
+        switch_branch,
+        value_of,
+    )
     from .equations import ImpactEquations, OrbitError, plausible_stops
-    from .impact_solver import StartReport
     from .optimum import OptimalGap, optimal_gap
     from .orbit import Node, PeriodicOrbit
-    from .search import OrbitSearch, find_orbits
+    from .search import OrbitSearch, StartReport, find_orbits
     from .shooting import Section, orbit_near, section_on, shoot
 
 __all__ = [
@@ -37,12 +43,12 @@ __all__ = [
     'section_on',
     'shoot',
     'switch_branch',
+    'value_of',
 ]
 
 _MODULES = (
     'equations',
     'orbit',
-    'impact_solver',
     'shooting',
     'search',
     'continuation',

@@ -16,28 +16,31 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_damper_ros.rig import EventKind
-from impact_damper_ros.rig.contact import (
+from impact_damper_ros.rig.contact import chatter_end, flight_end
+from impact_damper_ros.rig.flight import (
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
     RELEASE_DOWN,
     RELEASE_UP,
-    chatter_end,
-    flight_end,
+    Flight,
+    Motion,
+    end_at,
+    motion_at,
+    starting_motion,
 )
-from impact_damper_ros.rig.flight import Flight, Motion, end_at, motion_at, starting_motion
 from impact_damper_ros.rig.forcing import sines_of, turned_angles
 from impact_damper_ros.rig.mode import (
     CHATTER_1,
     REST_1,
     REST_2,
     STICK,
-    Origin,
     RigConstants,
     launch,
     mode_at_rest,
 )
-from impact_damper_ros.rig.transition import carried, moving_mode, resolve
+from impact_damper_ros.rig.origin import Origin, carried
+from impact_damper_ros.rig.transition import moving_mode, resolve
 
 from .equations import Array
 from .multipliers import event_matrices, flight_matrices
@@ -50,18 +53,7 @@ MOST_EVENTS = 2000
 
 
 class Stretch(NamedTuple):
-    """
-    One flight within a period.
-
-    Attributes
-    ----------
-    start : float
-        Its beginning, s since the period's beginning.
-    duration : float
-        How long it lasts, s.
-    origin, flight : Origin, Flight
-        Its origin and closed form.
-    """
+    """One flight within a period, since whose beginning times are counted, s."""
 
     start: float
     duration: float
@@ -70,24 +62,7 @@ class Stretch(NamedTuple):
 
 
 class Incident(NamedTuple):
-    """
-    One event within a period.
-
-    Attributes
-    ----------
-    time : float
-        Its instant, s since the period's beginning.
-    kind : EventKind
-        What happened.
-    stop : int
-        The stop concerned, or 0.
-    x : float
-        X, m.
-    velocity_before, velocity_after : float
-        X' just before and just after it, m/s.
-    relative_before, relative_after : float
-        Y' just before and just after it, m/s.
-    """
+    """One event within a period, since whose beginning its time is counted, s."""
 
     time: float
     kind: EventKind
@@ -102,18 +77,9 @@ class Incident(NamedTuple):
 @dataclass(frozen=True)
 class Course:
     """
-    A stretch of motion from one instant to a later one.
+    Motion from one instant to a later one.
 
-    Attributes
-    ----------
-    end : Origin
-        The state reached.
-    matrix : ndarray, shape (4, 4)
-        Derivative of (X, X', Z, Z') at the end by the same at the beginning.
-    incidents : list of Incident
-        The events.
-    stretches : list of Stretch
-        The flights.
+    The matrix is the derivative of (X, X', Z, Z') at the end by the same at the beginning.
     """
 
     end: Origin
@@ -133,23 +99,12 @@ def origin_at(
     last_stop: int,
 ) -> Origin:
     """
-    Return a state as the origin of a flight.
+    Return a state on the force's clock (s) as the origin of a flight.
 
-    Parameters
-    ----------
-    machine : RigConstants
-        The rig.
-    instant : float
-        Time on the force's clock, s.
-    x, velocity : float
-        X and X'.
-    beyond, relative_velocity : float
-        Y - d/2, the way m has gone beyond stop 1 (not positive, and exact near the stop of a
-        one-sided rig whose gap is meaningless), and Y'; ignored where `resting` fixes them.
-    resting : int
-        `STICK`, `REST_1` or `REST_2`, or 0 if m moves.
-    last_stop : int
-        Stop hit last, 0 for none.
+    `beyond` is Y - d/2, the way m has gone beyond stop 1: not positive, and exact near the
+    stop of a one-sided rig, whose gap is meaningless. It and Y' do not count where `resting`
+    is `STICK`, `REST_1` or `REST_2`; 0 says that m moves. `last_stop` is 0 if none was hit
+    yet.
     """
     half = machine.stop
     if resting == REST_1:
@@ -256,23 +211,9 @@ def run_course(
     machine: RigConstants, origin: Origin, duration: float, *, differentiate: bool = True
 ) -> Course | None:
     """
-    Follow the motion for a time.
+    Follow the motion for a time; return None if it has more than `MOST_EVENTS` events.
 
-    Parameters
-    ----------
-    machine : RigConstants
-        The rig.
-    origin : Origin
-        The state at the beginning.
-    duration : float
-        How long, s.
-    differentiate : bool, optional
-        Whether to work out the derivative; the identity stands for it otherwise.
-
-    Returns
-    -------
-    Course or None
-        The motion with its derivative; None if it has too many events.
+    Without `differentiate` the matrix is the identity.
     """
     passage = _Passage(machine)
     incidents: list[Incident] = []

@@ -104,16 +104,9 @@ def average_spread(section: Array) -> float:
     """
     Return by how much the weighted averages over two halves of a motion differ at most.
 
-    Parameters
-    ----------
-    section : ndarray of shape (n, m)
-        The motion, once in a cycle.
-
-    Returns
-    -------
-    float
-        The largest difference of averages of each quantity, its cosine and the sine of its
-        double, each scaled to the standard deviation 1. NaN with fewer than `LEAST_VALUES`.
+    The section (n, m) holds the motion once in a cycle. Averaged are each quantity, its cosine
+    and the sine of its double, scaled to the standard deviation 1. NaN with fewer than
+    `LEAST_VALUES`.
     """
     half = len(section) // 2
     if len(section) < LEAST_VALUES:

@@ -44,7 +44,6 @@ __all__ = [
     'BATCHES',
     'Deviations',
     'Exponent',
-    'batched_exponent',
     'deviations',
     'growth_exponent',
     'monodromy_of',
@@ -89,19 +88,10 @@ class Deviations:
 
     def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
         """
-        Cut the stretch at instants.
+        Cut the stretch at instants that rise to its end.
 
-        Parameters
-        ----------
-        ends : ndarray, shape (m,)
-            Where a part ends, s; rising, the last one at the end of the stretch.
-
-        Returns
-        -------
-        matrices : ndarray, shape (n + m, 4, 4)
-            A matrix for each flight with the event after it, if there is one.
-        parts : ndarray of int, shape (n + m,)
-            The part each of them belongs to.
+        Returns a matrix for each flight with the event after it, if there is one, and the part
+        that each belongs to.
         """
         order = np.searchsorted(self.instants, ends, side='right')
         nodes = np.insert(self.instants, order, ends)
@@ -147,22 +137,10 @@ def deviations(
     end: float,
 ) -> Deviations:
     """
-    Return the matrices of a stretch of a run.
+    Return the matrices of a stretch of a run from `start` to `end`, s.
 
-    Parameters
-    ----------
-    machine : RigConstants
-        The rig.
-    angles : tuple of float
-        Angle turned by each harmonic at time 0, rad.
-    events : ndarray of EVENT_TYPE
-        Events in a row; they may begin before the stretch and reach beyond it.
-    mode : int
-        The mode before the first of these events.
-    last_stop : int
-        The stop hit last before them, or 0.
-    start, end : float
-        The stretch, s.
+    The events may begin before the stretch and reach beyond it; `mode` and `last_stop` are
+    those before the first of them, `angles` those of the harmonics at time 0, rad.
     """
     count, time, x = len(events), events['time'], events['x']
     kind, stop = events['kind'], events['stop']
@@ -217,16 +195,7 @@ def deviations(
 
 
 def monodromy_of(along: Deviations, ends: Array) -> list[Array]:
-    """
-    Return the product of the matrices over each part of a stretch.
-
-    Parameters
-    ----------
-    along : Deviations
-        The stretch.
-    ends : ndarray
-        Where each part ends, s; rising, the last one at the end of the stretch.
-    """
+    """Return the product of the matrices over each part of a stretch, given the parts' ends, s."""
     matrices, parts = along.steps(ends)
     products: list[Array] = [np.eye(4) for _ in ends]
     for matrix, part in zip(matrices, parts, strict=True):
@@ -238,19 +207,10 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
     """
     Return the largest Lyapunov exponent from the growth of one deviation.
 
-    Parameters
-    ----------
-    along : Deviations
-        The stretch.
-    omega : float
-        Natural circular frequency, rad/s, which makes velocities comparable with displacements.
-
-    Returns
-    -------
-    Exponent
-        The mean growth of the logarithm over the last 20 of 21 parts of the stretch (the first
-        one turns the deviation into the direction that grows most), and by Student's distribution
-        the 95 % interval of the mean of these parts.
+    The mean growth of its logarithm over the last 20 of 21 parts of the stretch; in the first
+    part the deviation turns into the direction that grows most. The uncertainty is half of the
+    95 % interval of the mean of these parts. `omega` (rad/s) makes velocities comparable with
+    displacements.
     """
     ends = np.linspace(along.start, along.end, BATCHES + 2)[1:]
     ends[-1] = along.end
@@ -267,10 +227,10 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
             return Exponent(-math.inf, 0.0)
         growth[part] += math.log(norm)
         vector /= norm
-    return batched_exponent(growth, np.diff(ends, prepend=along.start))
+    return _batched_exponent(growth, np.diff(ends, prepend=along.start))
 
 
-def batched_exponent(growth: Array, spans: Array) -> Exponent:
+def _batched_exponent(growth: Array, spans: Array) -> Exponent:
     """Return the exponent from the growth in each part of a time."""
     rates: Any = growth[1:] / spans[1:]
     return Exponent(float(rates.mean()), _STUDENT * float(rates.std(ddof=1)) / math.sqrt(BATCHES))
@@ -355,12 +315,10 @@ class _Period:
         """
         Return the modulus of the largest multiplier, and its error; NaN if neighbours part.
 
-        Notes
-        -----
         A deviation is carried through the period, made orthogonal to those before, and carried
         through it again (Arnoldi, Quart. Appl. Math. 9, 1951), until nothing new comes or the
-        largest multiplier of what has come stays as it is. The error is what is left then, and
-        what the round-off of a deviation makes of a multiplier, its root if that is double.
+        largest multiplier stays as it is. The error is what is left then, and what the round-
+        off of a deviation makes of a multiplier, its root if that is double.
         """
         if self.reached.places != self.begun.places:
             return math.nan, math.nan
@@ -483,7 +441,7 @@ def parting_exponent(
     if np.count_nonzero(spans) < (1.0 - _MOST_LEFT_OUT) * cycles:
         return Exponent(math.nan, math.nan)
     parts = np.array_split(np.arange(cycles), BATCHES + 1)
-    return batched_exponent(
+    return _batched_exponent(
         np.array([growth[part].sum() for part in parts]),
         np.array([spans[part].sum() for part in parts]),
     )

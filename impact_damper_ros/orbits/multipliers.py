@@ -45,20 +45,7 @@ _SPEED = np.array([0.0, -1.0, 0.0, 1.0])
 
 
 def free_vibration(oscillator: Oscillator, spans: Array) -> Array:
-    """
-    Return the matrices of free vibration that carry (X, X') through spans of time.
-
-    Parameters
-    ----------
-    oscillator : Oscillator
-        M alone, or M and m as one mass.
-    spans : ndarray, shape (n,)
-        Durations, s.
-
-    Returns
-    -------
-    ndarray, shape (n, 2, 2)
-    """
+    """Return the matrices (n, 2, 2) of free vibration that carry (X, X') through spans, s."""
     envelope = np.exp(-oscillator.decay * spans)
     impulse = envelope * np.sin(oscillator.frequency * spans) / oscillator.frequency
     cosine = envelope * np.cos(oscillator.frequency * spans)
@@ -71,23 +58,7 @@ def free_vibration(oscillator: Oscillator, spans: Array) -> Array:
 
 
 def flight_matrices(machine: RigConstants, modes: NDArray[np.int64], spans: Array) -> Array:
-    """
-    Return the matrix of each flight.
-
-    Parameters
-    ----------
-    machine : RigConstants
-        The rig.
-    modes : ndarray of int, shape (n,)
-        The mode of each flight.
-    spans : ndarray, shape (n,)
-        Its duration, s.
-
-    Returns
-    -------
-    ndarray, shape (n, 4, 4)
-        Maps deviations of (X, X', Z, Z') at its start to those at its end.
-    """
+    """Return the matrices (n, 4, 4) that carry deviations through flights, by mode and span."""
     matrices = np.zeros((len(spans), 4, 4))
     apart, stuck, on_stop = modes < STICK, modes == STICK, modes > STICK
     matrices[apart, :2, :2] = free_vibration(machine.free, spans[apart])
@@ -112,26 +83,11 @@ def state_rates(
     together: ArrayLike = False,
 ) -> Array:
     """
-    Return (X', X'', Z', Z'') in flights.
+    Return (X', X'', Z', Z'') in flights, shape (n, 4).
 
-    Parameters
-    ----------
-    machine : RigConstants
-        The rig.
-    drive : array_like, shape (n,)
-        The force over M, m/s^2.
-    x, velocity, damper_velocity : array_like, shape (n,)
-        X, X' and Z'.
-    direction : array_like, shape (n,)
-        The paper's lambda: 1 where m slides down, -1 up, 0 without friction.
-    air : array_like, shape (n,)
-        Acceleration of m by the air, m/s^2.
-    together : array_like of bool, shape (n,), optional
-        Whether M and m move as one.
-
-    Returns
-    -------
-    ndarray, shape (n, 4)
+    The drive is the force over M, the direction the paper's lambda (1 where m slides down, -1
+    up, 0 without friction), the air what it accelerates m by; `together` says where M and m
+    move as one.
     """
     free, both, mu = machine.free, machine.joint, machine.mass_ratio
     drive, x, velocity, damper, direction, air, together = np.broadcast_arrays(
@@ -163,25 +119,12 @@ def event_matrices(
     mass_ratio: float, impact: Mask, restitution: Array, before: Array, after: Array, crosses: Mask
 ) -> Array:
     """
-    Return the matrix of each event.
+    Return the matrices (n, 4, 4) that carry deviations through events.
 
-    Parameters
-    ----------
-    mass_ratio : float
-        m/M.
-    impact : ndarray of bool, shape (n,)
-        Whether it is an impact; otherwise the relative velocity becomes zero there.
-    restitution : ndarray, shape (n,)
-        The coefficient of restitution of an impact; 0 if it is plastic.
-    before, after : ndarray, shape (n, 4)
-        (X', X'', Z', Z'') just before and just after it.
-    crosses : ndarray of bool, shape (n,)
-        Whether a deviation moves the instant of the event: not at a release, where the relative
-        acceleration is zero.
-
-    Returns
-    -------
-    ndarray, shape (n, 4, 4)
+    At an event that is no impact, the relative velocity becomes zero. The restitution of a
+    plastic impact is 0. The rates (X', X'', Z', Z'') are those just before and after.
+    `crosses` is False where a deviation does not move the instant of the event: at a release,
+    where the relative acceleration is zero.
     """
     total = 1.0 + mass_ratio
     jump = np.zeros((len(impact), 4, 4))
@@ -205,17 +148,8 @@ def monodromy(equations: ImpactEquations, x: Array, instants: Array) -> Array:
     """
     Return the derivative of the state one period later by the state, for impacts only.
 
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The equations that the motion solves.
-    x, instants : ndarray, shape (N,)
-        Its displacements, m, and instants, s, at the impacts.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        Of (X, X', Z, Z') just after the first impact.
+    The state is (X, X', Z, Z') just after the first impact; X at the impacts is in m, their
+    instants in s.
     """
     machine = rig_constants(equations.parameters)
     n, at = equations.impacts, equations.velocities(x, instants)

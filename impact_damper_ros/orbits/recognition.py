@@ -167,18 +167,9 @@ class ImpactTable:
 
 def section_distance(section: Array, period: int, count: int, size: ArrayLike = 1.0) -> float:
     """
-    Return the largest distance of the last states from those a period before.
+    Return the largest distance of the last `count` states from those a period before.
 
-    Parameters
-    ----------
-    section : ndarray, shape (n, m)
-        States, one in each cycle of the force.
-    period : int
-        The period, in cycles.
-    count : int
-        How many states are compared; `section` holds at least `count + period`.
-    size : array_like, shape (m,), optional
-        What differences are divided by.
+    The section (n, m) holds one state in each cycle; differences are divided by `size`.
     """
     late, early = section[-count:], section[-count - period : -period]
     return float((np.abs(late - early) / size).max())
@@ -276,18 +267,8 @@ def find_recurrence(table: ImpactTable, most_cycles: int = LONGEST_PERIOD) -> Re
     """
     Find the shortest period of the impacts at the end of a recorded stretch.
 
-    Parameters
-    ----------
-    table : ImpactTable
-        The impacts.
-    most_cycles : int, optional
-        Longest period looked for, in cycles of the force.
-
-    Returns
-    -------
-    Recurrence or None
-        A period that the motion has settled to within the rounding of stamps, or approaches;
-        else the shortest one that the last periods nearly have; None if there is none.
+    A period that the motion has settled to within the rounding of stamps, or approaches; else
+    the shortest one that the last periods nearly have; None if there is none.
     """
     if len(table) < 3:
         return None
@@ -442,20 +423,10 @@ class Rhythm:
 
     def turned_to(self, other: Rhythm) -> tuple[Self, Apart] | None:
         """
-        Return this rhythm counted as another one is.
+        Return this rhythm counted as another one is, and how far it is from it.
 
-        Parameters
-        ----------
-        other : Rhythm
-            The other one.
-
-        Returns
-        -------
-        turned : Rhythm
-            Of the ways to count this rhythm that have the other's stops, the nearest one.
-        apart : Apart
-            How far it is from the other. None stands for both if it has other stops or another
-            period.
+        Of the ways to count it that have the other's stops, the nearest one; None if it has
+        other stops or another period.
         """
         if self.cycles != other.cycles or self.impacts != other.impacts:
             return None
@@ -569,17 +540,7 @@ def period_distances(
     """
     Return by how much each of the last periods differs from the one before it, the last one last.
 
-    Parameters
-    ----------
-    instants, stops, x : sequence
-        As of `rhythm_of`.
-    rhythm : Rhythm
-        What it recognises in them.
-
-    Returns
-    -------
-    list of float
-        At most `_LOOKED_BACK` numbers, as `Rhythm.drift`; they end where a period is not alike.
+    At most `_LOOKED_BACK` numbers, as `Rhythm.drift`; they end where a period is not alike.
     """
     count, table = rhythm.impacts, ImpactTable.of_x(instants, stops, x, rhythm.x_max or 1.0)
     far = table.distances(count, rhythm.cycles)
@@ -605,25 +566,9 @@ def repeated_impacts(
     """
     Recognise an exactly periodic motion at the end of a run.
 
-    Parameters
-    ----------
-    impacts : sequence of Event
-        Impacts in a row.
-    cycle : float
-        Period of the force, s.
-    most_cycles : int, optional
-        Longest period looked for, in cycles of the force.
-    tolerance : float, optional
-        How closely three periods must agree, relative to the cycle and the largest |X| at an
-        impact.
-
-    Returns
-    -------
-    period : list of Event
-        Impacts of one of the last two periods, beginning on stop 1 after stop 2, if there is such
-        a place.
-    cycles : int
-        The period in cycles of the force. None stands for both if the run does not repeat.
+    Three periods must agree to the tolerance, relative to the cycle (s) and the largest |X| at
+    an impact. Returns the impacts of one of the last two periods, beginning on stop 1 after
+    stop 2 if there is such a place, and the period in cycles; None if the run does not repeat.
     """
     if not impacts:
         return None
@@ -645,12 +590,7 @@ def turned_cycles(snapshot: Mapping[str, Any], frequency: float) -> float:
     """
     Return the angle of the force's first harmonic at a rig's snapshot, in cycles.
 
-    Parameters
-    ----------
-    snapshot : mapping
-        The snapshot.
-    frequency : float
-        The frequency that the first harmonic has there, rad/s.
+    The frequency (rad/s) is the one that this harmonic has there.
     """
     origin = snapshot['origin']
     since = float(snapshot['time']) - float(origin['time'])

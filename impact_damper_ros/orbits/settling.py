@@ -53,16 +53,8 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
     """
     Yield initial conditions from which a rig may settle into different motions.
 
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig.
-
-    Yields
-    ------
-    InitialConditions
-        At rest; displaced; moving fast; with m next to a stop. Scaled by the response without
-        impacts and the gap.
+    At rest; displaced; moving fast; with m next to a stop. Scaled by the response without
+    impacts and the gap.
     """
     static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
     amplitude = min(parameters.response_amplitude, 5.0 * static)
@@ -123,23 +115,10 @@ def run_by_cycles(
     parts: int = 1,
 ) -> Iterator[Look]:
     """
-    Run a rig by whole cycles of its force, and look at it now and then.
+    Run a rig on by cycles of its force, and yield what it has done after every few of them.
 
-    Parameters
-    ----------
-    rig : Simulator or ControlledRig
-        The rig; it goes on.
-    every, most_cycles : int
-        Cycles between two looks, and in all; the last look is at the end.
-    base, first : float, int, optional
-        The cycles are counted from this instant, s, and this many after it.
-    parts : int, optional
-        In how many parts a cycle is run.
-
-    Yields
-    ------
-    Look
-        What has happened since the last look.
+    The last look is at the end. Cycles are counted from the instant `base` (s) and `first`
+    cycles after it; each is run in some parts.
     """
     cycle = math.tau / rig.parameters.force_frequencies[0]
     events: list[Event] = []
@@ -163,16 +142,9 @@ def settled_impacts(
     most_events: float = _EVENTS_PER_CYCLE,
 ) -> list[Event]:
     """
-    Return the impacts in the last cycles of a run.
+    Return the impacts in the last `watched` of some cycles of a run.
 
-    Parameters
-    ----------
-    parameters, initial : RigParameters, InitialConditions
-        The rig, and how it begins.
-    cycles, watched : int
-        Cycles of the force that it is run, and the last ones of which the impacts are returned.
-    most_events : float, optional
-        Most events in a cycle on average; a rig that has more is left, without impacts.
+    A rig that has more events in a cycle on average is given up, without impacts.
     """
     kept: list[Event] = []
     total = 0
@@ -338,14 +310,7 @@ class SettlingRig:
         return cycles * self.cycle + self._start
 
     def run(self, cycles: int, looks: int = 1) -> RunResult:
-        """
-        Go on for some cycles, with some looks in each, the first one at once.
-
-        Raises
-        ------
-        EndlessEventsError
-            If the rig has more events than it may.
-        """
+        """Go on for some cycles, with some looks in each, the first one at once."""
         grid = np.arange(cycles * looks + 1) / looks + self.cycles
         grid *= self.cycle
         grid += self._start
@@ -381,8 +346,6 @@ class SettlingRig:
         """
         Return the number of cycles after which the last states came back, or 0.
 
-        Notes
-        -----
         On the way to a motion of one cycle, several may come back first, if a free vibration
         takes that many. A longer period therefore counts only if no shorter one does nearly as
         well, or there is no time left to wait.

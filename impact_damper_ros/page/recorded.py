@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.bag import Record
-from impact_damper_ros.bag.rig_messages import IMPACT_JOINTS, JOINTS, JointStateColumns
-from impact_damper_ros.replay.recorded_run import RecordedChange, RecordedRun
+from impact_damper_ros.bag.messages import JointStateColumns
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
+from impact_damper_ros.replay.recorded_run import Item, RecordedChange, RecordedRun
 from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import INITIAL_SPECS, RigParameters
 from impact_damper_ros.rig.simulator import Snapshot
@@ -88,25 +88,26 @@ class Recorded:
 class _Reading:
     """Puts together what a bag holds."""
 
-    def __init__(self, run: RecordedRun) -> None:
-        self._topics = run.topics
-        count = run.reader.topics[run.topics.joint_states].message_count
+    def __init__(self, recorded: RecordedRun) -> None:
+        self._topics = recorded.topics
+        count = recorded.reader.topics[recorded.topics.joint_states].message_count
         # What does not fit in is dropped below, at its end.
         self.motion = Motion(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
         self._columns = {
-            run.topics.joint_states: JointStateColumns(JOINTS, (4, 4, 0)),
-            run.topics.impacts: JointStateColumns(IMPACT_JOINTS, (2, 2, 2)),
+            recorded.topics.joint_states: JointStateColumns(JOINTS, (4, 4, 0)),
+            recorded.topics.impacts: JointStateColumns(IMPACT_JOINTS, (2, 2, 2)),
         }
         self._waiting: dict[str, list[bytes]] = {name: [] for name in self._columns}
         self._initial: dict[str, Any] = {}
         self.eras: list[Era] = []
         self.changes: list[dict[str, Any]] = []
-        self._enter(run.start)
+        self._enter(recorded.start)
 
-    def take(self, item: list[Record] | RecordedChange | RecordedSnapshot) -> None:
+    def take(self, item: Item) -> None:
         if isinstance(item, list):
             for record in item:
-                if (waiting := self._waiting.get(record.topic)) is not None:
+                waiting = self._waiting.get(record.topic)
+                if waiting is not None:
                     waiting.append(record.content)
             if max(map(len, self._waiting.values())) >= _BATCH:
                 self.read()
@@ -210,10 +211,10 @@ def load_recording(path: Path) -> Recorded:
     ValueError
         If it holds no motion.
     """
-    run = RecordedRun(path, purpose='play')
-    reading = _Reading(run)
+    recorded = RecordedRun(path, purpose='play')
+    reading = _Reading(recorded)
     remarks = []
-    for item in run.walk():
+    for item in recorded.walk():
         reading.take(item)
         if len(reading.motion.samples) >= MOST_SAMPLES:
             remarks.append(f'only the first {MOST_SAMPLES:,} samples are shown')
@@ -221,6 +222,6 @@ def load_recording(path: Path) -> Recorded:
     reading.read()
     if not len(reading.motion.samples):
         raise ValueError(f'{path.name} holds no joint states of a rig')
-    if not run.reader.complete:
+    if not recorded.reader.complete:
         remarks.append('the recording was cut short')
     return Recorded(reading.motion, reading.eras, reading.changes, '; '.join(remarks))

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.compare.bag_stretches import RigAt
-from impact_damper_ros.compare.comparison_curves import predicted_curve
+from impact_damper_ros.compare.bag_stretches import LoggedRig
+from impact_damper_ros.compare.periodic_motion import predicted_curve
 from impact_damper_ros.compare.prediction import Prediction, predictions
 from impact_damper_ros.compare.recorded_stretch import ForceClock
 from impact_damper_ros.control import ControlledRig
@@ -55,7 +55,7 @@ def theory(state: Mapping[str, Any], *, orbit: bool, curve: bool) -> Iterator[di
     if not (orbit or curve):
         return
     rig = ControlledRig.restore(dict(state))
-    clock = RigAt.of_snapshot(state).clock
+    clock = LoggedRig.of_snapshot(state).clock
     gap_curve = GapCurve(rig.parameters)
     begun: list[PeriodicOrbit] = []
     last = Prediction()

@@ -27,8 +27,15 @@ from impact_damper_ros.bag import (
     RunReader,
     String,
 )
-from impact_damper_ros.bag.messages import CdrError, decode
-from impact_damper_ros.bag.rig_messages import IMPACT_JOINTS, JOINTS, header_ns, is_paused
+from impact_damper_ros.bag.messages import (
+    JOINT_STATE,
+    PARAMETER_EVENT,
+    STRING,
+    CdrError,
+    decode,
+    header_ns,
+)
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, is_paused
 from impact_damper_ros.control import CONTROL_JOINTS, GAP_CONTROL_SPECS
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 
@@ -37,9 +44,6 @@ from .recorded_snapshot import RecordedSnapshot, parsed, read_snapshot
 __all__ = ['Disorder', 'Item', 'RecordedChange', 'RecordedRun', 'RigTopics']
 
 
-_STRING = 'std_msgs/msg/String'
-_JOINT_STATE = 'sensor_msgs/msg/JointState'
-_PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
 #: Parameters that nodes of other packages hardly have.
 _RIG_PARAMETERS = frozenset(PARAMETER_SPECS) | {'gap_control'}
 #: Parameters that the walk reports.
@@ -317,7 +321,7 @@ class RecordedRun:
 
     def _change(self, record: Record, now_ns: int) -> RecordedChange | None:
         """Return a parameter event of the rig; None for one of another node."""
-        event = decode(_PARAMETER_EVENT, record.content)
+        event = decode(PARAMETER_EVENT, record.content)
         assert isinstance(event, ParameterEvent)
         node = self.topics.node
         if event.node != node and (
@@ -395,10 +399,10 @@ def _named(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[Rig
     topics, found = reader.topics, []
     for topic in sorted(topics):
         space, _, name = topic.rpartition('/')
-        if name != 'joint_states' or topics[topic].type != _JOINT_STATE:
+        if name != 'joint_states' or topics[topic].type != JOINT_STATE:
             continue
         snapshot = f'{space}/snapshot'
-        there = snapshot in topics and topics[snapshot].type == _STRING
+        there = snapshot in topics and topics[snapshot].type == STRING
         if not there and snapshot_needed:
             continue
         impacts, control = (
@@ -431,7 +435,7 @@ def _roles(reader: RunReader, topics: list[str]) -> dict[str, list[str]]:
     """Return topics by the role that the first message of each has in a rig."""
     found: dict[str, list[str]] = {}
     for name in topics:
-        if reader.topics[name].type not in (_JOINT_STATE, _STRING):
+        if reader.topics[name].type not in (JOINT_STATE, STRING):
             continue
         if not reader.topics[name].message_count:
             continue
@@ -484,7 +488,7 @@ def _named_node(reader: RunReader, rig: RigTopics) -> RigTopics:
     try:
         for record in reader.records([rig.parameter_events], by_index=True):
             try:
-                event = decode(_PARAMETER_EVENT, record.content)
+                event = decode(PARAMETER_EVENT, record.content)
             except CdrError:
                 continue
             assert isinstance(event, ParameterEvent)
@@ -510,7 +514,7 @@ def _find_topics(
 ) -> RigTopics:
     """Find the topics of the rig by the recorder's notes, by their names or by their contents."""
     topics = reader.topics
-    events = next((t.name for t in topics.values() if t.type == _PARAMETER_EVENT), '')
+    events = next((t.name for t in topics.values() if t.type == PARAMETER_EVENT), '')
     found: list[RigTopics] = []
     for search in (_noted, _named, _by_content):
         found = found or search(reader, events, snapshot_needed=snapshot_needed)

@@ -13,19 +13,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from impact_damper_ros.bag import Record, RecordingError, String
-from impact_damper_ros.bag.messages import decode
+from impact_damper_ros.bag.messages import STRING, decode
+from impact_damper_ros.bag.rig_topics import FORMAT
 from impact_damper_ros.control import ControlledRig, completed
 from impact_damper_ros.control.controller import Controller
 from impact_damper_ros.rig import Mode
 from impact_damper_ros.rig.origin import Origin
-from impact_damper_ros.rig.published import FORMAT
 from impact_damper_ros.rig.quoting import as_line, shown
 from impact_damper_ros.rig.simulator import ARITHMETIC, FORMATS, upgraded
 
 __all__ = ['RecordedSnapshot', 'parsed', 'read_snapshot']
 
 
-#: Formats of the messages that this version reads; see `rig.published.FORMAT`.
+#: Formats of the messages that this version reads; see `bag.rig_topics.FORMAT`.
 _FORMATS = (1, FORMAT)
 #: Stamps of ROS have 32 bits of seconds, with a sign.
 _LATEST_NS = 2**31 * 10**9
@@ -83,7 +83,7 @@ class RecordedSnapshot(NamedTuple):
     arithmetic : int
         Arithmetic of the version that recorded it; see `rig.simulator.ARITHMETIC`.
     version : int
-        Format of its messages; see `rig.published.FORMAT`.
+        Format of its messages; see `bag.rig_topics.FORMAT`.
     """
 
     stamp_ns: int
@@ -99,7 +99,7 @@ def read_snapshot(record: Record, path: Path, purpose: str) -> RecordedSnapshot:
     """Decode and check the snapshot of a bag at `path`, which is read for a purpose."""
     where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
     try:
-        message = decode('std_msgs/msg/String', record.content)
+        message = decode(STRING, record.content)
         assert isinstance(message, String)
         held = parsed(message.data)
         version = held.get('format')

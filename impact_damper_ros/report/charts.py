@@ -15,19 +15,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impact_damper_ros.compare.run_comparison import StretchComparison
-from impact_damper_ros.compare.run_curves import (
+from impact_damper_ros.compare import (
     Array,
     Convergence,
     GapCurve,
     ImpactCurve,
     MotionCurve,
+    StretchComparison,
     SwingEnvelope,
 )
 
 from .curves import filled_motion, predicted_impacts, predicted_lines, predicted_motion
 from .drawing import COLORS, DASHED, DOTTED, draw_stop, legend_handles
-from .units import number, power_of_ten, unit_for
+from .formatting import number, power_of_ten, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,20 +43,7 @@ _TOP, _ROW = 0.12, 0.185
 
 
 class Picture(NamedTuple):
-    """
-    A figure with its words.
-
-    Attributes
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    title : str
-        What it is.
-    caption : str
-        What it shows, in a sentence or two.
-    wide : bool
-        Whether it is as wide as the page.
-    """
+    """A figure, its title, its caption, and whether it is as wide as the page."""
 
     figure: Figure
     title: str

@@ -6,8 +6,13 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.compare.run_comparison import StretchComparison
-from impact_damper_ros.compare.run_curves import Array, MotionCurve, PredictedCurve, cubic_rates
+from impact_damper_ros.compare import (
+    Array,
+    MotionCurve,
+    PredictedCurve,
+    StretchComparison,
+    cubic_rates,
+)
 
 __all__ = ['filled_motion', 'predicted_impacts', 'predicted_lines', 'predicted_motion']
 

@@ -141,7 +141,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     figure : matplotlib.figure.Figure
         The figure.
     path : Path
-        The file; its suffix is the format, png, svg or pdf.
+        The file; its suffix is the format: png, svg or pdf.
     """
     kind = path.suffix.lower().lstrip('.')
     dated = {'png': 'Software', 'svg': 'Date', 'pdf': 'CreationDate'}[kind]

@@ -7,27 +7,14 @@ from configparser import ConfigParser
 from importlib.resources import files
 from typing import NamedTuple
 
+from .formatting import worded
 from .html import Html, element, joined
-from .units import worded
 
 __all__ = ['TERMS', 'Term', 'glossary_html', 'linked']
 
 
 class Term(NamedTuple):
-    """
-    A term of the field.
-
-    Attributes
-    ----------
-    key : str
-        Ends its id in the page.
-    name : str
-        What stands in the glossary.
-    sentence : str
-        What it means.
-    words : str
-        Pattern of the words that stand for it, in lower case.
-    """
+    """A term of the field: the end of its id in the page, and a pattern of words linked to it."""
 
     key: str
     name: str

@@ -59,16 +59,7 @@ def listed(entries: Iterable[str]) -> Html:
 
 
 class Column(NamedTuple):
-    """
-    A column of a table.
-
-    Attributes
-    ----------
-    title : str
-        Its head.
-    kind : str
-        'text', 'number', 'span' or 'bars'.
-    """
+    """Head of a column of a table, and its kind: 'text', 'number', 'span' or 'bars'."""
 
     title: str
     kind: str = 'number'
@@ -92,18 +83,8 @@ def table(
     """
     Return a table that scrolls by itself where the page is too narrow.
 
-    Parameters
-    ----------
-    caption : str
-        What stands above it.
-    columns : sequence of Column
-        The columns.
-    groups : sequence of (str, sequence of rows)
-        Rows by groups, each with its title, which may be empty. A group without rows is left out.
-    note : str, optional
-        Small print below the caption.
-    marked : iterable of str, optional
-        First cells of the rows to highlight.
+    The rows come in groups with titles, which may be empty. Rows whose first cell is among the
+    `marked` ones are highlighted.
     """
     chosen = set(marked)
     bodies = []

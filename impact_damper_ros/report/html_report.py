@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from errno import ENOTDIR
 from importlib.resources import files
 from itertools import pairwise
@@ -17,11 +18,12 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
-from impact_damper_ros.compare.run_comparison import RunComparison, StretchComparison, Verdict
+from impact_damper_ros.compare import GapCurves, RunComparison, StretchComparison, Verdict
 from impact_damper_ros.outputs import write_texts
 
 from .charts import PICTURES, Picture, draw_history, draw_run
 from .drawing import page_style
+from .formatting import counted, instant, number, quantity
 from .glossary import glossary_html, linked
 from .html import Html, element, joined, listed, safe
 from .html_tables import (
@@ -37,7 +39,6 @@ from .html_tables import (
     sign_of,
 )
 from .inline_svg import inline_svg
-from .units import counted, instant, number, quantity
 
 __all__ = ['MOST_DETAILED', 'MOST_LISTED', 'report_page', 'shown_stretches', 'write_report']
 
@@ -283,6 +284,19 @@ def _origin(comparison: RunComparison, command: str) -> Html:
     )
 
 
+def _with_gap_curves(comparison: RunComparison) -> RunComparison:
+    """Follow the predicted motions in the gap, of those stretches that are shown in detail."""
+    curves = GapCurves()
+    detailed = {s.number for s in shown_stretches(comparison.stretches, MOST_DETAILED)}
+    stretches = (
+        replace(stretch, curves=curves.added(stretch))
+        if stretch.number in detailed and stretch.curves.gap_curve is None
+        else stretch
+        for stretch in comparison.stretches
+    )
+    return replace(comparison, stretches=tuple(stretches))
+
+
 def report_page(
     comparison: RunComparison,
     *,
@@ -344,7 +358,7 @@ def write_report(
     OSError
         If it cannot be written; its `filename` says what.
     """
-    page = report_page(comparison, command=command, drawn=drawn)
+    page = report_page(_with_gap_curves(comparison), command=command, drawn=drawn)
     numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'
     if directory.exists() and not directory.is_dir():
         raise NotADirectoryError(ENOTDIR, strerror(ENOTDIR), str(directory))

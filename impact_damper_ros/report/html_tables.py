@@ -8,13 +8,13 @@ import re
 from collections.abc import Collection, Sequence
 from typing import Any
 
-from impact_damper_ros.compare.run_comparison import Overall, StretchComparison, Verdict
+from impact_damper_ros.compare import Overall, StretchComparison, Verdict
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
+from impact_damper_ros.rig import ALL_SPECS
 
+from .formatting import NONE, Unit, aligned, counted, difference, instant, number, unit_for, worded
 from .glossary import linked
 from .html import Column, Html, element, table
-from .units import NONE, Unit, aligned, counted, difference, instant, number, unit_for, worded
 
 __all__ = [
     'cause_of',
@@ -274,26 +274,23 @@ def energy_table(stretch: StretchComparison) -> Html:
         ('change of what is stored', energy.stored),
         ('unexplained', energy.residual),
     ]
-    everything = [value / periods for _, value in given + taken]
-    unit = unit_for('J', everything)
-    most = max((abs(v) for v in everything if math.isfinite(v)), default=0.0)
-    total = sum(value for _, value in given)
-    values = [value for _, value in given + taken]
-    amounts = dict(
-        zip(values, aligned([unit.factor * v / periods for v in values], 5), strict=True)
-    )
-    percent = [100.0 * v / total if total > 0.0 else math.nan for v in values]
-    shares = dict(zip(values, aligned(percent, 5), strict=True))
-
-    def rows(entries: Sequence[tuple[str, float]], kind: str) -> list[tuple[str, ...]]:
-        lines: list[tuple[str, ...]] = []
-        for name, value in entries:
-            length = 100.0 * abs(value / periods) / most if most > 0.0 else 0.0
-            style = f'width:{length:.1f}%' if math.isfinite(length) else 'width:0'
-            bar = element('span', class_=f'bar {kind}', style=style)
-            lines.append((linked(name), amounts[value], shares[value], bar))
-        return lines
-
+    values = [value / periods for _, value in given + taken]
+    unit = unit_for('J', values)
+    total = sum(value for _, value in given) / periods
+    most = max((abs(v) for v in values if math.isfinite(v)), default=0.0) or 1.0
+    shares = [100.0 * value / total if total > 0.0 else math.nan for value in values]
+    rows: list[tuple[str, ...]] = []
+    for (name, _), value, amount, share in zip(
+        given + taken,
+        values,
+        aligned([unit.factor * value for value in values], 5),
+        aligned(shares, 5),
+        strict=True,
+    ):
+        kind = 'bar taken' if len(rows) >= len(given) else 'bar'
+        length = 100.0 * abs(value) / most if math.isfinite(value) else 0.0
+        bar = element('span', class_=kind, style=f'width:{length:.1f}%')
+        rows.append((linked(name), amount, share, bar))
     columns = (
         Column('', 'text'),
         Column(linked(f'{unit.name} per {span}')),
@@ -304,7 +301,7 @@ def energy_table(stretch: StretchComparison) -> Html:
     note = f'Mean of {energy.periods} {span}s from {instant(energy.start)} to '
     note += f'{instant(energy.end)} s, from the log alone; between the samples the balance is '
     note += f'known to {tolerance} {unit.name}.'
-    groups = [('Put in', rows(given, '')), ('Taken out', rows(taken, 'taken'))]
+    groups = [('Put in', rows[: len(given)]), ('Taken out', rows[len(given) :])]
     return table('Energy balance', columns, groups, note=linked(note))
 
 
@@ -339,10 +336,9 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     values = {**stretch.parameters.as_dict(), **stretch.control}
     earlier = {} if before is None else {**before.parameters.as_dict(), **before.control}
     changed = [name for name, value in values.items() if earlier.get(name, value) != value]
-    specs = {**PARAMETER_SPECS, **INITIAL_SPECS}
     rows = []
     for name, value in values.items():
-        cells = [name, _value(value), worded(specs[name].unit) if name in specs else '']
+        cells = [name, _value(value), worded(ALL_SPECS[name].unit) if name in ALL_SPECS else '']
         if changed:
             cells.append(_value(earlier[name]) if name in changed else '')
         rows.append(tuple(cells))

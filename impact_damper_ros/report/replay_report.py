@@ -9,7 +9,7 @@ from impact_damper_ros.replay.findings import Difference, Findings, Verdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.rig.quoting import as_line
 
-from .units import counted
+from .formatting import counted
 
 __all__ = ['findings_json', 'findings_text']
 
@@ -17,7 +17,7 @@ __all__ = ['findings_json', 'findings_text']
 _VERDICTS = {
     Verdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',
     Verdict.DIFFERENT: 'DIFFERENT: the run is not reproduced from its log',
-    Verdict.PARTIAL: 'identical as far as it could be compared; the bag is not whole',
+    Verdict.PARTIAL: 'identical as far as it could be compared; the bag is not complete',
 }
 
 
@@ -62,8 +62,8 @@ def _divergence_lines(findings: Findings) -> list[str]:
         ]
     if findings.by_another_library:
         lines.append(
-            'hint        it begins in the last place: the bag may have been recorded where the '
-            'mathematical functions (C library) round otherwise'
+            'hint        the difference begins in the last digit: the bag may have been recorded '
+            'where the mathematical functions (C library) round differently'
         )
     return lines
 
@@ -114,7 +114,7 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
         lines.append('verdict     nothing could be compared')
     else:
         lines.append(f'verdict     {_VERDICTS[findings.verdict]}')
-    # Names of topics and texts of faults come out of the bag.
+    # Names of topics and texts of faults come from the bag
     return '\n'.join(map(as_line, lines))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .drawing import COLORS, DASHED, blank_figure, draw_stop, finish_panel, legend_handles
-from .units import Unit, unit_for
+from .formatting import Unit, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,16 +64,10 @@ class Closeup(NamedTuple):
 
 class Side(NamedTuple):
     """
-    One of two runs that are compared.
+    One of two runs that are compared: the title of its end, and that end close up.
 
-    Attributes
-    ----------
-    title : str
-        Title of its close-up.
-    time, low, high : ndarray of shape (n,)
-        Start of consecutive pieces of the run, s, and the least and greatest X in each, m.
-    closeup : Motion
-        Its end.
+    `time` is the start of consecutive pieces of the run, s, `low` and `high` the least and
+    greatest X in each, m.
     """
 
     title: str
@@ -222,23 +216,7 @@ def draw_what_if(
     changes: Sequence[tuple[float, str]] = (),
     title: str = '',
 ) -> Figure:
-    """
-    Draw two runs: all of both over each other, and the end of each close up.
-
-    Parameters
-    ----------
-    recorded, what_if : Side
-        The runs.
-    changes : sequence of (float, str), optional
-        Instants, s, at which something was changed, and what.
-    title : str, optional
-        Title of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure.
-    """
+    """Draw two runs: all of both over each other, and the end of each close up."""
     figure = blank_figure(11, 7.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.5))
     sides = (recorded, what_if)

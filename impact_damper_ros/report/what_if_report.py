@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.replay.replay import Replay, Tick
 from impact_damper_ros.replay.replayed_rig import Step, setting_of
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, Trace, WhatIf
 from impact_damper_ros.rig import (
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
+    ALL_SPECS,
     Event,
     EventKind,
     InitialConditions,
@@ -26,8 +24,8 @@ from impact_damper_ros.rig import (
 )
 from impact_damper_ros.rig.swing import Swing
 
+from .formatting import setting, unit_for
 from .run_figures import Motion, Side, draw_what_if
-from .units import unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,16 +43,7 @@ _MOST_PIECES, _FEW_CYCLES = 2000, 60
 
 
 class RunTotals:
-    """
-    Largest and rms X, impacts and their energy, from samples in a row.
-
-    Attributes
-    ----------
-    impacts : int
-        How many there were.
-    energy : float
-        Energy lost in the impacts, J.
-    """
+    """Largest and rms X, impacts and the energy lost in them, from samples in a row; SI units."""
 
     def __init__(self) -> None:
         self.impacts = 0
@@ -306,12 +295,7 @@ class WhatIfReport:
 
 
 def _with_unit(value: Any, name: str) -> str:
-    spec = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS, **INITIAL_SPECS}[name]
-    if isinstance(value, tuple):
-        text = f'[{", ".join(f"{v:g}" for v in value)}]'
-    else:
-        text = f'{value:g}' if isinstance(value, float) else str(value).lower()
-    return f'{text} {spec.unit}'.rstrip()
+    return f'{setting(value)} {ALL_SPECS[name].unit}'.rstrip()
 
 
 def _motion(trace: Trace) -> Motion:

@@ -1,9 +1,8 @@
 """
-Changes in flight: what a parameter change or a command to the stops makes of the state.
+Changes in flight: the state after a parameter change or a command to the stops.
 
-A stop moves relative to M at constant speed towards its target. It never does work: where it and m
-meet it stays, at rest relative to M, before m may hit it. So the velocity of a stop does not enter
-any impact, and the energy of M and m is that of a rig with standing stops.
+A stop moves relative to M at constant speed towards its target. It never does work: where it meets
+m it stops, at rest relative to M, before m may hit it. Its velocity therefore enters no impact.
 """
 
 from __future__ import annotations
@@ -13,21 +12,19 @@ from math import inf, isinf, isnan
 
 from .mode import RigConstants
 from .origin import Origin, locked, offset_of
-from .parameters import ParameterError
-
-__all__ = ['StopOutcome', 'changed', 'check_command', 'commanded', 'kept_angles', 'supports']
+from .parameter_spec import ParameterError
 
 
 def regapped(here: Origin, rig: RigConstants) -> Origin:
     """
-    Return the state with both stops sent to the places that the rig has for them, at once.
+    Return the state with both stops moved to half the gap of the rig, at once.
 
-    A stop that would pass m comes up to it, and follows it inwards from then on.
+    A stop that would pass m is placed at m and follows it inwards from then on.
     """
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
     stop_1 = max(rig.stop, offset)
     stop_2 = -rig.stop if rig.one_sided else min(-rig.stop, offset)
-    # Clearances move by what the stops move, so that the tiny ones keep their digits.
+    # Clearances change by what the stops move, so that small ones keep their digits.
     clearance_1 = max(0.0, here.clearance_1 + (stop_1 - here.stop_1))
     if stop_1 == offset and stop_1 > rig.stop:
         clearance_1 = 0.0
@@ -55,10 +52,10 @@ def kept_angles(
     angles: tuple[float, ...], own: tuple[int, int], lines: tuple[int, int]
 ) -> tuple[float, ...]:
     """
-    Return the angles that harmonics have turned, once their numbers have changed.
+    Return the angles turned by the harmonics after their number has changed.
 
-    Each keeps its own by its place, in the force arrays or among the lines of the multisine; added
-    ones have turned none.
+    A harmonic keeps its angle by its index, in the force arrays or among the lines of the
+    multisine; an added one begins with zero.
     """
     first = (angles[: own[0]] + (0.0,) * own[1])[: own[1]]
     others = (angles[own[0] :] + (0.0,) * lines[1])[: lines[1]]
@@ -68,7 +65,7 @@ def kept_angles(
 def changed(
     here: Origin, before: RigConstants, rig: RigConstants, shift: float, angles: tuple[float, ...]
 ) -> Origin:
-    """Return the state just after a change, before m hits a stop that has come up to it."""
+    """Return the state just after a change, before m hits a stop that has been placed at m."""
     if before.stop != rig.stop or before.one_sided != rig.one_sided:
         here = regapped(here, rig)
     return here._replace(x=here.x + shift, angles=angles)
@@ -79,13 +76,13 @@ _SLOWEST = 1e-9
 
 
 class StopOutcome(IntEnum):
-    """What a command does to a stop at its instant."""
+    """State of a stop just after a command."""
 
-    #: It is on its way.
+    #: It moves towards its target.
     MOVING = 0
-    #: It is where it should be.
+    #: It is at its target.
     ARRIVED = 1
-    #: m is in its way already.
+    #: It touches m and cannot move further.
     TOUCHED = 2
 
 
@@ -111,7 +108,7 @@ def check_command(one_sided: bool, stop: int, target: float, speed: float) -> No
 
 
 def supports(origin: Origin) -> tuple[bool, bool]:
-    """Return whether m is on stop 1, and on stop 2, and that stands."""
+    """Return whether m is on stop 1, and on stop 2, while that stop stands."""
     return (
         origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0,
         origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0,
@@ -121,7 +118,7 @@ def supports(origin: Origin) -> tuple[bool, bool]:
 def commanded(
     one_sided: bool, here: Origin, stop: int, target: float, speed: float
 ) -> tuple[Origin, StopOutcome]:
-    """Return the state just after a stop has been told to move, mode and velocities unchanged."""
+    """Return the state just after a command to a stop, mode and velocities unchanged."""
     outwards = 1.0 if stop == 1 else -1.0
     place = here.stop_1 if stop == 1 else here.stop_2
     clearance = here.clearance_1 if stop == 1 else here.clearance_2
@@ -140,7 +137,7 @@ def commanded(
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
     if outwards * way < 0.0 and outwards * (target - offset) <= 0.0:
         return locked(one_sided, _put(moved, stop, offset, 0.0), stop), StopOutcome.TOUCHED
-    # Clearances move by what the stop moves, so that tiny ones keep their digits.
+    # The clearance changes by what the stop moves, so that a small one keeps its digits.
     return _put(moved, stop, target, max(0.0, clearance + outwards * way)), StopOutcome.ARRIVED
 
 

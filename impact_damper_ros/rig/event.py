@@ -21,44 +21,27 @@ from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, RigConstants
 from .origin import Origin, offset_of
 from .transition import Transition, impulse_of
 
-__all__ = [
-    'IMPACT',
-    'MOST_ROWS',
-    'Event',
-    'EventKind',
-    'Sample',
-    'impact_events',
-    'make_event',
-    'quiet',
-    'stop_under',
-    'support_code',
-    'support_events',
-    'transition_events',
-    'write_event',
-    'write_transition',
-]
-
 
 class EventKind(IntEnum):
-    """What happened."""
+    """Kind of an event."""
 
     #: m hit a stop.
     IMPACT = 1
-    #: m has come to rest on a stop: a chatter accumulated, or the last impact was plastic.
+    #: m came to rest on a stop: a chatter accumulated, or the last impact was plastic.
     REST = 2
-    #: m has come to rest in the gap, held by friction.
+    #: m came to rest in the gap, held by friction.
     STICK = 3
     #: m left its rest or sticking.
     RELEASE = 4
     #: The relative velocity changed sign within the gap, and with it friction.
     REVERSAL = 5
-    #: A stop that moved, or had to follow m, has reached the position asked for.
+    #: A stop reached its target.
     STOP_ARRIVED = 6
-    #: X passed through zero; only reported where it is asked for.
+    #: X passed through zero; reported by `advance_to_crossing` only.
     CROSSING = 7
-    #: A moving stop and m have met: the stop stays there until it is moved again.
+    #: A moving stop and m met: the stop stays there until its next command.
     STOP_TOUCHED = 8
-    #: A sweep went on to its next frequency.
+    #: A stepped sine went on to its next frequency.
     FREQUENCY_STEP = 9
 
 
@@ -160,7 +143,7 @@ def write_event(
 
 @kernel(inline=True)
 def stop_under(mode: int) -> int:
-    """Return the stop on which m rests, or bounces for the last times; 0 for none."""
+    """Return the stop on which m rests or ends its chatter; 0 for none."""
     if mode in (REST_1, CHATTER_1):
         return 1
     return 2 if mode in (REST_2, CHATTER_2) else 0
@@ -168,7 +151,7 @@ def stop_under(mode: int) -> int:
 
 @kernel(inline=True)
 def support_code(mode_before: int, mode: int) -> int:
-    """Return as what a stop's coming up to m at rest is reported; 0 for nothing."""
+    """Return the kind of event as which a change of support is reported; 0 for none."""
     if mode_before >= STICK > mode:
         return _RELEASE
     if mode in (REST_1, REST_2) and (mode_before < STICK or mode_before >= CHATTER_1):
@@ -187,7 +170,7 @@ def write_transition(
     codes: Any,
     row: int,
 ) -> int:
-    """Write what an event is reported as, none to three rows; return the next free row."""
+    """Write the events that a transition is reported as, up to three; return the next row."""
     origin = transition.origin
     mode = origin.mode
     before = transition.velocity_before
@@ -302,14 +285,14 @@ def make_event(kind: EventKind, stop: int, transition: Transition) -> Event:
 
 
 def impact_events(rig: RigConstants, damper_mass: float, transition: Transition) -> list[Event]:
-    """Report an impact on a standing stop, and the rest that a plastic one leads to."""
+    """Return the events of an impact on a standing stop: with rest, if it is plastic."""
     standing = transition.origin._replace(stop_velocity_1=0.0, stop_velocity_2=0.0)
     kind = CONTACT_1 if transition.stop == 1 else CONTACT_2
     return transition_events(rig, damper_mass, kind, standing, transition)
 
 
 def support_events(mode_before: int, transition: Transition) -> list[Event]:
-    """Report what a stop that has come up to m at rest, or left it, makes of its rest."""
+    """Return the rest or release that a command to a stop causes, if any."""
     mode = transition.origin.mode
     code = support_code(mode_before, mode)
     if code == 0:
@@ -322,7 +305,7 @@ def support_events(mode_before: int, transition: Transition) -> list[Event]:
 def transition_events(
     rig: RigConstants, damper_mass: float, kind: int, before: Origin, transition: Transition
 ) -> list[Event]:
-    """Report the event that ended a flight."""
+    """Return the events as which the end of a flight is reported."""
     table: _Table = {}
     rows = write_transition(rig, damper_mass, kind, before, transition, table, table, 0)
     return [_event(table, row) for row in range(rows)]

@@ -22,19 +22,6 @@ from .kernels import elementwise, sine_and_cosine
 if TYPE_CHECKING:
     from .parameters import RigParameters
 
-__all__ = [
-    'SWEEP_FIELDS',
-    'SteppedSine',
-    'frequency_at',
-    'frequency_steps',
-    'mixed',
-    'multisine',
-    'sines_and_cosines_of',
-    'sines_of',
-    'split_mix',
-    'turned_angles',
-]
-
 
 @elementwise
 def turned_angles(angle: float, frequency: float, tau: float) -> float:

@@ -1,8 +1,8 @@
 """
-The hybrid motion: flight, event, next flight, for as long as asked.
+The hybrid motion: flight, event, next flight.
 
-A flight is never re-originated to sample it, to watch it or to pause. Hence the motion does not
-depend on the sampling rate or on how a run is cut into pieces, to the last bit.
+A flight is never re-originated to sample, watch or pause it. Hence the motion does not depend on
+the sampling rate or on how a run is cut into pieces, to the last bit.
 """
 
 from __future__ import annotations
@@ -13,25 +13,22 @@ from math import inf, nextafter, ulp
 from typing import Any
 
 from .changes import supports
-from .contact import NO_EVENT, chatter_end, flight_end
+from .contact import chatter_end, flight_end
 from .crossing import CrossingWatch, SearchInterruptedError, sided
 from .event import Event, EventKind, Sample, impact_events, make_event, quiet, transition_events
-from .flight import Flight, FlightEnd, end_at, motion_at
+from .flight import NO_EVENT, Flight, FlightEnd, end_at, motion_at
 from .forcing import SteppedSine, frequency_at
 from .mode import CHATTER_1, Mode, RigConstants, launch, rig_constants
 from .origin import Origin, advance_time, carried, offset_of, placed, stop_rates
 from .parameters import RigParameters
 from .transition import at_rest, moving_mode, resolve, struck
 
-__all__ = ['HybridMotion', 'RunawayError']
-
-
-# Far more events than any chatter has, in this part of a radian of the natural vibration.
+# More events than any chatter has, within this part of a radian of the natural vibration.
 _MOST_EVENTS_AT_ONCE = 10_000
 _AT_ONCE = 1e-9
-#: Steps of a search between two questions whether to go on. Few flights take more.
+#: Steps of a search between two calls of `interrupted`; few flights take more.
 _STEPS_AT_A_STRETCH = 8
-#: From so many on, each sample takes long.
+#: From this number of harmonics on, a sample takes long.
 _MANY_HARMONICS = 32
 _REMEDY = 'give a wider gap, a restitution below 1, or a slower start'
 
@@ -60,9 +57,9 @@ def step_event(origin: Origin) -> Event:
 
 class HybridMotion:
     """
-    The motion of one rig whose parameters and stops nobody touches.
+    The motion of one rig between changes of its parameters and stops.
 
-    A subclass sets the rig up, and does to it what is to be done between two advances.
+    A subclass sets the rig up and changes it between two advances.
     """
 
     _parameters: RigParameters
@@ -73,14 +70,14 @@ class HybridMotion:
     _step_due: float
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what the rig's future depends on."""
+        """Return all that the rig's future depends on."""
         raise NotImplementedError
 
     def _begin(self, origin: Origin) -> None:
-        """Make an origin the present one."""
+        """Begin the flight of an origin."""
         self._origin = origin
         self._flight = launch(self._constants, origin)
-        self._node = 0.0
+        self._searched = 0.0
         self._clear = -inf
         self._due = inf
         self._watch: CrossingWatch | None = None
@@ -93,7 +90,7 @@ class HybridMotion:
         self._due = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
 
     def _begin_all(self, origin: Origin) -> list[Event]:
-        """Begin from a state of unknown mode; m may be about to hit the stop it is on."""
+        """Begin from a state of unknown mode, with the impact of m that moves into its stop."""
         if origin.relative_velocity == 0.0:
             self._begin(at_rest(self._constants, origin))
             return []
@@ -108,7 +105,7 @@ class HybridMotion:
         return []
 
     def _sided(self, origin: Origin) -> Origin:
-        """Return the next origin, with the side of X if X is too small to tell."""
+        """Return the next origin, with the side of X if X is zero to round-off."""
         return sided(self._constants.free, self._origin, self._flight, origin)
 
     def _crossings(self) -> CrossingWatch:
@@ -148,11 +145,6 @@ class HybridMotion:
         """Present velocities of stop 1 and stop 2 relative to M, m/s."""
         return stop_rates(self._origin, self._flight, self._here().relative_velocity)
 
-    @property
-    def stop_targets(self) -> tuple[float, float]:
-        """Positions Y to which stop 1 and stop 2 go, or at which they are, m."""
-        return self._origin.target_1, self._origin.target_2
-
     def _tau(self, time: float) -> float:
         return (time - self._origin.time) - self._origin.time_low
 
@@ -162,9 +154,9 @@ class HybridMotion:
         return carried(self._origin, self._flight, end_at(self._flight, NO_EVENT, tau))
 
     def mark(self) -> dict[str, Any]:
-        """Return what `go_back` takes the rig back to; far cheaper than a snapshot."""
+        """Return a mark for `go_back`; far cheaper than a snapshot."""
         state = self.__dict__.copy()
-        # Everything in it is immutable, but for these two.
+        # All the rest of it is immutable.
         state['_unreported'] = self._unreported.copy()
         if self._watch is not None:
             state['_watch'] = copy(self._watch)
@@ -180,7 +172,31 @@ class HybridMotion:
         most_events: float = inf,
         interrupted: Callable[[], bool] | None = None,
     ) -> list[Event]:
-        """Let the rig run to a later time."""
+        """
+        Let the rig run to a later time.
+
+        Parameters
+        ----------
+        time : float
+            Time to reach, s; not before the present one.
+        most_events : float, optional
+            After so many events the rig stops, at an event, if more are due before that time; it
+            may go on from there.
+        interrupted : callable, optional
+            Called now and then; once it returns true, the rig stops.
+
+        Returns
+        -------
+        list of Event
+            All events after the present time up to and including the new one.
+
+        Raises
+        ------
+        ValueError
+            If the time is before the present one or not finite.
+        RunawayError
+            If the rig has events without end at one instant; `go_back` undoes the advance.
+        """
         return self._run(time, most_events, interrupted, watch=False)
 
     def advance_to_crossing(
@@ -190,13 +206,13 @@ class HybridMotion:
         interrupted: Callable[[], bool] | None = None,
     ) -> list[Event]:
         """
-        Let the rig run until X passes through zero, or to a later time.
+        Let the rig run until X passes through zero, or to a later time; as `advance` otherwise.
 
         Notes
         -----
-        The motion is to the last bit what `advance` makes of it. X has to change its sign: a touch
-        of zero, or an excursion beyond it within round-off, is not a passage; neither is a change
-        of parameters that moves the static equilibrium, from which X is measured.
+        The motion is that of `advance`, to the last bit. X has to change its sign: a touch of
+        zero, or an excursion beyond it within round-off, is no passage; neither is a change of
+        parameters that moves the static equilibrium, from which X is measured.
         """
         return self._run(time, most_events, interrupted, watch=True)
 
@@ -227,7 +243,7 @@ class HybridMotion:
                 if there < until:
                     until = there
                     break
-                # An instant that the rig has come to is gone through with.
+                # All events of an instant that has been reached belong to it.
                 interrupted = None
                 continue
             due = self._due if self._due <= self._step_due else self._step_due
@@ -242,7 +258,7 @@ class HybridMotion:
                     interrupted = None
                     continue
                 if crossing is not None:
-                    # What else happens at that instant comes first.
+                    # Other events of that instant come first.
                     until, passing, interrupted = crossing, True, None
             if due > until:
                 break
@@ -266,23 +282,19 @@ class HybridMotion:
         return events
 
     def _search(self, time: float, interrupted: Callable[[], bool] | None = None) -> bool:
-        """
-        Look for the event that ends the flight, up to a time at least; false if interrupted.
-
-        What was searched is not searched again.
-        """
-        # An event that rounds to the time asked for belongs to it.
+        """Search for the event that ends the flight up to a time; false if interrupted."""
+        # An event that rounds to that time belongs to it.
         limit = self._tau(nextafter(time, inf))
         while True:
             if interrupted is None:
-                end = flight_end(self._flight, self._node, limit)
+                end = flight_end(self._flight, self._searched, limit)
             else:
-                end = flight_end(self._flight, self._node, limit, _STEPS_AT_A_STRETCH)
+                end = flight_end(self._flight, self._searched, limit, _STEPS_AT_A_STRETCH)
             if end.kind != NO_EVENT:
                 self._expect(end)
                 return True
-            self._node = end.tau
-            # Up to here, and a digit less, there is no need to ask again.
+            self._searched = end.tau
+            # No event up to here, less a digit
             reached = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
             self._clear = reached - 4.0 * ulp(reached)
             if interrupted is None or not end.tau <= limit:
@@ -291,7 +303,7 @@ class HybridMotion:
                 return False
 
     def _step_frequency(self) -> list[Event]:
-        """Let the sweep go on to its next frequency, at an exact instant."""
+        """Go on to the next frequency of the stepped sine, at an exact instant."""
         there = origin_at_step(self._constants, self._origin, self._flight, self._step_due)
         self._sweep = SteppedSine(self._sweep.start, self._sweep.step + 1)
         self._step_due = self._sweep.due(self._parameters)
@@ -301,7 +313,7 @@ class HybridMotion:
         return [step_event(there)]
 
     def _pass_event(self) -> list[Event]:
-        """Let the event that ends the flight happen."""
+        """Resolve the event that ends the flight, and begin the next flight."""
         kind, before = self._end.kind, self._origin
         transition = resolve(self._constants, before, self._flight, self._end)
         self._begin(self._sided(transition.origin))

@@ -1,9 +1,9 @@
 """
-Modes of the hybrid motion, and the flight that each of them is.
+Modes of the hybrid motion, and the flight of each.
 
-The friction force, the air force and the supports are constant within a mode, so that each mode
-is one closed-form flight. Design: Bapat (1995), equations (1)-(2), for sliding; joint motion of
-both masses for sticking in the gap and for rest on a stop.
+Friction, air force and supports are constant within a mode, so that a mode is one closed-form
+flight: Bapat (1995), equations (1)-(2), for sliding; joint motion of both masses for sticking in
+the gap and for rest on a stop.
 """
 
 from __future__ import annotations
@@ -12,34 +12,12 @@ from enum import IntEnum
 from math import cos, inf, sin
 from typing import NamedTuple
 
-from .contact import CONTACT_1, CONTACT_2, NO_EVENT, STOP_ARRIVED_1, STOP_ARRIVED_2
-from .flight import Flight
+from .flight import CONTACT_1, CONTACT_2, NO_EVENT, STOP_ARRIVED_1, STOP_ARRIVED_2, Flight
 from .forcing import sines_and_cosines_of
 from .kernels import kernel
 from .origin import Origin
 from .oscillator import Oscillator, acceleration_at, make_oscillator
 from .parameters import RigParameters
-
-__all__ = [
-    'CHATTER_1',
-    'CHATTER_2',
-    'FREE',
-    'REST_1',
-    'REST_2',
-    'SLIDE_DOWN',
-    'SLIDE_UP',
-    'STICK',
-    'Mode',
-    'Origin',
-    'RigConstants',
-    'air_acceleration',
-    'launch',
-    'mode_at_rest',
-    'moving_flight',
-    'rig_constants',
-    'support_need',
-]
-
 
 FREE = 0
 SLIDE_DOWN = 1
@@ -66,9 +44,9 @@ class Mode(IntEnum):
     REST_1 = REST_1
     #: Resting on stop 2.
     REST_2 = REST_2
-    #: In the last, unresolved bounces on stop 1 before rest.
+    #: In the last bounces on stop 1 before rest, which are not resolved.
     CHATTER_1 = CHATTER_1
-    #: In the last, unresolved bounces on stop 2 before rest.
+    #: In the last bounces on stop 2 before rest, which are not resolved.
     CHATTER_2 = CHATTER_2
 
 
@@ -85,7 +63,7 @@ class RigConstants(NamedTuple):
     slope, grip, air : float
         Accelerations g sin(angle), friction g cos(angle) and air_force/m, m/s^2.
     push : float
-        Bound of the relative acceleration at rest, but for spring and dashpot, m/s^2.
+        Bound of the relative acceleration at rest, without spring and dashpot, m/s^2.
     stop : float
         Distance of each stop from the middle, half the gap, m.
     one_sided : bool
@@ -109,23 +87,14 @@ class RigConstants(NamedTuple):
 
 
 def rig_constants(parameters: RigParameters, frequency: float | None = None) -> RigConstants:
-    """
-    Return the kernels' constants of a rig.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig; being validated, it is admissible.
-    frequency : float, optional
-        Circular frequency of the first harmonic, rad/s, if a sweep has another than the rig's.
-    """
+    """Return the kernels' constants of a rig."""
     amplitudes, frequencies, phases = parameters.harmonics
     if frequency is not None:
         frequencies = (frequency, *frequencies[1:])
     drive = (amplitudes, frequencies)
     spring = (parameters.stiffness, parameters.damping)
     together = parameters.primary_mass + parameters.damper_mass
-    # At 90 degrees, typed as 1.5708 or rounded by pi/2, there is no normal force.
+    # At 90 degrees, as 1.5708 or as pi/2 rounded, there is no normal force.
     cosine = cos(parameters.angle)
     if cosine < 1e-5:
         cosine = 0.0
@@ -197,10 +166,10 @@ def mode_at_rest(rig: RigConstants, origin: Origin, sines: tuple[float, ...]) ->
 @kernel
 def _stop_deadline(origin: Origin) -> tuple[int, float]:
     """
-    Return what a moving stop does at a time that is known beforehand, and when.
+    Return the event of a moving stop whose time is known beforehand, and that time.
 
-    It arrives at its target; or comes up to m, if m does not move relative to M. If both happen at
-    once, it is the latter.
+    The stop arrives at its target, or at m if m does not move relative to M; at m if both happen
+    at once.
     """
     velocity_1 = origin.stop_velocity_1
     velocity_2 = origin.stop_velocity_2
@@ -252,7 +221,7 @@ def _joint_flight(
         0,
         inf,
         rig.slope + air_acceleration(rig, origin),
-        # Between two stops that have both come up to it, m cannot move at all.
+        # Between two stops that both touch it, m cannot move at all.
         -inf if origin.mode == REST_1 or standing_1 else -rig.grip,
         inf if origin.mode == REST_2 or standing_2 else rig.grip,
         origin.stop_velocity_1,
@@ -287,9 +256,9 @@ def moving_flight(
         or (mode == FREE and standing_1 and relative > 0.0)
         or (mode == FREE and standing_2 and relative < 0.0)
     ):
-        # `mode_at_rest` found m to leave the other way: the balance is exact to round-off.
+        # `mode_at_rest` found m to leave the other way: the forces balance to round-off.
         relative = 0.0
-    # A stop held back by m follows it inwards until it is where it should be.
+    # A stop held back by m follows it inwards until it is at its target.
     arrival = inf
     inwards = origin.relative_velocity
     if inwards == 0.0:
@@ -327,21 +296,7 @@ def moving_flight(
 
 @kernel(inline=True)
 def launch(rig: RigConstants, origin: Origin) -> Flight:
-    """
-    Build the flight that begins at an origin.
-
-    Parameters
-    ----------
-    rig : RigConstants
-        The rig.
-    origin : Origin
-        State after the event that begins the flight.
-
-    Returns
-    -------
-    Flight
-        The closed form and what ends it.
-    """
+    """Build the flight that begins at an origin."""
     deadline_kind = NO_EVENT
     deadline = inf
     if origin.stop_velocity_1 != 0.0 or origin.stop_velocity_2 != 0.0:

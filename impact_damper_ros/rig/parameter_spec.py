@@ -14,21 +14,6 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias
 
 from .quoting import shown
 
-__all__ = [
-    'MAX_HARMONICS',
-    'ParameterError',
-    'ParameterSpec',
-    'ParameterTable',
-    'Value',
-    'array_field',
-    'bool_field',
-    'double_field',
-    'integer_field',
-    'specs_of',
-    'string_field',
-]
-
-
 Value: TypeAlias = float | bool | int | str | tuple[float, ...]
 Kind: TypeAlias = Literal['double', 'bool', 'double_array', 'integer', 'string']
 
@@ -94,25 +79,7 @@ class ParameterSpec(NamedTuple):
         return f'{self.low:g} to {self.high:g}'
 
     def checked(self, value: Any) -> Value:
-        """
-        Return the value as the kind asks: a float, a bool, an int, a text or a tuple of floats.
-
-        Parameters
-        ----------
-        value : Any
-            A number, a bool, a text or a sequence of numbers. Integers become floats for a
-            double, and whole floats integers for an integer.
-
-        Returns
-        -------
-        Value
-            The value, of the type that the kind names.
-
-        Raises
-        ------
-        ParameterError
-            If the type is wrong, or a number is outside the range, NaN or infinite.
-        """
+        """Return a value, which may come from a file, checked and in the type of the kind."""
         if self.kind == 'bool':
             if not isinstance(value, bool):
                 raise ParameterError(

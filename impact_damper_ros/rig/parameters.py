@@ -23,21 +23,6 @@ from .parameter_spec import (
     string_field,
 )
 
-__all__ = [
-    'ALL_SPECS',
-    'GAP_CONTROL_SPECS',
-    'INITIAL_SPECS',
-    'PARAMETER_SPECS',
-    'SETTING_SPECS',
-    'GapControlParameters',
-    'InitialConditions',
-    'NodeSettings',
-    'ParameterError',
-    'ParameterSpec',
-    'RigParameters',
-]
-
-
 SWEEP_MODES = ('off', 'up', 'down', 'up_down')
 #: Most steps that a sweep may have from one end to the other.
 MOST_STEPS = 100_000
@@ -252,12 +237,6 @@ class RigParameters(ParameterTable):
         return static / denominator
 
     @property
-    def response_phase(self) -> float:
-        """Phase lag psi of M behind the first harmonic without impacts, rad."""
-        r = self.frequency_ratio
-        return math.atan2(2.0 * self.zeta * r, (1.0 - r) * (1.0 + r))
-
-    @property
     def static_deflection(self) -> float:
         """Deflection M g sin(angle)/K of M by its own weight along the axis, m."""
         return self.primary_mass * self.gravity * math.sin(self.angle) / self.stiffness
@@ -300,14 +279,7 @@ class InitialConditions(ParameterTable):
     )
 
     def check_within(self, parameters: RigParameters) -> None:
-        """
-        Check that m starts between the stops.
-
-        Raises
-        ------
-        ParameterError
-            If it does not.
-        """
+        """Check that m starts between the stops."""
         offset, half = self.initial_damper_offset, parameters.gap / 2.0
         low = -1e9 if parameters.one_sided else -half
         if not low <= offset <= half:

@@ -1,11 +1,8 @@
-"""Values and texts from outside as messages show them: short, and without control characters."""
+"""Values and texts from outside as messages quote them: short, without control characters."""
 
 from __future__ import annotations
 
 import re
-
-__all__ = ['as_line', 'named', 'printable', 'shown']
-
 
 _LONGEST = 80
 _LONGEST_LINE = 2000
@@ -42,13 +39,6 @@ def as_line(text: str) -> str:
 def shown(value: object, longest: int = _LONGEST) -> str:
     """
     Return a value as `repr` has it, on one line; a long one is cut in the middle.
-
-    Parameters
-    ----------
-    value : object
-        The value.
-    longest : int, optional
-        Most characters that stay whole.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The exact simulator: a rig in motion, its snapshots, and what can be done to it."""
+"""The simulator: a rig in motion, its snapshots, and changes to it."""
 
 from __future__ import annotations
 
@@ -13,14 +13,11 @@ from .mode import STICK, RigConstants, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
 
-__all__ = ['ARITHMETIC', 'FORMATS', 'Simulator', 'Snapshot', 'upgraded']
-
-
 _FORMAT = 2
-#: Formats that can be read. The first knew neither stops that move nor sweeps.
+#: Formats that can be read. The first had neither moving stops nor a stepped sine.
 FORMATS = (1, 2)
-#: Counts up when the same motion gets other last bits: older runs then go on alike to round-off
-#: only. The first polished roots by certified steps alone, the second by the closed form.
+#: Raised when the same motion gets other last bits: older runs then agree to round-off only.
+#: The first polished roots by certified steps alone, the second by the closed form.
 ARITHMETIC = 3
 
 
@@ -37,9 +34,9 @@ class Snapshot(NamedTuple):
     time : float
         Time reached, s; the flight's origin may be earlier.
     unreported : tuple of Event
-        Events of the very start that have not been reported yet.
+        Events at the start that have not been reported yet.
     sweep : SteppedSine
-        How far the sweep has come.
+        State of the stepped sine.
     """
 
     parameters: RigParameters
@@ -70,7 +67,7 @@ class Snapshot(NamedTuple):
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> Snapshot:
         """
-        Read what `as_dict` has written.
+        Read a snapshot written by `as_dict`.
 
         Raises
         ------
@@ -97,7 +94,7 @@ class Snapshot(NamedTuple):
                     Event(event[0], EventKind(event[1]), *event[2:])
                     for event in stored.get('unreported', [])
                 ),
-                # The first format knew no sweep; nor does one that is off begin anywhere.
+                # The first format had no stepped sine; one that is off starts at 0.
                 sweep=SteppedSine(**stored.get('sweep', {'start': 0.0})),
             )
         except (KeyError, TypeError) as error:
@@ -106,7 +103,7 @@ class Snapshot(NamedTuple):
 
 def upgraded(stored: dict[str, Any]) -> dict[str, Any]:
     """
-    Return a stored snapshot as this version would have written it, and what else it holds.
+    Return a stored snapshot in the present format, with whatever else it holds.
 
     Raises
     ------
@@ -205,13 +202,13 @@ class Simulator(HybridMotion):
         Notes
         -----
         The angle turned by each harmonic is continuous, so that a change of frequency does not
-        jump the force; an added harmonic starts at its phase. A change of the sweep's parameters
-        starts it anew, any other leaves it where it is. The position of M in the laboratory
-        is continuous where its static deflection changes.
+        jump the force; an added harmonic starts at its phase. A change of a parameter of the
+        stepped sine starts it anew, any other change leaves it alone. The position of M in the
+        laboratory is continuous where its static deflection changes.
 
-        Another `gap` or `one_sided` sends both stops to half the gap from the middle, at once, and
-        ends what `move_stops` has begun. A stop that would pass m comes up to it instead, is hit
-        if m moves outwards, and follows if m moves inwards.
+        Another `gap` or `one_sided` places both stops at half the gap from the middle, at once,
+        and ends their movements. A stop that would pass m is placed at m instead; m hits it if m
+        moves outwards, and the stop follows if m moves inwards.
         """
         if parameters == self._parameters:
             return []
@@ -226,7 +223,7 @@ class Simulator(HybridMotion):
         own = len(before.force_phases), len(parameters.force_phases)
         lines = len(self._constants.phases) - own[0], len(constants.phases) - own[1]
         angles = kept_angles(here.angles, own, lines)
-        # An impact that the last reset began with is reported later; X counts from here then.
+        # An impact of the last reset is reported later, with X from the new equilibrium.
         self._unreported = [event._replace(x=event.x + shift) for event in self._unreported]
         origin = changed(here, self._constants, constants, shift, angles)
         self._parameters = parameters
@@ -238,20 +235,20 @@ class Simulator(HybridMotion):
         self, stop_1: float | None, stop_2: float | None, speed: float = inf
     ) -> list[Event]:
         """
-        Let stops move to other places in M, from the present time on.
+        Move stops to other places in M, from the present time on.
 
         Parameters
         ----------
         stop_1, stop_2 : float or None
-            Position Y to which each stop is to go, m; None leaves it as it is, or on its way.
+            Target Y of each stop, m; None leaves the stop as it is, or moving.
         speed : float, optional
-            Speed relative to M, m/s. Infinite, they are there at once.
+            Speed relative to M, m/s; if infinite, the stops are there at once.
 
         Returns
         -------
         list of Event
-            What happens at once. Sooner or later each movement ends with one event, unless
-            another command comes before: `STOP_ARRIVED` at its target, or `STOP_TOUCHED`.
+            Events at the present time. Each movement ends with one event, now or later, unless
+            another command comes before: `STOP_ARRIVED` at its target, or `STOP_TOUCHED` at m.
 
         Raises
         ------
@@ -260,12 +257,12 @@ class Simulator(HybridMotion):
 
         Notes
         -----
-        A moving stop never does work. Where it meets m, either may have come up to the other, it
-        stays for good, until its next command (`STOP_TOUCHED`); if m moves outwards, towards it,
-        m then hits the standing stop (`IMPACT`). One that is to be beyond m at once goes up to m.
-        A stop that moves away from m at rest on it leaves m without support: friction holds m, or
-        m leaves (`RELEASE`) and may catch up with the stop. Where both stops have come up to m, m
-        cannot move in M, and the impact that ends its motion there is a plastic one.
+        A moving stop never does work. Where it meets m it stays until its next command
+        (`STOP_TOUCHED`); if m moves outwards, m then hits the standing stop (`IMPACT`). A stop
+        whose target is beyond m and that moves at once is placed at m. A stop that moves away
+        from m at rest on it leaves m without support: friction holds m, or m leaves (`RELEASE`)
+        and may catch up with the stop. Between two stops that both touch it, m cannot move in M,
+        and the impact that ends its motion there is plastic.
         """
         constants = self._constants
         targets = [(n, t) for n, t in ((1, stop_1), (2, stop_2)) if t is not None]
@@ -294,7 +291,7 @@ class Simulator(HybridMotion):
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """
-        Put the rig back to its initial conditions; force and sweep start anew, time goes on.
+        Put the rig back to its initial conditions; the force starts anew, time goes on.
 
         Raises
         ------
@@ -307,24 +304,24 @@ class Simulator(HybridMotion):
 
     def snapshot(self) -> dict[str, Any]:
         """
-        Return what the rig's future depends on.
+        Return all that the rig's future depends on.
 
         Returns
         -------
         dict
-            The origin of the present flight, the parameters and the time reached; it goes
-            through JSON without loss.
+            The origin of the present flight, the parameters and the time reached; JSON keeps it
+            exactly.
         """
         return self.state().as_dict()
 
     def state(self) -> Snapshot:
-        """Return the same by its fields."""
+        """Return the snapshot as a record."""
         return Snapshot(
             self._parameters, self._origin, self._time, tuple(self._unreported), self._sweep
         )
 
     def state_here(self) -> Snapshot:
-        """Return it as of a flight that begins now: the same motion, to round-off."""
+        """Return the snapshot with a flight that begins now: the same motion, to round-off."""
         return self.state()._replace(origin=self._here())
 
     @classmethod
@@ -341,7 +338,7 @@ class Simulator(HybridMotion):
 
     @classmethod
     def resume(cls, state: Snapshot) -> Self:
-        """Continue from what `state` has returned, bit for bit."""
+        """Continue from a result of `state`, bit for bit."""
         rig = cls.__new__(cls)
         rig._parameters = state.parameters
         rig._sweep = state.sweep

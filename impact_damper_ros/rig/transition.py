@@ -1,5 +1,5 @@
 """
-Transitions: impacts, and what any event makes of the state, from before it to after it.
+Transitions: impacts and all other events, from the state before to the state after.
 
 Bapat (1995), equations (10)-(11); for complete chatter Budd and Dux (1994), Phil. Trans. R. Soc.
 Lond. A 347, and Nordmark and Piiroinen (2009), Nonlinear Dynamics 58.
@@ -13,7 +13,7 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 from .certificate import least_step
-from .contact import (
+from .flight import (
     ARRIVAL,
     CONTACT_1,
     CONTACT_2,
@@ -21,8 +21,11 @@ from .contact import (
     REVERSAL,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
+    Flight,
+    FlightEnd,
+    Motion,
+    starting_motion,
 )
-from .flight import Flight, FlightEnd, Motion, starting_motion
 from .forcing import sines_of
 from .kernels import kernel
 from .mode import (
@@ -39,33 +42,13 @@ from .mode import (
     mode_at_rest,
     support_need,
 )
-from .origin import Origin, carried, locked, on_stop, placed, stopped, with_motion
+from .origin import Origin, carried, locked, on_stop
 from .oscillator import derivative_bound
 
-__all__ = [
-    'CHATTER_TOLERANCE',
-    'Transition',
-    'at_rest',
-    'bounce_duration',
-    'carried',
-    'chatter_duration',
-    'impulse',
-    'impulse_of',
-    'is_no_chatter',
-    'may_chatter',
-    'moving_mode',
-    'placed',
-    'rebound',
-    'rebounded',
-    'resolve',
-    'struck',
-]
-
-
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
-#: by at most this fraction until its end. The accumulation instant then is in error by at most
-#: this fraction of the time left, which is itself this small in units of acceleration per jerk:
-#: the square, 1e-12, of the time scale of the motion.
+#: by at most this fraction until its end. The error of the accumulation instant is at most this
+#: fraction of the time left, which is itself at most this fraction of acceleration per jerk: 1e-12
+#: of the time scale of the motion.
 CHATTER_TOLERANCE = 1e-6
 
 
@@ -102,7 +85,7 @@ def bounce_duration(speed: float, press: float, grip: float) -> float:
 @kernel(inline=True)
 def may_chatter(speed: float, push: float, jerk_bound: float, shortest: float) -> bool:
     """
-    Return whether a chatter may be complete, or a bounce too short to be told, for all one knows.
+    Return whether a chatter may be complete, or a bounce too short to be resolved.
 
     Notes
     -----
@@ -138,7 +121,7 @@ def chatter_duration(
 
 class Transition(NamedTuple):
     """
-    What an event did.
+    State and velocities before and after an event.
 
     Attributes
     ----------
@@ -162,7 +145,7 @@ class Transition(NamedTuple):
 
 @kernel(inline=True)
 def impulse_of(rig: RigConstants, damper_mass: float, transition: Transition) -> float:
-    """Return the impulse of the impact that a transition is, N s."""
+    """Return the impulse of an impact, N s, from its transition."""
     restitution = rig.restitution_1 if transition.stop == 1 else rig.restitution_2
     if transition.relative_velocity_after == 0.0:
         restitution = 0.0
@@ -171,7 +154,7 @@ def impulse_of(rig: RigConstants, damper_mass: float, transition: Transition) ->
 
 @kernel(inline=True)
 def moving_mode(rig: RigConstants, relative_velocity: float) -> int:
-    """Return the mode of a relative motion that is under way."""
+    """Return the mode of m that moves relative to M."""
     if rig.grip == 0.0:
         return FREE
     return SLIDE_DOWN if relative_velocity > 0.0 else SLIDE_UP
@@ -180,14 +163,13 @@ def moving_mode(rig: RigConstants, relative_velocity: float) -> int:
 @kernel
 def at_rest(rig: RigConstants, origin: Origin) -> Origin:
     """Return the state that follows when the relative velocity has become zero."""
-    still = with_motion(origin, origin.mode, origin.velocity, 0.0, origin.last_stop, False, 0.0)
-    mode = mode_at_rest(rig, still, sines_of(rig.phases, still.angles))
-    return with_motion(still, mode, still.velocity, 0.0, still.last_stop, False, 0.0)
+    still = origin._replace(relative_velocity=0.0, released=False, chatter_left=0.0)
+    return still._replace(mode=mode_at_rest(rig, still, sines_of(rig.phases, still.angles)))
 
 
 @kernel(inline=True)
 def is_no_chatter(rig: RigConstants, hit: Origin, stop: int) -> bool:
-    """Return whether an impact belongs to no chatter, as far as one can tell without a sine."""
+    """Return whether an impact certainly belongs to no chatter; evaluates no sine."""
     push = rig.push + (1.0 + rig.mass_ratio) * (
         rig.joint.omega_squared * abs(hit.x)
         + 2.0 * rig.joint.decay * abs(_common_velocity(rig, hit))
@@ -213,26 +195,26 @@ def _last_bounces(rig: RigConstants, hit: Origin, stop: int, restitution: float)
     need = support_need(rig, hit, sines_of(rig.phases, hit.angles), common)
     press = (1.0 + rig.mass_ratio) * away * need
     grip = (1.0 + rig.mass_ratio) * rig.grip
-    # The least that the bound of the jerk can be rules most of these out too.
+    # The smallest possible bound of the jerk excludes most of the others.
     left = chatter_duration(speed, press, grip, restitution, rig.free.bound_3)
     if left < inf:
         motion: Motion = starting_motion(launch(rig, hit))
         bound = derivative_bound(rig.free, motion.x_3, motion.x_4, rig.free.bound_3)
         left = chatter_duration(speed, press, grip, restitution, bound)
     if left == inf and bounce_duration(speed, press, grip) < least_step(rig.free.horizon):
-        # Elastic stops: such bounces go on for ever, and have no energy left.
+        # Elastic stops: such bounces have no end and no energy left.
         left = 0.0
     if left == inf:
         return hit
     mode = CHATTER_1 if stop == 1 else CHATTER_2
-    return with_motion(hit, mode, common, 0.0, stop, False, left)
+    return hit._replace(mode=mode, velocity=common, relative_velocity=0.0, chatter_left=left)
 
 
 @kernel(inline=True)
 def rebounded(rig: RigConstants, origin: Origin, stop: int) -> tuple[float, float, float, float]:
     """Return the velocities at an impact."""
     relative_before = origin.relative_velocity
-    # Towards stop 1 is positive; round-off must not turn a grazing contact into a push.
+    # Towards stop 1 is positive; round-off must not give a grazing contact a negative speed.
     if stop == 1:
         relative_before = max(relative_before, 0.0)
         restitution = rig.restitution_1
@@ -240,7 +222,7 @@ def rebounded(rig: RigConstants, origin: Origin, stop: int) -> tuple[float, floa
         relative_before = min(relative_before, 0.0)
         restitution = rig.restitution_2
     if origin.clearance_1 == 0.0 and origin.clearance_2 == 0.0:
-        # With no room between the stops the impacts on both have no end before m is at rest.
+        # With no room between the stops, impacts on both follow without end until m is at rest.
         restitution = 0.0
     after, relative_after = rebound(origin.velocity, relative_before, restitution, rig.mass_ratio)
     return restitution, relative_before, after, relative_after
@@ -248,34 +230,21 @@ def rebounded(rig: RigConstants, origin: Origin, stop: int) -> tuple[float, floa
 
 @kernel(inline=True)
 def struck(rig: RigConstants, origin: Origin, stop: int) -> Transition:
-    """
-    Resolve an impact.
-
-    Parameters
-    ----------
-    rig, origin, stop : RigConstants, Origin, int
-        As for `rebounded`.
-
-    Returns
-    -------
-    Transition
-        The state just after: moving away, or at rest, or in the last bounces of a chatter.
-    """
+    """Resolve an impact."""
     before = origin.velocity
     restitution, relative_before, after, relative_after = rebounded(rig, origin, stop)
     if relative_after == 0.0:
         # -0.0 would be taken for a direction
         relative_after = 0.0
-        hit = with_motion(origin, origin.mode, after, 0.0, stop, False, 0.0)
+        hit = origin._replace(velocity=after, relative_velocity=0.0, last_stop=stop)
         return Transition(at_rest(rig, hit), stop, before, relative_before, after, relative_after)
-    hit = with_motion(
-        origin,
-        moving_mode(rig, relative_after),
-        after,
-        relative_after,
-        stop,
-        False,
-        0.0,
+    hit = origin._replace(
+        mode=moving_mode(rig, relative_after),
+        velocity=after,
+        relative_velocity=relative_after,
+        last_stop=stop,
+        released=False,
+        chatter_left=0.0,
     )
     held = hit.stop_1 > hit.target_1 if stop == 1 else hit.stop_2 < hit.target_2
     if not held and not is_no_chatter(rig, hit, stop):
@@ -285,7 +254,7 @@ def struck(rig: RigConstants, origin: Origin, stop: int) -> Transition:
 
 @kernel
 def _touched(rig: RigConstants, there: Origin, stop: int) -> Transition:
-    """Resolve the meeting of m with a moving stop: it stays where it is, and m may hit it."""
+    """Resolve the contact of m with a moving stop, which stays there; m may hit it."""
     before = there.velocity
     relative_before = there.relative_velocity
     there = locked(rig.one_sided, there, stop)
@@ -299,21 +268,7 @@ def _touched(rig: RigConstants, there: Origin, stop: int) -> Transition:
 
 @kernel(inline=True)
 def resolve(rig: RigConstants, origin: Origin, flight: Flight, end: FlightEnd) -> Transition:
-    """
-    Resolve the event that ends a flight.
-
-    Parameters
-    ----------
-    rig, origin, flight : RigConstants, Origin, Flight
-        The rig, and the flight with its origin.
-    end : FlightEnd
-        The event, as `contact.flight_end` names it; `NO_EVENT` ends a chatter.
-
-    Returns
-    -------
-    Transition
-        Velocities before and after, and the origin of the next flight.
-    """
+    """Resolve the event that ends a flight."""
     kind = end.kind
     there = carried(origin, flight, end)
     before = there.velocity
@@ -333,25 +288,28 @@ def resolve(rig: RigConstants, origin: Origin, flight: Flight, end: FlightEnd) -
         return Transition(there, 0, before, relative_before, before, relative_before)
     if kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
         stop = 1 if kind == STOP_ARRIVED_1 else 2
-        stop_1 = there.target_1 if stop == 1 else there.stop_1
-        stop_2 = there.target_2 if stop == 2 else there.stop_2
-        there = stopped(there, stop, stop_1, stop_2, there.target_1, there.target_2)
+        there = there._replace(
+            stop_1=there.target_1 if stop == 1 else there.stop_1,
+            stop_2=there.target_2 if stop == 2 else there.stop_2,
+            stop_velocity_1=0.0 if stop == 1 else there.stop_velocity_1,
+            stop_velocity_2=0.0 if stop == 2 else there.stop_velocity_2,
+        )
         return Transition(there, 0, before, relative_before, before, relative_before)
     if kind == REVERSAL and end.tau == 0.0:
-        # m was about to leave its support and does not: the support holds to round-off.
+        # m does not leave its support after all: the forces balance to round-off.
         mode = STICK
         if there.clearance_1 == 0.0 and there.stop_velocity_1 == 0.0:
             mode = REST_1
         elif there.clearance_2 == 0.0 and there.stop_velocity_2 == 0.0:
             mode = REST_2
-        there = with_motion(there, mode, before, 0.0, there.last_stop, False, 0.0)
+        there = there._replace(mode=mode, relative_velocity=0.0, released=False, chatter_left=0.0)
         return Transition(there, 0, before, relative_before, before, 0.0)
     if kind == REVERSAL or origin.mode >= CHATTER_1:
         there = at_rest(rig, there)
         return Transition(there, 0, before, relative_before, before, 0.0)
-    # A support gives way; which direction it fails in was the event's kind.
+    # A support gives way, in the direction that the event names.
     mode = FREE
     if rig.grip > 0.0:
         mode = SLIDE_UP if kind == RELEASE_UP else SLIDE_DOWN
-    there = with_motion(there, mode, before, 0.0, there.last_stop, True, 0.0)
+    there = there._replace(mode=mode, relative_velocity=0.0, released=True, chatter_left=0.0)
     return Transition(there, 0, before, 0.0, before, 0.0)

@@ -10,7 +10,7 @@ from replay.test_replay import places, replayed
 from replay.test_replay_gap_control import CONTROL
 
 from impact_damper_ros.bag import RunReader
-from impact_damper_ros.bag.rig_messages import header_ns
+from impact_damper_ros.bag.messages import header_ns
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run

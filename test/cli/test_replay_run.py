@@ -15,7 +15,7 @@ from bag.recorded_rig import LIVELY, NOTES, RecordedRig
 
 import impact_damper_ros
 from impact_damper_ros.bag import recover_run
-from impact_damper_ros.bag.rig_messages import JointStateBytes
+from impact_damper_ros.bag.messages import JointStateLayout
 from impact_damper_ros.cli.replay_run import main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.replay.what_if import RecordedValues
@@ -252,7 +252,7 @@ def test_long_runs_take_little_memory(tmp_path):
     """An hour's worth is measured by hand; here the growth from one size to twice of it."""
     rig = RecordedRig(rate=1000.0).start().run(200)
     content = rig.messages[-1][1]
-    shape = JointStateBytes(content)
+    shape = JointStateLayout(content)
     peaks = []
     for count in (4_000, 40_000):
         with samples.RunWriter(tmp_path / str(count), samples.TOPICS, custom=NOTES) as writer:

@@ -4,10 +4,12 @@ import math
 
 import pytest
 
-from impact_damper_ros.node.measured_motion import KEPT, MeasuredMotion, MotionTrace, measure
+from impact_damper_ros.node.motion_ahead import KEPT, MotionTrace
 from impact_damper_ros.node.motion_report import (
+    MeasuredMotion,
     MotionMonitor,
     compare,
+    measure,
     measured_report,
     predicted_report,
 )

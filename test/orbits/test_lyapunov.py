@@ -12,7 +12,8 @@ from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.rig.mode import Origin, rig_constants
+from impact_damper_ros.rig.mode import rig_constants
+from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.sweep.steady_state import steady_state
 
 #: Frictionless and horizontal, with many impacts that never repeat.

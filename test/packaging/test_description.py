@@ -13,10 +13,10 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
+from impact_damper_ros.bag.rig_topics import JOINTS
 from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, RigParameters, Simulator
 from impact_damper_ros.rig import load_parameters as load
 from impact_damper_ros.rig.description import picture_size, robot_description, rviz_setup
-from impact_damper_ros.rig.published import JOINTS
 
 ROOT = Path(__file__).parents[2]
 PRESETS = sorted((ROOT / 'config').glob('*.yaml'))

@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass, field
 
-from impact_damper_ros.bag.messages import CdrWriter
-from impact_damper_ros.bag.rig_messages import RigMessages, parameter_event, snapshot_message
+from impact_damper_ros.bag import String
+from impact_damper_ros.bag.messages import CdrWriter, encode
+from impact_damper_ros.bag.rig_recorder import parameter_event
+from impact_damper_ros.bag.rig_topics import RigMessages, snapshot_text
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.page.knobs import knobs_of
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
@@ -56,7 +58,8 @@ class FakeLink:
 
     def _announce(self, reason):
         state = self.rig.snapshot()
-        self.messages.snapshots.append(snapshot_message(OFFSET_NS, self._now_ns, reason, state))
+        text = snapshot_text(OFFSET_NS, self._now_ns, reason, state)
+        self.messages.snapshots.append(encode(String(text)))
 
     def run(self, seconds):
         """Run on, sample by sample."""

@@ -10,7 +10,7 @@ import pytest
 import impact_damper_ros
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.page.knobs import as_json, knobs_of, label
-from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
+from impact_damper_ros.rig import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS
 
 SPECS = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS, **INITIAL_SPECS}
 PACKAGE = Path(impact_damper_ros.__file__).parent
@@ -19,7 +19,7 @@ PACKAGE = Path(impact_damper_ros.__file__).parent
 def test_descriptors_of_the_node_tell_what_the_package_knows():
     """Units and choices are read from the texts of the descriptors."""
     pytest.importorskip('rclpy')
-    from impact_damper_ros.node.parameters import ALL_SPECS, READ_ONLY, descriptor
+    from impact_damper_ros.node.parameters import descriptor
     from impact_damper_ros.page.ros_client import _knob
 
     for name, spec in ALL_SPECS.items():
@@ -28,7 +28,7 @@ def test_descriptors_of_the_node_tell_what_the_package_knows():
         assert knob.description == spec.description
         assert knob.choices == (spec.choices if spec.kind == 'string' else ())
         assert (knob.low, knob.high) == (spec.low, spec.high)
-        assert knob.read_only is (name in READ_ONLY)
+        assert knob.read_only is (spec.effect == 'start')
         assert knob.group in ('first', 'rig', 'control', 'forcing', 'run')
 
 

@@ -15,10 +15,9 @@ import pytest
 from compare.recorded import BENCH, VERTICAL, compared
 from report.example_comparison import example
 
-from impact_damper_ros.compare.run_comparison import Beginning, MotionKind, Verdict
+from impact_damper_ros.compare.result import Beginning, MotionKind, Verdict
 from impact_damper_ros.orbits.continuation import SpecialKind
-from impact_damper_ros.report.glossary import TERMS, linked
-from impact_damper_ros.report.units import (
+from impact_damper_ros.report.formatting import (
     aligned,
     counted,
     difference,
@@ -27,6 +26,7 @@ from impact_damper_ros.report.units import (
     unit_for,
     worded,
 )
+from impact_damper_ros.report.glossary import TERMS, linked
 from impact_damper_ros.rig import InitialConditions
 
 pytest.importorskip('matplotlib', reason='the report has plots')

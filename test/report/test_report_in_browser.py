@@ -13,7 +13,7 @@ from report.example_comparison import example
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 
-from impact_damper_ros.compare.run_comparison import Overall
+from impact_damper_ros.compare import Overall
 from impact_damper_ros.report.html_report import write_report
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')

@@ -10,17 +10,16 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.rig import Simulator, kernels
-from impact_damper_ros.rig.contact import (
+from impact_damper_ros.rig.contact import chatter_end, flight_end
+from impact_damper_ros.rig.crossing import first_crossing, starting_side
+from impact_damper_ros.rig.flight import (
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
-    chatter_end,
-    flight_end,
+    motion_at,
 )
-from impact_damper_ros.rig.crossing import first_crossing, starting_side
-from impact_damper_ros.rig.flight import motion_at
 from impact_damper_ros.rig.forcing import sines_and_cosines_of
 from impact_damper_ros.rig.mode import CHATTER_1, launch
 from impact_damper_ros.rig.transition import resolve

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,48 +13,49 @@ from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
 from impact_damper_ros.orbits.equations import check_forcing
 from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
 
-from .comparison_curves import impact_curve, motion_curve, predicted_curve, spectrum
-from .fault_search import FaultSearch
+from .flight_check import FaultSearch
 from .log_findings import log_findings, repaired_impacts
-from .matched_orbit import impulses_of
-from .periodic_part import PeriodicPart, knots_between, measured_motion, periodic_part
-from .recorded_stretch import ForceClock, RecordedStates, RecordedStretch
-from .run_comparison import EnergyBalance, Finding, StretchComparison, Verdict
-from .run_curves import StretchCurves
-from .stretch_kind import (
+from .measured_motion import (
+    energy_balance,
+    impact_curve,
+    measured_motion,
+    motion_curve,
+    spectrum,
+)
+from .motion_kind import (
     Oscillation,
     StretchKind,
-    carried_on,
+    kind_ahead,
     kind_of,
     kind_without_force_phase,
     oscillation,
 )
-from .stretch_totals import energy_balance
+from .periodic_motion import PeriodicMotion, impulses_of, periodic_motion, predicted_curve
+from .recorded_stretch import ForceClock, RecordedStates, RecordedStretch
+from .result import (
+    EnergyBalance,
+    Finding,
+    LoggedStretch,
+    StretchComparison,
+    StretchCurves,
+    Verdict,
+)
 
-__all__ = [
-    'Judgement',
-    'compare_stretch',
-    'irregular_judgement',
-    'judged_log',
-    'judged_oscillation',
-    'judged_period',
-    'why_no_theory',
-]
+__all__ = ['compare_stretch']
 
 
 _LISTED_STOPS = 12
 
 
-class Judgement(NamedTuple):
+class _Judgement(NamedTuple):
     """A verdict, in words, and the findings that led to it."""
 
     verdict: Verdict
     sentence: str
-    findings: list[Finding]
+    findings: Sequence[Finding] = ()
 
 
-def motion_name(orbit: PeriodicOrbit) -> str:
-    """Return what identifies a motion to the reader."""
+def _motion_name(orbit: PeriodicOrbit) -> str:
     cycles = '1 cycle' if orbit.cycles == 1 else f'{orbit.cycles} cycles'
     if orbit.impacts > _LISTED_STOPS:
         return f'the motion with {orbit.impacts} impacts in {cycles}'
@@ -67,60 +68,57 @@ def _stability(orbit: PeriodicOrbit) -> str:
     return f'{word}, largest multiplier {abs(orbit.multipliers[0]):.4g}'
 
 
-def judged_log(log: list[Finding]) -> Judgement:
-    """Judge a stretch whose log is wrong: there is at least one finding."""
+def _judged_log(log: list[Finding]) -> _Judgement:
+    """Judge a stretch whose log is wrong."""
     more = f' (and {len(log) - 1} more)' if len(log) > 1 else ''
-    return Judgement(Verdict.DIFFERS, log[0].text + more, log)
+    return _Judgement(Verdict.DIFFERS, log[0].text + more, log)
 
 
-def judged_period(
-    kind: StretchKind, part: PeriodicPart, log: list[Finding], solver: str
-) -> Judgement:
-    """Judge a motion that repeats, or comes to."""
-    orbit = part.match.orbit
-    distance = float(part.match.distance)
+def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]) -> _Judgement:
+    """Judge a motion that repeats, or will."""
+    orbit = motion.match.orbit
+    distance = float(motion.match.distance)
     if log:
-        judgement = judged_log(log)
-        if orbit is not None and not kind.carried_on and distance > part.allowed:
-            return judgement._replace(findings=[*log, *part.differences()])
+        judgement = _judged_log(log)
+        if orbit is not None and not kind.ahead and distance > motion.allowed:
+            return judgement._replace(findings=[*log, *motion.differences()])
         return judgement
     if orbit is None:
-        return Judgement(Verdict.NO_PREDICTION, solver, [])
-    name = motion_name(orbit)
-    if kind.carried_on:
+        return _Judgement(Verdict.NO_PREDICTION, motion.match.solver)
+    name = _motion_name(orbit)
+    if kind.ahead:
         cycles = kind.measures['settles_after_cycles']
-        text = f'theory leads on to {name} ({_stability(orbit)}), {cycles:.0f} cycles later'
-        return Judgement(Verdict.NOT_SETTLED, text, [])
+        text = f'run ahead, it comes to {name} ({_stability(orbit)}) after {cycles:.0f} cycles'
+        return _Judgement(Verdict.NOT_SETTLED, text)
     rate = ''
-    if not math.isnan(part.decay.factor):
+    if not math.isnan(motion.decay.factor):
         rate = (
-            f'; deviations shrink by {part.decay.factor:.5g} in a period, predicted '
-            f'{part.predicted_factor:.5g}'
+            f'; deviations shrink by {motion.decay.factor:.5g} in a period, predicted '
+            f'{motion.predicted_factor:.5g}'
         )
-    if distance > part.allowed:
-        differences = part.differences()
-        text = f'differs by {distance:.3g} of its size from {name}, where {part.allowed:.1g} is '
-        text += 'explained by the remaining transient and the stamps'
+    if distance > motion.allowed:
+        differences = motion.differences()
+        text = f'differs by {distance:.3g} of its size from {name}; the remaining transient and '
+        text += f'the stamps explain {motion.allowed:.1g}'
         if differences:
             text += f': {differences[0].text}'
-        return Judgement(Verdict.DIFFERS, text + rate, differences)
+        return _Judgement(Verdict.DIFFERS, text + rate, differences)
     near = f'{distance:.2g} of its size from {name} ({_stability(orbit)})'
     if kind.kind is MotionKind.TRANSIENT:
-        factor = part.predicted_factor
-        # Where the multipliers are complex the distance swings on its way.
-        largest = float(part.distances[-6:].max())
+        factor = motion.predicted_factor
+        # If the multipliers are complex, the distance oscillates as it shrinks.
+        largest = float(motion.distances[-6:].max())
         if orbit.stable and largest > SETTLED and factor > 0.0:
             more = math.ceil(math.log(SETTLED / largest) / math.log(factor)) * orbit.cycles
             near += f', and within {SETTLED:g} of it after about {more} more cycles'
-        return Judgement(Verdict.NOT_SETTLED, near + rate, [])
-    if not orbit.stable:
-        return Judgement(Verdict.PREDICTED_UNSTABLE, near + rate, [])
-    return Judgement(Verdict.AGREES, near + rate, [])
+        return _Judgement(Verdict.NOT_SETTLED, near + rate)
+    verdict = Verdict.AGREES if orbit.stable else Verdict.PREDICTED_UNSTABLE
+    return _Judgement(verdict, near + rate)
 
 
-def irregular_judgement(
+def _judged_irregular(
     clock: ForceClock, kind: StretchKind, log: list[Finding]
-) -> tuple[Judgement, PeriodicOrbit | None]:
+) -> tuple[_Judgement, PeriodicOrbit | None]:
     """Judge a motion that does not repeat, by the simplest motion that theory has here."""
     rig = clock.counted_from_zero()
     stops = (1,) if rig.one_sided else (1, 2)
@@ -129,56 +127,51 @@ def irregular_judgement(
         orbits = find_orbits(rig, stops, 1, simulate=False).orbits
         judgement = _beside(kind, orbits, stops)
     except OrbitError as error:
-        judgement = Judgement(Verdict.NO_PREDICTION, str(error), [])
+        judgement = _Judgement(Verdict.NO_PREDICTION, str(error))
     if kind.kind is MotionKind.TRANSIENT:
-        judgement = Judgement(Verdict.NOT_SETTLED, kind.evidence, [])
+        judgement = _Judgement(Verdict.NOT_SETTLED, kind.evidence)
     if kind.short:
-        judgement = Judgement(Verdict.TOO_SHORT, kind.evidence, [])
+        judgement = _Judgement(Verdict.TOO_SHORT, kind.evidence)
     if log:
-        judgement = judged_log(log)
-    viable = [orbit for orbit in orbits if orbit.viable]
-    return judgement, (viable[0] if viable else None)
+        judgement = _judged_log(log)
+    return judgement, next((orbit for orbit in orbits if orbit.viable), None)
 
 
 def _beside(
     kind: StretchKind, orbits: tuple[PeriodicOrbit, ...], stops: tuple[int, ...]
-) -> Judgement:
+) -> _Judgement:
     """Judge by the motions with the period of the force."""
-    viable = [orbit for orbit in orbits if orbit.viable]
-    named = ','.join(str(stop) for stop in stops)
+    orbit = next((orbit for orbit in orbits if orbit.viable), None)
     what = kind.kind.value
-    if not viable:
+    if orbit is None:
+        named = ','.join(str(stop) for stop in stops)
         reason = orbits[0].reason if orbits else 'the equations have no solution'
         text = (
             f'{what}: theory has no motion with the stops {named} in 1 cycle that this rig could '
             f'make ({reason})'
         )
-        return Judgement(Verdict.NO_PREDICTION, text, [])
-    orbit = viable[0]
+        return _Judgement(Verdict.NO_PREDICTION, text)
     if not orbit.stable:
-        text = f'{what}: theory has {motion_name(orbit)}, but it is {_stability(orbit)}'
-        return Judgement(Verdict.PREDICTED_UNSTABLE, text, [])
+        text = f'{what}: theory has {_motion_name(orbit)}, but it is {_stability(orbit)}'
+        return _Judgement(Verdict.PREDICTED_UNSTABLE, text)
     text = (
-        f'{what}, beside {motion_name(orbit)} ({_stability(orbit)}), which theory has here and '
-        'other initial conditions, or more time, may lead to'
+        f'{what}; theory has {_motion_name(orbit)} ({_stability(orbit)}), which the rig may come '
+        'to from other initial conditions, or later'
     )
-    return Judgement(Verdict.NO_PREDICTION, text, [])
+    return _Judgement(Verdict.NO_PREDICTION, text)
 
 
-def judged_oscillation(found: Oscillation | None, x_max: float, log: list[Finding]) -> Judgement:
+def _judged_oscillation(found: Oscillation | None, x_max: float) -> _Judgement:
     """Judge a motion without impacts."""
-    if log:
-        return judged_log(log)
     if found is None:
-        text = 'without impacts m slides to and fro: no periodic motion with impacts to compare'
-        return Judgement(Verdict.NO_PREDICTION, text, [])
+        text = 'm slides without impacts: theory has no such motion'
+        return _Judgement(Verdict.NO_PREDICTION, text)
     how = 'with m on it' if found.joined else 'without m'
     text = (
         f'M vibrates {how}: largest |X| {x_max:.7g} m, predicted {found.x_max:.7g} m; the free '
         f'vibration left is {found.distance:.2g} of it'
     )
-    verdict = Verdict.AGREES if found.settled else Verdict.NOT_SETTLED
-    return Judgement(verdict, text, [])
+    return _Judgement(Verdict.AGREES if found.settled else Verdict.NOT_SETTLED, text)
 
 
 #: Periods, or cycles, of which the energy is balanced, and which the plots show in detail.
@@ -191,10 +184,11 @@ _LEAST_CYCLES = 2
 _STILL = 1e-9
 
 
-def why_no_theory(stretch: RecordedStretch) -> str:
+def _why_no_theory(stretch: RecordedStretch) -> str:
     """Return why the periodic theory does not apply to a stretch; empty if it does."""
-    rig, control = stretch.parameters, stretch.control
-    if (mode := control.get('gap_control', 'off')) != 'off':
+    rig = stretch.parameters
+    if stretch.controlled:
+        mode = stretch.control['gap_control']
         return f'the gap is under control ({mode}): the periodic theory is for a constant gap'
     if rig.multisine_level > 0.0:
         return 'the force is a multisine: it does not repeat within the periods looked for'
@@ -240,11 +234,10 @@ class _Comparison:
     ) -> None:
         self.stretch = stretch
         self.cycle = _cycle(stretch)
-        self.reason = why_no_theory(stretch)
-        controlled = stretch.control.get('gap_control', 'off') != 'off'
-        self.log = log_findings(stretch, search, controlled=controlled, replayed=replayed)
+        self.reason = _why_no_theory(stretch)
+        self.log = log_findings(stretch, search, replayed)
         self.impacts = repaired_impacts(stretch, search)
-        self.part: PeriodicPart | None = None
+        self.motion: PeriodicMotion | None = None
         self.orbit: PeriodicOrbit | None = None
         self.solver = ''
 
@@ -252,42 +245,42 @@ class _Comparison:
         stretch = self.stretch
         cycles = stretch.duration / self.cycle
         if cycles < _LEAST_CYCLES or len(stretch.states) + len(stretch.impacts) < 3:
-            text = f'{cycles:.2g} cycles of the force are too few to tell anything'
+            text = f'{cycles:.2g} cycles of the force are too few for a comparison'
             kind = StretchKind(MotionKind.UNDECIDED, text, short=True)
-            return self._result(kind, self._unless_wrong(Verdict.TOO_SHORT, text))
+            return self._result(kind, self._judged(Verdict.TOO_SHORT, text))
         quiet = max(0.5 * stretch.duration, min(_QUIET_CYCLES * self.cycle, stretch.duration))
         late = bool((self.impacts.time > stretch.end - quiet).any())
         if len(stretch.states) and not late:
             return self._without_impacts(stretch.end - quiet)
         return self._with_impacts()
 
-    def _unless_wrong(self, verdict: Verdict, text: str) -> Judgement:
-        """Return a judgement; that of the log if that is wrong."""
-        return judged_log(self.log) if self.log else Judgement(verdict, text, [])
+    def _judged(self, verdict: Verdict, text: str) -> _Judgement:
+        """Return a judgement; that of the log if the log is wrong."""
+        return _judged_log(self.log) if self.log else _Judgement(verdict, text)
 
     def _without_impacts(self, start: float) -> StretchComparison:
         stretch = self.stretch
         states = stretch.states[stretch.states.time >= start]
         if len(states) >= 2 and _at_rest(stretch.states):
             kind = StretchKind(MotionKind.AT_REST, 'nothing moves any more')
-            text = 'nothing moves, and nothing pushes'
+            text = 'nothing moves, and no force acts'
             if any(stretch.parameters.force_amplitudes):
                 text = 'nothing moves'
-            return self._result(kind, self._unless_wrong(Verdict.NO_PREDICTION, text))
+            return self._result(kind, self._judged(Verdict.NO_PREDICTION, text))
         text = f'm has hit no stop for {(stretch.end - start) / self.cycle:.0f} cycles'
         kind = StretchKind(MotionKind.NO_IMPACTS, text)
-        measured = measured_motion(stretch, stretch.end - 0.2 * stretch.duration, stretch.end)
-        driven = stretch.clock is not None and not self.reason
         found = None
-        if driven and len(states):
-            assert stretch.clock is not None
+        if stretch.clock is not None and not self.reason and len(states):
             found = oscillation(stretch.clock, states)
             self.solver = 'closed form' if found is not None else ''
-        judgement = judged_oscillation(found, measured.x_max, self.log)
-        if found is None and stretch.duration < _QUIET_CYCLES * self.cycle:
-            judgement = self._unless_wrong(Verdict.TOO_SHORT, f'{text}, and the stretch is short')
         if self.reason:
-            judgement = self._unless_wrong(Verdict.NO_PREDICTION, self.reason)
+            judgement = self._judged(Verdict.NO_PREDICTION, self.reason)
+        elif found is None and stretch.duration < _QUIET_CYCLES * self.cycle:
+            judgement = self._judged(Verdict.TOO_SHORT, f'{text}, and the stretch is short')
+        else:
+            end = stretch.end
+            measured = measured_motion(stretch, end - 0.2 * stretch.duration, end)
+            judgement = self._judged(*_judged_oscillation(found, measured.x_max)[:2])
         return self._result(kind, judgement)
 
     def _with_impacts(self) -> StretchComparison:
@@ -299,27 +292,28 @@ class _Comparison:
                 kind = StretchKind(MotionKind.NOT_PERIODICALLY_DRIVEN, self.reason, kind.measures)
             self.solver = self.reason
             if kind.recurrence is not None and clock is not None:
-                self.part = periodic_part(clock, kind, predict=False)
-            return self._result(kind, self._unless_wrong(Verdict.NO_PREDICTION, self.reason))
+                self.motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=False)
+            return self._result(kind, self._judged(Verdict.NO_PREDICTION, self.reason))
         kind = kind_of(clock, self.impacts, sound=not self.log)
         if kind.recurrence is None:
-            judgement, self.orbit = irregular_judgement(clock, kind, self.log)
+            judgement, self.orbit = _judged_irregular(clock, kind, self.log)
             self.solver = 'impact equations, one cycle of the force'
             return self._result(kind, judgement)
-        part = periodic_part(clock, kind, predict=True)
-        if part.match.orbit is None and kind.kind is MotionKind.TRANSIENT:
-            further = carried_on(clock, self.impacts)
-            if further is not None:
-                kind, part = further, periodic_part(clock, further, predict=True)
-        near = part.match.distance <= SETTLED and not kind.carried_on
+        motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=True)
+        if motion.match.orbit is None and kind.kind is MotionKind.TRANSIENT:
+            further = kind_ahead(clock, self.impacts)
+            if further is not None and further.recurrence is not None:
+                kind = further
+                motion = periodic_motion(clock, kind.impacts, further.recurrence, predict=True)
+        near = motion.match.distance <= SETTLED and not kind.ahead
         if kind.kind is MotionKind.TRANSIENT and near:
             kind = replace(kind, kind=MotionKind.PERIODIC)
-        self.part, self.orbit, self.solver = part, part.match.orbit, part.match.solver
-        return self._result(kind, judged_period(kind, part, self.log, part.match.solver))
+        self.motion, self.orbit, self.solver = motion, motion.match.orbit, motion.match.solver
+        return self._result(kind, _judged_period(kind, motion, self.log))
 
-    def _result(self, kind: StretchKind, judgement: Judgement) -> StretchComparison:
-        stretch, part, orbit = self.stretch, self.part, self.orbit
-        recorded = part if not kind.carried_on else None
+    def _result(self, kind: StretchKind, judgement: _Judgement) -> StretchComparison:
+        stretch, motion, orbit = self.stretch, self.motion, self.orbit
+        recorded = motion if not kind.ahead else None
         steady = begin = stretch.start + 0.5 * stretch.duration
         period, per_cycle, decay, settled_at = None, math.nan, None, None
         if recorded is not None:
@@ -332,20 +326,14 @@ class _Comparison:
                 steady = min(settled_at, stretch.end)
                 begin = max(steady, stretch.end - _MEASURED * cycles * self.cycle)
         return StretchComparison(
-            number=stretch.number,
-            start=stretch.start,
-            end=stretch.end,
-            begins=stretch.begins,
-            cause=stretch.cause,
-            parameters=stretch.parameters,
-            control=stretch.control,
+            **{f.name: getattr(stretch, f.name) for f in fields(LoggedStretch)},
             samples=stretch.state_count,
             impacts=stretch.impact_count,
             missing_samples=stretch.missing_states,
             kind=kind.kind,
             evidence=kind.evidence,
             measures=kind.measures,
-            cycles=part.recurrence.cycles if part is not None else 0,
+            cycles=motion.recurrence.cycles if motion is not None else 0,
             settled_at=settled_at,
             overall=stretch.overall,
             measured=measured_motion(stretch, begin, stretch.end, period, per_cycle),
@@ -360,40 +348,41 @@ class _Comparison:
             curves=self._curves(recorded, steady),
         )
 
-    def _energy(self, part: PeriodicPart | None) -> EnergyBalance | None:
+    def _energy(self, motion: PeriodicMotion | None) -> EnergyBalance | None:
         """Balance the energy over whole periods, or cycles of the force, at the end."""
         stretch, clock = self.stretch, self.stretch.clock
         if clock is None or not len(stretch.states):
             return None
         first = max(float(stretch.states.time[0]), stretch.start)
-        if part is not None:
-            times = part.times[part.times >= first][-1 - _BALANCED :]
+        if motion is not None:
+            times = motion.times[motion.times >= first][-1 - _BALANCED :]
             if len(times) > 1:
-                knots = knots_between(stretch, float(times[0]), float(times[-1]))
+                knots = stretch.knots(float(times[0]), float(times[-1]))
                 return energy_balance(clock, knots, len(times) - 1)
         cycles = min(_BALANCED, int((stretch.end - first) / self.cycle))
         if cycles < 1:
             return None
-        knots = knots_between(stretch, stretch.end - cycles * self.cycle, stretch.end)
+        knots = stretch.knots(stretch.end - cycles * self.cycle, stretch.end)
         return energy_balance(clock, knots, cycles)
 
-    def _curves(self, part: PeriodicPart | None, steady: float) -> StretchCurves:
+    def _curves(self, motion: PeriodicMotion | None, steady: float) -> StretchCurves:
         stretch, clock, orbit = self.stretch, self.stretch.clock, self.orbit
         predicted = None
         if clock is not None and orbit is not None:
-            time = part.time if part is not None else stretch.end
-            period = part.period if part is not None else None
+            time = motion.time if motion is not None else stretch.end
+            period = motion.period if motion is not None else None
             predicted = predicted_curve(clock, orbit, period, time)
         rig = stretch.parameters
         forced = rig.force_amplitudes[0] != 0.0
-        span = _SHOWN * self.cycle * max(1, part.recurrence.cycles if part is not None else 1)
+        cycles = max(1, motion.recurrence.cycles if motion is not None else 1)
+        shown = stretch.end - _SHOWN * self.cycle * cycles
         settled = stretch.states[stretch.states.time >= steady]
         return StretchCurves(
             envelope=stretch.envelope if len(stretch.envelope.time) else None,
-            motion=motion_curve(stretch, max(stretch.start, stretch.end - span)),
-            impacts=impact_curve(stretch, stretch.impacts),
+            motion=motion_curve(stretch, max(stretch.start, shown)),
+            impacts=impact_curve(stretch),
             predicted=predicted,
-            convergence=part.as_curve() if part is not None else None,
+            convergence=motion.as_curve() if motion is not None else None,
             spectrum=spectrum(settled, rig.force_frequencies[0] / math.tau if forced else 0.0),
         )
 
@@ -404,16 +393,9 @@ def compare_stretch(
     replayed: Sequence[Finding] | None = None,
 ) -> StretchComparison:
     """
-    Measure a stretch, find out what its motion is, and hold it against theory.
+    Measure a stretch, find the kind of its motion, and compare it with theory.
 
-    Parameters
-    ----------
-    stretch : RecordedStretch
-        The stretch.
-    search : FaultSearch or None
-        What its flights told, as `StretchMeter` has it; None if the force is not known, or the
-        log needs no check.
-    replayed : sequence of Finding, optional
-        What a bit-for-bit replay of the log found in this stretch; None if there was none.
+    `search` is the check of its flights, `replayed` what a bit-for-bit replay of the log found in
+    it; each is None if there was none.
     """
     return _Comparison(stretch, search, replayed).run()

@@ -1,8 +1,10 @@
 """
-The result of a comparison with theory: what is measured, predicted and found.
+The result of comparing a recorded run with theory.
 
-A run is cut where its parameters change, it is reset or it is resumed; each stretch between two
-cuts is measured, classified and compared on its own.
+A run is cut into stretches where its parameters change and where it is reset. Each stretch is
+measured, classified and compared on its own. Times are rig time in s, phases are in cycles of the
+first harmonic of the force, all else is in SI units. Velocities are absolute unless they are
+called relative.
 """
 
 from __future__ import annotations
@@ -14,27 +16,39 @@ from enum import Enum
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.rig import RigParameters
 
-from .run_curves import StretchCurves
-
 __all__ = [
+    'Array',
     'Beginning',
+    'Convergence',
     'Decay',
     'EnergyBalance',
     'Finding',
+    'GapCurve',
+    'ImpactCurve',
     'ImpactStates',
     'LogCheck',
+    'LoggedStretch',
     'MeasuredMotion',
+    'MotionCurve',
     'MotionKind',
     'Overall',
+    'PredictedCurve',
     'RunComparison',
+    'Spectrum',
     'StretchComparison',
+    'StretchCurves',
+    'SwingEnvelope',
     'Verdict',
 ]
+
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -71,16 +85,16 @@ class ImpactStates:
 @dataclass(frozen=True)
 class MeasuredMotion:
     """
-    The steady part of a stretch, or, where it does not settle, its second half.
+    The steady part of a stretch or, if the motion does not settle, its second half.
 
     Attributes
     ----------
     start, end : float
-        The part measured, rig time, s.
+        The part measured, s.
     x_max, x_rms : float
         Largest |X| and root mean square of X, m.
     amplitude_ratio : float
-        x_max as a share of the amplitude A without impacts; NaN if there is no such.
+        x_max over the amplitude A without impacts; NaN if A is not defined.
     impacts : int
         Number of impacts.
     impacts_per_cycle : float
@@ -106,38 +120,35 @@ class MeasuredMotion:
 @dataclass(frozen=True, kw_only=True)
 class Overall:
     """
-    Numbers over a whole stretch or run, whatever the motion, from the log alone.
+    Swing, impacts and energy over a whole stretch or run, whatever the motion.
 
-    Between two joint states in a row, and the impacts between them, X is the cubic through the
-    recorded positions and velocities. Integrals leave out where samples are missing, and what is
-    before the first and after the last joint state of a stretch.
+    They come from the log alone: between two recorded instants X is the cubic through the recorded
+    positions and velocities. Intervals with missing samples are left out of the integrals.
 
     Attributes
     ----------
     duration : float
         Length, s.
     covered : float
-        How much of it the integrals (`x_rms`, `dashpot_energy`, `force_work`) go over, s.
+        How much of it the integrals (`x_rms`, `dashpot_energy`, `force_work`) cover, s.
     x_max : float
         Largest |X|, also between the samples, m; X from the static equilibrium of M.
     x_rms : float
-        Root mean square of X over the time covered, m; the mean of X is not taken off.
+        Root mean square of X over the time covered, m; the mean of X is not subtracted.
     impacts, impacts_on_stop_1, impacts_on_stop_2 : int
         Number of recorded impacts.
     impact_energy : float
-        Kinetic energy that M lost in all recorded impacts, J: by velocities and impulses, exact.
-        The loose mass got a part of it; the rest became heat. Where m rests on a stop, it takes
-        energy from M, or gives some back, without an impact.
+        Kinetic energy that M lost in the impacts, J, from velocities and impulses: exact. Contact
+        with a resting m is no impact.
     dashpot_energy : float
         Energy that the dashpot took from M, J.
     force_work : float
-        Work of the force on M, J; NaN where its phase is not known, or its frequency is swept.
+        Work of the force on M, J; NaN if its phase is not known or its frequency is swept.
     accuracy : float
-        Estimate of the largest relative error of `x_max`, `x_rms` and `dashpot_energy` (and of
-        `force_work`, as a share of the work there and back) by the cubics:
-        (W h)^4/200 + mu (W h)^3/50, with the longest interval h, the highest circular frequency
-        W of natural vibration and force, and the mass ratio mu, whose term stands only with
-        friction.
+        Estimate of the relative error of `x_max`, `x_rms` and `dashpot_energy` (and of
+        `force_work`, relative to the work there and back):
+        (W h)^4/200 + mu (W h)^3/50 with the longest interval h, the highest circular frequency W
+        of natural vibration and force, and the mass ratio mu; the second term with friction only.
     """
 
     duration: float
@@ -176,14 +187,14 @@ class Overall:
 @dataclass(frozen=True)
 class EnergyBalance:
     """
-    Where the energy went over whole periods, in J: force + air = all the others + residual.
+    Energy over whole periods, J: force + air = dashpot + friction + impacts + stored + residual.
 
     Attributes
     ----------
     start, end : float
         Rig time, s.
     periods : int
-        Periods between them; cycles of the force where the motion is not periodic.
+        Periods between them; cycles of the force if the motion is not periodic.
     force, air : float
         Work of the force on M, and of the compressed air on both masses.
     dashpot, friction, impacts : float
@@ -193,7 +204,7 @@ class EnergyBalance:
     residual : float
         What is left unexplained.
     tolerance : float
-        How much may be, by interpolation between the samples.
+        Largest residual that interpolation between the samples explains.
     """
 
     start: float
@@ -225,7 +236,7 @@ class Decay:
     distance : float
         Distance from the periodic motion at the end, relative.
     floor : float
-        Distance below which whole nanoseconds of the stamps hide everything.
+        Smallest distance that stamps on whole nanoseconds resolve.
     """
 
     measured: float
@@ -238,7 +249,7 @@ class Decay:
 @dataclass(frozen=True)
 class Finding:
     """
-    One thing that is not as it should be.
+    A number or message of the log that is not as expected.
 
     Attributes
     ----------
@@ -247,7 +258,7 @@ class Finding:
     time : float
         Rig time, s.
     measured, expected, tolerance : float
-        By how much; NaN where there are no numbers.
+        The numbers; NaN if there are none.
     text : str
         A sentence with the numbers.
     """
@@ -273,8 +284,6 @@ class Beginning(Enum):
     CHANGE = 'change'
     RESET = 'reset'
     RESUME = 'resume'
-    #: Messages are missing before it.
-    GAP = 'gap'
 
 
 class Verdict(Enum):
@@ -290,10 +299,227 @@ class Verdict(Enum):
     TOO_SHORT = 'too short'
 
 
-@dataclass(frozen=True, kw_only=True)
-class StretchComparison:
+@dataclass(frozen=True)
+class SwingEnvelope:
     """
-    One stretch of a run, with constant parameters, held against theory.
+    Least and greatest X in consecutive pieces of a stretch.
+
+    Attributes
+    ----------
+    time : ndarray of shape (n,)
+        Beginning of each piece, s.
+    low, high : ndarray of shape (n,)
+        Least and greatest sampled X in it, m.
+    """
+
+    time: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True)
+class MotionCurve:
+    """
+    The recorded motion in detail: joint states, and both sides of each impact.
+
+    Attributes
+    ----------
+    time : ndarray of shape (n,)
+        Instants, s, not falling; each impact appears twice, just before and just after.
+    x, velocity : ndarray of shape (n,)
+        X in m, and X' in m/s.
+    y, relative_velocity : ndarray of shape (n,)
+        Y = Z - X in m, and Y' in m/s.
+    stop_1, stop_2 : ndarray of shape (n,)
+        Positions of the stops relative to M, m; NaN if there is no stop 2.
+    """
+
+    time: Array
+    x: Array
+    velocity: Array
+    y: Array
+    relative_velocity: Array
+    stop_1: Array
+    stop_2: Array
+
+
+@dataclass(frozen=True)
+class ImpactCurve:
+    """
+    Impacts as arrays; the states just after them are the points of the Poincare section.
+
+    Attributes
+    ----------
+    time, phase : ndarray of shape (n,)
+        Instants, s, and phases of the force, cycles in [0, 1); NaN if they are not known.
+    stop, x, primary_velocity_before, ..., impulse : ndarray of shape (n,)
+        As of `ImpactStates`.
+    """
+
+    time: Array
+    phase: Array
+    stop: NDArray[np.int64]
+    x: Array
+    primary_velocity_before: Array
+    primary_velocity_after: Array
+    damper_velocity_before: Array
+    damper_velocity_after: Array
+    impulse: Array
+
+
+@dataclass(frozen=True)
+class PredictedCurve:
+    """
+    One period of the predicted motion, from just after its first impact to one period later.
+
+    Attributes
+    ----------
+    phase : ndarray of shape (n,)
+        Cycles of the force since its zero angle, not falling; each impact appears twice.
+    x, velocity, y, relative_velocity : ndarray of shape (n,)
+        As of `MotionCurve`.
+    force_zero : float
+        A rig time, s, at which the force's angle is zero: phase p is at force_zero + p cycles.
+    cycle, cycles : float, int
+        Duration of a cycle of the force, s, and cycles k in a period.
+    """
+
+    phase: Array
+    x: Array
+    velocity: Array
+    y: Array
+    relative_velocity: Array
+    force_zero: float
+    cycle: float
+    cycles: int
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """
+    The approach of the recorded motion to the periodic one, period by period.
+
+    Attributes
+    ----------
+    time, distance : ndarray of shape (n,)
+        Beginning of each period, s, and the largest difference of any displacement, velocity and
+        instant of its impacts from those of the periodic motion, each relative to its size.
+    floor, measured, predicted : float
+        As of `Decay`.
+    fitted_from, fitted_to : int
+        The periods (half-open range of indices) on which the decay was measured; equal if it
+        could not be.
+    """
+
+    time: Array
+    distance: Array
+    floor: float
+    fitted_from: int
+    fitted_to: int
+    measured: float
+    predicted: float
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """
+    Amplitude spectrum of X, of the end of a stretch.
+
+    Attributes
+    ----------
+    frequency : ndarray of shape (n,)
+        In Hz.
+    amplitude : ndarray of shape (n,)
+        Amplitude of X, m.
+    force_frequency : float
+        Of the force's first harmonic, Hz.
+    resolution : float
+        Width of a line, Hz.
+    window : str
+        Name of the window.
+    """
+
+    frequency: Array
+    amplitude: Array
+    force_frequency: float
+    resolution: float
+    window: str
+
+
+@dataclass(frozen=True)
+class GapCurve:
+    """
+    The predicted motion followed in the gap, all other parameters as logged.
+
+    Attributes
+    ----------
+    gap : ndarray of shape (n,)
+        Gaps along the branch, m; not monotonic if it has folds.
+    ratio : ndarray of shape (n,)
+        Largest |X| over that without impacts, Xmax/A.
+    stable, viable : ndarray of bool, shape (n,)
+        Whether the motion there is stable, and whether the rig can move so.
+    special_gap, special_ratio : ndarray of shape (s,)
+        Folds, period doublings, grazing and the like.
+    special_kind : tuple of str
+        What each of them is.
+    measured_gap, measured_ratio : float
+        This run.
+    stops : tuple of int
+        Stops hit in a period of this branch.
+    ended : str
+        Why it was not followed further.
+    """
+
+    gap: Array
+    ratio: Array
+    stable: NDArray[np.bool_]
+    viable: NDArray[np.bool_]
+    special_gap: Array
+    special_ratio: Array
+    special_kind: tuple[str, ...]
+    measured_gap: float
+    measured_ratio: float
+    stops: tuple[int, ...]
+    ended: str
+
+
+@dataclass(frozen=True)
+class StretchCurves:
+    """
+    All arrays of one stretch, of bounded size; None if there is nothing to show.
+
+    Attributes
+    ----------
+    envelope : SwingEnvelope or None
+        X over the whole stretch.
+    motion : MotionCurve or None
+        The end of the stretch in detail: the last periods, or the last cycles of the force.
+    impacts : ImpactCurve or None
+        The latest impacts, those of `motion` and more before them.
+    predicted : PredictedCurve or None
+        One period of the predicted motion.
+    convergence : Convergence or None
+        The approach to the periodic motion.
+    spectrum : Spectrum or None
+        Of X.
+    gap_curve : GapCurve or None
+        Xmax/A against the gap.
+    """
+
+    envelope: SwingEnvelope | None = None
+    motion: MotionCurve | None = None
+    impacts: ImpactCurve | None = None
+    predicted: PredictedCurve | None = None
+    convergence: Convergence | None = None
+    spectrum: Spectrum | None = None
+    gap_curve: GapCurve | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoggedStretch:
+    """
+    A stretch of a run between two cuts, with constant parameters.
 
     Attributes
     ----------
@@ -309,18 +535,36 @@ class StretchComparison:
         As logged.
     control : mapping of str to value
         Gap-control parameters as logged; empty if the bag has none.
+    """
+
+    number: int
+    start: float
+    end: float
+    begins: Beginning
+    cause: str
+    parameters: RigParameters
+    control: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StretchComparison(LoggedStretch):
+    """
+    One stretch of a run compared with theory.
+
+    Attributes
+    ----------
     samples, impacts, missing_samples : int
         What was recorded of it.
     kind : MotionKind
-        What the motion is.
+        The kind of the motion.
     evidence : str
-        The numbers on which that rests, as a sentence.
+        The numbers that show it, as a sentence.
     measures : mapping of str to float
         The same numbers by name.
     cycles : int
         Period k in cycles of the force; 0 if the motion is not periodic.
     settled_at : float or None
-        Rig time from which the motion is steady, s; None if it does not become so.
+        Rig time from which the motion is steady, s; None if it does not become steady.
     overall : Overall or None
         Swing, impacts and energy over the whole stretch.
     measured : MeasuredMotion or None
@@ -341,18 +585,11 @@ class StretchComparison:
     sentence : str
         The verdict in words, with numbers.
     findings : tuple of Finding
-        What is not as it should be, the earliest first.
+        What is not as expected, the earliest first.
     curves : StretchCurves
         For plots.
     """
 
-    number: int
-    start: float
-    end: float
-    begins: Beginning
-    cause: str
-    parameters: RigParameters
-    control: Mapping[str, Any] = field(default_factory=dict)
     samples: int
     impacts: int
     missing_samples: int = 0
@@ -413,16 +650,16 @@ class LogCheck:
 @dataclass(frozen=True, kw_only=True)
 class RunComparison:
     """
-    A recorded run held against theory.
+    A recorded run compared with theory.
 
     Attributes
     ----------
     bag, node : str
-        The recording, and the node that it is of.
+        The recording, and the node that was recorded.
     version : str
         Of this package.
     complete : bool
-        Whether the bag was finished and is all there.
+        Whether the bag was finished and nothing of it is missing.
     stamps : str
         What the log times are: ``'rig time'``, or ``'times of arrival'``.
     start, end : float
@@ -436,7 +673,7 @@ class RunComparison:
     faults : tuple of str
         Why the bag could be used in part only.
     remarks : tuple of str
-        What else is to be known.
+        Other facts about the recording.
     """
 
     bag: str
@@ -462,13 +699,13 @@ class RunComparison:
 
     @property
     def overall(self) -> Overall | None:
-        """Swing, impacts and energy over all stretches; None if they are known of none."""
+        """Swing, impacts and energy over all stretches; None if no stretch has them."""
         parts = [s.overall for s in self.stretches if s.overall is not None]
         return Overall.joined(parts) if parts else None
 
     def as_dict(self, *, curves: bool = False) -> dict[str, Any]:
         """
-        Return all as what JSON can hold; what is not a finite number becomes None.
+        Return everything in types of JSON; numbers that are not finite become None.
 
         Parameters
         ----------
@@ -482,7 +719,6 @@ class RunComparison:
 
 
 def _plain(value: Any, *, curves: bool) -> Any:
-    """Return a value as numbers, texts, lists and dictionaries."""
     if isinstance(value, PeriodicOrbit | RigParameters):
         return _plain(value.as_dict(), curves=curves)
     if is_dataclass(value) and not isinstance(value, type):

@@ -1,11 +1,11 @@
 """Rigs that move as the theory says."""
 
-from impact_damper_ros.compare.prediction import Course
+from impact_damper_ros.compare.prediction import ObservedMotion
 from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
 
-def course_on(orbit):
+def motion_on(orbit):
     """Return what a rig does that moves as the theory says."""
     impact = Event(
         orbit.instants[-1],
@@ -19,4 +19,4 @@ def course_on(orbit):
         orbit.damper_velocity_after[-1],
         0.0,
     )
-    return Course(Rhythm.of(orbit), impact, orbit.instants[-1] / orbit.cycle)
+    return ObservedMotion(Rhythm.of(orbit), impact, orbit.instants[-1] / orbit.cycle)

@@ -1,8 +1,19 @@
-"""An executor that finishes its jobs in an order of its own."""
+"""Tables of sweeps, made on any executor."""
 
 import random
 import time
 from concurrent.futures import ThreadPoolExecutor
+
+from impact_damper_ros.sweep import Here, Journal, journal_path, run_sweep, write_table
+
+
+def table_of(plan, path, executor=None, **options):
+    """Run a sweep, or what is left of it, and return the bytes of its table."""
+    with Journal(journal_path(path), plan.inputs()) as journal:
+        run_sweep(plan, journal, executor or Here(), **{'at_once': 1, **options})
+        write_table(plan, journal, path)
+    journal_path(path).unlink()
+    return path.read_bytes()
 
 
 class Shuffled:

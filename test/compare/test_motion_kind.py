@@ -13,11 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from compare.recorded import BENCH, impact_rows
+from compare.recorded import BENCH, INCLINED, OFF_RESONANCE, impact_rows, recorded
 
+from impact_damper_ros.compare.motion_kind import kind_of, largest_exponent
 from impact_damper_ros.compare.recorded_stretch import ForceClock
-from impact_damper_ros.compare.stretch_kind import kind_of
-from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
+from impact_damper_ros.orbits.irregularity import (
+    Indications,
+    average_spread,
+    quiet_phase,
+    zero_one_test,
+)
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import Simulator
@@ -161,3 +166,29 @@ def test_how_much_more_would_decide():
     # Growth by e to the tenth
     assert Indications(0.01, 0.001, 400, math.nan).cycles_to_decide() == 1000
     assert Indications(0.01, 0.01, 400, math.nan).cycles_to_decide() == 0
+
+
+def test_the_zero_one_test():
+    logistic = np.empty(600)
+    logistic[0] = 0.3
+    for i in range(599):
+        logistic[i + 1] = 3.97 * logistic[i] * (1.0 - logistic[i])
+    assert zero_one_test(logistic) > 0.95
+    assert abs(zero_one_test(np.cos(np.arange(600) * 0.618 * math.tau))) < 0.1
+    assert math.isnan(zero_one_test(logistic[:50]))
+
+
+def test_the_exponent_of_a_periodic_motion_is_that_of_its_multipliers():
+    _, impacts, clock = recorded(INCLINED, 400, per_cycle=4)
+    found = largest_exponent(clock, impacts[len(impacts) // 2 :])
+    assert found.exponent == pytest.approx(math.log(0.94107), abs=0.006)
+    assert largest_exponent(clock, impacts[:10]) is None
+
+
+def test_the_exponent_against_two_neighbouring_runs():
+    """Two simulated runs part as fast as the exponent along one of them says."""
+    rig = OFF_RESONANCE.replace(gap=20.0)
+    _, impacts, clock = recorded(rig, 700, per_cycle=4)
+    exponent = largest_exponent(clock, impacts[200:])
+    assert 0.2 < exponent.exponent < 0.5
+    assert exponent.error < 0.08

@@ -19,10 +19,14 @@ from compare.recorded import (
 )
 
 from impact_damper_ros.cli.compare_run import main as compare_run
-from impact_damper_ros.compare.periodic_part import measured_motion
-from impact_damper_ros.compare.recorded_stretch import RecordedImpacts
-from impact_damper_ros.compare.run_comparison import Overall
-from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
+from impact_damper_ros.compare.measured_motion import (
+    energy_balance,
+    measured_motion,
+    turning_points,
+)
+from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts, knots_of
+from impact_damper_ros.compare.result import Overall
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 from impact_damper_ros.rig.swing import Swing
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -259,3 +263,42 @@ def test_a_bag_with_changes(tmp_path, capsys):
     last = printed[printed.index('\nin all ') :]
     assert f'largest |X| {whole["x_max"]:.7g} m, rms X {whole["x_rms"]:.6g} m in 15 s' in last
     assert f'taken from M by impacts {whole["impact_energy"]:.6g} J' in last
+
+
+def test_turning_points_of_a_cubic():
+    # s^3 - s: its rate 3 s^2 - 1 changes sign at s = 1 / sqrt 3, after a step of 2.
+    intervals, out = turning_points(
+        np.array([2.0, 1.0]), np.array([0.0, 1.0]), np.array([-0.5, 1.0]), np.array([1.0, 1.0])
+    )
+    assert intervals.tolist() == [0]
+    assert out == pytest.approx([-2.0 / (3.0 * math.sqrt(3.0))])
+
+
+def test_energy_of_a_resonant_oscillator():
+    """Without impacts: F sin t on X = -A cos t gives pi F A in a cycle, all to the dashpot."""
+    rig = RigParameters(damping=0.1, gap=1e6, gravity=0.0, damper_mass=1e-9)
+    step = math.tau / 100
+    time = np.arange(0, 501) * step
+    x, velocity = -10.0 * np.cos(time), 10.0 * np.sin(time)
+    zero = np.zeros_like(time)
+    states, impacts, _ = recorded(rig, 1, None)
+    states = type(states)(time, x, velocity, zero, zero, x + 5e5, x - 5e5, velocity, velocity)
+    clock = ForceClock(rig, 0.0, (0.0,))
+    balance = energy_balance(clock, knots_of(rig, states, impacts[:0], 0), 5)
+    assert balance.force == pytest.approx(5 * math.pi * 10.0, rel=1e-6)
+    assert balance.dashpot == pytest.approx(5 * math.pi * 10.0, rel=1e-6)
+    assert abs(balance.residual) < balance.tolerance < 1e-4
+    assert (balance.air, balance.friction, balance.impacts) == (0.0, 0.0, 0.0)
+
+
+def test_energy_of_a_run_with_everything():
+    rig = INCLINED.replace(air_force=0.02, damping=0.05)
+    states, impacts, clock = recorded(rig, 60, per_cycle=80)
+    balance = energy_balance(clock, knots_of(rig, states, impacts, 0), 60)
+    parts = (balance.force, balance.air, balance.dashpot, balance.friction, balance.impacts)
+    assert min(parts) > 0.1
+    assert abs(balance.residual) < balance.tolerance < 1e-4 * balance.force
+    # Wrong numbers do not balance.
+    other = ForceClock(rig.replace(stiffness=1.01), 0.0, (0.0,))
+    wrong = energy_balance(other, knots_of(rig, states, impacts, 0), 60)
+    assert abs(wrong.residual) > 10.0 * wrong.tolerance

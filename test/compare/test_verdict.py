@@ -13,7 +13,7 @@ from compare.recorded import (
     compared,
 )
 
-from impact_damper_ros.compare.run_comparison import Verdict
+from impact_damper_ros.compare.result import Verdict
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.rig import RigParameters
 
@@ -219,7 +219,7 @@ def test_at_rest_and_too_short():
     assert (found.kind, found.verdict) == (MotionKind.UNDECIDED, Verdict.TOO_SHORT)
     found = compared(OFF_RESONANCE.replace(gap=20.0), 9)
     assert (found.kind, found.verdict) == (MotionKind.UNDECIDED, Verdict.TOO_SHORT)
-    assert 'some 30 may decide' in found.sentence
+    assert 'about 30 may decide' in found.sentence
 
 
 def test_a_force_without_a_period():

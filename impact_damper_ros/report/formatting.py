@@ -1,11 +1,11 @@
-"""Numbers for readers: in a handy unit, with the digits that they carry."""
+"""Numbers, units and counts as readers see them: in a handy unit, with the digits they carry."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ __all__ = [
     'number',
     'power_of_ten',
     'quantity',
+    'setting',
     'unit_for',
     'worded',
 ]
@@ -40,16 +41,7 @@ NONE = '–'
 
 
 class Unit(NamedTuple):
-    """
-    A unit in which some values are handy.
-
-    Attributes
-    ----------
-    factor : float
-        What a value in SI units is multiplied by.
-    name : str
-        The unit.
-    """
+    """A unit in which some values are handy, and the factor from SI units to it."""
 
     factor: float
     name: str
@@ -75,6 +67,13 @@ def counted(count: int, noun: str) -> str:
     if count == 1:
         return f'{count} {noun}'
     return f'{count} {noun}{"es" if noun.endswith(("ch", "s")) else "s"}'
+
+
+def setting(value: Any) -> str:
+    """Return a value of a parameter as it is set: [1, 2], true, 0.5 or timed."""
+    if isinstance(value, tuple | list):
+        return f'[{", ".join(map(setting, value))}]'
+    return f'{value:g}' if isinstance(value, float) else str(value).lower()
 
 
 def _plain(text: str) -> str:

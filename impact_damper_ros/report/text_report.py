@@ -1,11 +1,12 @@
-"""What `compare_run` prints: one table for each stretch."""
+"""The text of a comparison: a table for each stretch."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 
-from impact_damper_ros.compare.run_comparison import (
+from impact_damper_ros.compare import (
     EnergyBalance,
     ImpactStates,
     Overall,
@@ -16,16 +17,21 @@ from impact_damper_ros.compare.run_comparison import (
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig.quoting import as_line
 
-from .units import counted
+from .formatting import counted
 
-__all__ = ['comparison_text', 'stretch_text']
+__all__ = ['comparison_text']
 
 
-_MOST_IMPACTS = 8
-_MOST_FINDINGS = 6
+_MOST_IMPACTS, _MOST_FINDINGS, _MOST_STOPS = 8, 6, 12
 _HEAD = (
     "             stop  phase [cycles]          X [m]   X' before    X' after   Z' before    "
     "Z' after [m/s]  impulse [N s]"
+)
+_SPEEDS = (
+    'primary_velocity_before',
+    'primary_velocity_after',
+    'damper_velocity_before',
+    'damper_velocity_after',
 )
 
 
@@ -33,19 +39,13 @@ def _impact_lines(
     label: str, states: ImpactStates | PeriodicOrbit, impulses: tuple[float, ...]
 ) -> Iterator[str]:
     for i, stop in enumerate(states.stops[:_MOST_IMPACTS]):
-        speeds = (
-            states.primary_velocity_before[i],
-            states.primary_velocity_after[i],
-            states.damper_velocity_before[i],
-            states.damper_velocity_after[i],
-        )
-        numbers = ' '.join(f'{speed:11.7g}' for speed in speeds)
+        numbers = ' '.join(f'{getattr(states, speed)[i]:11.7g}' for speed in _SPEEDS)
         yield (
             f'  {label if i == 0 else "":<10} {stop:4d}  {states.phases[i]:14.9f} '
             f'{states.x[i]:14.9g} {numbers}      {impulses[i]:11.7g}'
         )
-    if (more := len(states.stops) - _MOST_IMPACTS) > 0:
-        yield f'{"":13}and {counted(more, "impact")} more'
+    if (left := len(states.stops) - _MOST_IMPACTS) > 0:
+        yield f'{"":13}and {counted(left, "impact")} more'
 
 
 def _energy_lines(energy: EnergyBalance) -> Iterator[str]:
@@ -57,7 +57,7 @@ def _energy_lines(energy: EnergyBalance) -> Iterator[str]:
         f'impacts {energy.impacts:.6g} + stored {energy.stored:.3g} J,'
     )
     yield (
-        f'             residual {energy.residual:+.1e} J (interpolation may make '
+        f'             residual {energy.residual:+.1e} J (interpolation accounts for up to '
         f'{energy.tolerance:.1e} J), in {counted(energy.periods, "period")}'
     )
 
@@ -86,7 +86,7 @@ def _motion_lines(stretch: StretchComparison) -> Iterator[str]:
     if not math.isnan(measured.impacts_per_cycle):
         rhythm += f', {measured.impacts_per_cycle:.4g} per cycle'
     if measured.impacts:
-        rhythm += f'; impulses {measured.mean_impulse:.6g} N s in the mean, '
+        rhythm += f'; impulses {measured.mean_impulse:.6g} N s on average, '
         rhythm += f'{measured.largest_impulse:.6g} N s at most'
     yield f'  impacts    {rhythm}'
 
@@ -107,17 +107,15 @@ def _overall_lines(overall: Overall) -> Iterator[str]:
     )
 
 
-def stretch_text(stretch: StretchComparison) -> str:
-    """Return what was found of a stretch."""
+def _stretch_text(stretch: StretchComparison) -> str:
     lines = [
         f'stretch {stretch.number}    {stretch.start:.9g} s to {stretch.end:.9g} s; begins with: '
         f'{stretch.cause}',
     ]
     kind = stretch.kind.value
     if stretch.cycles and stretch.stops:
-        stops = ','.join(map(str, stretch.stops[:12])) + (
-            ',...' if len(stretch.stops) > 12 else ''
-        )
+        more = ',...' if len(stretch.stops) > _MOST_STOPS else ''
+        stops = ','.join(map(str, stretch.stops[:_MOST_STOPS])) + more
         kind += (
             f', {counted(stretch.impacts_per_period, "impact")} in '
             f'{counted(stretch.cycles, "cycle")}, stops {stops}'
@@ -136,7 +134,7 @@ def stretch_text(stretch: StretchComparison) -> str:
         over = f' over {counted(decay.periods, "period")}' if decay.periods else ''
         lines.append(
             f'  decay      {rate} per period{over}, largest multiplier {decay.predicted:.6g}; '
-            f'distance at the end {decay.distance:.2g} (stamps hide {decay.floor:.1g})'
+            f'distance at the end {decay.distance:.2g} (the stamps resolve {decay.floor:.1g})'
         )
     if stretch.energy is not None:
         lines += _energy_lines(stretch.energy)
@@ -146,8 +144,8 @@ def stretch_text(stretch: StretchComparison) -> str:
         state += ', viable' if orbit.viable else f', not viable: {orbit.reason}'
         lines.append(f'  theory     {state}; {stretch.solver}')
     lines += [f'  finding    {finding.text}' for finding in stretch.findings[:_MOST_FINDINGS]]
-    if (more := len(stretch.findings) - _MOST_FINDINGS) > 0:
-        lines.append(f'             and {counted(more, "finding")} more')
+    if (left := len(stretch.findings) - _MOST_FINDINGS) > 0:
+        lines.append(f'             and {counted(left, "finding")} more')
     word = stretch.verdict.value
     shown = word.upper() if stretch.verdict is Verdict.DIFFERS else word
     lines.append(f'  verdict    {shown}: {stretch.sentence}')
@@ -155,7 +153,7 @@ def stretch_text(stretch: StretchComparison) -> str:
 
 
 def comparison_text(comparison: RunComparison) -> str:
-    """Return what was found of a run."""
+    """Return the text of a comparison; units are in it, all SI."""
     lines = [
         f'compared     {comparison.bag}, node {comparison.node} (stamps: {comparison.stamps})',
         f'recorded     {comparison.start:.9g} s to {comparison.end:.9g} s of rig time, '
@@ -169,13 +167,11 @@ def comparison_text(comparison: RunComparison) -> str:
     lines += [f'fault        {fault}' for fault in comparison.faults]
     parts = [
         '\n'.join(map(as_line, lines)),
-        *(stretch_text(stretch) for stretch in comparison.stretches),
+        *map(_stretch_text, comparison.stretches),
     ]
-    counts: dict[str, int] = {}
-    for stretch in comparison.stretches:
-        counts[stretch.verdict.value] = counts.get(stretch.verdict.value, 0) + 1
+    counts = Counter(stretch.verdict.value for stretch in comparison.stretches)
     summary = ', '.join(f'{number} {word}' for word, number in counts.items()) or 'nothing'
-    part = '' if not comparison.faults else '; the bag is not whole'
+    part = '' if not comparison.faults else '; the bag is not complete'
     last = [f'in all       {summary}{part}']
     overall = comparison.overall
     if overall is not None and len(comparison.stretches) > 1:

@@ -1,0 +1,190 @@
+"""
+The topics of a rig: their names, types and quality of service, and the content of their messages.
+
+The node, a recorder without ROS and a replay all take the messages from here, so that their bytes
+are the same. A new topic is a line in `RIG_TOPICS`, and a layout and a method of `RigMessages`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
+from impact_damper_ros.rig import Event, Sample
+
+from .messages import (
+    DIAGNOSTIC_ARRAY,
+    JOINT_STATE,
+    PARAMETER_EVENT,
+    STRING,
+    JointStateLayout,
+)
+from .topics import LATCHED, QosProfile, Topic
+
+__all__ = [
+    'FORMAT',
+    'IMPACT_JOINTS',
+    'JOINTS',
+    'PAUSED_FRAME',
+    'RIG_TOPICS',
+    'RigMessages',
+    'impact_numbers',
+    'is_paused',
+    'recorded_topics',
+    'recording_notes',
+    'snapshot_text',
+    'state_numbers',
+]
+
+
+#: What a rig publishes, by the name under which the notes of a bag list it. A name without a slash
+#: is in the namespace of the node, which has the topics remapped if its user wants that.
+RIG_TOPICS: dict[str, Topic] = {
+    # Reliable, as joint_state_publisher and joint_state_broadcaster offer it: best-effort
+    # subscribers (robot_state_publisher) match too. Deep, for a subscriber that stalls.
+    'joint_states': Topic('joint_states', JOINT_STATE, QosProfile(depth=100)),
+    'impacts': Topic('impacts', JOINT_STATE, QosProfile(depth=1000)),
+    'gap_control': Topic('gap_control', JOINT_STATE, QosProfile(depth=1000)),
+    'snapshot': Topic('snapshot', STRING, LATCHED),
+    'parameter_events': Topic('/parameter_events', PARAMETER_EVENT, QosProfile(depth=1000)),
+    'diagnostics': Topic('/diagnostics', DIAGNOSTIC_ARRAY, QosProfile(depth=10)),
+    'robot_description': Topic('robot_description', STRING, LATCHED),
+}
+
+
+def recorded_topics(names: Mapping[str, str]) -> list[Topic]:
+    """Return the topics of a recording, given the full names of those that it has."""
+    return [replace(topic, name=names[key]) for key, topic in RIG_TOPICS.items() if key in names]
+
+
+def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
+    """Return the notes that name the topics, which may be remapped, for a reader."""
+    own = [key for key, topic in RIG_TOPICS.items() if not topic.name.startswith('/')]
+    return {'node': node, **{key: names[key] for key in own}}
+
+
+JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
+IMPACT_JOINTS = JOINTS[:2]
+#: Format of the messages, which their snapshots name. Up to 1 all positions counted from the
+#: present static equilibrium of M, and the stops had the velocity of M.
+FORMAT = 2
+
+#: Frame of the joint states that a rig repeats while it is paused; they are no samples.
+PAUSED_FRAME = 'paused'
+
+_Numbers = tuple[float, ...]
+
+
+def state_numbers(
+    sample: Sample, deflection: float, version: int = FORMAT
+) -> tuple[_Numbers, _Numbers]:
+    """
+    Return the published numbers of a sample: positions and velocities of `JOINTS`.
+
+    Parameters
+    ----------
+    sample : Sample
+        The sample.
+    deflection : float
+        Static deflection of the rig then, m. Positions count from the place of M with an unloaded
+        spring, which no change of the rig moves.
+    version : int, optional
+        Format of the messages.
+    """
+    _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample
+    if version == 1:
+        return (x, z, stop_1, stop_2), (velocity, damper_velocity, velocity, velocity)
+    return (
+        (x + deflection, z + deflection, stop_1 + deflection, stop_2 + deflection),
+        (velocity, damper_velocity, velocity_1, velocity_2),
+    )
+
+
+def impact_numbers(
+    event: Event, deflection: float, version: int = FORMAT
+) -> tuple[_Numbers, _Numbers, _Numbers]:
+    """
+    Return the published numbers of an impact: positions, velocities, efforts of `IMPACT_JOINTS`.
+
+    The velocities are those after the impact, the efforts the impulses on M and m: stop 1, the
+    lower one, throws m up. For the parameters see `state_numbers`.
+    """
+    impulse = event.impulse if event.stop == 1 else -event.impulse
+    x, z = event.x, event.x + event.y
+    if version > 1:
+        x, z = x + deflection, z + deflection
+    return (
+        (x, z),
+        (event.primary_velocity_after, event.damper_velocity_after),
+        (impulse, -impulse),
+    )
+
+
+def snapshot_text(offset_ns: int, time_ns: int, reason: str, state: Mapping[str, Any]) -> str:
+    """
+    Return the text of a snapshot: all that a bit-for-bit continuation needs.
+
+    Parameters
+    ----------
+    offset_ns, time_ns : int
+        Stamp of rig time 0, and rig time.
+    reason : str
+        Reason of its publication.
+    state : mapping
+        State of the rig.
+    """
+    return json.dumps(
+        {
+            'format': FORMAT,
+            'stamp_offset_ns': offset_ns,
+            'time_ns': time_ns,
+            'reason': reason,
+            'state': state,
+        }
+    )
+
+
+#: Where the frame of a header begins, with its length.
+_FRAME_AT = 12
+_PAUSED = PAUSED_FRAME.encode() + b'\0'
+_PAUSED_AT = slice(_FRAME_AT, _FRAME_AT + 4 + len(_PAUSED))
+_PAUSED_FRAMES = tuple(len(_PAUSED).to_bytes(4, order) + _PAUSED for order in ('little', 'big'))
+
+
+def is_paused(content: bytes) -> bool:
+    """Return whether joint states repeat the position of a rig that is paused."""
+    return content[_PAUSED_AT] in _PAUSED_FRAMES
+
+
+class RigMessages:
+    """Encodes joint states, impacts and acts of the gap control."""
+
+    def __init__(self) -> None:
+        self._states = JointStateLayout.of('', JOINTS, 4, 4, 0)
+        self._paused = JointStateLayout.of(PAUSED_FRAME, JOINTS, 4, 4, 0)
+        self._impacts = {
+            stop: JointStateLayout.of(f'stop_{stop}', IMPACT_JOINTS, 2, 2, 2) for stop in (1, 2)
+        }
+        self._control = {
+            action: JointStateLayout.of(action.name.lower(), CONTROL_JOINTS, 3, 3, 3)
+            for action in Action
+        }
+
+    def states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+        """Return the joint states of a sample; see `state_numbers`."""
+        return self._states.filled(stamp_ns, *state_numbers(sample, deflection))
+
+    def paused_states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+        """Return the joint states that a paused rig repeats."""
+        return self._paused.filled(stamp_ns, *state_numbers(sample, deflection))
+
+    def impact(self, stamp_ns: int, event: Event, deflection: float) -> bytes:
+        """Return the message of an impact; see `impact_numbers`."""
+        return self._impacts[event.stop].filled(stamp_ns, *impact_numbers(event, deflection))
+
+    def control(self, stamp_ns: int, record: ControlRecord) -> bytes:
+        """Return the message of an act of the gap control; see `ControlRecord.numbers`."""
+        return self._control[record.action].filled(stamp_ns, *record.numbers)
