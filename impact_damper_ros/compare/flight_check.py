@@ -34,9 +34,6 @@ from impact_damper_ros.rig.origin import offset_of
 from .recorded_stretch import ForceClock, Knots, RecordedImpacts, largest_size
 from .result import Array
 
-__all__ = ['Fault', 'FaultSearch', 'Intervals', 'Repair', 'check_intervals']
-
-
 _Complex = NDArray[np.complex128]
 
 

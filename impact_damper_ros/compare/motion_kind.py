@@ -45,21 +45,6 @@ from impact_damper_ros.rig.simulator import Snapshot
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from .result import Array
 
-__all__ = [
-    'MotionAhead',
-    'Oscillation',
-    'StretchKind',
-    'counted_impacts',
-    'impact_table',
-    'kind_ahead',
-    'kind_of',
-    'kind_without_force_phase',
-    'largest_exponent',
-    'motion_ahead',
-    'oscillation',
-]
-
-
 # Without impacts
 
 

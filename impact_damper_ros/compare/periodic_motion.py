@@ -47,18 +47,6 @@ from .result import (
     StretchCurves,
 )
 
-__all__ = [
-    'DecayRate',
-    'GapCurves',
-    'MatchedOrbit',
-    'PeriodicMotion',
-    'decay_rate',
-    'impulses_of',
-    'periodic_motion',
-    'predicted_curve',
-]
-
-
 # The predicted motion
 
 
@@ -118,14 +106,8 @@ def _nearest_turn(
     orbit: PeriodicOrbit, measured: Array, stops: tuple[int, ...], table: ImpactTable
 ) -> tuple[float, PeriodicOrbit] | None:
     """Return a motion begun where it is nearest to a measured row, and the distance."""
-    counted = _without_weak_impacts(orbit)
-    n, found = counted.impacts, []
-    if n != len(stops):
-        return None
-    for shift in range(n):
-        turn = counted.begun_at(shift)
-        if turn.stops != stops:
-            continue
+    n, found = len(stops), []
+    for turn in _without_weak_impacts(orbit).turned_to(stops):
         row = _state_row(turn, table)
         # Phases in order, from the first one on, and whole cycles taken out
         phases = turn.phases[0] + (row[:n] - turn.phases[0]) % turn.cycles
@@ -436,7 +418,20 @@ _PER_CYCLE = 250
 def predicted_curve(
     clock: ForceClock, orbit: PeriodicOrbit, period: ImpactStates | None, time: float
 ) -> PredictedCurve | None:
-    """Return one period of a predicted motion, placed beside the measured one at a rig time."""
+    """
+    Return one period of a predicted motion; None if the rig cannot move so.
+
+    Parameters
+    ----------
+    clock : ForceClock
+        The force and the rig.
+    orbit : PeriodicOrbit
+        The motion.
+    period : ImpactStates or None
+        The measured period beside which it is placed, if there is one.
+    time : float
+        Instant of the first impact of that period, or any other, rig time, s.
+    """
     if not orbit.viable or not orbit.impacts:
         return None
     machine = rig_constants(clock.counted_from_zero())
