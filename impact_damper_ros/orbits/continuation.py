@@ -529,8 +529,8 @@ def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | No
     """
     Return the curve with the period begun at another instant, and the point on it.
 
-    What happens at the instant at which the period of the event map begins may have come to be
-    a reversal or an impact.
+    Along the branch a reversal or an impact may have moved to the instant at which the period of
+    the event map begins.
     """
     if not isinstance(curve.family, _ShootingFamily):
         return None

@@ -241,7 +241,7 @@ def _batched_exponent(growth: Array, spans: Array) -> Exponent:
 _NEAR, _CLEAR, _WIDER = 1e-7, 1e4, 10.0
 #: Separation from which on neighbours are taken to have parted.
 _PARTED = 1e-2
-#: Cycles in which neighbours may come to agree again, one of them having had an event earlier.
+#: Cycles in which neighbours may agree again after one of them had an event earlier.
 _PATIENCE = 3
 #: Share of the cycles in which they may not.
 _MOST_LEFT_OUT = 0.05

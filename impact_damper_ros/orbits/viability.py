@@ -74,8 +74,8 @@ def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[
     """
     Yield the times at which the velocity is zero, in order.
 
-    From node to node the velocity keeps its sign: its third derivative is bounded, and
-    `safe_step` tells how far that is certain.
+    From step to step the velocity keeps its sign: its third derivative is bounded, and
+    `safe_step` returns how far that is certain.
     """
     oscillator = flight.oscillator
     least = _TIME_TOLERANCE * duration
