@@ -149,7 +149,7 @@ def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     lines.extend(
         f'        {node.phase:14.9f}  {node.kind.name.lower()}'
         + (f' on stop {node.stop}' if node.stop else '')
-        for node in orbit.nodes
+        for node in orbit.events
     )
     swing = f'  largest |X|  {orbit.x_max:.9g} m'
     amplitude = orbit.parameters.response_amplitude

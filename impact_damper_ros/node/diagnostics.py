@@ -33,18 +33,7 @@ OK, WARN, ERROR = 0, 1, 2
 
 
 class Diagnostics:
-    """
-    Makes reports of the state of the engine, the recording and the motion.
-
-    Parameters
-    ----------
-    node_name : str
-        Fully qualified.
-    state_rate, real_time_factor : float
-        The pace that the user asked for.
-    clock : callable
-        Monotonic clock in seconds, for tests.
-    """
+    """Makes reports of the state of the engine, the recording and the motion."""
 
     def __init__(
         self,

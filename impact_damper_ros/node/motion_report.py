@@ -237,18 +237,7 @@ class MotionReport(NamedTuple):
 
 
 class MotionMonitor:
-    """
-    Measures the motion of the rig at each report and compares it with the prediction.
-
-    Parameters
-    ----------
-    trace : callable
-        Returns the present trace of the engine.
-    predictor : Predictor
-        Is asked again if the rig settles into a motion that it has not found.
-    state_rate : float
-        Samples per second of rig time.
-    """
+    """Measures the motion of the rig at each report and compares it with the prediction."""
 
     def __init__(
         self, trace: Callable[[], MotionTrace], predictor: Predictor, state_rate: float

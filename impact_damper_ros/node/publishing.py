@@ -64,13 +64,6 @@ class Emitter:
     """
     Publishes messages, and records them while there is a log.
 
-    Parameters
-    ----------
-    alive : callable
-        Whether ROS still runs; publishing fails once it does not.
-    on_end : callable
-        Called if it does not.
-
     Attributes
     ----------
     log : Log or None
@@ -123,20 +116,7 @@ class RecordingStatus(NamedTuple):
 
 
 class Recorder:
-    """
-    Begins and finishes recordings; used from the executor's thread.
-
-    Parameters
-    ----------
-    engine : Engine
-        Writes into the recording.
-    publishers : mapping of str to TopicPublisher
-        The topics.
-    node_name : str
-        Fully qualified, for the notes of the bag.
-    on_failure : callable
-        Called from another thread when a recording fails.
-    """
+    """Begins and finishes recordings; used from the executor's thread."""
 
     def __init__(
         self,

@@ -163,18 +163,7 @@ def _pace(factor: float) -> str:
 
 
 class Namesakes:
-    """
-    Detects other nodes of the same name, which answer in the place of this one.
-
-    Parameters
-    ----------
-    node : str
-        Fully qualified name of this node.
-    names : callable
-        Returns name and namespace of every node on the network, this one included.
-    warn : callable
-        Takes a warning.
-    """
+    """Detects other nodes of the same name, which answer in the place of this one."""
 
     #: Number of checks; a node of the same name that starts later warns by itself.
     LOOKS = 30

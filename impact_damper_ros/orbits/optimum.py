@@ -24,7 +24,7 @@ from .equations import OrbitError, check_forcing
 from .orbit import PeriodicOrbit
 from .search import find_orbits
 
-__all__ = ['Limit', 'OptimalGap', 'gap_range', 'optimal_gap', 'smallest_motion']
+__all__ = ['Limit', 'OptimalGap', 'gap_range', 'optimal_gap']
 
 
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -103,13 +103,6 @@ def gap_range(rig: RigParameters) -> tuple[float, float]:
             'look at, as gaps=(low, high)'
         )
     return _LEAST_SHARE * scale, scale
-
-
-def smallest_motion(
-    rig: RigParameters, stops: Sequence[int] = (1, 2), cycles: int = 1, *, simulate: bool = False
-) -> PeriodicOrbit | None:
-    """Return the stable, viable motion with the smallest |X|, if there is one."""
-    return _smallest(_motions(rig, stops, cycles, simulate))
 
 
 def _motions(

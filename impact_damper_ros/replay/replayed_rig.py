@@ -199,11 +199,6 @@ class ReplayedRig:
     """
     A rig to which a recorded run is repeated.
 
-    Parameters
-    ----------
-    start : RecordedSnapshot
-        Where it begins.
-
     Attributes
     ----------
     rig : ControlledRig
@@ -212,11 +207,6 @@ class ReplayedRig:
         Initial conditions of the next reset; None if not known yet.
     first_initial : InitialConditions or None
         The same at the start.
-
-    Raises
-    ------
-    ValueError
-        If the snapshot is of another format or not complete.
     """
 
     def __init__(self, start: RecordedSnapshot) -> None:

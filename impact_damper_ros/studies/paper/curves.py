@@ -396,7 +396,7 @@ def _follow(
                 points += _sharpened(plan, here, ahead)
             here = ahead
             points.append(here.point)
-            if here.orbit.impacts == 2 and not here.orbit.nodes:
+            if here.orbit.impacts == 2 and not here.orbit.events:
                 return points
     return points
 
@@ -409,7 +409,7 @@ def followed_curves(
     for motion in motions:
         for orbit in motion.seeds:
             # Two impacts without reversal, sticking or rest are enumerated
-            if orbit.impacts != impacts or (impacts == 2 and not orbit.nodes):
+            if orbit.impacts != impacts or (impacts == 2 and not orbit.events):
                 continue
             point = _point(motion.value, orbit)
             known = (p for c in curves for p in c.points if p.value == motion.value)
