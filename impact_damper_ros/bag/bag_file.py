@@ -56,9 +56,6 @@ from .errors import RecordingError
 from .metadata import FILE_NAME, PART, BagMetadata, FileInformation, sync_directory
 from .topics import Channel
 
-__all__ = ['BagFile', 'BagSummary', 'ChunkWriter', 'Output']
-
-
 _COMPRESSION = 'zstd'
 _MESSAGE_CODE = int(Opcode.MESSAGE)
 # Opcode and length of the rest; channel, sequence, log time and publish time

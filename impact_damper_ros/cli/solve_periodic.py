@@ -37,9 +37,6 @@ from .command_line import (
 )
 from .rig_options import add_params_argument, add_set_option, given_rig, hint, rig_line
 
-__all__ = ['main']
-
-
 EXIT_NONE, EXIT_NOT_VIABLE = 3, 4
 
 _DESCRIPTION = """\

@@ -19,9 +19,6 @@ from .motion_report import MotionReport
 from .pacing import CATCH_UP_NS
 from .publishing import RecordingStatus
 
-__all__ = ['Diagnostics']
-
-
 HARDWARE_ID = 'impact damper rig'
 #: The rig itself slows the engine down from this computing time per rig time on, if the computing
 #: time per wall time exceeds the second number.

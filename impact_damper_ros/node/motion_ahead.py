@@ -29,9 +29,6 @@ from impact_damper_ros.rig.swing import extremes
 from .pacing import TickGrid
 from .publishing import OutgoingMessage, RigPublishers
 
-__all__ = ['KEPT', 'RIG_FAILURES', 'MotionAhead', 'MotionTrace', 'Moved', 'ticks_ahead']
-
-
 #: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
 KEPT = 512
 

@@ -28,18 +28,6 @@ from impact_damper_ros.rig import Event, RigParameters
 from .motion_ahead import KEPT, MotionTrace
 from .prediction import Answer, PredictedMotion, Predictor, PredictorStatus
 
-__all__ = [
-    'Agreement',
-    'MeasuredMotion',
-    'MotionMonitor',
-    'MotionReport',
-    'compare',
-    'measure',
-    'measured_report',
-    'predicted_report',
-]
-
-
 #: The last cycles of the force that are measured where there is no rhythm; a motion with no impact
 #: in as many cycles is one without impacts.
 MEASURED_CYCLES = 20

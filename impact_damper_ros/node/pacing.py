@@ -44,21 +44,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-__all__ = [
-    'ORDINARY',
-    'SWITCH_INTERVAL_S',
-    'WAKING_INTERVAL_S',
-    'EndRequest',
-    'Pacer',
-    'PacingCounts',
-    'Scheduling',
-    'StampClock',
-    'TickGrid',
-    'priority_of_others',
-    'sleep_first_in_line',
-]
-
-
 NS_PER_S = 1_000_000_000
 #: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
 CATCH_UP_NS = 250_000_000

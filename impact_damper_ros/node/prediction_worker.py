@@ -33,9 +33,6 @@ from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
-__all__ = ['main']
-
-
 NICENESS = 5
 #: Without a first answer after this time, or the last one after the second, a fork of ordinary
 #: priority takes over.

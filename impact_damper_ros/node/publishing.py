@@ -13,16 +13,6 @@ if TYPE_CHECKING:
 
     from .engine import Engine
 
-__all__ = [
-    'Emitter',
-    'Log',
-    'OutgoingMessage',
-    'Recorder',
-    'RecordingStatus',
-    'RigPublishers',
-    'TopicPublisher',
-]
-
 
 class TopicPublisher(NamedTuple):
     """A topic: its resolved name, and the function that publishes encoded messages on it."""

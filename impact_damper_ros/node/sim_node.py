@@ -66,18 +66,6 @@ from .parameters import (
 from .prediction import Predictor
 from .publishing import Recorder, RigPublishers, TopicPublisher
 
-__all__ = [
-    'Namesakes',
-    'SimNode',
-    'answer_foreign',
-    'check_params_files',
-    'in_words',
-    'main',
-    'refuse',
-    'start_message',
-]
-
-
 USAGE = """usage: sim_node [-h] [--version]
                 [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
 

@@ -37,17 +37,6 @@ from .orbit import PeriodicOrbit
 from .search import counted_as, orbit_of, within_theory
 from .shooting import Section, follow_section, orbit_on, section_on
 
-__all__ = [
-    'Branch',
-    'SpecialKind',
-    'SpecialPoint',
-    'continue_orbit',
-    'switch_branch',
-    'value_of',
-    'with_value',
-]
-
-
 #: A name for both coefficients of restitution at once.
 BOTH_RESTITUTIONS = 'restitution'
 # Multisine and sweep have no periodic motion.

@@ -45,9 +45,6 @@ from impact_damper_ros.rig.transition import moving_mode, resolve
 from .equations import Array
 from .multipliers import event_matrices, flight_matrices
 
-__all__ = ['FlightPart', 'Trajectory', 'TrajectoryEvent', 'follow_trajectory', 'origin_at']
-
-
 #: More events in one period than any motion that is sought.
 MOST_EVENTS = 2000
 

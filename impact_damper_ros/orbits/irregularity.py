@@ -24,9 +24,6 @@ import numpy as np
 from .equations import Array
 from .recognition import MotionKind
 
-__all__ = ['Indications', 'average_spread', 'quiet_phase', 'zero_one_test']
-
-
 #: Numbers that the 0-1 test needs at least, and takes at most.
 _LEAST_NUMBERS, _MOST_NUMBERS = 100, 1000
 _FREQUENCIES = 60

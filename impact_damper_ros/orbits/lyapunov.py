@@ -40,18 +40,6 @@ from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
 
 from .multipliers import event_matrices, flight_matrices, state_rates
 
-__all__ = [
-    'BATCHES',
-    'Deviations',
-    'Exponent',
-    'deviations',
-    'growth_exponent',
-    'monodromy_of',
-    'parting_exponent',
-    'period_exponent',
-]
-
-
 Array = NDArray[np.float64]
 
 #: Parts of a run whose mean growths are compared, for the uncertainty of the exponent.

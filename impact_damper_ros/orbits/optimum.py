@@ -24,9 +24,6 @@ from .equations import OrbitError, check_forcing
 from .orbit import PeriodicOrbit
 from .search import find_orbits
 
-__all__ = ['Limit', 'OptimalGap', 'gap_range', 'optimal_gap']
-
-
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _MOST_STEPS = 80
 _WINDOW_STEPS = 12

@@ -10,9 +10,6 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.rig import EventKind, RigParameters
 
-__all__ = ['OrbitEvent', 'PeriodicOrbit']
-
-
 #: Values at the impacts, in the order of the stops.
 _AT_IMPACTS = (
     'stops',

@@ -21,18 +21,6 @@ from .settling import starting_points
 from .shooting import Section, section_of, section_on, shoot
 from .viability import assumed_flights, largest_displacement, why_not_viable
 
-__all__ = [
-    'OrbitSearch',
-    'StartReport',
-    'carried_over',
-    'counted_as',
-    'find_orbits',
-    'orbit_of',
-    'settled_sections',
-    'within_theory',
-]
-
-
 #: Motions closer than this, relative to their size, are the same.
 SAME = 1e-7
 

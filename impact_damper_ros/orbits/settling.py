@@ -26,19 +26,6 @@ from impact_damper_ros.rig.mode import rig_constants
 
 from .recognition import LONGEST_PERIOD, Array, section_distance
 
-__all__ = [
-    'EndlessEventsError',
-    'Look',
-    'Settling',
-    'SettlingRig',
-    'cycle_of',
-    'run_by_cycles',
-    'section_of',
-    'settled_impacts',
-    'starting_points',
-]
-
-
 # Far more events than the motions sought have; a rig that chatters all the time is left early.
 _EVENTS_PER_CYCLE = 60
 #: Cycles between two looks at whether the motion repeats.

@@ -25,17 +25,6 @@ from .multipliers import multipliers_of
 from .orbit import OrbitEvent, PeriodicOrbit
 from .viability import largest_displacement
 
-__all__ = [
-    'Section',
-    'follow_section',
-    'orbit_near',
-    'orbit_on',
-    'section_of',
-    'section_on',
-    'shoot',
-]
-
-
 #: Largest change of the state over a period, relative to its size.
 RESIDUAL_TOLERANCE = 1e-11
 

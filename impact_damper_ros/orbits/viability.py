@@ -37,16 +37,6 @@ from impact_damper_ros.rig.transition import struck
 from .equations import Array, ImpactEquations, ImpactVelocities
 from .event_map import origin_at
 
-__all__ = [
-    'Extremes',
-    'assumed_flights',
-    'largest_displacement',
-    'relative_extremes',
-    'swing_extremes',
-    'why_not_viable',
-]
-
-
 _TIME_TOLERANCE = 1e-13
 
 

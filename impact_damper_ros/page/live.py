@@ -21,9 +21,6 @@ from .knobs import Knob, as_json, label
 from .measures import RigNumbers
 from .motion import ForcePhase, Motion, Rows, impact_rows
 
-__all__ = ['Link', 'LiveRig', 'Messages']
-
-
 #: Samples and impacts that are kept for the traces.
 _MOST_SAMPLES, _MOST_IMPACTS = 60_000, 20_000
 #: Without any message for so long a node is gone, s; its diagnostics come each second.

@@ -13,16 +13,6 @@ from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
 from impact_damper_ros.rig.simulator import Snapshot
 
-__all__ = [
-    'IMPACT_COLUMNS',
-    'SAMPLE_COLUMNS',
-    'ForcePhase',
-    'Motion',
-    'Rows',
-    'impact_rows',
-]
-
-
 Rows = NDArray[np.float64]
 
 #: Columns of samples; positions count from the static equilibrium of M, m, s, cycles.

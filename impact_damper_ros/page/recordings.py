@@ -25,9 +25,6 @@ from impact_damper_ros.rig.quoting import printable
 
 from .child import environment
 
-__all__ = ['Recordings']
-
-
 _SUFFIXES = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
 _MOST_LISTED = 500
 #: Longest comparison, s.

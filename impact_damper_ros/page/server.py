@@ -31,9 +31,6 @@ from .recorded import Recorded, load_recording
 from .recordings import Recordings
 from .session import LONGEST_MESSAGE, Refusal, Session
 
-__all__ = ['Network', 'PageServer']
-
-
 STATIC = Path(__file__).with_name('static')
 _POLICY = (
     "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; style-src 'self'; "

@@ -26,9 +26,6 @@ from impact_damper_ros.rig import RigParameters
 
 from .knobs import as_json
 
-__all__ = ['GapCurve', 'theory']
-
-
 #: Gaps that are followed, as shares of the present one.
 _SPAN = 4.0
 _PREVIEW_POINTS, _MOST_POINTS = 16, 150

@@ -19,9 +19,6 @@ from impact_damper_ros.control import CONTROL_JOINTS, ControlRecord
 
 from .findings import Difference, Findings, SampleGap
 
-__all__ = ['ControlMatcher', 'ImpactMatcher', 'SampleCheck', 'SampleSpacing', 'bits']
-
-
 _Numbers = tuple[tuple[float, ...], ...]
 #: Number of impacts within which a match is searched.
 _REACH = 16

@@ -7,9 +7,6 @@ from enum import Enum
 from math import inf, nan, ulp
 from typing import Any
 
-__all__ = ['Difference', 'Divergence', 'Findings', 'ReplayVerdict', 'SampleGap']
-
-
 #: Differences kept one by one.
 _MOST_KEPT = 20
 #: Differences kept after each change of the rig.

@@ -38,9 +38,6 @@ from .recorded_run import RecordedChange, RecordedRun
 from .recorded_snapshot import RecordedSnapshot
 from .replayed_rig import Batch, ReplayedRig, Step
 
-__all__ = ['BatchReplay', 'Replay', 'Tick']
-
-
 _Ints = NDArray[np.int64]
 
 

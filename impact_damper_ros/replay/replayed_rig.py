@@ -33,17 +33,6 @@ from impact_damper_ros.rig import (
 from .recorded_run import RecordedChange
 from .recorded_snapshot import RecordedSnapshot
 
-__all__ = [
-    'Batch',
-    'Effect',
-    'ReplayedRig',
-    'Setting',
-    'Step',
-    'initial_of',
-    'setting_of',
-    'state_differences',
-]
-
 
 class Setting(NamedTuple):
     """All parameters of a rig and of its gap control."""

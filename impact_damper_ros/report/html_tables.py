@@ -16,20 +16,6 @@ from .formatting import NONE, aligned, counted, difference, instant, number, uni
 from .glossary import linked
 from .html import Column, Html, element, table
 
-__all__ = [
-    'cause_of',
-    'comparison_table',
-    'energy_table',
-    'linked_badge',
-    'motion_of',
-    'multiplier_table',
-    'overall_table',
-    'overview_table',
-    'parameter_table',
-    'sign_of',
-]
-
-
 #: Class of a verdict in the page's style, and a sign that needs no colour.
 _BADGES = {
     Verdict.AGREES: ('good', '✓'),

@@ -11,9 +11,6 @@ from impact_damper_ros.rig.quoting import as_line
 
 from .formatting import counted
 
-__all__ = ['findings_json', 'findings_text']
-
-
 _VERDICTS = {
     ReplayVerdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',
     ReplayVerdict.DIFFERENT: 'DIFFERENT: the run is not reproduced from its log',

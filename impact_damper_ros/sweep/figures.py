@@ -20,8 +20,6 @@ from .table import FAILED, MEASURES, SweepTable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ['basin_figure', 'bifurcation_figure', 'draw_sweep', 'surface_figure']
-
 
 Array = NDArray[np.float64]
 

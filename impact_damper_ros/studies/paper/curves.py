@@ -27,21 +27,6 @@ from impact_damper_ros.rig.swing import Swing
 
 from .rigs import VARIABLES
 
-__all__ = [
-    'TOLERANCE',
-    'Curve',
-    'CurvePoint',
-    'SeriesPlan',
-    'SettledMotion',
-    'Status',
-    'disturbed',
-    'enumerated_curves',
-    'followed_curves',
-    'settle',
-    'settled_motions',
-]
-
-
 #: Cycles of the force between two checks, and in all; the tolerance within which periods agree.
 CYCLES_BETWEEN_LOOKS, MOST_CYCLES, TOLERANCE = 50, 600, 1e-8
 _SAMPLES_PER_CYCLE = 240
