@@ -52,7 +52,7 @@ def main():
         parser.error('no Chromium here; on Debian or Ubuntu: apt install chromium')
     with tempfile.TemporaryDirectory() as work:
         browser = Browser(path)
-        server = PageProcess(Path(work))
+        server = PageProcess(Path(work), '--node', '/sim_node')
         node = SimProcess(Path(work), parameters_file=BENCH)
         try:
             page = browser.open(server.address + '#window=30')

@@ -116,7 +116,7 @@ def recording(page):
 
 def moving(browser, work, path):
     """Write the animated picture: a gap that becomes too wide."""
-    server = PageProcess(work)
+    server = PageProcess(work, '--node', '/sim_node')
     # Slow enough for a picture of every frame.
     node = SimProcess(work, parameters_file=BENCH, real_time_factor=FACTOR)
     try:
@@ -172,7 +172,7 @@ def filmed(page):
 
 def still(browser, work, arguments):
     """Write the pictures of all views."""
-    server = PageProcess(work)
+    server = PageProcess(work, '--node', '/sim_node')
     node = SimProcess(work, parameters_file=BENCH, bag_directory=str(server.recordings))
     try:
         for name, address, seconds, condition in VIEWS:
