@@ -21,8 +21,9 @@ _FORMAT = 2
 #: Formats that can be read. The first knew neither stops that move nor sweeps.
 FORMATS = (1, 2)
 #: Counts up when the same motion gets other last bits: older runs then go on alike to round-off
-#: only. The first polished roots by certified steps alone, the second by the closed form.
-ARITHMETIC = 3
+#: only. 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter
+#: however high its bounces were.
+ARITHMETIC = 4
 
 
 class Snapshot(NamedTuple):

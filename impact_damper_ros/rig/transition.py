@@ -43,6 +43,9 @@ from .oscillator import derivative_bound
 from .phase import sines_of
 
 __all__ = [
+    'CHATTER_HEIGHT',
+    'CHATTER_INSTANT_TOLERANCE',
+    'CHATTER_SPAN',
     'CHATTER_TOLERANCE',
     'Transition',
     'at_rest',
@@ -53,6 +56,7 @@ __all__ = [
     'impulse_of',
     'is_no_chatter',
     'may_chatter',
+    'may_complete',
     'moving_mode',
     'placed',
     'rebound',
@@ -63,10 +67,15 @@ __all__ = [
 
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
-#: by at most this fraction until its end. The accumulation instant then is in error by at most
-#: this fraction of the time left, which is itself this small in units of acceleration per jerk:
-#: the square, 1e-12, of the time scale of the motion.
+#: by at most this fraction until its end, and
 CHATTER_TOLERANCE = 1e-6
+#: by this fraction times 1/(omega T), T being the time left: the instant of rest is then in error
+#: by at most about this fraction of 1/omega;
+CHATTER_INSTANT_TOLERANCE = 1e-12
+#: once omega T is at most this, so that X moves as if m rested on the stop; and
+CHATTER_SPAN = 1e-4
+#: once no bounce that is left is higher than this fraction of the gap.
+CHATTER_HEIGHT = 1e-9
 
 
 @kernel(inline=True)
@@ -113,11 +122,9 @@ def may_chatter(speed: float, push: float, jerk_bound: float, shortest: float) -
 
 
 @kernel
-def chatter_duration(
-    speed: float, press: float, grip: float, restitution: float, jerk_bound: float
-) -> float:
+def chatter_duration(speed: float, press: float, grip: float, restitution: float) -> float:
     """
-    Return the time until a chatter on one stop accumulates.
+    Return the time until a chatter on one stop accumulates under a constant press.
 
     Notes
     -----
@@ -126,14 +133,25 @@ def chatter_duration(
     bounce = bounce_duration(speed, press, grip)
     if bounce == inf:
         return inf
-    down = press - grip
-    ratio = restitution * sqrt(down / (press + grip))
+    ratio = restitution * sqrt((press - grip) / (press + grip))
     if ratio >= 1.0:
         return inf
-    duration = bounce / (1.0 - ratio)
-    if jerk_bound * duration > CHATTER_TOLERANCE * down:
-        return inf
-    return duration
+    return bounce / (1.0 - ratio)
+
+
+@kernel
+def may_complete(
+    duration: float, speed: float, press: float, grip: float, jerk: float, omega: float, gap: float
+) -> bool:
+    """Return whether the closed form of a chatter is exact to the tolerances above."""
+    down = press - grip
+    change = jerk * duration
+    return (
+        change <= CHATTER_TOLERANCE * down
+        and change * omega * duration <= CHATTER_INSTANT_TOLERANCE * down
+        and omega * duration <= CHATTER_SPAN
+        and speed * speed <= 2.0 * CHATTER_HEIGHT * gap * (press + grip)
+    )
 
 
 class Transition(NamedTuple):
@@ -215,16 +233,23 @@ def _last_bounces(machine: Machine, hit: Origin, stop: int, restitution: float) 
     need = support_need(machine, hit, sines_of(machine.phases, hit.angles), common)
     press = (1.0 + machine.mass_ratio) * away * need
     grip = (1.0 + machine.mass_ratio) * machine.grip
-    # The least that the bound of the jerk can be rules most of these out too.
-    left = chatter_duration(speed, press, grip, restitution, machine.free.bound_3)
-    if left < inf:
+    left = chatter_duration(speed, press, grip, restitution)
+    bounce = bounce_duration(speed, press, grip)
+    if bounce < least_step(machine.free.horizon):
+        # Bounces too short to be resolved. On an elastic stop they go on for ever, without energy.
+        left = left if left < inf else 0.0
+    elif left < inf:
+        omega = sqrt(machine.free.omega_squared)
+        gap = 2.0 * machine.stop
+        # The least that the bound of the jerk can be rules most of these out.
+        jerk = machine.free.bound_3
+        if not may_complete(left, speed, press, grip, jerk, omega, gap):
+            return hit
         motion: Motion = starting_motion(launch(machine, hit))
-        bound = derivative_bound(machine.free, motion.x_3, motion.x_4, machine.free.bound_3)
-        left = chatter_duration(speed, press, grip, restitution, bound)
-    if left == inf and bounce_duration(speed, press, grip) < least_step(machine.free.horizon):
-        # Elastic stops: such bounces go on for ever, and have no energy left.
-        left = 0.0
-    if left == inf:
+        jerk = derivative_bound(machine.free, motion.x_3, motion.x_4, jerk)
+        if not may_complete(left, speed, press, grip, jerk, omega, gap):
+            return hit
+    else:
         return hit
     mode = CHATTER_1 if stop == 1 else CHATTER_2
     return with_motion(hit, mode, common, 0.0, stop, False, left)
