@@ -14,7 +14,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: bench clean colcon demo env format help lint test types
+.PHONY: bench clean colcon demo env format help lint page test types
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
@@ -22,6 +22,10 @@ help:  ## this list
 demo:  ## run the live rig for half a minute, record it, hold it against theory: see demo_run/
 	@$(VENV) ros,plot
 	@$(PY) -u -m impact_damper_ros.cli.demo
+
+page:  ## the live rig in a browser: starts node and page, prints and opens the address
+	@$(VENV) ros,plot,page
+	@$(PY) -m impact_damper_ros.cli.rig_page --start bench_rig --open $(ARGS)
 
 test:  ## run all tests
 	@$(VENV) ros,plot,test

@@ -30,7 +30,13 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={
-        NAME: ['py.typed', 'report/template/*', 'bag/definitions/**/*'],
+        NAME: [
+            'py.typed',
+            'report/template/*',
+            'bag/definitions/**/*',
+            'page/presets.yaml',
+            'page/static/**/*',
+        ],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
@@ -47,6 +53,7 @@ setup(
         'mcap>=1.5',
         'numpy>=1.24',
         'PyYAML>=6.0',
+        'scipy>=1.10',
         'tqdm>=4.66.3',
         'zstandard>=0.20',
     ],
@@ -58,9 +65,11 @@ setup(
             'ros-jazzy-rmw-fastrtps-cpp>=8.4.3,<9',
         ],
         'plot': ['matplotlib>=3.6'],
+        # rig_page: the rig in a browser
+        'page': ['tornado>=6.1'],
         'compiled': ['llvmlite', 'numba>=0.59'],
         # What benchmarks/peers.py holds the simulator against.
-        'peers': ['heyoka>=7.0', 'mpmath>=1.3', 'mujoco>=3.2', 'numba>=0.59', 'scipy>=1.10'],
+        'peers': ['heyoka>=7.0', 'mpmath>=1.3', 'mujoco>=3.2', 'numba>=0.59'],
         # sweep_rig: the table; and a cluster to run on
         'sweep': ['pyarrow>=14.0.1'],
         'dask': ['distributed>=2024.1'],
@@ -74,7 +83,7 @@ setup(
             'pyarrow>=14.0.1',
             'pytest>=7.4',
             'rosbags>=0.10.11',
-            'scipy>=1.10',
+            'tornado>=6.1',
             'xacro>=2.1',
             'xarray>=2023.1',
         ],
@@ -92,6 +101,7 @@ setup(
             'recover_run = impact_damper_ros.entry_points:recover_run',
             'replay_run = impact_damper_ros.entry_points:replay_run',
             'reproduce_paper = impact_damper_ros.entry_points:reproduce_paper',
+            'rig_page = impact_damper_ros.entry_points:rig_page',
             'sim_node = impact_damper_ros.entry_points:sim_node',
             'simulate_rig = impact_damper_ros.entry_points:simulate_rig',
             'solve_periodic = impact_damper_ros.entry_points:solve_periodic',

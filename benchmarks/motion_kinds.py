@@ -30,15 +30,15 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from impact_damper_ros.compare.irregularity import average_spread
+from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts
-from impact_damper_ros.compare.stretch_kind import StretchKind, kind_of
+from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import section_of
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import section_of
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, load_parameters
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome
-from impact_damper_ros.rig.mode import Mode, make_machine
+from impact_damper_ros.rig.mode import Mode, rig_constants
 
 CUTS = (30, 100, 300, 1000)
 LONG, MOST_EVENTS = 20_000, 4_000_000
@@ -196,7 +196,7 @@ def answered(case: Case) -> tuple[Answer, Events] | None:
     def growth(first: int, last: int) -> tuple[float, float]:
         """Return the exponent between two cycles, and its standard error, per cycle."""
         along = deviations(
-            make_machine(case.parameters),
+            rig_constants(case.parameters),
             tuple(start['angles']),
             events,
             Mode(start['mode']),

@@ -17,7 +17,7 @@ from pathlib import Path
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import RigParameters, Simulator
 from impact_damper_ros.studies.paper.curves import enumerated_curves, followed_curves, settle
-from impact_damper_ros.studies.paper.plan import sweeps_of
+from impact_damper_ros.studies.paper.series import plans_of
 
 GOLDEN = {
     'horizontal, r=1': RigParameters(gravity=0.0),
@@ -50,22 +50,22 @@ def solutions_per_second(rig: RigParameters, stops: tuple[int, ...], rigs: int) 
 def figure_2(every: int) -> list[dict]:
     """Time the curves of Figure 2, and simulations to steady state at every n-th of its gaps."""
     rows = []
-    for sweep in sweeps_of('2'):
-        print(f'  {sweep.name} ...', file=sys.stderr, flush=True)
-        gaps = sweep.values[every // 2 :: every]
+    for plan in plans_of('2'):
+        print(f'  {plan.name} ...', file=sys.stderr, flush=True)
+        gaps = plan.values[every // 2 :: every]
         started = time.process_time()
-        settled = [settle(Simulator(sweep.at(gap)), gap) for gap in gaps]
+        settled = [settle(Simulator(plan.at(gap)), gap) for gap in gaps]
         simulated = (time.process_time() - started) / len(gaps)
         started = time.process_time()
-        curves = enumerated_curves(sweep)
-        two = (time.process_time() - started) / len(sweep.values)
+        curves = enumerated_curves(plan)
+        two = (time.process_time() - started) / len(plan.values)
         for impacts in (3, 4):
-            curves += followed_curves(sweep, settled, impacts)
-        theory = (time.process_time() - started) / len(sweep.values)
+            curves += followed_curves(plan, settled, impacts)
+        theory = (time.process_time() - started) / len(plan.values)
         rows.append(
             {
-                'sweep': sweep.name,
-                'gaps': len(sweep.values),
+                'sweep': plan.name,
+                'gaps': len(plan.values),
                 'simulated_gaps': len(gaps),
                 'settled': sum(motion.cycles == 1 for motion in settled),
                 'points': sum(len(curve.points) for curve in curves),

@@ -36,8 +36,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from impact_damper_ros.cli import compare_run, replay_run, simulate_rig
-from impact_damper_ros.compare.bag_stretches import BagStretches
-from impact_damper_ros.compare.log_replay import replayed_log
+from impact_damper_ros.compare import BagStretches, replay_log
 
 ROOT = Path(__file__).parents[1]
 BENCH, PAPER = (str(ROOT / 'config' / f'{name}.yaml') for name in ('bench_rig', 'paper'))
@@ -393,9 +392,8 @@ def soak(number: int, stretches: int, log_only: bool = False) -> tuple[int, int,
             tuple(changes),
         )
         if log_only:
-            log, cut = replayed_log(bag, None), BagStretches(bag)
-            cut.checks = not log.check.replayed or bool(log.differences)
-            logs = [found for _, found in log.judged(cut)]
+            log, cut = replay_log(bag, None), BagStretches(bag)
+            logs = [found for _, found in log.by_stretch(cut)]
             faults = len(cut.all_faults()) + len(log.faults)
             wrong = sum(found is None or bool(found) for found in logs)
             return len(logs), wrong, faults, int(log.check.differences > 0)

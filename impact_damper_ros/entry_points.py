@@ -24,6 +24,7 @@ __all__ = [
     'recover_run',
     'replay_run',
     'reproduce_paper',
+    'rig_page',
     'run',
     'sim_node',
     'simulate_rig',
@@ -77,13 +78,9 @@ def run(command: str, main: Callable[[], int]) -> int:
         signal.signal(signal.SIGINT, interrupt)
     try:
         code = main()
-    except (Exception, KeyboardInterrupt) as error:
+    except (Exception, KeyboardInterrupt):
         if not interrupted:
-            # Imported by now, if it is one.
-            if type(error).__name__ != 'RunawayError':
-                raise
-            print(f'{command}: {error}', file=sys.stderr)
-            return 1
+            raise
         begin(command)
         _say_interrupted(command)
         code = EXIT_INTERRUPTED
@@ -116,6 +113,7 @@ compare_run = partial(_command, 'compare_run')
 recover_run = partial(_command, 'recover_run')
 replay_run = partial(_command, 'replay_run')
 reproduce_paper = partial(_command, 'reproduce_paper')
+rig_page = partial(_command, 'rig_page')
 sim_node = partial(_command, _NODE, 'node')
 simulate_rig = partial(_command, 'simulate_rig')
 solve_periodic = partial(_command, 'solve_periodic')

@@ -1,9 +1,10 @@
 """
-Start the rig, with the frames of its parts and, when asked, a picture in RViz.
+Start the rig, with the frames of its parts and, when asked, a picture in RViz or a page.
 
     ros2 launch impact_damper_ros rig.launch.py use_rviz:=true record:=true
     ros2 launch impact_damper_ros rig.launch.py namespace:=left params_file:=my_rig.yaml
     ros2 launch impact_damper_ros rig.launch.py real_time_factor:=0.2 use_rviz:=true
+    ros2 launch impact_damper_ros rig.launch.py page:=true
 
 Nothing is started unless all of it can be.
 """
@@ -161,6 +162,20 @@ def start_rig(context: LaunchContext) -> list[LaunchDescriptionEntity]:
                 prefix=ends_with_launch(),
             )
         )
+    if given('page') == 'true':
+        started.append(
+            Node(
+                package='impact_damper_ros',
+                executable='rig_page',
+                exec_name='rig_page',
+                arguments=[
+                    *('--node', name, '--open'),
+                    *('--recordings', str(now.get('bag_directory', 'runs'))),
+                ],
+                prefix=ends_with_launch(),
+                output='screen',
+            )
+        )
     if use_rviz:
         setup = Path(PathJoinSubstitution([SHARE, 'rviz', 'rig.rviz']).perform(context))
         text = rviz_setup(setup.read_text(encoding='utf-8'), rig, control.widest_gap)
@@ -229,6 +244,12 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 'use_rviz', default_value='false', choices=switch, description='open RViz'
+            ),
+            DeclareLaunchArgument(
+                'page',
+                default_value='false',
+                choices=switch,
+                description='show the rig in a browser, at http://127.0.0.1:8088/',
             ),
             DeclareLaunchArgument(
                 'use_sim_time',

@@ -1,20 +1,33 @@
-"""Recording runs as rosbag2 does, reading them back, and saving what a crash left; without ROS."""
+"""
+Runs recorded as rosbag2 does, read back, and saved after a crash; without ROS.
 
-from .bag_file import BagSummary
-from .errors import RecordingError
-from .messages import (
-    DiagnosticArray,
-    DiagnosticStatus,
-    JointState,
-    Message,
-    Parameter,
-    ParameterEvent,
-    String,
-)
-from .recover import Recovery, recover_run
-from .run_reader import Decoded, Record, RecordedTopic, RunReader
-from .run_writer import RunWriter, create_run_directory
-from .topics import LATCHED, QosProfile, Topic
+`RunWriter` records, `RunReader` reads, `recover_run` saves what is whole. The messages are in
+`messages`, the topics of a rig in `rig_topics`. The names below are imported when they are first
+used: a node that records nothing needs neither MCAP nor SQLite.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .bag_file import BagSummary
+    from .errors import RecordingError
+    from .messages import (
+        DiagnosticArray,
+        DiagnosticStatus,
+        JointState,
+        Message,
+        Parameter,
+        ParameterEvent,
+        String,
+    )
+    from .recover import Recovery, recover_run
+    from .rig_recorder import RigRecorder
+    from .run_reader import Decoded, Record, RecordedTopic, RunReader
+    from .run_writer import RunWriter, create_run_directory
+    from .topics import LATCHED, QosProfile, Topic
 
 __all__ = [
     'LATCHED',
@@ -31,6 +44,7 @@ __all__ = [
     'RecordedTopic',
     'RecordingError',
     'Recovery',
+    'RigRecorder',
     'RunReader',
     'RunWriter',
     'String',
@@ -38,3 +52,20 @@ __all__ = [
     'create_run_directory',
     'recover_run',
 ]
+
+_MODULES = {
+    'bag_file': ('BagSummary',),
+    'errors': ('RecordingError',),
+    'recover': ('Recovery', 'recover_run'),
+    'rig_recorder': ('RigRecorder',),
+    'run_reader': ('Decoded', 'Record', 'RecordedTopic', 'RunReader'),
+    'run_writer': ('RunWriter', 'create_run_directory'),
+    'topics': ('LATCHED', 'QosProfile', 'Topic'),
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(f'{__name__}.{_HOME.get(name, "messages")}'), name)

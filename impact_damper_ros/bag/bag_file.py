@@ -7,16 +7,16 @@ the interpreter's lock held, for which the thread that moves a rig has to wait. 
 one packed header and a reference to its content; everything else is done once per chunk, most of
 it without the lock.
 
-Each file is a whole MCAP file of its own. Only the numbers of the messages go on from one to the
-next, so that a file that is missing shows.
+Each file is a complete MCAP file. Only the numbers of the messages go on from one to the next, so
+that a missing file is detected.
 
-Everything here is done at once in the calling thread; `RunWriter` adds the queue.
+Everything here is done in the calling thread; `RunWriter` adds the queue.
 
 A chunk reaches the file only as a whole, in one system call per flush, so a process killed with
 ``kill -9`` leaves whole records behind (what was handed to the kernel survives the process). The
 chunks are compressed with zstd: on joint states it costs 0.5 µs per message and saves 60 % of the
-size; rosbag2's default (no compression, no checksum) is faster to write in C++ but cannot tell a
-damaged chunk from a whole one, and its ``fastwrite`` preset leaves no index to play by time.
+size. rosbag2's default (no compression, no checksum) is faster to write in C++, but damage to a
+chunk is not detected, and its ``fastwrite`` preset leaves no index to play by time.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ _FOOTER_LENGTH = 8 + 8 + 4
 
 
 class Output(Protocol):
-    """What a file is written to."""
+    """The output of a file."""
 
     def write(self, content: bytes, /) -> object:
         """Append to it."""
@@ -81,7 +81,7 @@ class Output(Protocol):
         """Return its length."""
 
     def flush(self) -> object:
-        """Hand over what has been appended."""
+        """Write all that has been appended."""
 
 
 def _bytes_of(*records: McapRecord) -> bytes:
@@ -288,8 +288,8 @@ LIBRARY = f'impact_damper_ros/{__version__} {LIBRARY_IDENTIFIER}'
 _CHUNK_SIZE = 768 * 1024
 #: Bytes of finished chunks that are handed over without waiting for a flush.
 _PENDING_LIMIT = 4 * 1024 * 1024
-#: Bytes that a message is taken to need in the first file, and how many messages must be there for
-#: what they need to count as much.
+#: Assumed bytes of a message in the first file, and the number of messages whose measured size has
+#: the same weight as this assumption.
 _FIRST_GUESS = 85.0
 _GUESSED = 500
 
@@ -350,7 +350,7 @@ class _RecordFile:
 @dataclass(frozen=True)
 class BagSummary:
     """
-    What a bag holds.
+    The content of a bag.
 
     Attributes
     ----------
@@ -431,7 +431,7 @@ class BagFile:
         self.channels = tuple(channels)
         self.custom = {str(key): str(value) for key, value in custom.items()}
         self.counts = [0] * len(self.channels)
-        # What the files before the present one hold, and messages by channel up to it
+        # The files before the present one, and messages by channel up to it
         self._files: list[FileInformation] = []
         self._before = list(self.counts)
         self._guess = _FIRST_GUESS
@@ -456,7 +456,7 @@ class BagFile:
         stream = _RecordFile(path)
         try:
             writer = ChunkWriter(stream, _CHUNK_SIZE, PROFILE, LIBRARY)
-            # With the topics at the head, even a recording cut before its first chunk tells them.
+            # At the head, so that a recording cut before its first chunk names its topics.
             self._note_metadata(writer, FileInformation(path.name), [0] * len(self.channels))
             schemas: dict[str, int] = {}
             channel_ids: list[int] = []
@@ -505,7 +505,7 @@ class BagFile:
         return self.metadata().whole.end_ns
 
     def expected_size(self, waiting: int) -> float:
-        """Return about how long the present file would be if it ended with what waits."""
+        """Return the estimated size of the present file with the waiting messages."""
         counts, _, _, size = self._committed
         there = sum(counts) - sum(self._before)
         each = (size - self._head + self._guess * _GUESSED) / (there + _GUESSED)
@@ -517,7 +517,7 @@ class BagFile:
         return FileInformation(self.path.name, self._first_ns, self._last_ns, count)
 
     def metadata(self) -> BagMetadata:
-        """Return the metadata of what has been added so far."""
+        """Return the metadata of the bag so far."""
         return BagMetadata(
             files=(*self._files, self._file_information()),
             channels=self.channels,
@@ -528,7 +528,7 @@ class BagFile:
     def _note_metadata(
         self, writer: ChunkWriter, file: FileInformation, counts: Sequence[int]
     ) -> None:
-        """Note in a file what it holds, as if it were a bag of its own."""
+        """Write the metadata of a file into it, as if it were a bag of its own."""
         part = {PART: str(len(self._files))} if self._files else {}
         metadata = BagMetadata((file,), self.channels, tuple(counts), {**self.custom, **part})
         writer.add_metadata('rosbag2', {'serialized_metadata': metadata.serialized()})
@@ -558,7 +558,7 @@ class BagFile:
         self._committed = (list(self.counts), self._first_ns, self._last_ns, size)
 
     def sync(self) -> None:
-        """Have the operating system write the files to the disk proper (slow)."""
+        """Force the files to the disk (slow)."""
         if self._finished:
             sync_directory(self.directory)
         while self._finished:
@@ -570,7 +570,7 @@ class BagFile:
         self._stream.sync()
 
     def next_file(self) -> None:
-        """Finish the present file, if there is anything in it, and go on to a new one."""
+        """Finish the present file, unless it is empty, and begin a new one."""
         if self.counts == self._before:
             return
         path = self.path
@@ -613,7 +613,7 @@ class BagFile:
                 stream.close()
 
     def abandon(self) -> int:
-        """Close the files as they are, without raising; count only what is in them."""
+        """Close the files as they are, without raising; return the number of messages lost."""
         if not self._stream.closed:
             with suppress(OSError):
                 self.sync()

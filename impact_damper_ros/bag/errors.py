@@ -1,11 +1,11 @@
-"""The one error of this subpackage, and how a failed system call becomes one."""
+"""The error of recording and reading, with cause and remedy."""
 
 from __future__ import annotations
 
 import errno
 from pathlib import Path
 
-from impact_damper_ros.rig.shown import as_line
+from impact_damper_ros.rig.quoting import as_line
 
 __all__ = ['RecordingError']
 
@@ -13,7 +13,7 @@ __all__ = ['RecordingError']
 _SPACE = 'free some space there, or record to another file system (parameter bag_directory)'
 _RIGHTS = 'give yourself write permission there, or choose another directory'
 
-#: Cause and remedy in words, for the failures a user can do something about.
+#: Cause and remedy of failures that a user can remove.
 _KNOWN: dict[int, tuple[str, str]] = {
     errno.ENOSPC: ('the disk is full', _SPACE),
     errno.EDQUOT: ('the disk quota is used up', _SPACE),
@@ -67,7 +67,7 @@ class RecordingError(Exception):
 
     @classmethod
     def from_os_error(cls, attempt: str, path: Path | str, error: OSError) -> RecordingError:
-        """Say in words what the operating system reports as a number."""
+        """Return the error for a failed system call."""
         cause = error.strerror or str(error)
         remedy = ''
         if error.errno in _KNOWN:

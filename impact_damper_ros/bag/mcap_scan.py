@@ -1,11 +1,11 @@
 """
-Finding the usable part of an MCAP file, be it finished, cut short or damaged.
+The usable part of an MCAP file, be it finished, cut short or damaged.
 
-Nothing is expanded beyond the size that is declared, and nothing beyond `LARGEST_CHUNK`.
+Nothing is decompressed beyond the declared size and beyond `LARGEST_CHUNK`.
 
-The readers of the `mcap` library want a finished file, or hand out a record that was cut in the
-middle as if it were whole. Here every record is checked against the size of the file before it is
-read. The format: https://mcap.dev/spec
+The readers of the `mcap` library require a finished file, or return a record that was cut in the
+middle as a whole one. Here every record is checked against the size of the file before it is read.
+The format: https://mcap.dev/spec
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, Metadata, Schema, Statistics
 
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 
@@ -66,7 +66,7 @@ LONGEST_DESCRIPTIONS = 64 * 1024 * 1024
 
 
 class RawMessage(NamedTuple):
-    """A message as it stands in the file."""
+    """A message as stored in the file."""
 
     channel: int
     sequence: int
@@ -84,7 +84,7 @@ class IndexPart(NamedTuple):
 
 
 class ChunkHead(NamedTuple):
-    """What stands at the head of a chunk, and where its record is in the file."""
+    """The head of a chunk, and the place of its record in the file."""
 
     position: int
     length: int
@@ -123,7 +123,7 @@ class Block:
 @dataclass
 class Scan:
     """
-    What an MCAP file holds, as far as it can be used.
+    The usable content of an MCAP file.
 
     Attributes
     ----------
@@ -152,17 +152,17 @@ class Scan:
     heads : list of ChunkHead
         The whole chunks.
     statistics : Statistics or None
-        How much the summary says there is.
+        The counts in the summary.
     chunk_indexes : list of ChunkIndex
-        Where the summary says that the chunks are.
+        The places of the chunks in the summary.
     footer : Footer or None
         Where the summary is.
     data_end : (int, int) or None
-        Where the data ends, and its checksum, 0 for none.
+        Where the data ends, and its checksum or 0.
     attachments : int
         Number of attachments.
     faults : dict of str to list
-        What was found wrong so far: the first case of each kind in words, and how many there are.
+        The faults so far: the first case of each kind, and how many there are.
     numbers : dict of int to dict
         First and last sequence number by channel of the blocks that were read whole.
     """
@@ -201,13 +201,13 @@ class Scan:
         return parts is None or any(part.channel in channels for part in parts)
 
     def fault(self, kind: str, text: str) -> None:
-        """Note what is wrong; of one kind, the first case is kept and the others are counted."""
+        """Note a fault; of one kind, the first case is kept and the others are counted."""
         first, count = self.faults.get(kind, (text, 0))
         self.faults[kind] = first, count + 1
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a file for reading; a pipe or device is not waited for."""
+    """Open a regular file for reading."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | getattr(os, 'O_CLOEXEC', 0))
     except OSError as error:
@@ -220,7 +220,7 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def note_description(scan: Scan, opcode: int, content: bytes) -> bool:
-    """Take in a record that is no message and no chunk; return whether it is sound."""
+    """Take a record that is no message and no chunk; return whether it could be read."""
     stream = ReadDataStream(BytesIO(content))
     try:
         if opcode == Opcode.SCHEMA:
@@ -245,7 +245,7 @@ def note_description(scan: Scan, opcode: int, content: bytes) -> bool:
     return True
 
 
-#: Bytes of a chunk, as it stands in the file and expanded, or of a message, that are read.
+#: Largest chunk, compressed or not, or message that is read, in bytes.
 LARGEST_CHUNK = 128 * 1024 * 1024
 _LIMIT = f'at most {LARGEST_CHUNK} bytes are read'
 #: Messages of a chunk: in a full one they have 128 bytes each.
@@ -259,11 +259,7 @@ _ZSTD = b'\x28\xb5\x2f\xfd'
 def read_block(
     scan: Scan, stream: BinaryIO, block: Block, channels: Collection[int] | None = None
 ) -> list[RawMessage]:
-    """
-    Return the messages of a block in file order; schemas and channels go into `scan`.
-
-    Of a block that is not whole, the messages that are.
-    """
+    """Return the whole messages of a block in file order; schemas and channels go into `scan`."""
     try:
         if block.length > LARGEST_CHUNK:
             raise ValueError(f'it is {block.length} bytes long; {_LIMIT}')
@@ -310,7 +306,7 @@ def _decompress(content: bytes, *, whole: bool) -> bytes:
 
 
 def _expanded(packed: bytes, size: int) -> bytes:
-    """Expand a zstd frame as far as it goes, to little more than `size` bytes."""
+    """Decompress a zstd frame as far as possible, to little more than `size` bytes."""
     reader = zstandard.ZstdDecompressor().stream_reader(packed)
     pieces, length = [], 0
     while length <= size and (piece := reader.read(min(_PIECE, size + 1 - length))):
@@ -387,7 +383,7 @@ def _messages(
     return messages
 
 
-# What a block holds against what the file says of it
+# Checks of a block
 
 
 def _topic(scan: Scan, channel: int) -> str:
@@ -432,7 +428,7 @@ def jump_text(topic: str, before: int, after: int) -> str:
 def _check_index(
     scan: Scan, stream: BinaryIO, block: Block, entries: dict[int, list[int]]
 ) -> None:
-    """Hold the index of a chunk against what is in it."""
+    """Compare the index of a chunk with its messages."""
     where = f'the chunk at byte {block.offset - HEAD.size}'
     stamps = [stamp for held in entries.values() for stamp in held[::3]]
     if stamps and (min(stamps), max(stamps)) != (block.start_ns, block.end_ns):
@@ -474,7 +470,7 @@ def scan_file(path: Path, source: Path | None = None) -> Scan:
     """
     Walk through the records of a file and note where its messages are.
 
-    The chunks of a finished file are skipped: its index tells what they hold. Those of any other
+    The chunks of a finished file are skipped: its index lists their content. Those of any other
     are read through, one at a time.
     """
     try:
@@ -594,7 +590,7 @@ def _note_chunk(scan: Scan, stream: BinaryIO, start: int, length: int, *, whole:
 
 
 def _learn_topics(scan: Scan, stream: BinaryIO) -> None:
-    """Read the chunks through, where the index does not tell every channel and count."""
+    """Read all chunks if the index does not list every channel and count."""
     counted = bool(scan.counts) or not scan.blocks
     if scan.finished and counted and scan.channels.keys() >= scan.counts.keys():
         expected = scan.statistics
@@ -605,7 +601,7 @@ def _learn_topics(scan: Scan, stream: BinaryIO) -> None:
     for block in scan.blocks:
         try:
             messages = read_block(scan, stream, block)
-        except RecordingError:  # met again, and told, by whoever reads the messages
+        except RecordingError:  # reported again when the messages are read
             usable.append(block)
             continue
         for message in messages:

@@ -1,10 +1,14 @@
 """
-The recorded messages as typed Python objects, and the CDR encoding of them.
+The recorded messages as typed Python objects, and their encoding in CDR: one codec per type.
 
 Plain CDR (XCDR version 1), as of DDS-XTypes 1.3, section 7.4.3: four bytes that name the
-encoding, then the fields, each aligned to its own size counted from there.
+encoding, then the fields, each aligned to its own size counted from there. Everything here works
+without ROS, and the bytes are those of the middleware with zeros for padding.
 
 Stamps are integers of nanoseconds; a header is flattened into `stamp_ns` and `frame_id`.
+
+The messages of a topic of joint states differ in stamp and numbers only, so that the rest is
+written, compared and read at once: see `JointStateLayout`. Only the columns need numpy.
 """
 
 from __future__ import annotations
@@ -12,24 +16,44 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 __all__ = [
     'DECODABLE',
+    'DIAGNOSTIC_ARRAY',
+    'JOINT_STATE',
+    'PARAMETER_EVENT',
+    'STRING',
     'CdrError',
     'CdrReader',
     'CdrWriter',
     'DiagnosticArray',
     'DiagnosticStatus',
     'JointState',
+    'JointStateColumns',
     'JointStateDecoder',
+    'JointStateLayout',
+    'JointStateTable',
     'Message',
     'Parameter',
     'ParameterEvent',
     'String',
+    'clock_message',
     'decode',
+    'encode',
+    'header_ns',
+    'restamped',
 ]
 
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+STRING = 'std_msgs/msg/String'
+PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
+DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
 
 T = TypeVar('T')
 
@@ -37,12 +61,12 @@ _LITTLE_ENDIAN = {b'\x00\x01': '<', b'\x00\x00': '>'}
 
 
 class CdrError(ValueError):
-    """The bytes are not a message of the type they are said to be."""
+    """The bytes are not a message of the expected type."""
 
 
 class CdrReader:
     """
-    Takes the fields of a message one after the other.
+    Reads the fields of a message one after the other.
 
     Parameters
     ----------
@@ -73,31 +97,31 @@ class CdrReader:
         return struct.unpack_from(f'{self._order}{count}{letter}', self._content, start)
 
     def boolean(self) -> bool:
-        """Take a bool."""
+        """Read a bool."""
         return bool(self._take(1, 1, '?')[0])
 
     def uint8(self) -> int:
-        """Take a uint8 or byte."""
+        """Read a uint8 or byte."""
         return int(self._take(1, 1, 'B')[0])
 
     def int32(self) -> int:
-        """Take an int32."""
+        """Read an int32."""
         return int(self._take(1, 4, 'i')[0])
 
     def uint32(self) -> int:
-        """Take a uint32, such as the length of what follows."""
+        """Read a uint32, such as the length of a sequence."""
         return int(self._take(1, 4, 'I')[0])
 
     def int64(self) -> int:
-        """Take an int64."""
+        """Read an int64."""
         return int(self._take(1, 8, 'q')[0])
 
     def float64(self) -> float:
-        """Take a float64."""
+        """Read a float64."""
         return float(self._take(1, 8, 'd')[0])
 
     def octets(self) -> bytes:
-        """Take a sequence of bytes."""
+        """Read a sequence of bytes."""
         length = self.uint32()
         end = self.position + length
         if end > len(self._content):
@@ -106,37 +130,37 @@ class CdrReader:
         return bytes(self._content[start:end])
 
     def string(self) -> str:
-        """Take a string; its length counts the zero at its end."""
+        """Read a string; its length counts the zero at its end."""
         return self.octets().removesuffix(b'\x00').decode()
 
     def booleans(self) -> tuple[bool, ...]:
-        """Take a sequence of bool."""
+        """Read a sequence of bool."""
         return tuple(bool(value) for value in self._take(self.uint32(), 1, '?'))
 
     def int64s(self) -> tuple[int, ...]:
-        """Take a sequence of int64."""
+        """Read a sequence of int64."""
         return tuple(int(value) for value in self._take(self.uint32(), 8, 'q'))
 
     def float64s(self) -> tuple[float, ...]:
-        """Take a sequence of float64."""
+        """Read a sequence of float64."""
         return tuple(float(value) for value in self._take(self.uint32(), 8, 'd'))
 
     def sequence(self, element: Callable[[], T]) -> tuple[T, ...]:
-        """Take a sequence of what `element` takes."""
+        """Read a sequence of what `element` reads."""
         count = self.uint32()
         if count > len(self._content):
             raise CdrError(f'a sequence of {count} cannot be in {len(self._content)} bytes')
         return tuple(element() for _ in range(count))
 
     def time_ns(self) -> int:
-        """Take a builtin_interfaces/Time, in nanoseconds."""
+        """Read a builtin_interfaces/Time, in nanoseconds."""
         seconds = self.int32()
         return seconds * 10**9 + self.uint32()
 
 
 class CdrWriter:
     """
-    Puts the fields of a message one after the other, little-endian, with zeros as padding.
+    Appends the fields of a message one after the other, little-endian, with zeros as padding.
 
     Attributes
     ----------
@@ -148,7 +172,7 @@ class CdrWriter:
         self.content = bytearray(b'\x00\x01\x00\x00')
 
     def put(self, letter: str, *values: float) -> CdrWriter:
-        """Put numbers of one type, named as `struct` does."""
+        """Append numbers of one type, named as `struct` does."""
         if values:
             size = struct.calcsize(f'<{letter}')
             self.content += bytes((4 - len(self.content)) % size)
@@ -156,18 +180,28 @@ class CdrWriter:
         return self
 
     def sequence(self, letter: str, values: Sequence[float]) -> CdrWriter:
-        """Put a sequence of numbers of one type."""
+        """Append a sequence of numbers of one type."""
         return self.put('I', len(values)).put(letter, *values)
 
-    def string(self, text: str) -> CdrWriter:
-        """Put a string; its length counts the zero at its end."""
-        content = text.encode() + b'\x00'
+    def octets(self, content: bytes) -> CdrWriter:
+        """Append a sequence of bytes."""
         self.put('I', len(content))
         self.content += content
         return self
 
+    def string(self, text: str) -> CdrWriter:
+        """Append a string; its length counts the zero at its end."""
+        return self.octets(text.encode() + b'\x00')
+
+    def strings(self, texts: Sequence[str]) -> CdrWriter:
+        """Append a sequence of strings."""
+        self.put('I', len(texts))
+        for text in texts:
+            self.string(text)
+        return self
+
     def time_ns(self, stamp_ns: int) -> CdrWriter:
-        """Put a builtin_interfaces/Time."""
+        """Append a builtin_interfaces/Time."""
         return self.put('i', stamp_ns // 10**9).put('I', stamp_ns % 10**9)
 
 
@@ -238,23 +272,12 @@ class DiagnosticArray:
 
 @dataclass(frozen=True, slots=True)
 class String:
-    """std_msgs/msg/String: here, a snapshot of the simulator in JSON."""
+    """std_msgs/msg/String: a snapshot of the rig in JSON, or its robot description."""
 
     data: str
 
 
 Message = JointState | ParameterEvent | DiagnosticArray | String
-
-
-def _joint_state(reader: CdrReader) -> JointState:
-    return JointState(
-        stamp_ns=reader.time_ns(),
-        frame_id=reader.string(),
-        name=reader.sequence(reader.string),
-        position=reader.float64s(),
-        velocity=reader.float64s(),
-        effort=reader.float64s(),
-    )
 
 
 def _parameter(reader: CdrReader) -> Parameter:
@@ -309,15 +332,11 @@ def _diagnostic_array(reader: CdrReader) -> DiagnosticArray:
     )
 
 
-def _string(reader: CdrReader) -> String:
-    return String(reader.string())
-
-
-_DECODERS: dict[str, Callable[[CdrReader], Message]] = {
-    'sensor_msgs/msg/JointState': _joint_state,
-    'rcl_interfaces/msg/ParameterEvent': _parameter_event,
-    'diagnostic_msgs/msg/DiagnosticArray': _diagnostic_array,
-    'std_msgs/msg/String': _string,
+_DECODERS: dict[str, Callable[[bytes], Message]] = {
+    JOINT_STATE: lambda content: JointStateDecoder().decode(content),
+    PARAMETER_EVENT: lambda content: _parameter_event(CdrReader(content)),
+    DIAGNOSTIC_ARRAY: lambda content: _diagnostic_array(CdrReader(content)),
+    STRING: lambda content: String(CdrReader(content).string()),
 }
 
 #: Types that `decode` knows.
@@ -325,80 +344,348 @@ DECODABLE = tuple(_DECODERS)
 
 
 def decode(interface: str, content: bytes) -> Message:
-    """Decode a message."""
+    """Decode a message of a type, such as ``'std_msgs/msg/String'``."""
     try:
         decoder = _DECODERS[interface]
     except KeyError:
         known = ', '.join(DECODABLE)
         raise CdrError(f'messages of type {interface!r} are not decoded; only {known}') from None
     try:
-        return decoder(CdrReader(content))
+        return decoder(content)
     except (struct.error, UnicodeDecodeError, OverflowError) as error:
         raise CdrError(f'it is no {interface}: {error}') from error
 
 
-class JointStateDecoder:
-    """
-    Decodes the joint states of one topic, several times faster than `decode`.
+def encode(message: Message) -> bytes:
+    """Encode a message; equal messages become equal bytes."""
+    writer = CdrWriter()
+    if isinstance(message, String):
+        writer.string(message.data)
+    elif isinstance(message, JointState):
+        writer.time_ns(message.stamp_ns).string(message.frame_id).strings(message.name)
+        for numbers in (message.position, message.velocity, message.effort):
+            writer.sequence('d', numbers)
+    elif isinstance(message, ParameterEvent):
+        writer.time_ns(message.stamp_ns).string(message.node)
+        for parameters in (
+            message.new_parameters,
+            message.changed_parameters,
+            message.deleted_parameters,
+        ):
+            writer.put('I', len(parameters))
+            for parameter in parameters:
+                _put_parameter(writer, parameter)
+    else:
+        writer.time_ns(message.stamp_ns).string(message.frame_id).put('I', len(message.status))
+        for status in message.status:
+            writer.put('B', status.level).string(status.name).string(status.message)
+            writer.string(status.hardware_id).put('I', len(status.values))
+            for pair in status.values:
+                writer.string(pair[0]).string(pair[1])
+    return bytes(writer.content)
 
-    The messages of a topic differ in stamp and values, hardly ever in names: what lies between is
-    compared as bytes, and the rest unpacked at one go.
+
+def _parameter_type(value: ParameterContent) -> int:
+    """Return the number of a value's type, as of rcl_interfaces/ParameterType."""
+    for number, kind in enumerate((type(None), bool, int, float, str, bytes)):
+        if isinstance(value, kind):
+            return number
+    assert isinstance(value, tuple)
+    for number, kind in ((6, bool), (7, int), (9, str)):
+        if value and all(isinstance(entry, kind) for entry in value):
+            return number
+    return 8
+
+
+def _put_parameter(writer: CdrWriter, parameter: Parameter) -> None:
+    value: Any = parameter.value
+    given = _parameter_type(value)
+    # A value of every type is in the message.
+    blank: list[Any] = [None, False, 0, 0.0, '', b'', (), (), (), ()]
+    blank[given] = value
+    writer.string(parameter.name).put('B', given)
+    writer.put('?', blank[1]).put('q', blank[2]).put('d', blank[3]).string(blank[4])
+    writer.octets(blank[5]).sequence('?', blank[6]).sequence('q', blank[7])
+    writer.sequence('d', blank[8]).strings(blank[9])
+
+
+# Messages that begin with their stamp
+
+#: A message begins after the four bytes that name the encoding; alignment counts from there.
+_STAMP_AT = 4
+_STAMP_END = 12
+_LITTLE = struct.Struct('<iI')
+_BIG = struct.Struct('>iI')
+_NS_PER_S = 10**9
+
+
+def header_ns(content: bytes) -> int:
     """
+    Return the stamp of a message that begins with it, in nanoseconds.
+
+    Raises
+    ------
+    CdrError
+        If the message is too short to have one.
+    """
+    if len(content) < _STAMP_END:
+        raise CdrError(f'the message ends at byte {len(content)}, in its header')
+    layout = _LITTLE if content[1] == 1 else _BIG
+    seconds, nanoseconds = layout.unpack_from(content, _STAMP_AT)
+    return int(seconds) * _NS_PER_S + int(nanoseconds)
+
+
+def restamped(content: bytes, stamp_ns: int) -> bytes:
+    """Return an encoded message that begins with its stamp with another stamp."""
+    return content[:_STAMP_AT] + _LITTLE.pack(*divmod(stamp_ns, _NS_PER_S)) + content[_STAMP_END:]
+
+
+def clock_message(stamp_ns: int) -> bytes:
+    """Return a rosgraph_msgs/Clock."""
+    return b'\x00\x01\x00\x00' + _LITTLE.pack(*divmod(stamp_ns, _NS_PER_S))
+
+
+class JointStateLayout:
+    """
+    The layout of a sensor_msgs/JointState: all of it but the stamp and the numbers.
+
+    Parameters
+    ----------
+    content : bytes
+        A message of that layout, in CDR.
+
+    Attributes
+    ----------
+    frame_id : str
+        Frame of the header.
+    names : tuple of str
+        The joints.
+    counts : tuple of int
+        How many positions, velocities and efforts there are.
+    size : int
+        Length of a message, in bytes.
+
+    Raises
+    ------
+    CdrError
+        If it is no JointState.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        reader = CdrReader(content)
+        order = '<' if content[1] == 1 else '>'
+        # Where positions, velocities and efforts are, and how they are stored
+        self._places: list[tuple[int, struct.Struct]] = []
+        # Begin and end of everything that stays the same
+        fixed = [(0, _STAMP_AT)]
+        end = _STAMP_END
+        try:
+            reader.time_ns()
+            self.frame_id = reader.string()
+            self.names = reader.sequence(reader.string)
+            for _ in range(3):
+                count = len(reader.float64s())
+                at = reader.position - 8 * count
+                self._places.append((at, struct.Struct(f'{order}{count}d')))
+                fixed.append((end, at))
+                end = reader.position
+        except UnicodeDecodeError as error:
+            raise CdrError(f'it is no {JOINT_STATE}: {error}') from error
+        fixed.append((end, len(content)))
+        self.counts = tuple(place.size // 8 for _, place in self._places)
+        self.size = len(content)
+        self._fixed = [(start, stop, content[start:stop]) for start, stop in fixed]
+        self._stamp = _LITTLE if order == '<' else _BIG
+        self._parts = tuple(same for _, _, same in self._fixed)
+        sizes = [len(part) for part in self._parts]
+        numbers = [f'{count}d{size}s' for count, size in zip(self.counts, sizes[2:], strict=True)]
+        whole = struct.Struct(f'{order}{sizes[0]}siI{sizes[1]}s{"".join(numbers)}')
+        self._pack = whole.pack
+        self._no_efforts = (0.0,) * self.counts[2]
+
+    @classmethod
+    def of(cls, frame_id: str, names: Sequence[str], *counts: int) -> Self:
+        """Return a layout with so many positions, velocities and efforts."""
+        zeros = [(0.0,) * count for count in counts]
+        return cls(encode(JointState(0, frame_id, tuple(names), *zeros)))
+
+    def filled(
+        self,
+        stamp_ns: int,
+        positions: Sequence[float],
+        velocities: Sequence[float],
+        efforts: Sequence[float] | None = None,
+    ) -> bytes:
+        """Return a message of this layout; efforts that are not given are 0."""
+        head, names, after_positions, after_velocities, after_efforts = self._parts
+        # In one go: this is what a rig sends at every tick.
+        seconds, nanoseconds = divmod(stamp_ns, _NS_PER_S)
+        return self._pack(
+            head,
+            seconds,
+            nanoseconds,
+            names,
+            *positions,
+            after_positions,
+            *velocities,
+            after_velocities,
+            *(self._no_efforts if efforts is None else efforts),
+            after_efforts,
+        )
+
+    def fits(self, content: bytes) -> bool:
+        """Return whether a message has this layout."""
+        return len(content) == self.size and all(
+            content[start:stop] == same for start, stop, same in self._fixed
+        )
+
+    def numbers(self, content: bytes) -> tuple[tuple[float, ...], ...]:
+        """Return positions, velocities and efforts of a message that fits."""
+        return tuple(place.unpack_from(content, at) for at, place in self._places)
+
+    def fitting(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return which of many messages of this size, one per row, fit."""
+        import numpy as np
+
+        fits = np.ones(len(rows), dtype=np.bool_)
+        for start, stop, same in self._fixed:
+            if stop > start:
+                fits &= (rows[:, start:stop] == np.frombuffer(same, np.uint8)).all(axis=1)
+        return fits
+
+    def columns(self, rows: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """
+        Return the stamps, in ns, and all numbers of messages that fit, one per row.
+
+        Parameters
+        ----------
+        rows : ndarray of uint8, shape (n, size)
+            The messages.
+        """
+        import numpy as np
+
+        order = self._stamp.format[0]
+        stamp = np.ascontiguousarray(rows[:, _STAMP_AT:_STAMP_END])
+        seconds = stamp[:, :4].copy().view(f'{order}i4')[:, 0].astype(np.int64)
+        rest = stamp[:, 4:].copy().view(f'{order}u4')[:, 0].astype(np.int64)
+        parts = [
+            np.ascontiguousarray(rows[:, at : at + place.size]).view(f'{order}f8')
+            for at, place in self._places
+            if place.size
+        ]
+        numbers = np.concatenate(parts, axis=1).astype(np.float64)
+        return seconds * _NS_PER_S + rest, numbers
+
+
+class JointStateDecoder:
+    """Decodes the joint states of one topic."""
 
     def __init__(self) -> None:
-        self._last: JointState | None = None
-        self._size = -1
-        self._tail = 12
-        self._between = b''
-        self._values = struct.Struct('')
-        self._counts = (0, 0, 0)
+        self._layout: JointStateLayout | None = None
 
     def decode(self, content: bytes) -> JointState:
-        """Decode a message; as `decode` does for this type."""
-        last = self._last
-        if (
-            last is not None
-            and len(content) == self._size
-            and content[:4] == b'\x00\x01\x00\x00'
-            and content[12 : self._tail] == self._between
-        ):
-            seconds, nanoseconds, *values = self._values.unpack_from(content, 4)
-            positions, velocities, _ = self._counts
-            second = positions + 1
-            third = second + velocities + 1
-            if (values[0], values[second], values[third]) == self._counts:
-                return JointState(
-                    seconds * 10**9 + nanoseconds,
-                    last.frame_id,
-                    last.name,
-                    tuple(values[1:second]),
-                    tuple(values[second + 1 : third]),
-                    tuple(values[third + 1 :]),
-                )
-        state = decode('sensor_msgs/msg/JointState', content)
-        assert isinstance(state, JointState)
-        self._learn(state, content)
-        return state
+        """Decode a message."""
+        layout = self._layout
+        if layout is None or not layout.fits(content):
+            layout = self._layout = JointStateLayout(content)
+        numbers = layout.numbers(content)
+        return JointState(header_ns(content), layout.frame_id, layout.names, *numbers)
 
-    def _learn(self, state: JointState, content: bytes) -> None:
-        reader = CdrReader(content)
-        reader.time_ns()
-        reader.string()
-        reader.sequence(reader.string)
-        self._tail = reader.position + (-reader.position) % 4
-        self._last = state
-        self._size = len(content)
-        self._between = content[12 : self._tail]
-        self._counts = (len(state.position), len(state.velocity), len(state.effort))
-        layout = f'<iI{self._tail - 12}x'
-        at = self._tail
-        for count in self._counts:
-            layout += 'I'
-            at += 4
-            if count:
-                padding = (4 - at) % 8
-                layout += f'{padding}x{count}d'
-                at += padding + 8 * count
-            padding = (-at) % 4
-            layout += f'{padding}x'
-        self._values = struct.Struct(layout)
+
+#: Layouts that are remembered for a topic.
+_MOST_LAYOUTS = 8
+
+
+@dataclass(frozen=True)
+class JointStateTable:
+    """
+    Joint states, impacts or acts of the gap control as columns, one message per row.
+
+    Attributes
+    ----------
+    stamps_ns : ndarray of int, shape (n,)
+        Stamps of the headers.
+    numbers : ndarray, shape (n, k)
+        Positions, velocities and efforts.
+    frames : ndarray of int, shape (n,)
+        Index of each frame among `JointStateColumns.frames`.
+    unreadable : tuple of (int, str)
+        Index of each message that could not be read, which has no row, and why.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    numbers: NDArray[np.float64]
+    frames: NDArray[np.int64]
+    unreadable: tuple[tuple[int, str], ...]
+
+
+class JointStateColumns:
+    """
+    Reads the joint states of one topic.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        The joints that they must have.
+    counts : tuple of int
+        How many positions, velocities and efforts are read; there may be more efforts.
+
+    Attributes
+    ----------
+    frames : list of str
+        The frames met.
+    """
+
+    def __init__(self, joints: tuple[str, ...], counts: tuple[int, int, int]) -> None:
+        self.frames: list[str] = []
+        self._joints, self._counts = joints, counts
+        self._layouts: list[JointStateLayout] = []
+
+    def _layout(self, content: bytes) -> JointStateLayout:
+        layout = JointStateLayout(content)
+        enough = all(a >= b for a, b in zip(layout.counts, self._counts, strict=True))
+        if layout.names != self._joints or layout.counts[:2] != self._counts[:2] or not enough:
+            held = ', '.join(layout.names) or 'none'
+            raise CdrError(f'its joints are {held}, not {", ".join(self._joints)}')
+        if layout.frame_id not in self.frames:
+            self.frames.append(layout.frame_id)
+        # The oldest are the commonest
+        self._layouts = [*self._layouts[: _MOST_LAYOUTS - 1], layout]
+        return layout
+
+    def read(self, contents: Sequence[bytes]) -> JointStateTable:
+        """Return messages as a table, which names those that cannot be read."""
+        import numpy as np
+
+        width = sum(self._counts)
+        stamps = np.zeros(len(contents), dtype=np.int64)
+        numbers = np.zeros((len(contents), width))
+        frames = np.zeros(len(contents), dtype=np.int64)
+        sizes = np.fromiter(map(len, contents), dtype=np.int64, count=len(contents))
+        unreadable: list[tuple[int, str]] = []
+        for size in np.unique(sizes):
+            left = np.flatnonzero(sizes == size)
+            block = np.frombuffer(b''.join(contents[int(i)] for i in left), dtype=np.uint8)
+            rows = block.reshape(len(left), int(size))
+            layouts = [layout for layout in self._layouts if layout.size == size]
+            while len(left):
+                if not layouts:
+                    first = int(left[0])
+                    try:
+                        layouts.append(self._layout(contents[first]))
+                    except CdrError as error:
+                        unreadable.append((first, str(error)))
+                        left, rows = left[1:], rows[1:]
+                        continue
+                layout = layouts.pop(0)
+                fits = layout.fitting(rows)
+                at = left[fits]
+                stamps[at], values = layout.columns(rows[fits])
+                numbers[at] = values[:, :width]
+                frames[at] = self.frames.index(layout.frame_id)
+                left, rows = left[~fits], rows[~fits]
+        bad = np.zeros(len(contents), dtype=np.bool_)
+        bad[[index for index, _ in unreadable]] = True
+        return JointStateTable(
+            stamps[~bad], numbers[~bad], frames[~bad], tuple(sorted(unreadable))
+        )

@@ -1,9 +1,9 @@
 """
-The ``metadata.yaml`` of a rosbag2 bag, version 9 (ROS 2 Jazzy), and whether a bag is what it says.
+The ``metadata.yaml`` of a rosbag2 bag, version 9 (ROS 2 Jazzy), and checks of a bag against it.
 
-A part that was lost with its bytes leaves traces: an MCAP file counts its messages and chunks and
-names their places in its summary, and the bag as a whole is counted once more in
-``metadata.yaml``. What a writer left out (no summary, no checksums) is not missed.
+Lost parts are detected: the summary of an MCAP file counts its messages and chunks and names their
+places, and ``metadata.yaml`` counts those of the whole bag. A writer may leave out summary and
+checksums; then nothing is checked.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 import yaml
 from mcap.opcode import Opcode
 
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.outputs import write_text
+from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .mcap_scan import Scan, jump_text, open_file
@@ -53,7 +54,7 @@ _NEVER = 2**63 - 1
 
 class FileInformation(NamedTuple):
     """
-    What rosbag2 notes about one file of a bag.
+    The entry of one file of a bag.
 
     Attributes
     ----------
@@ -85,7 +86,7 @@ class FileInformation(NamedTuple):
 @dataclass(frozen=True)
 class BagMetadata:
     """
-    What rosbag2 notes about a bag.
+    The metadata of a bag.
 
     Attributes
     ----------
@@ -106,7 +107,7 @@ class BagMetadata:
 
     @property
     def whole(self) -> FileInformation:
-        """What holds of all files together."""
+        """The entry of all files together."""
         starts = [file.start_ns for file in self.files if file.start_ns is not None]
         ends = [file.end_ns for file in self.files if file.end_ns is not None]
         return FileInformation(
@@ -147,23 +148,13 @@ class BagMetadata:
         }
 
     def serialized(self) -> str:
-        """Return the YAML that goes into the MCAP file itself."""
+        """Return the YAML for the MCAP file itself."""
         return dump_yaml(self.as_mapping())
 
     def write(self, directory: Path) -> None:
-        """Write ``metadata.yaml`` so that at any instant there is a whole one or none."""
+        """Write ``metadata.yaml``, whole or not at all."""
         text = dump_yaml({'rosbag2_bagfile_information': self.as_mapping()}) + '\n'
-        draft = directory / f'{FILE_NAME}.tmp'
-        try:
-            with draft.open('w', encoding='utf-8') as stream:
-                stream.write(text)
-                stream.flush()
-                os.fsync(stream.fileno())
-            draft.replace(directory / FILE_NAME)
-        except OSError:
-            with suppress(OSError):
-                draft.unlink()
-            raise
+        write_text(directory / FILE_NAME, text)
         sync_directory(directory)
 
 
@@ -178,7 +169,7 @@ def sync_directory(directory: Path) -> None:
 
 
 def read_listing(directory: Path) -> dict[str, Any] | None:
-    """Return what ``metadata.yaml`` says of a bag; None if there is none."""
+    """Return the content of a bag's ``metadata.yaml``; None if there is none."""
     path = directory / FILE_NAME
     if not path.exists():
         return None
@@ -201,7 +192,7 @@ def listed_files(listing: Mapping[str, Any]) -> set[str]:
 
 
 def notes_of(content: object) -> dict[str, str]:
-    """Return the notes of the recorder that metadata hold: those that are texts and numbers."""
+    """Return the notes of the recorder in the metadata: texts and numbers."""
     custom = content.get('custom_data') if isinstance(content, dict) else None
     if not isinstance(custom, dict):
         return {}
@@ -222,12 +213,12 @@ _NEVER_NS = 2**63 - 1
 
 
 def counted(number: int, noun: str = 'message') -> str:
-    """Return a number of things in words."""
+    """Return a number with its noun."""
     return f'{number:,} {noun}{"" if number == 1 else "s"}'
 
 
 def check_summary(scan: Scan) -> None:
-    """Hold the summary of a finished file against what was found in it."""
+    """Compare the summary of a finished file with its content."""
     if not scan.finished:
         return
     for kind, text in (*_count_faults(scan), *_chunk_faults(scan), *_checksum_faults(scan)):
@@ -353,10 +344,10 @@ def _crc(scan: Scan, begin: int, end: int) -> int:
 
 def number_faults(scans: Sequence[Scan], *, later: bool = False) -> Iterator[str]:
     """
-    Yield where the messages of the node's own bag are not counted on from chunk to chunk.
+    Yield gaps in the sequence numbers of the node's own bag, the first one of each topic.
 
-    A file may begin to count anew, or go on from the one before. Where a chunk could not be read,
-    nothing is known. Of each topic, the first place is given.
+    A file may begin at 0 or go on from the one before. After a chunk that could not be read,
+    nothing is checked.
     """
     last: dict[str, int] = {}
     wrong: set[str] = set()
@@ -402,7 +393,7 @@ def _items(content: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
 def listing_faults(
     listing: Mapping[str, Any], scans: Sequence[Scan], counts: Mapping[str, int], *, own: bool
 ) -> Iterator[str]:
-    """Yield what ``metadata.yaml`` says otherwise than it is."""
+    """Yield the contradictions between ``metadata.yaml`` and the files."""
     topics: dict[str, int] = {}
     for item in _items(listing, 'topics_with_message_count'):
         about = item.get('topic_metadata')
@@ -449,7 +440,7 @@ def _time_faults(listing: Mapping[str, Any], scans: Sequence[Scan], *, own: bool
 
 
 def listing_remarks(listing: Mapping[str, Any], counts: Mapping[str, int]) -> Iterator[str]:
-    """Yield what else ``metadata.yaml`` tells: what a recorder has received and not written."""
+    """Yield the number of messages that another recorder received and did not write."""
     received = [_count(item) for item in _items(listing, 'files')]
     there = sum(counts.values())
     total = sum(number for number in received if number is not None)

@@ -1,4 +1,4 @@
-"""Saving what can be saved of a recording that was cut short."""
+"""Recovery of the whole messages of a recording that was cut short or damaged."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from impact_damper_ros.rig.shown import as_line
+from impact_damper_ros.rig.quoting import as_line
 
 from .bag_file import BagFile
 from .errors import RecordingError
@@ -25,22 +25,22 @@ __all__ = ['Recovery', 'recover_run']
 @dataclass(frozen=True)
 class Recovery:
     """
-    What a recovery saved.
+    The result of a recovery.
 
     Attributes
     ----------
     source, output : Path
-        The recording as it was found, and the new bag.
+        The recording and the new bag.
     topics : tuple of RecordedTopic
-        What the new bag holds.
+        The topics of the new bag.
     start_ns, end_ns : int
         Earliest and latest stamp.
     unusable : int
         Bytes of the source that could not be used.
     was_complete : bool
-        Whether the source was complete already; the new bag is then a plain copy.
+        Whether the source was complete; the new bag is then a copy.
     faults : tuple of str
-        In what the source is not what it says of itself.
+        Contradictions within the source.
     """
 
     source: Path
@@ -60,10 +60,9 @@ class Recovery:
 
 def recover_run(source: Path | str, output: Path | str | None = None) -> Recovery:
     """
-    Make a complete bag of what is whole in a recording; the recording itself stays untouched.
+    Make a complete bag of the whole messages of a recording, which is not changed.
 
-    The new bag is built under a temporary name and renamed when it is complete, so that there is
-    never half of one.
+    The new bag is built under a temporary name and renamed when it is complete.
 
     Parameters
     ----------
@@ -162,7 +161,7 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
 
 
 def _plain(content: bytes) -> bytes | None:
-    """Return a message as it was sent; None if it cannot be expanded."""
+    """Return a message as it was sent; None if it cannot be decompressed."""
     try:
         return plain_content(content)
     except ValueError:
@@ -198,7 +197,7 @@ def _channel(scan: Scan, number: int) -> Channel:
 
 
 def _qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
-    """Return the profiles that are such, of a text that may be any."""
+    """Return the profiles of a YAML text; none if it is not a list of them."""
     try:
         profiles = load_yaml(text) if text else None
     except yaml.YAMLError:

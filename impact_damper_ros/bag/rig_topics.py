@@ -1,380 +1,190 @@
 """
-Which topics of a bag are those of a rig, and whether a snapshot is the picture of one.
+The topics of a rig: their names, types and quality of service, and the content of their messages.
 
-A state that no rig can have would otherwise show, much later, as an error of arithmetic.
+The node, a recorder without ROS and a replay all take the messages from here, so that their bytes
+are the same. A new topic is a line in `RIG_TOPICS`, and a layout and a method of `RigMessages`.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from math import inf, isfinite, ulp
+from dataclasses import replace
 from typing import Any
 
-from impact_damper_ros.control import CONTROL_JOINTS, ControlledRig
-from impact_damper_ros.control.controller import Controller
-from impact_damper_ros.rig import PARAMETER_SPECS, Mode
-from impact_damper_ros.rig.origin import Origin
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
+from impact_damper_ros.rig import Event, Sample
 
-from .errors import RecordingError
-from .messages import CdrError, JointState, Message, ParameterEvent, String, decode
-from .rig_messages import IMPACT_JOINTS, JOINTS
-from .run_reader import RunReader
+from .messages import (
+    DIAGNOSTIC_ARRAY,
+    JOINT_STATE,
+    PARAMETER_EVENT,
+    STRING,
+    JointStateLayout,
+)
+from .topics import LATCHED, QosProfile, Topic
 
 __all__ = [
-    'JOINT_STATE',
-    'PARAMETER_EVENT',
-    'STRING',
-    'RigTopics',
-    'checked_state',
-    'find_topics',
-    'parsed',
+    'FORMAT',
+    'IMPACT_JOINTS',
+    'JOINTS',
+    'PAUSED_FRAME',
+    'RIG_TOPICS',
+    'RigMessages',
+    'impact_numbers',
+    'is_paused',
+    'recorded_topics',
+    'recording_notes',
+    'snapshot_text',
+    'state_numbers',
 ]
 
 
-#: Characters, and depth, of a snapshot's text. One of 1,024 harmonics has some 100 kB.
-_LONGEST = 4 * 1024 * 1024
-_DEEPEST = 12
-#: Whole numbers are times in ns, or counts.
-_LARGEST_INTEGER = 2**63
-#: Rig time of a state may differ by this from that of its message, s, by rounding.
-_SAME_TIME = 1e-6
-_MODES = tuple(int(mode) for mode in Mode)
-#: What each field of an origin may be, where it is not any finite number.
-_CHOICES: dict[str, tuple[object, ...]] = {
-    'mode': _MODES,
-    'last_stop': (0, 1, 2),
-    'side': (-1, 0, 1),
-    'released': (False, True),
+#: What a rig publishes, by the name under which the notes of a bag list it. A name without a slash
+#: is in the namespace of the node, which has the topics remapped if its user wants that.
+RIG_TOPICS: dict[str, Topic] = {
+    # Reliable, as joint_state_publisher and joint_state_broadcaster offer it: best-effort
+    # subscribers (robot_state_publisher) match too. Deep, for a subscriber that stalls.
+    'joint_states': Topic('joint_states', JOINT_STATE, QosProfile(depth=100)),
+    'impacts': Topic('impacts', JOINT_STATE, QosProfile(depth=1000)),
+    'gap_control': Topic('gap_control', JOINT_STATE, QosProfile(depth=1000)),
+    'snapshot': Topic('snapshot', STRING, LATCHED),
+    'parameter_events': Topic('/parameter_events', PARAMETER_EVENT, QosProfile(depth=1000)),
+    'diagnostics': Topic('/diagnostics', DIAGNOSTIC_ARRAY, QosProfile(depth=10)),
+    'robot_description': Topic('robot_description', STRING, LATCHED),
 }
-#: Infinite, which JSON has no number for, where there is no stop.
-_MAY_BE_INFINITE = ('clearance_1', 'clearance_2', 'stop_1', 'stop_2', 'target_1', 'target_2')
 
 
-def _refuse(name: str) -> float:
-    raise ValueError(f'{name} is no number of JSON')
+def recorded_topics(names: Mapping[str, str]) -> list[Topic]:
+    """Return the topics of a recording, given the full names of those that it has."""
+    return [replace(topic, name=names[key]) for key, topic in RIG_TOPICS.items() if key in names]
 
 
-def _whole(text: str) -> int:
-    if len(text) > 20 or abs(int(text)) > _LARGEST_INTEGER:
-        raise ValueError(f'a whole number has {len(text)} digits; none is beyond 2**63')
-    return int(text)
+def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
+    """Return the notes that name the topics, which may be remapped, for a reader."""
+    own = [key for key, topic in RIG_TOPICS.items() if not topic.name.startswith('/')]
+    return {'node': node, **{key: names[key] for key in own}}
 
 
-def _finite(text: str) -> float:
-    number = float(text)
-    if not isfinite(number):
-        raise ValueError(f'{shown(text)} is beyond the range of a double')
-    return number
+JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
+IMPACT_JOINTS = JOINTS[:2]
+#: Format of the messages, which their snapshots name. Up to 1 all positions counted from the
+#: present static equilibrium of M, and the stops had the velocity of M.
+FORMAT = 2
+
+#: Frame of the joint states that a rig repeats while it is paused; they are no samples.
+PAUSED_FRAME = 'paused'
+
+_Numbers = tuple[float, ...]
 
 
-def parsed(text: str) -> dict[str, Any]:
-    """Return what the text of a snapshot holds."""
-    if len(text) > _LONGEST:
-        raise ValueError(f'it is {len(text)} characters long; at most {_LONGEST} are read')
-    try:
-        held = json.loads(text, parse_constant=_refuse, parse_int=_whole, parse_float=_finite)
-    except RecursionError:
-        raise ValueError(f'it is nested more than {_DEEPEST} deep') from None
-    if _deeper(held, _DEEPEST):
-        raise ValueError(f'it is nested more than {_DEEPEST} deep')
-    if not isinstance(held, dict):
-        raise ValueError(f'it is {shown(held)}, not an object')
-    return held
+def state_numbers(
+    sample: Sample, deflection: float, version: int = FORMAT
+) -> tuple[_Numbers, _Numbers]:
+    """
+    Return the published numbers of a sample: positions and velocities of `JOINTS`.
 
-
-def _deeper(held: object, depth: int) -> bool:
-    parts = held.values() if isinstance(held, dict) else held if isinstance(held, list) else ()
-    return any(
-        not depth or _deeper(part, depth - 1) for part in parts if isinstance(part, dict | list)
+    Parameters
+    ----------
+    sample : Sample
+        The sample.
+    deflection : float
+        Static deflection of the rig then, m. Positions count from the place of M with an unloaded
+        spring, which no change of the rig moves.
+    version : int, optional
+        Format of the messages.
+    """
+    _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample
+    if version == 1:
+        return (x, z, stop_1, stop_2), (velocity, damper_velocity, velocity, velocity)
+    return (
+        (x + deflection, z + deflection, stop_1 + deflection, stop_2 + deflection),
+        (velocity, damper_velocity, velocity_1, velocity_2),
     )
 
 
-def checked_state(state: Mapping[str, Any], time: float) -> None:
-    """Check that a rig can be restored from a state."""
-    origin = state['origin']
-    _check_origin(origin)
-    _check_number('time', state['time'])
-    _check_number('sweep.start', state['sweep']['start'])
-    _check_whole('sweep.step', state['sweep']['step'])
-    if abs(state['time'] - time) > _SAME_TIME:
-        raise ValueError(
-            f'its state is of rig time {state["time"]!r} s, the message of {time!r} s'
-        )
-    if abs(origin['time_low']) > ulp(max(abs(origin['time']), 1.0)):
-        raise ValueError(
-            f'origin.time_low is {origin["time_low"]!r} s: no more than the last digit of '
-            f'origin.time, {origin["time"]!r} s, is allowed'
-        )
-    begun = origin['time'] + origin['time_low']
-    if begun > state['time'] + _SAME_TIME:
-        raise ValueError(f'origin.time is {begun!r} s, after time, {state["time"]!r} s')
-    control = state['gap_control']['state']
-    try:
-        _check_control('gap_control.state', control, Controller().as_dict())
-        rig = ControlledRig.restore(dict(state))
-        harmonics = len(rig.parameters.harmonics[0])
-        if len(origin['angles']) != harmonics:
-            raise ValueError(
-                f'origin.angles has {len(origin["angles"])} entries, the force has {harmonics} '
-                'harmonics: give one each'
-            )
-        _check_numbers('sample', rig.sample())
-    except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
-        raise ValueError(f'{type(error).__name__}: {error}') from error
-
-
-def _check_number(name: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise ValueError(f'{name} is {shown(value)}: a finite number is allowed')
-
-
-def _check_whole(name: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ValueError(f'{name} is {shown(value)}: a whole number is allowed')
-
-
-def _check_numbers(name: str, values: object) -> None:
-    if not isinstance(values, list | tuple):
-        raise ValueError(f'{name} is {shown(values)}: a list of numbers is allowed')
-    for value in values:
-        _check_number(f'an entry of {name}', value)
-
-
-def _check_origin(origin: object) -> None:
-    if not isinstance(origin, dict):
-        raise ValueError(f'origin is {shown(origin)}: an object is allowed')
-    for name in Origin._fields:
-        value = origin.get(name, Origin._field_defaults.get(name))
-        if name == 'angles':
-            _check_numbers('origin.angles', value)
-        elif name in _CHOICES:
-            choices = _CHOICES[name]
-            if not any(type(value) is type(choice) and value == choice for choice in choices):
-                allowed = ', '.join(map(str, choices))
-                raise ValueError(f'origin.{name} is {shown(value)}: {allowed} are allowed')
-        elif not (name in _MAY_BE_INFINITE and value in (None, inf, -inf)):
-            _check_number(f'origin.{name}', value)
-
-
-#: How many entries the lists of the control's state have, where not as many as at its start.
-_LENGTHS = {'last': (0, 7), 'hit_1': (0, 2), 'hit_2': (0, 2), 'places': (0, 1, 2)}
-
-
-def _check_control(name: str, held: Mapping[str, Any], pattern: Mapping[str, Any]) -> None:
-    """Check that a state is built as that of a control at its start."""
-    for key, like in pattern.items():
-        value, where = held[key], f'{name}.{key}'
-        if isinstance(like, dict):
-            _check_control(where, value, like)
-        elif key == 'waiting':
-            for command in value:
-                time, *targets = command
-                _check_number(f'{where}: time', time)
-                _check_numbers(where, [target for target in targets if target is not None])
-        elif isinstance(like, list):
-            _check_numbers(where, value)
-            if len(value) not in _LENGTHS.get(key, (len(like),)):
-                raise ValueError(f'{where} has {len(value)} entries')
-        elif isinstance(like, bool):
-            if not isinstance(value, bool):
-                raise ValueError(f'{where} is {shown(value)}: true or false are allowed')
-        elif isinstance(like, int):
-            _check_whole(where, value)
-        elif not (like is None and value is None):
-            _check_number(where, value)
-
-
-STRING = 'std_msgs/msg/String'
-JOINT_STATE = 'sensor_msgs/msg/JointState'
-PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
-
-
-@dataclass(frozen=True)
-class RigTopics:
-    """The topics of one rig, by their full names; those that are not in the bag are empty."""
-
-    node: str
-    snapshot: str
-    joint_states: str
-    impacts: str = ''
-    parameter_events: str = ''
-    gap_control: str = ''
-
-    @property
-    def namespace(self) -> str:
-        """Of the node, with a slash at its end."""
-        return (self.snapshot or self.joint_states).rpartition('/')[0] + '/'
-
-    @property
-    def name(self) -> str:
-        """The node in words, for messages."""
-        return self.node or f'of unknown name in the namespace {self.namespace}'
-
-
-def _noted(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[RigTopics]:
-    """Return the rig that the recorder's notes tell of."""
-    topics, notes = reader.topics, reader.custom
-    names = {
-        name: notes[name] if notes.get(name) in topics else ''
-        for name in ('snapshot', 'joint_states', 'impacts', 'gap_control')
-    }
-    if not names['joint_states'] or (snapshot_needed and not names['snapshot']):
-        return []
-    return [RigTopics(notes.get('node', ''), **names, parameter_events=events)]
-
-
-def _named(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[RigTopics]:
-    """Return the rigs whose topics have their usual names, in any namespace."""
-    topics, found = reader.topics, []
-    for topic in sorted(topics):
-        space, _, name = topic.rpartition('/')
-        if name != 'joint_states' or topics[topic].type != JOINT_STATE:
-            continue
-        snapshot = f'{space}/snapshot'
-        there = snapshot in topics and topics[snapshot].type == STRING
-        if not there and snapshot_needed:
-            continue
-        impacts, control = (
-            name if name in topics else '' for name in (f'{space}/impacts', f'{space}/gap_control')
-        )
-        found.append(RigTopics('', snapshot if there else '', topic, impacts, events, control))
-    return found
-
-
-def _role(message: Message) -> str:
-    """Return what a message of a rig is, if it is one."""
-    if isinstance(message, JointState):
-        if message.name == JOINTS:
-            return 'joint_states'
-        if message.name == IMPACT_JOINTS and message.frame_id in ('stop_1', 'stop_2'):
-            return 'impacts'
-        if message.name == CONTROL_JOINTS:
-            return 'gap_control'
-    elif isinstance(message, String):
-        try:
-            held = parsed(message.data)
-        except ValueError:
-            return ''
-        if 'stamp_offset_ns' in held:
-            return 'snapshot'
-    return ''
-
-
-def _roles(reader: RunReader, topics: list[str]) -> dict[str, list[str]]:
-    """Return the topics that may be of a rig by their role, by the first message of each."""
-    found: dict[str, list[str]] = {}
-    for name in topics:
-        if reader.topics[name].type not in (JOINT_STATE, STRING):
-            continue
-        if not reader.topics[name].message_count:
-            continue
-        record = next(reader.records([name], by_index=True), None)
-        if record is None:
-            continue
-        try:
-            role = _role(decode(record.type, record.content))
-        except CdrError:
-            continue
-        found.setdefault(role, []).append(name)
-    return found
-
-
-def _by_content(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[RigTopics]:
-    """Return the rig whose topics were remapped, by what is in them."""
-    found = _roles(reader, list(reader.topics))
-    wanted = ('snapshot', 'joint_states', 'impacts', 'gap_control')
-    names = {role: found[role][0] for role in wanted if len(found.get(role, ())) == 1}
-    if 'joint_states' not in names or (snapshot_needed and 'snapshot' not in names):
-        return []
-    names.setdefault('snapshot', '')
-    return [RigTopics('', **names, parameter_events=events)]
-
-
-def _completed(reader: RunReader, rigs: list[RigTopics]) -> list[RigTopics]:
-    """Find topics of the rigs that were remapped while others have their usual names."""
-    taken = {name for rig in rigs for name in (rig.snapshot, rig.joint_states)}
-    taken |= {name for rig in rigs for name in (rig.impacts, rig.gap_control)}
-    if all(rig.snapshot and rig.impacts and rig.gap_control for rig in rigs):
-        return rigs
-    roles = _roles(reader, [name for name in reader.topics if name not in taken])
-    for role in ('snapshot', 'impacts', 'gap_control'):
-        left = roles.get(role, [])
-        lacking = [rig for rig in rigs if not getattr(rig, role)]
-        for rig in lacking:
-            near = [name for name in left if name.rpartition('/')[0] + '/' == rig.namespace]
-            # Of several rigs, each has its own in its own namespace.
-            near = near or (left if len(lacking) == 1 else [])
-            if len(near) == 1:
-                rigs = [replace(r, **{role: near[0]}) if r == rig else r for r in rigs]
-    return rigs
-
-
-def _named_node(reader: RunReader, rig: RigTopics) -> RigTopics:
-    """Find the name of a rig's node: the one in its namespace with parameters of a rig."""
-    if rig.node or not rig.parameter_events:
-        return rig
-    nodes: set[str] = set()
-    try:
-        for record in reader.records([rig.parameter_events], by_index=True):
-            try:
-                event = decode(PARAMETER_EVENT, record.content)
-            except CdrError:
-                continue
-            assert isinstance(event, ParameterEvent)
-            named = {p.name for p in (*event.new_parameters, *event.changed_parameters)}
-            if event.node.rpartition('/')[0] + '/' == rig.namespace and named & _RIG_PARAMETERS:
-                nodes.add(event.node)
-    except RecordingError:  # met again by whoever reads on
-        pass
-    return replace(rig, node=nodes.pop()) if len(nodes) == 1 else rig
-
-
-#: Parameters that nodes of other packages hardly have.
-_RIG_PARAMETERS = frozenset(PARAMETER_SPECS) | {'gap_control'}
-
-
-def _chosen(found: list[RigTopics], node: str) -> list[RigTopics]:
-    """Return the rigs of a node, by its name or namespace."""
-    chosen = [t for t in found if node in (t.node, t.namespace, t.namespace.rstrip('/'))]
-    # A node is in the namespace of its topics.
-    return chosen or [
-        t for t in found if not t.node and node.rpartition('/')[0] + '/' == t.namespace
-    ]
-
-
-def find_topics(
-    reader: RunReader,
-    node: str | None = None,
-    *,
-    purpose: str = 'replay',
-    snapshot_needed: bool = True,
-) -> RigTopics:
+def impact_numbers(
+    event: Event, deflection: float, version: int = FORMAT
+) -> tuple[_Numbers, _Numbers, _Numbers]:
     """
-    Find the topics of the rig in a bag.
+    Return the published numbers of an impact: positions, velocities, efforts of `IMPACT_JOINTS`.
 
-    The recorder's notes tell them; else their names do, and, where they were remapped, what is in
-    their messages.
+    The velocities are those after the impact, the efforts the impulses on M and m: stop 1, the
+    lower one, throws m up. For the parameters see `state_numbers`.
     """
-    topics = reader.topics
-    events = next((t.name for t in topics.values() if t.type == PARAMETER_EVENT), '')
-    found: list[RigTopics] = []
-    for search in (_noted, _named, _by_content):
-        found = found or search(reader, events, snapshot_needed=snapshot_needed)
-    found = [_named_node(reader, rig) for rig in _completed(reader, found)]
-    chosen = found if node is None else _chosen(found, node)
-    if len(chosen) == 1:
-        return chosen[0]
-    if not found:
-        held = ', '.join(sorted(topics)) or 'none'
-        wanted = 'snapshot and joint_states' if snapshot_needed else 'joint_states'
-        cause = f'no rig is recorded in it: no topics {wanted} (topics: {held})'
-        remedy = 'give a bag that sim_node has recorded, or record these topics too'
-        raise RecordingError(purpose, reader.path, cause, remedy)
-    names = ', '.join(t.node or t.namespace for t in found)
-    if node is not None and not chosen:
-        raise RecordingError(purpose, reader.path, f'it holds no node {node!r}; it has {names}')
-    cause = f'it holds several rigs: {names}'
-    raise RecordingError(purpose, reader.path, cause, 'choose one with --node')
+    impulse = event.impulse if event.stop == 1 else -event.impulse
+    x, z = event.x, event.x + event.y
+    if version > 1:
+        x, z = x + deflection, z + deflection
+    return (
+        (x, z),
+        (event.primary_velocity_after, event.damper_velocity_after),
+        (impulse, -impulse),
+    )
+
+
+def snapshot_text(offset_ns: int, time_ns: int, reason: str, state: Mapping[str, Any]) -> str:
+    """
+    Return the text of a snapshot: all that a bit-for-bit continuation needs.
+
+    Parameters
+    ----------
+    offset_ns, time_ns : int
+        Stamp of rig time 0, and rig time.
+    reason : str
+        Reason of its publication.
+    state : mapping
+        State of the rig.
+    """
+    return json.dumps(
+        {
+            'format': FORMAT,
+            'stamp_offset_ns': offset_ns,
+            'time_ns': time_ns,
+            'reason': reason,
+            'state': state,
+        }
+    )
+
+
+#: Where the frame of a header begins, with its length.
+_FRAME_AT = 12
+_PAUSED = PAUSED_FRAME.encode() + b'\0'
+_PAUSED_AT = slice(_FRAME_AT, _FRAME_AT + 4 + len(_PAUSED))
+_PAUSED_FRAMES = tuple(len(_PAUSED).to_bytes(4, order) + _PAUSED for order in ('little', 'big'))
+
+
+def is_paused(content: bytes) -> bool:
+    """Return whether joint states repeat the position of a rig that is paused."""
+    return content[_PAUSED_AT] in _PAUSED_FRAMES
+
+
+class RigMessages:
+    """Encodes joint states, impacts and acts of the gap control."""
+
+    def __init__(self) -> None:
+        self._states = JointStateLayout.of('', JOINTS, 4, 4, 0)
+        self._paused = JointStateLayout.of(PAUSED_FRAME, JOINTS, 4, 4, 0)
+        self._impacts = {
+            stop: JointStateLayout.of(f'stop_{stop}', IMPACT_JOINTS, 2, 2, 2) for stop in (1, 2)
+        }
+        self._control = {
+            action: JointStateLayout.of(action.name.lower(), CONTROL_JOINTS, 3, 3, 3)
+            for action in Action
+        }
+
+    def states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+        """Return the joint states of a sample; see `state_numbers`."""
+        return self._states.filled(stamp_ns, *state_numbers(sample, deflection))
+
+    def paused_states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+        """Return the joint states that a paused rig repeats."""
+        return self._paused.filled(stamp_ns, *state_numbers(sample, deflection))
+
+    def impact(self, stamp_ns: int, event: Event, deflection: float) -> bytes:
+        """Return the message of an impact; see `impact_numbers`."""
+        return self._impacts[event.stop].filled(stamp_ns, *impact_numbers(event, deflection))
+
+    def control(self, stamp_ns: int, record: ControlRecord) -> bytes:
+        """Return the message of an act of the gap control; see `ControlRecord.numbers`."""
+        return self._control[record.action].filled(stamp_ns, *record.numbers)

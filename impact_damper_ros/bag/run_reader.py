@@ -1,7 +1,7 @@
 """
-Reading a recorded run, finished or cut short, compressed or in SQLite, without ROS.
+A recorded run, finished or cut short, compressed or in SQLite, read without ROS.
 
-They are expanded, or written anew, into a temporary file, which is deleted with the reader.
+Compressed and SQLite files are converted into a temporary file, which is deleted with the reader.
 """
 
 from __future__ import annotations
@@ -25,11 +25,18 @@ import yaml
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .mcap_scan import LARGEST_CHUNK, MAGIC, Scan, open_file, plain_content, read_block, scan_file
-from .messages import DECODABLE, CdrError, JointStateDecoder, Message, decode
+from .messages import (
+    DECODABLE,
+    JOINT_STATE,
+    CdrError,
+    JointStateDecoder,
+    Message,
+    decode,
+)
 from .metadata import (
     PART,
     check_summary,
@@ -62,13 +69,13 @@ _ZSTD = b'\x28\xb5\x2f\xfd'
 _SQLITE = b'SQLite format 3\0'
 
 
-#: For which SQLite may wait, s.
+#: Longest wait of SQLite, s.
 _DB_TIMEOUT_S = 5.0
 _LATEST_STAMP = 2**63 - 1
 
 
 class Unpacked:
-    """The files of one bag, expanded where that is needed."""
+    """The files of one bag as plain MCAP files."""
 
     def __init__(self) -> None:
         self._directory: Path | None = None
@@ -127,7 +134,7 @@ class Unpacked:
         return copy
 
     def _of_database(self, path: Path, database: Path) -> Path:
-        """Write what an SQLite file of rosbag2 holds into an MCAP file."""
+        """Convert an SQLite file of rosbag2 into an MCAP file."""
         copy, limit = self._new_file()
         try:
             address = f'{database.absolute().as_uri()}?mode=ro'
@@ -135,7 +142,7 @@ class Unpacked:
                 closing(sqlite3.connect(address, _DB_TIMEOUT_S, uri=True)) as connection,
                 copy.open('wb') as output,
             ):
-                # It must neither change nor compute anything, nor hold larger values.
+                # The database may neither change nor compute anything, nor hold larger values.
                 connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_CHUNK)
                 connection.execute('PRAGMA trusted_schema = OFF')
                 connection.execute('PRAGMA query_only = ON')
@@ -206,7 +213,7 @@ def _too_large(path: Path, what: str, limit: int) -> RecordingError:
 
 
 def _conversion(path: Path) -> str:
-    """Return how the bag of a file can be converted."""
+    """Return the command that converts the bag of a file."""
     bag = path.absolute().parent
     options = {'uri': f'{bag.name}_mcap', 'storage_id': 'mcap', 'all_topics': True}
     text = shlex.quote(json.dumps({'output_bags': [options]}))
@@ -214,9 +221,6 @@ def _conversion(path: Path) -> str:
         f'convert it with ROS 2: echo {text} > to_mcap.yaml && '
         f'ros2 bag convert -i {shlex.quote(str(path.parent))} -o to_mcap.yaml'
     )
-
-
-_JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 
 class Record(NamedTuple):
@@ -265,7 +269,7 @@ def bag_files(path: Path | str) -> list[Path]:
     for kind in ('*.mcap', '*.mcap.zstd', '*.db3', '*.db3.zstd'):
         if found := sorted(path.glob(kind), key=_file_number):
             packed = path.glob('*.mcap.zstd') if kind == '*.mcap' else ()
-            # Of a recording that was cut short, the last file has not been compressed.
+            # The last file of a recording that was cut short is not compressed.
             found += [file for file in packed if file.with_suffix('') not in found]
             return sorted(found, key=_file_number)
     cause = 'there is no .mcap file in this directory'
@@ -275,7 +279,6 @@ def bag_files(path: Path | str) -> list[Path]:
 def _file_number(path: Path) -> tuple[int, str]:
     """Order ``run_10.mcap`` after ``run_9.mcap``."""
     number = path.name.partition('.')[0].rpartition('_')[2]
-    # Of digits that no file has, the value is not asked for.
     return (int(number) if number.isdecimal() and len(number) < 20 else -1, path.name)
 
 
@@ -291,7 +294,7 @@ class RunReader:
     ----------
     path : Path or str
         A bag directory or a single ``.mcap`` file. It may have been cut short, by ``kill -9`` or a
-        power cut; then what is whole is read, and `complete` is False.
+        power cut; then its whole messages are read, and `complete` is False.
 
     Attributes
     ----------
@@ -374,7 +377,7 @@ class RunReader:
 
     @property
     def begins_later(self) -> bool:
-        """Whether it is a later file of a bag, read alone."""
+        """Whether this is a later file of a bag, read alone."""
         return not self.path.is_dir() and self.parts[0] > 0
 
     @property
@@ -388,7 +391,7 @@ class RunReader:
         return f'metadata.yaml lists {shown(names[0])}{others}, not there' if names else ''
 
     def _missing_parts(self) -> Iterator[str]:
-        """Yield where files are missing by the numbers that those of this package have."""
+        """Yield where files are missing, by the numbers in files of this package."""
         expected = self.parts[0] if self.begins_later else 0
         for scan, part in zip(self.scans, self.parts, strict=True):
             if part > expected:
@@ -408,7 +411,7 @@ class RunReader:
         return int(number) if number.isdecimal() and len(number) < 20 else 0
 
     def faults(self) -> list[str]:
-        """Return in what the bag is not what it says of itself; all of it once it was read."""
+        """Return the contradictions within the bag; complete once all messages were read."""
         found = [f'{name} is empty: the recording was cut short there' for name in self._empty]
         for scan in self.scans:
             what = 'the bag' if len(self.scans) == 1 else scan.source.name
@@ -436,7 +439,7 @@ class RunReader:
         return found
 
     def remarks(self) -> list[str]:
-        """Return what else is to be known of the recording."""
+        """Return what else a user should know of the recording."""
         found = []
         if self.dropped:
             found.append(f'the recorder notes that it has dropped {self.dropped:,} messages')
@@ -586,7 +589,7 @@ class RunReader:
         decoders: dict[str, JointStateDecoder] = {}
         for topic, interface, stamp_ns, content in self.records(topics, start_ns, end_ns):
             try:
-                if interface == _JOINT_STATE:
+                if interface == JOINT_STATE:
                     if topic not in decoders:
                         decoders[topic] = JointStateDecoder()
                     message: Message = decoders[topic].decode(content)

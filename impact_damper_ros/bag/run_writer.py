@@ -1,4 +1,4 @@
-"""Recording a run while it goes on, without ever holding it up."""
+"""Recording a run while it goes on, without delaying it."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ _ROOM = 100
 
 
 class _Split:
-    """What stands in the queue, in place of a topic, where a new file begins."""
+    """Takes the place of a topic in the queue where a new file begins."""
 
 
 _SPLIT = _Split()
@@ -100,8 +100,8 @@ class RunWriter:
     `flush_period` of the run; a second thread forces them to the disk every `sync_period`, so that
     a power cut loses little more, and a slow disk delays neither the flushes nor the run.
 
-    A long run goes to several files. Where one ends is up to whoever writes, since each is to
-    begin with what a reader of it alone needs: `split_due` says when, `split` does it.
+    A long run goes to several files. The caller decides where one ends, since each has to begin
+    with all that a reader of it alone needs: see `split_due` and `split`.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class RunWriter:
         Messages that may wait; more are dropped and counted. A run that is simulated as fast as
         possible should pause while `backlog` is large.
     on_error : callable, optional
-        Called, from any thread, once `error` is set; what it raises is ignored.
+        Called from any thread once `error` is set; its exceptions are ignored.
     max_size : int, default 0
         Bytes of a file after which `split_due` asks for the next one, though not within
         `SHORTEST_FILE`; 0 for no limit. What is not in the file yet is taken to be compressed as
@@ -244,7 +244,7 @@ class RunWriter:
 
     @property
     def error(self) -> RecordingError | None:
-        """Why the recording ended early; None as long as it goes well."""
+        """Why the recording ended early; None if it did not."""
         return self._error
 
     @property
@@ -259,12 +259,12 @@ class RunWriter:
 
     @property
     def splits(self) -> bool:
-        """Whether there is a limit to a file."""
+        """Whether a file has a limit."""
         return bool(self._max_size or self._max_duration_ns)
 
     @property
     def splitting(self) -> bool:
-        """Whether a file that was asked for has not been begun yet."""
+        """Whether a requested file has not been begun yet."""
         return self._asked > self._begun and self._error is None
 
     @property
@@ -315,8 +315,8 @@ class RunWriter:
             self._begun_ns = stamp_ns
         if self._max_duration_ns and stamp_ns - self._begun_ns >= self._max_duration_ns:
             return True
-        # As long as a file waits to be begun, nothing is known of its size. What it begins with
-        # may be larger than the limit.
+        # The size of a file that has not been begun is unknown. Its first messages may be larger
+        # than the limit.
         return (
             self._max_size > 0
             and self._asked == self._begun
@@ -326,7 +326,7 @@ class RunWriter:
 
     def split(self, stamp_ns: int) -> bool:
         """
-        Let what is written from now on go to a new file; never blocks, never raises.
+        Begin a new file with the next message; never blocks, never raises.
 
         Parameters
         ----------
@@ -348,7 +348,7 @@ class RunWriter:
 
     def close(self) -> BagSummary:
         """
-        Write what is queued, finish the bag and say what it holds.
+        Write the queued messages, finish the bag and return its summary.
 
         May be called more than once, from any thread, and after an error; raises nothing.
         """
@@ -397,7 +397,7 @@ class RunWriter:
         self._wake.set()
 
     def _fail(self, error: Exception) -> None:
-        """Keep the first error and stop accepting messages."""
+        """Keep the first error and accept no more messages."""
         self._accepting = False
         if self._error is None:
             if isinstance(error, OSError):
@@ -422,7 +422,7 @@ class RunWriter:
         self._discard()
 
     def _note_dropped(self) -> None:
-        """Let whoever reads the bag account for what is missing."""
+        """Note the number of dropped messages in the bag."""
         if self._dropped:
             self._file.custom['dropped'] = str(self._dropped)
 
@@ -434,8 +434,8 @@ class RunWriter:
 
     def _write_loop(self) -> None:
         try:
-            # The first messages go out at the next look: what a process killed soon after its
-            # start has recorded must not be nothing.
+            # The first messages are written at the next poll, so that a process killed soon after
+            # its start leaves a recording.
             flushed = time.monotonic() - self._flush_interval
             dirty = begun = False
             pause = self._poll_period

@@ -1,9 +1,9 @@
 """
 The topics that are recorded: message definitions and quality of service.
 
-A bag describes its own messages: the schema of an MCAP file holds the text of the definition, its
-dependencies included, and each channel the hash of the type (REP 2016). Both are shipped beside
-this module, as ROS 2 Jazzy installs them, so that a bag can be written where no ROS is installed.
+A bag describes its own messages: the schema of an MCAP file holds the text of the definition with
+its dependencies, and each channel the hash of the type (REP 2016). Both are shipped beside this
+module, as ROS 2 Jazzy installs them, so that a bag can be written without ROS.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def definition_file(interface: str) -> str:
 @cache
 def definition(interface: str) -> str:
     """
-    Return the definition with all it depends on, as the ``ros2msg`` encoding asks.
+    Return the definition with its dependencies, as the ``ros2msg`` encoding requires.
 
     The dependencies follow depth first, in alphabetical order and once each, every one after a
     line of 80 equals signs and a line ``MSG: pkg/Type``: the order in which rosbag2 writes them.
@@ -185,7 +185,7 @@ class Topic:
 @dataclass(frozen=True)
 class Channel:
     """
-    A topic with all that makes it readable on its own; also of a bag not written here.
+    A topic with all that a reader needs; also one of a bag written elsewhere.
 
     Attributes
     ----------
@@ -220,10 +220,10 @@ class Channel:
 
 def load_yaml(text: str) -> Any:
     """
-    Return what a YAML text of a bag says, read by libyaml if PyYAML has it (ten times faster).
+    Load a YAML text of a bag, by libyaml if PyYAML has it (ten times faster).
 
-    The text is looked through before anything is built of it: libyaml goes as deep into the stack
-    as the text is nested, and an alias may stand for any amount of text.
+    The text is checked before anything is built of it: libyaml recurses as deep as the text is
+    nested, and an alias may expand to any amount of text.
     """
     if len(text) > LONGEST_YAML:
         raise yaml.YAMLError(f'it is {len(text)} characters long; at most {LONGEST_YAML} are read')

@@ -1,167 +1,62 @@
-"""What all commands share: options, errors, exit status, and files written whole."""
+"""What all commands share: parser, common options, progress, messages and exit codes."""
 
 from __future__ import annotations
 
 import argparse
-import errno
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib.util import find_spec
+from json import dumps
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.control import GapControlParameters
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.description import described, frequency_hint
-from impact_damper_ros.rig.parameters_file import presets
-from impact_damper_ros.rig.shown import printable
+from impact_damper_ros.outputs import check_file, in_words, write_text
+from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.quoting import printable
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from impact_damper_ros.sweep.execution import ProcessPool
 
 __all__ = [
+    'EXIT_FAILED',
+    'EXIT_INPUT',
+    'EXIT_INTERRUPTED',
+    'CommandError',
+    'add_bag_argument',
     'add_jobs_option',
-    'add_params_argument',
-    'add_version_option',
-    'announce',
-    'check_directory',
+    'add_json_option',
+    'add_node_option',
+    'add_quiet_option',
     'check_figure',
-    'check_file',
-    'hint',
-    'in_words',
+    'command_parser',
+    'discard_output',
+    'need_matplotlib',
     'outcome',
-    'rig_line',
+    'process_pool',
+    'progress_bar',
     'say',
+    'text_stream',
     'up_to',
-    'whole',
-    'write_text',
+    'write_json',
 ]
 
 
-_PLACE = 'give a place that can be written'
-_ROOM = 'free some space there, or give another place'
-_REMEDIES = {
-    errno.ENOENT: 'give a directory that exists and can be written',
-    errno.ENOTDIR: 'a part of the path is a file: give a directory that can be written',
-    errno.EISDIR: 'give the name of a file',
-    errno.EACCES: _PLACE,
-    errno.EPERM: _PLACE,
-    errno.EROFS: _PLACE,
-    errno.ENOSPC: _ROOM,
-    errno.EDQUOT: _ROOM,
-}
+#: Something could not be written, or the work itself failed; the input is not usable; Ctrl-C.
+EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
 
-def in_words(error: OSError, path: Path | None = None) -> str:
-    """Say what cannot be written, why, and what to do."""
-    remedy = _REMEDIES.get(
-        error.errno or 0, 'give a directory that exists and can be written, with room on the disk'
-    )
-    return (
-        f'cannot write {error.filename or path or "output"}: {error.strerror or error}: {remedy}'
-    )
+class CommandError(Exception):
+    """The command cannot go on; the message says why, `code` is the exit code."""
 
-
-def _try(directory: Path, wanted: Path) -> None:
-    """Write a file without a name into a directory."""
-    try:
-        with tempfile.TemporaryFile(dir=directory):
-            pass
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(wanted)) from error
-
-
-def _refusal(number: int, path: Path) -> OSError:
-    return OSError(number, os.strerror(number), str(path))
-
-
-def _is_stream(path: Path) -> bool:
-    """Return whether this is a pipe or a device, or an open file such as /dev/stdout."""
-    return path.exists() and (not path.is_file() or path.is_relative_to('/dev'))
-
-
-def check_file(path: Path) -> None:
-    """Find out before the work whether a file can be written after it; nothing is changed."""
-    if str(path) == '-':
-        return
-    if path.is_dir():
-        raise _refusal(errno.EISDIR, path)
-    if _is_stream(path):
-        return  # opened once only
-    directory = path.resolve().parent
-    if not directory.is_dir():
-        raise _refusal(errno.ENOTDIR if directory.exists() else errno.ENOENT, path)
-    _try(directory, path)
-
-
-def check_figure(path: Path) -> None:
-    """Find out before the work whether a figure can be drawn after it."""
-    if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
-        raise ValueError(f'{path}: give a name that ends in .png, .svg or .pdf')
-    if find_spec('matplotlib') is None:
-        raise ValueError(
-            'matplotlib, which draws the figure, is missing: install it, or the package with its '
-            'extra [plot]'
-        )
-    check_file(path)
-
-
-def check_directory(path: Path) -> None:
-    """Check that a directory can be made and written into, without making it."""
-    place = path.absolute()
-    while not place.exists():
-        place = place.parent
-    if not place.is_dir():
-        raise _refusal(errno.ENOTDIR, path)
-    _try(place, path)
-
-
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """Write a file so that at any instant there is a whole one, the old or the new, or none."""
-    if _is_stream(path):
-        yield path
-        return
-    file = path.resolve()
-    draft = file.with_name(f'.{os.getpid()}.{file.name}')
-    try:
-        yield draft
-        with draft.open('rb') as stream:
-            os.fsync(stream.fileno())
-        draft.replace(file)
-    except OSError as error:
-        error.filename = str(path)
-        raise
-    finally:
-        with suppress(OSError):
-            draft.unlink()
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text so that there is a `whole` file; - stands for standard output."""
-    if str(path) == '-':
-        sys.stdout.write(text)
-        return
-    with whole(path) as draft:
-        draft.write_text(text, encoding='utf-8')
-
-
-def add_version_option(parser: argparse.ArgumentParser) -> None:
-    """Let a command take ``--version``."""
-    parser.add_argument(
-        '--version', action='version', version=f'{parser.prog} (impact_damper_ros) {__version__}'
-    )
-
-
-def add_params_argument(parser: argparse.ArgumentParser) -> None:
-    """Let a command take the parameters file of a rig."""
-    parser.add_argument(
-        'params',
-        type=Path,
-        metavar='PARAMS',
-        help=f'ROS 2 parameters file of the rig, or a preset: {", ".join(presets())}',
-    )
+    def __init__(self, message: str, code: int = EXIT_INPUT) -> None:
+        super().__init__(message)
+        self.code = code
 
 
 def say(command: str, message: object) -> None:
@@ -169,34 +64,80 @@ def say(command: str, message: object) -> None:
     print(printable(f'{command}: {message}'), file=sys.stderr)
 
 
-def rig_line(rig: RigParameters, control: GapControlParameters | None = None) -> str:
-    """Return the rig that a command works on in a line, with its gap control."""
-    text = described(rig)
-    if control is not None and control.active:
-        text += f'; gap control {control.gap_control}'
-    return text
+def discard_output() -> None:
+    """Drop what is still to be printed: the reader of the pipe has gone, as in ``... | head``."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def announce(
-    command: str,
-    rig: RigParameters,
-    control: GapControlParameters | None = None,
-    *,
-    frequencies: tuple[float, float] | None = None,
-) -> None:
-    """Say which rig a command works on, before it does, and whether a frequency may be in Hz."""
-    say(command, rig_line(rig, control))
-    hint(command, rig, frequencies)
+def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupted') -> int:
+    """Do the work of a command, and return its exit code; report an error in a line."""
+    message: object
+    try:
+        return work()
+    except CommandError as error:
+        message, code = error, error.code
+    except (RecordingError, ValueError) as error:
+        message, code = error, EXIT_INPUT
+    except KeyboardInterrupt:
+        message, code = interrupted, EXIT_INTERRUPTED
+    except BrokenPipeError:
+        discard_output()
+        return EXIT_FAILED
+    except RunawayError as error:
+        message, code = error, EXIT_FAILED
+    except OSError as error:
+        message, code = in_words(error), EXIT_FAILED
+    say(command, message)
+    return code
 
 
-def hint(command: str, rig: RigParameters, frequencies: tuple[float, float] | None = None) -> None:
-    """Say whether a frequency may be in Hz, as `announce` does."""
-    if note := frequency_hint(rig, frequencies):
-        say(command, f'note: {note}')
+def command_parser(command: str, description: str, epilog: str = '') -> argparse.ArgumentParser:
+    """Return the parser of a command, with ``--version``; line breaks of the texts stay."""
+    parser = argparse.ArgumentParser(
+        command,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        '--version', action='version', version=f'{command} (impact_damper_ros) {__version__}'
+    )
+    return parser
+
+
+def add_bag_argument(parser: argparse.ArgumentParser) -> None:
+    """Let a command take a recording."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='bag directory or .mcap file')
+
+
+def add_node_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command take ``--node``, for a recording of several rigs."""
+    parser.add_argument(
+        '--node', metavar='NAME', help='which node, by name or namespace, if the bag has several'
+    )
+
+
+def add_json_option(parser: argparse.ArgumentParser, what: str = 'the result') -> None:
+    """Let a command take ``--json``, see `write_json`."""
+    parser.add_argument(
+        '--json', type=Path, metavar='FILE', help=f'write {what} as JSON (- : stdout)'
+    )
+
+
+def add_quiet_option(parser: argparse.ArgumentParser, what: str) -> None:
+    """Let a command take ``--quiet``, which leaves something out."""
+    parser.add_argument('--quiet', action='store_true', help=f'no progress bar and no {what}')
+
+
+def add_jobs_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command take ``--jobs``, see `process_pool`."""
+    parser.add_argument(
+        '--jobs', type=up_to(64), default=2, metavar='N', help='number of processes [2]'
+    )
 
 
 def up_to(largest: int) -> Callable[[str], int]:
-    """Return what reads a number from 1 to the largest one, for `argparse`."""
+    """Return a reader of whole numbers from 1 to the largest one, for `argparse`."""
 
     def read(text: str) -> int:
         try:
@@ -210,24 +151,59 @@ def up_to(largest: int) -> Callable[[str], int]:
     return read
 
 
-def add_jobs_option(parser: argparse.ArgumentParser) -> None:
-    """Let a command take ``--jobs``."""
-    parser.add_argument('--jobs', type=up_to(64), default=2, metavar='N', help='processes [2]')
+def text_stream(json: Path | None) -> TextIO:
+    """Return where a command prints its text: the standard output, unless its JSON goes there."""
+    return sys.stderr if str(json) == '-' else sys.stdout
 
 
-def outcome(command: str, work: Callable[[], int]) -> int:
-    """Do the work of a command."""
-    try:
-        return work()
-    except (RecordingError, ValueError) as error:
-        say(command, error)
-        return 2
-    except KeyboardInterrupt:
-        print(f'{command}: interrupted', file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except OSError as error:
-        say(command, in_words(error))
-        return 1
+def write_json(path: Path | None, result: Any) -> None:
+    """Write a result to the file given by ``--json``, if any."""
+    if path is not None:
+        write_text(path, dumps(result, indent=2) + '\n')
+
+
+def need_matplotlib() -> None:
+    """Raise CommandError if matplotlib is missing."""
+    if find_spec('matplotlib') is None:
+        raise CommandError(
+            'matplotlib, which draws the figures, is not installed: install it, or the package '
+            'with its extra [plot]'
+        )
+
+
+def check_figure(path: Path) -> None:
+    """Raise an error before the work if a figure could not be drawn after it."""
+    if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
+        raise CommandError(f'{path}: give a name that ends in .png, .svg or .pdf')
+    need_matplotlib()
+    check_file(path)
+
+
+def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> tqdm[None]:
+    """Return a bar, to be used as a context manager, that shows up after a second."""
+    from tqdm import tqdm
+
+    return tqdm(
+        total=total,
+        desc=what,
+        delay=1.0,
+        leave=False,
+        disable=True if quiet else None,
+        bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} ' + unit + ' [{elapsed}<{remaining}]',
+    )
+
+
+@contextmanager
+def process_pool(jobs: int) -> Iterator[ProcessPool]:
+    """Run processes; one that dies is reported as an error."""
+    from concurrent.futures.process import BrokenProcessPool
+
+    from impact_damper_ros.sweep.execution import ProcessPool
+
+    with ProcessPool(jobs) as pool:
+        try:
+            yield pool
+        except BrokenProcessPool:
+            raise CommandError(
+                'a process died, perhaps for lack of memory: give fewer --jobs', EXIT_FAILED
+            ) from None

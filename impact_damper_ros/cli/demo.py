@@ -1,12 +1,11 @@
 """
-The demonstration: run the node, turn its knobs, record, and hold the recording against theory.
+The demonstration: run the node, change its parameters, record, compare the recording with theory.
 
 Run by ``make demo``, or ``python -m impact_damper_ros.cli.demo [DIRECTORY]``.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
@@ -25,10 +24,11 @@ from tqdm import tqdm
 
 from impact_damper_ros.bag import JointState, ParameterEvent, RunReader, String
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.outputs import check_directory
 from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
 from impact_damper_ros.rig import RigParameters, load_parameters
 
-from .command_line import add_version_option, check_directory, in_words, say
+from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
 
 __all__ = ['main']
 
@@ -55,23 +55,14 @@ STAGES = (
 
 
 class Row(NamedTuple):
-    """
-    One stage, as `compare_run` measures it.
-
-    Attributes
-    ----------
-    stage : Stage
-        What was set.
-    measured : mapping of str to Any
-        The motion measured, as in ``report.json``; see `MeasuredMotion`.
-    """
+    """One stage, and the motion measured, as in ``report.json``."""
 
     stage: Stage
     measured: Mapping[str, Any]
 
 
 def _environment() -> None:
-    """Keep to this machine, and out of the way of other ROS systems on it."""
+    """Keep to this machine, and apart from other ROS systems on it."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
     if (Path(sys.prefix) / 'share' / 'ament_index').is_dir():
@@ -130,7 +121,7 @@ class _Client:
         return condition()
 
     def set(self, name: str, value: Any) -> None:
-        """Set a parameter of the node, or say why it will not have it."""
+        """Set a parameter of the node; raise RuntimeError if it is rejected."""
         from rclpy.parameter import Parameter
 
         if not self._parameters.wait_for_services(PATIENCE_S):
@@ -153,7 +144,7 @@ def _has_reached(node: subprocess.Popen[bytes], client: _Client, time: float) ->
 
 
 def _perform(node: subprocess.Popen[bytes], duration: float) -> tuple[int, int]:
-    """Turn the knobs while the node runs; return the messages that arrived meanwhile."""
+    """Change parameters while the node runs; return how many messages arrived."""
     client = _Client()
     try:
         if not client.until(lambda: client.states > 0 or node.poll() is not None, PATIENCE_S):
@@ -200,11 +191,7 @@ def _end(node: subprocess.Popen[bytes]) -> None:
 
 
 def _read(bag: Path) -> tuple[Motion, list[float]]:
-    """
-    Read the motion back from the bag, and the instants at which parameters changed.
-
-    Positions of the motion count from the static equilibrium of each stage.
-    """
+    """Read the motion from the equilibrium of each stage, and the instants of the changes."""
     reader = RunReader(bag)
     states: list[tuple[float, ...]] = []
     impacts: list[tuple[float, ...]] = []
@@ -224,14 +211,12 @@ def _read(bag: Path) -> tuple[Motion, list[float]]:
                 changes.append(instant)
         elif isinstance(message, JointState) and message.effort:
             stop = int(message.frame_id[-1])
-            impacts.append((instant, message.position[1] - rest, stop, message.effort[1]))
+            impacts.append((instant, message.position[1] - rest, stop))
         elif isinstance(message, JointState):
             states.append((instant, *(place - rest for place in message.position)))
     time_, x, z, stop_1, stop_2 = np.array(states).T
-    hit, where, stops, impulse = np.array(impacts).reshape(-1, 4).T
-    motion = Motion(
-        time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64), np.abs(impulse)
-    )
+    hit, where, stops = np.array(impacts).reshape(-1, 3).T
+    motion = Motion(time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64))
     return motion, changes
 
 
@@ -251,8 +236,8 @@ def _table(rows: Sequence[Row], without: float) -> str:
         [
             *lines,
             '',
-            'Measured are the last periods of a motion that has settled, up to 20, or else the',
-            'second half of the stage, as in the report; |X| is counted from the equilibrium.',
+            'The last periods of a settled motion are measured, up to 20, or else the second half',
+            'of the stage, as in the report; |X| is counted from the equilibrium.',
         ]
     )
 
@@ -287,35 +272,23 @@ def _draw(bag: Path, preset: Path, picture: Path, rows: Sequence[Row]) -> None:
 
 
 def _compare(bag: Path, directory: Path) -> int:
-    """Hold the recording against theory; return the exit code."""
+    """Compare the recording with theory; return the exit code."""
     from .compare_run import main as compare_run
 
     return compare_run(['--quiet', os.path.relpath(bag), '--report', os.path.relpath(directory)])
 
 
 def _print_verdicts(directory: Path) -> None:
-    print('\nheld against the exact periodic theory (compare_run):\n')
+    print('\ncompared with the exact periodic theory (compare_run):\n')
     result = json.loads((directory / 'report.json').read_text(encoding='utf-8'))
     for stretch in result['stretches']:
         text = f'{stretch["cause"]}: {stretch["verdict"]}. {stretch["sentence"]}'
         print(textwrap.fill(text, 96, initial_indent='  ', subsequent_indent='      '))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the demonstration."""
-    parser = argparse.ArgumentParser('demo', description=__doc__.split('\n\n')[0])
-    parser.add_argument('directory', nargs='?', type=Path, default=Path('demo_run'))
-    parser.add_argument('--duration', type=float, default=30.0, help='seconds, at least 15 [30]')
-    add_version_option(parser)
-    arguments = parser.parse_args(argv)
-    duration = max(15.0, arguments.duration)
-    directory: Path = arguments.directory.resolve()
-    try:
-        check_directory(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        say('demo', in_words(error))
-        return 1
+def _demonstrate(directory: Path, duration: float) -> int:
+    check_directory(directory)
+    directory.mkdir(parents=True, exist_ok=True)
     _environment()
     from ament_index_python.packages import get_package_share_directory
 
@@ -329,17 +302,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         states, impacts = _perform(node, duration)
     except RuntimeError as error:
-        say('demo', error)
-        return 1
-    except KeyboardInterrupt:
-        print('demo: interrupted; the recording so far is kept', file=sys.stderr)
-        return 130
+        raise CommandError(str(error), EXIT_FAILED) from error
     finally:
         _end(node)
     bags = sorted(path for path in set(directory.iterdir()) - known if path.is_dir())
     if not bags:
-        print(f'demo: the node left no recording in {directory}', file=sys.stderr)
-        return 1
+        raise CommandError(f'the node left no recording in {directory}', EXIT_FAILED)
     picture, report = directory / 'motion.png', directory / 'report'
     print(f'\n{states} joint_states and {impacts} impacts arrived over DDS.')
     code = _compare(bags[-1], report)
@@ -355,6 +323,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     if compared:
         print(f'report     {os.path.relpath(report / "report.html")}   (any browser)')
     return code
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the demonstration."""
+    parser = command_parser('demo', __doc__.split('\n\n')[0])
+    parser.add_argument('directory', nargs='?', type=Path, default=Path('demo_run'))
+    parser.add_argument('--duration', type=float, default=30.0, help='seconds, at least 15 [30]')
+    arguments = parser.parse_args(argv)
+    directory, duration = arguments.directory.resolve(), max(15.0, arguments.duration)
+    return outcome(
+        'demo',
+        lambda: _demonstrate(directory, duration),
+        'interrupted; the recording so far is kept',
+    )
 
 
 if __name__ == '__main__':

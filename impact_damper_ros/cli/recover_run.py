@@ -1,4 +1,4 @@
-"""Console script ``recover_run``: make a complete bag of a recording that was cut short."""
+"""`recover_run`: make a complete bag of a recording that was cut short."""
 
 from __future__ import annotations
 
@@ -10,26 +10,31 @@ from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.rig.shown import as_line, printable
+from impact_damper_ros.rig.quoting import as_line, printable
 
-from .command_line import add_version_option, say
+from .command_line import EXIT_FAILED, CommandError, add_bag_argument, command_parser, outcome
+
+__all__ = ['main']
+
+
+_DESCRIPTION = """\
+Save what is whole in a recording that was cut short (kill -9, power cut, full disk) into a
+complete bag. The recording itself stays untouched.
+"""
+_EPILOG = """\
+Exit code: 0 if messages were saved, 1 if not, 2 for wrong arguments.
+"""
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='recover_run',
-        description='Save what is whole in a recording that was cut short (kill -9, power cut, '
-        'full disk) into a complete bag. The recording itself stays untouched.',
-        epilog='Exit status: 0 if messages were saved, 1 if not, 2 for wrong arguments.',
-    )
-    parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
+    parser = command_parser('recover_run', _DESCRIPTION, _EPILOG)
+    add_bag_argument(parser)
     parser.add_argument(
         '--output',
         metavar='DIR',
         type=Path,
-        help='directory of the new bag, which must not exist (default: BAG_recovered beside BAG)',
+        help='directory of the new bag, which must not exist [BAG_recovered beside BAG]',
     )
-    add_version_option(parser)
     return parser
 
 
@@ -44,11 +49,11 @@ def _short(name: str) -> str:
 def report(recovery: Recovery) -> str:
     """Say what was saved, topic by topic."""
     seconds = (recovery.end_ns - recovery.start_ns) / 1e9
-    count = f'{recovery.message_count} message{"s" if recovery.message_count != 1 else ""}'
     lines = []
     if recovery.was_complete:
         name = printable(recovery.source.name)
         lines.append(f'{name} is complete: nothing was lost; this is a copy of it')
+    count = f'{recovery.message_count} message{"s" if recovery.message_count != 1 else ""}'
     lines.append(f'saved {count} over {seconds:.3f} s to {printable(str(recovery.output))}')
     lines.append(f'  stamps {recovery.start_ns} to {recovery.end_ns} ns')
     topics = [replace(t, name=_short(t.name), type=_short(t.type)) for t in recovery.topics]
@@ -63,15 +68,18 @@ def report(recovery: Recovery) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit status."""
+    """Run the command."""
     arguments = _parser().parse_args(argv)
-    try:
-        recovery = recover_run(arguments.bag, arguments.output)
-    except RecordingError as error:
-        say('recover_run', error)
-        return 1
-    print(printable(report(recovery)))
-    return 0
+
+    def work() -> int:
+        try:
+            recovery = recover_run(arguments.bag, arguments.output)
+        except RecordingError as error:
+            raise CommandError(str(error), EXIT_FAILED) from error
+        print(printable(report(recovery)))
+        return 0
+
+    return outcome('recover_run', work)
 
 
 if __name__ == '__main__':

@@ -6,104 +6,99 @@ import argparse
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.sweep.execution import ProcessPool
+from impact_damper_ros.outputs import check_directory
 
-from .command_line import add_jobs_option, add_version_option, check_directory, in_words, say
+from .command_line import (
+    add_jobs_option,
+    command_parser,
+    need_matplotlib,
+    outcome,
+    process_pool,
+)
 
 if TYPE_CHECKING:
-    from impact_damper_ros.studies.paper.claims import Claim
-    from impact_damper_ros.studies.paper.plan import OptimumPoint, Series
+    from impact_damper_ros.studies.paper.series import AngleOptimum, Series
 
-__all__ = ['EXIT_INPUT', 'EXIT_WRITE', 'main']
+__all__ = ['main']
 
-
-EXIT_WRITE = 1
-EXIT_INPUT = 2
 
 _DESCRIPTION = """\
 Compute the figures of Bapat (1995) from the periodic theory and the exact simulator, draw them,
-and hold every claim of the paper's section 3 and conclusions against the numbers. Writes PNG
-files, a CSV file for each figure and, when all figures are made, README.md with captions and
-the table of claims, which is printed too.
+and compare every claim of the paper's section 3 and conclusions with the numbers. Writes PNG
+files, a CSV file for each figure and, if all figures are made, README.md with captions and the
+table of claims. The claims are printed, too.
 """
 _EPILOG = """\
-Exit code: 0; 2 if the input is not usable or matplotlib is missing; 1 if a file could not be
-written or a process died; 130 on Ctrl-C, which leaves no half-written file.
+Exit code: 0 on success; 1 if a file could not be written or a process died; 2 if the input is not
+usable or matplotlib is missing; 130 on Ctrl-C, which leaves no unfinished file.
 Example: reproduce_paper --only 3a,5 --output /tmp/paper
 """
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'reproduce_paper',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser('reproduce_paper', _DESCRIPTION, _EPILOG)
     parser.add_argument(
-        '--output', type=Path, default=Path('docs/paper'), metavar='DIR', help='[docs/paper]'
+        '--output',
+        type=Path,
+        default=Path('docs/paper'),
+        metavar='DIR',
+        help='directory of the files [docs/paper]',
     )
     add_jobs_option(parser)
     parser.add_argument(
-        '--quick', action='store_true', help='a quarter of the values: a look in half a minute'
+        '--quick',
+        action='store_true',
+        help='compute a quarter of the values, in half a minute',
     )
     parser.add_argument(
         '--only',
         metavar='2a,4,...',
         help='these figures only; a panel stands for its figure, and README.md is not written',
     )
-    add_version_option(parser)
     return parser
 
 
 def _compute(
     figures: Sequence[str], jobs: int, quick: bool
-) -> tuple[dict[str, Series], list[OptimumPoint]]:
-    """Run all sweeps and optima in processes, under one progress bar; the order is fixed."""
+) -> tuple[dict[str, Series], list[AngleOptimum]]:
+    """Compute all series and optima in processes, under one progress bar, in a fixed order."""
     from tqdm import tqdm
 
-    from impact_damper_ros.studies.paper.plan import (
+    from impact_damper_ros.studies.paper.series import (
+        compute_series,
         figure_5_angles,
         optimum_at,
-        run_sweep,
-        sweeps_of,
+        plans_of,
     )
 
-    sweeps = [sweep for figure in figures for sweep in sweeps_of(figure, quick=quick)]
+    plans = [plan for figure in figures for plan in plans_of(figure, quick=quick)]
     angles = figure_5_angles(quick=quick) if '5' in figures else ()
-    # A sweep takes up to a minute
-    with ProcessPool(jobs) as pool:
-        series: list[Future[Series]] = [pool.submit(run_sweep, sweep) for sweep in sweeps]
-        optima: list[Future[OptimumPoint]] = [pool.submit(optimum_at, v) for v in angles]
+    with process_pool(jobs) as pool:
+        series: list[Future[Series]] = [pool.submit(compute_series, plan) for plan in plans]
+        optima: list[Future[AngleOptimum]] = [pool.submit(optimum_at, v) for v in angles]
         work: list[Future[Any]] = [*series, *optima]
         for done in tqdm(as_completed(work), total=len(work), desc='curves', unit=''):
             done.result()
-        results = [future.result() for future in series]
-        points = [future.result() for future in optima]
-    return {one.sweep.name: one for one in results}, points
-
-
-def _print_claims(claims: Sequence[Claim]) -> None:
-    for number, claim in enumerate(claims, 1):
-        print(f'\n{number}. [{claim.figure}] {claim.claim}')
-        print(f'   {claim.computed}')
-        print(f'   -> {claim.verdict.value}' + (f': {claim.remark}' if claim.remark else ''))
+        return {one.result().plan.name: one.result() for one in series}, [
+            one.result() for one in optima
+        ]
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from impact_damper_ros.studies.paper.plan import FIGURES, figure_of
-    from impact_damper_ros.studies.paper.report import claims_of, write_figure, write_report
+    from impact_damper_ros.studies.paper.claims import claims_of
+    from impact_damper_ros.studies.paper.report import write_figure, write_report
+    from impact_damper_ros.studies.paper.series import FIGURES, figure_of
 
+    need_matplotlib()
     figures = list(FIGURES)
     if arguments.only is not None:
         asked = {figure_of(name.strip()) for name in arguments.only.split(',')}
         figures = [figure for figure in FIGURES if figure in asked]
-    # Before the work, not after it
+    # Before the work, which takes minutes
     check_directory(arguments.output)
     arguments.output.mkdir(parents=True, exist_ok=True)
     results, optima = _compute(figures, arguments.jobs, arguments.quick)
@@ -115,39 +110,19 @@ def _run(arguments: argparse.Namespace) -> int:
         print(arguments.output / 'README.md')
     else:
         claims = [claim for figure in figures for claim in claims_of(figure, results, optima)]
-    _print_claims(claims)
+    for number, claim in enumerate(claims, 1):
+        print(f'\n{number}. [{claim.figure}] {claim.claim}')
+        print(f'   {claim.computed}')
+        print(f'   -> {claim.verdict}')
     return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    try:
-        import matplotlib  # noqa: F401
-    except ModuleNotFoundError:
-        print(
-            'reproduce_paper: matplotlib is missing: install it, or the package with its extra '
-            '[plot]',
-            file=sys.stderr,
-        )
-        return EXIT_INPUT
-    try:
-        return _run(arguments)
-    except ValueError as error:
-        say('reproduce_paper', error)
-        return EXIT_INPUT
-    except BrokenProcessPool:
-        print(
-            'reproduce_paper: a process died, perhaps for want of memory: give fewer --jobs',
-            file=sys.stderr,
-        )
-        return EXIT_WRITE
-    except OSError as error:
-        say('reproduce_paper', in_words(error, arguments.output))
-        return EXIT_WRITE
-    except KeyboardInterrupt:
-        print('reproduce_paper: interrupted, nothing half-written is left', file=sys.stderr)
-        return 130
+    return outcome(
+        'reproduce_paper', lambda: _run(arguments), 'interrupted; no unfinished file is left'
+    )
 
 
 if __name__ == '__main__':

@@ -6,52 +6,56 @@ import argparse
 import heapq
 import itertools
 import math
-import os
 import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO
-
-from tqdm import tqdm
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
-from impact_damper_ros.control import (
-    GAP_CONTROL_SPECS,
-    Action,
-    ControlledRig,
-    GapControlParameters,
-)
+from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
+from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
     Event,
     EventKind,
-    InitialConditions,
     ParameterSpec,
     RigParameters,
     Sample,
-    load_parameters,
 )
-from impact_damper_ros.rig.hybrid_motion import RunawayError
-from impact_damper_ros.rig.stepped_sine import SWEEP_FIELDS, frequency_at
+from impact_damper_ros.rig.forcing import SWEEP_FIELDS, frequency_at
 from impact_damper_ros.rig.swing import Swing
 
-from .command_line import add_params_argument, add_version_option, announce, in_words, say
-from .csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from .overrides import TimedChange, add_set_option, overridden, overridden_control, timed_changes
+from .command_line import (
+    EXIT_FAILED,
+    CommandError,
+    add_quiet_option,
+    command_parser,
+    outcome,
+    progress_bar,
+)
+from .rig_options import (
+    GivenRig,
+    TimedChange,
+    add_params_argument,
+    add_set_option,
+    announce,
+    given_rig,
+    timed_changes,
+)
 
 __all__ = ['main', 'parameter_table']
 
 
 EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:], 'force_frequency')
 
-# The end of a run that its summary describes, and how closely it looks for the largest X.
+# The end of a run that its summary describes, and how closely it looks for the largest |X|
 _WATCHED_CYCLES = 20
 _LOOKS_PER_CYCLE = 256
 
@@ -68,12 +72,7 @@ Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --s
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'simulate_rig',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser('simulate_rig', _DESCRIPTION, _EPILOG)
     add_params_argument(parser)
     parser.add_argument(
         '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
@@ -89,28 +88,31 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar='FILE',
         help='write every event: impacts, rest, stick, release, reversals, steps of a sweep, and '
-        'under gap control what the stops do; the last column, force_frequency, is the circular '
-        'frequency of the first harmonic from then on [rad/s] (- : stdout)',
+        'under gap control what the stops do, as CSV; the last column, force_frequency, is the '
+        'circular frequency of the first harmonic from then on [rad/s] (- : stdout)',
     )
     parser.add_argument(
         '--states', type=Path, metavar='FILE', help='write sampled states as CSV (- : stdout)'
     )
     parser.add_argument(
-        '--bag', type=Path, metavar='DIR', help='record to MCAP what sim_node would; DIR is new'
+        '--bag',
+        type=Path,
+        metavar='DIR',
+        help='record to MCAP what sim_node would record; DIR must not exist',
     )
     parser.add_argument(
         '--max-bag-size',
         type=_limit(int, SMALLEST_FILE, 'bytes'),
         default=0,
         metavar='BYTES',
-        help='go on to another file of the bag when one has so many bytes [0: one file]',
+        help='start another file of the bag when one has so many bytes [0: one file]',
     )
     parser.add_argument(
         '--max-bag-duration',
         type=_limit(float, SHORTEST_FILE, 's'),
         default=0.0,
         metavar='T',
-        help='go on to another file of the bag after so much time [s] [0: one file]',
+        help='start another file of the bag after so much time [s] [0: one file]',
     )
     parser.add_argument(
         '--rate',
@@ -128,8 +130,7 @@ def _parser() -> argparse.ArgumentParser:
         help='change a parameter during the run, for example --change 20:gap=0.03; may be '
         'repeated; changes at one time take effect together',
     )
-    parser.add_argument('--quiet', action='store_true', help='no progress bar and no summary')
-    add_version_option(parser)
+    add_quiet_option(parser, 'summary')
     return parser
 
 
@@ -149,16 +150,8 @@ def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
     """Return name, unit, range, default and meaning of every parameter, in Markdown."""
     lines = ['| parameter | unit | range | default | meaning |', '| --- | --- | --- | --- | --- |']
     for spec in (spec for group in groups for spec in group.values()):
-        default = spec.default
-        if isinstance(default, tuple):
-            shown = f'[{", ".join(f"{v:g}" for v in default)}]'
-        elif isinstance(default, bool):
-            shown = str(default).lower()
-        else:
-            shown = default if isinstance(default, str) else f'{default:g}'
-        lines.append(
-            f'| `{spec.name}` | {spec.unit} | {spec.span} | {shown} | {spec.description} |'
-        )
+        cells = (f'`{spec.name}`', spec.unit, spec.span, setting(spec.default), spec.description)
+        lines.append(f'| {" | ".join(cells)} |')
     return '\n'.join(lines) + '\n'
 
 
@@ -173,7 +166,7 @@ def _positive(text: str) -> float:
 
 
 def _limit(kind: type[float], least: float, unit: str) -> Callable[[str], float]:
-    """Return what reads a limit to the files of a bag."""
+    """Return a reader of limits to the files of a bag, for `argparse`."""
 
     def read(text: str) -> float:
         try:
@@ -201,9 +194,8 @@ def _instants(
     """
     Yield the instants to advance to, in order; the motion does not depend on them.
 
-    They are the sampling grid, if there is one, else one per cycle; the ticks of the recording;
-    the changes of parameters; and in the end of the run that is watched for its largest
-    displacement as many as that takes.
+    They are the sampling grid, or one per cycle without it; the ticks of the recording; the
+    changes of parameters; and closely those at the end, which is watched for its largest |X|.
     """
     grid = rate if rate is not None else 1.0 / cycle
     last = math.floor(duration * grid * (1.0 + 1e-15))
@@ -217,162 +209,150 @@ def _instants(
     yield duration
 
 
-def _event_row(event: Event, frequency: float) -> str:
-    return row((event.kind.name.lower(), event.time, *event[2:], frequency))
-
-
-def _open(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
-    if path is None:
-        return None
-    if str(path) != '-':
-        return open_table(path, columns, stack)
-    sys.stdout.write(row(columns))
-    return sys.stdout
-
-
 def _cycle(parameters: RigParameters) -> float:
-    """Return the period of the first harmonic; of a rig that has none that lasts, its own one."""
+    """Return the period of the first harmonic, or the natural one if that is off or stepped."""
     frequency = parameters.force_frequencies[0]
-    if frequency == 0.0 or parameters.force_amplitudes[0] == 0.0:
-        frequency = parameters.omega
-    if parameters.sweep_mode != 'off':
+    if not frequency or not parameters.force_amplitudes[0] or parameters.sweep_mode != 'off':
         frequency = parameters.omega
     return math.tau / frequency
 
 
-def _summary(
-    rig: ControlledRig,
-    counts: Counter[EventKind],
-    last: Sequence[Event],
-    largest: float,
-    spent: float,
-    commands: int,
-) -> str:
-    parameters = rig.parameters
-    cycle = _cycle(parameters)
-    mode = rig.mode.name.lower().replace('_', ' ')
-    events = ', '.join(f'{n} {kind.name.lower()}' for kind, n in counts.items()) or 'none'
-    lines = [
-        f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
-        f'events      {events}',
-        f'largest |X| {largest:.7g} m in the last {_WATCHED_CYCLES} cycles',
-    ]
-    amplitude = parameters.response_amplitude
-    if parameters.periodic_force and math.isfinite(amplitude):
-        lines[-1] += f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
-    if rig.control.active:
-        spent_1, spent_2 = rig.energies
-        lines.append(
-            f'gap control {rig.control.gap_control}: {commands} commands; stop 1 spent '
-            f'{spent_1:.6g} J, stop 2 {spent_2:.6g} J; they are at Y = {rig.stops[0]:.6g} m and '
-            f'{rig.stops[1]:.6g} m'
-        )
-    lines.extend(
-        f'last impact on stop {event.stop}: t = {event.time:.9f} s, '
-        + (f'phase {event.time / cycle % 1.0:.7f} cycles, ' if parameters.periodic_force else '')
-        + f'X = {event.x:.7f} m; just after it '
-        f"X' = {event.primary_velocity_after:.7f} m/s, "
-        f"Z' = {event.damper_velocity_after:.7f} m/s"
-        for event in last
-    )
-    return '\n'.join(lines)
+class _Watch:
+    """What the summary says: events, commands of the control, the last impacts, largest |X|."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[EventKind] = Counter()
+        self.swing = Swing()
+        self._commands = 0
+        self._impacts: dict[int, Event] = {}
+
+    def look(self, rig: ControlledRig, events: Sequence[Event]) -> None:
+        """Take what happened in the last advance or change of a rig."""
+        self._commands += sum(record.action is Action.COMMAND for record in rig.records)
+        self.counts.update(event.kind for event in events)
+        self._impacts |= {e.stop: e for e in events if e.kind is EventKind.IMPACT}
+
+    def summary(self, rig: ControlledRig, spent: float) -> str:
+        """Return the text about a rig that was simulated in so many seconds."""
+        parameters, largest = rig.parameters, self.swing.largest
+        mode = rig.mode.name.lower().replace('_', ' ')
+        events = [f'{number} {kind.name.lower()}' for kind, number in self.counts.items()]
+        lines = [
+            f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
+            f'events      {", ".join(events) or "none"}',
+            f'largest |X| {largest:.7g} m in the last {_WATCHED_CYCLES} cycles',
+        ]
+        amplitude = parameters.response_amplitude
+        if parameters.periodic_force and math.isfinite(amplitude):
+            lines[-1] += f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
+        if rig.control.active:
+            (spent_1, spent_2), (stop_1, stop_2) = rig.energies, rig.stops
+            lines.append(
+                f'gap control {rig.control.gap_control}: {self._commands} commands; stop 1 spent '
+                f'{spent_1:.6g} J, stop 2 {spent_2:.6g} J; they are at Y = {stop_1:.6g} m and '
+                f'{stop_2:.6g} m'
+            )
+        for stop, event in sorted(self._impacts.items()):
+            phase = ''
+            if parameters.periodic_force:
+                phase = f'phase {event.time / _cycle(parameters) % 1.0:.7f} cycles, '
+            lines.append(
+                f'last impact on stop {stop}: t = {event.time:.9f} s, {phase}'
+                f'X = {event.x:.7f} m; just after it '
+                f"X' = {event.primary_velocity_after:.7f} m/s, "
+                f"Z' = {event.damper_velocity_after:.7f} m/s"
+            )
+        return '\n'.join(lines)
 
 
-def _run(
-    arguments: argparse.Namespace,
-    parameters: RigParameters,
-    initial: InitialConditions,
-    control: GapControlParameters,
-    changes: Sequence[TimedChange],
-) -> str:
+class _Tables:
+    """The CSV files that are asked for."""
+
+    def __init__(self, arguments: argparse.Namespace, stack: ExitStack) -> None:
+        self._impacts = open_table(arguments.impacts, IMPACT_COLUMNS, stack)
+        self._events = open_table(arguments.events, EVENT_COLUMNS, stack)
+        self._states = open_table(arguments.states, Sample._fields, stack)
+        #: Of the states, Hz; None if they are not written.
+        self.rate: float | None = None if self._states is None else arguments.rate
+        self._states_written = 0
+        # Of the present stepped sine
+        self._steps = 0
+
+    def write_events(self, rig: ControlledRig, events: Sequence[Event]) -> None:
+        """Write the events of the last advance or change of a rig."""
+        if self._impacts is not None:
+            self._impacts.write(impact_rows(events))
+        if self._events is not None:
+            for event in events:
+                self._steps += event.kind is EventKind.FREQUENCY_STEP
+                frequency = frequency_at(rig.parameters, self._steps)
+                kind = event.kind.name.lower()
+                self._events.write(row((kind, event.time, *event[2:], frequency)))
+
+    def write_state(self, rig: ControlledRig, instant: float) -> None:
+        """Write a state that is due."""
+        if self._states and self.rate and instant == self._states_written / self.rate:
+            self._states.write(row(rig.sample()))
+            self._states_written += 1
+
+    def begin_sweep(self) -> None:
+        """Count the steps of a stepped sine from here on."""
+        self._steps = 0
+
+
+def _run(arguments: argparse.Namespace, given: GivenRig, changes: Sequence[TimedChange]) -> str:
     """Simulate, write the files, and return the summary."""
+    parameters, initial, control = given
     rig = ControlledRig(parameters, initial, control=control)
-    commands = 0
-    counts: Counter[EventKind] = Counter()
-    last: dict[int, Event] = {}
-    swing = Swing()
+    watch = _Watch()
     duration = arguments.duration
     cycle = _cycle(parameters)
     watched_from = max(0.0, duration - _WATCHED_CYCLES * cycle)
     started = time.perf_counter()
     with ExitStack() as stack:
-        impacts = _open(arguments.impacts, IMPACT_COLUMNS, stack)
-        others = _open(arguments.events, EVENT_COLUMNS, stack)
-        states = _open(arguments.states, Sample._fields, stack)
+        tables = _Tables(arguments, stack)
         recording = None
         if arguments.bag is not None:
-            listed = {**parameters.as_dict(), **initial.as_dict(), **control.as_dict()}
             recording = RigRecorder(
                 arguments.bag,
                 rig,
-                listed,
+                {**parameters.as_dict(), **initial.as_dict(), **control.as_dict()},
                 arguments.rate,
                 duration,
                 max_size=arguments.max_bag_size,
                 max_duration=arguments.max_bag_duration,
             )
             stack.callback(recording.close)
-        bar = stack.enter_context(
-            tqdm(
-                total=duration,
-                desc='simulated',
-                delay=1.0,
-                leave=False,
-                disable=True if arguments.quiet else None,
-                bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]',
-            )
-        )
-        rate = arguments.rate if states is not None else None
+        bar = stack.enter_context(progress_bar('simulated', duration, 's', quiet=arguments.quiet))
         ticks = recording.ticks() if recording is not None else iter(())
         changed_at = (change.time_ns / 1e9 for change in changes)
-        instants = _instants(duration, rate, cycle, watched_from, ticks, changed_at)
+        instants = _instants(duration, tables.rate, cycle, watched_from, ticks, changed_at)
         waiting = deque(changes)
-        due = 0
-        # Of the present sweep the steps count as events.
-        steps_before = 0
-
-        def report(events: Sequence[Event]) -> None:
-            nonlocal commands
-            commands += sum(record.action is Action.COMMAND for record in rig.records)
-            for event in events:
-                counts[event.kind] += 1
-                if event.kind is EventKind.IMPACT:
-                    last[event.stop] = event
-                if others is not None:
-                    step = counts[EventKind.FREQUENCY_STEP] - steps_before
-                    others.write(_event_row(event, frequency_at(rig.parameters, step)))
-            if impacts is not None:
-                impacts.write(impact_rows(events))
-
         for instant in itertools.chain([0.0], instants):
             before = rig.time
             events = rig.advance(instant)
-            report(events)
+            watch.look(rig, events)
+            tables.write_events(rig, events)
             if recording is not None:
                 recording.happened(events)
             if waiting and waiting[0].time_ns / 1e9 == instant:
                 change = waiting.popleft()
-                if any(
-                    getattr(change.parameters, name) != getattr(rig.parameters, name)
-                    for name in SWEEP_FIELDS
-                ):
-                    steps_before = counts[EventKind.FREQUENCY_STEP]
-                caused = rig.change(change.parameters, change.control)
-                report(caused)
+                new, old = change.parameters, rig.parameters
+                if any(getattr(new, name) != getattr(old, name) for name in SWEEP_FIELDS):
+                    tables.begin_sweep()
+                caused = rig.change(new, change.control)
+                watch.look(rig, caused)
+                tables.write_events(rig, caused)
                 if recording is not None:
                     recording.changed(change.time_ns, change.values, caused)
                 events += caused
             if recording is not None:
                 recording.reached(instant)
             if instant >= watched_from:
-                swing.look(rig.sample(), events)
-            if states is not None and instant == due / arguments.rate:
-                states.write(row(rig.sample()))
-                due += 1
+                watch.swing.look(rig.sample(), events)
+            tables.write_state(rig, instant)
             bar.update(rig.time - before)
-    spent = time.perf_counter() - started
-    impacts_last = [last[s] for s in sorted(last)]
-    return _summary(rig, counts, impacts_last, swing.largest, spent, commands)
+    return watch.summary(rig, time.perf_counter() - started)
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
@@ -386,38 +366,22 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    try:
-        parameters, initial, other = load_parameters(arguments.params)
-        control = GapControlParameters(
-            **{name: value for name, value in other.items() if name in GAP_CONTROL_SPECS}
-        )
-        settings, control = overridden_control(arguments.set, control)
-        parameters, initial = overridden(settings, parameters, initial)
+
+    def work() -> int:
+        given = given_rig(arguments.params, arguments.set)
         _check_outputs(arguments)
-        changes = timed_changes(arguments.change, parameters, control, arguments.duration)
-    except ValueError as error:
-        say('simulate_rig', error)
-        return 2
-    if not arguments.quiet:
-        announce('simulate_rig', parameters, control)
-    try:
-        summary = _run(arguments, parameters, initial, control, changes)
-    except KeyboardInterrupt:
-        print('simulate_rig: interrupted; what was simulated is written', file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        # What is left in the buffer cannot be written either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except (RecordingError, RunawayError) as error:
-        say('simulate_rig', error)
-        return 1
-    except OSError as error:
-        say('simulate_rig', in_words(error))
-        return 1
-    if not arguments.quiet:
-        print(summary, file=sys.stderr)
-    return 0
+        changes = timed_changes(arguments.change, given, arguments.duration)
+        if not arguments.quiet:
+            announce('simulate_rig', given.parameters, given.control)
+        try:
+            summary = _run(arguments, given, changes)
+        except RecordingError as error:
+            raise CommandError(str(error), EXIT_FAILED) from error
+        if not arguments.quiet:
+            print(summary, file=sys.stderr)
+        return 0
+
+    return outcome('simulate_rig', work, 'interrupted; what was simulated is written')
 
 
 if __name__ == '__main__':

@@ -4,49 +4,54 @@ from __future__ import annotations
 
 import argparse
 import cmath
-import json
 import math
-import os
 import sys
 import textwrap
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.orbits import OrbitSearch, PeriodicOrbit, find_orbits, plausible_stops
-from impact_damper_ros.rig import RigParameters, load_parameters
+from impact_damper_ros.orbits import (
+    Branch,
+    OrbitSearch,
+    PeriodicOrbit,
+    SpecialKind,
+    continue_orbit,
+    find_orbits,
+    plausible_stops,
+    switch_branch,
+    value_of,
+)
+from impact_damper_ros.outputs import check_file
+from impact_damper_ros.report.formatting import counted
+from impact_damper_ros.rig import RigParameters
 
 from .command_line import (
-    add_params_argument,
-    add_version_option,
-    check_file,
-    hint,
-    in_words,
-    rig_line,
-    say,
+    CommandError,
+    add_json_option,
+    command_parser,
+    discard_output,
+    outcome,
+    text_stream,
     up_to,
-    write_text,
+    write_json,
 )
-from .overrides import add_set_option, overridden
+from .rig_options import add_params_argument, add_set_option, given_rig, hint, rig_line
 
-__all__ = ['EXIT_INPUT', 'EXIT_NONE', 'EXIT_NOT_VIABLE', 'EXIT_WRITE', 'main']
+__all__ = ['main']
 
 
-EXIT_WRITE = 1
-EXIT_INPUT = 2
-EXIT_NONE = 3
-EXIT_NOT_VIABLE = 4
+EXIT_NONE, EXIT_NOT_VIABLE = 3, 4
 
 _DESCRIPTION = """\
-Solve for the periodic motions of an impact damper with N impacts in K cycles of the force, stable
-and unstable, from the same parameters file as sim_node and simulate_rig. All quantities are in SI
-units; velocities are absolute, along the axis, positive downwards. Phases are impact times in
-cycles of the force, whose own phase counts: F sin(W t + force_phase).
+Find the periodic motions of an impact damper with N impacts in K cycles of the force, stable and
+unstable, for the same parameters file as sim_node and simulate_rig. All quantities are in SI
+units; velocities are absolute, along the axis, positive downwards. A phase is the time of an
+impact from t = 0 in cycles of the force F sin(W t + force_phase).
 """
 _EPILOG = """\
 Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution; 4 if there
 are solutions but none is viable (the table says why); 2 if the input is not usable; 1 if the file
-could not be written.
+could not be written; 130 on Ctrl-C.
 Example: solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
 """
 
@@ -60,13 +65,21 @@ def _stops(text: str) -> tuple[int, ...]:
     return tuple(int(word) for word in words)
 
 
+def _range(text: str) -> tuple[str, float, float]:
+    name, _, ends = text.partition('=')
+    try:
+        low, high = (float(end) for end in ends.split(':'))
+    except ValueError:
+        low = high = math.nan
+    if not low < high:
+        raise argparse.ArgumentTypeError(
+            f'{text!r}: give a parameter and its least and largest value, such as gap=20:60'
+        )
+    return name, low, high
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'solve_periodic',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser('solve_periodic', _DESCRIPTION, _EPILOG)
     add_params_argument(parser)
     parser.add_argument(
         '--impacts', type=up_to(64), required=True, metavar='N', help='impacts in one period'
@@ -85,11 +98,15 @@ def _parser() -> argparse.ArgumentParser:
         help='stops hit in one period, in order [every sequence of N impacts; 1 for N = 1]',
     )
     parser.add_argument(
-        '--json', type=Path, metavar='FILE', help='write the motions as a list (- : stdout)'
+        '--vary',
+        type=_range,
+        metavar='NAME=LOW:HIGH',
+        help='follow the first motion of the list while a parameter varies, and the branches '
+        'that leave it at period doublings and branch points',
     )
+    add_json_option(parser, 'the list of motions')
     add_set_option(parser)
     parser.add_argument('--quiet', action='store_true', help='no table')
-    add_version_option(parser)
     return parser
 
 
@@ -109,10 +126,9 @@ def _multiplier_text(multipliers: Sequence[complex]) -> str:
 
 def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     stops = ','.join(map(str, orbit.stops))
-    cycles = f'{orbit.cycles} cycle' + ('s' if orbit.cycles > 1 else '')
-    verdict = 'stable' if orbit.stable else 'unstable'
     lines = [
-        f'motion {number}: stops {stops} in {cycles} ({orbit.period:.9g} s), {verdict}, '
+        f'motion {number}: stops {stops} in {counted(orbit.cycles, "cycle")} '
+        f'({orbit.period:.9g} s), {"stable" if orbit.stable else "unstable"}, '
         + ('viable' if orbit.viable else 'NOT VIABLE'),
         "  stop  phase [cycles]         X [m]   X' before    X' after   Z' before    Z' after "
         '[m/s]',
@@ -148,6 +164,37 @@ def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     return '\n'.join(lines)
 
 
+def _branch_text(branch: Branch) -> str:
+    if not branch.orbits:
+        return f'  {branch.ended}'
+    swings = [orbit.x_max for orbit in branch.orbits]
+    lines = [
+        f'  {branch.name} from {branch.values[0]:.9g} to {branch.values[-1]:.9g}: '
+        f'{counted(len(swings), "motion")}, largest |X| between {min(swings):.6g} and '
+        f'{max(swings):.6g} m',
+    ]
+    lines.extend(
+        f'  {point.kind.value} {"at" if point.converged else "near"} {branch.name} = '
+        f'{point.value:.9g}' + (f': {point.reason}' if point.reason else '')
+        for point in branch.special
+    )
+    return '\n'.join([*lines, f'  end: {branch.ended}'])
+
+
+def _branch_texts(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Iterator[str]:
+    """Yield what becomes of a motion while a parameter varies."""
+    for upwards in (True, False):
+        branch = continue_orbit(orbit, name, low, high, upwards=upwards)
+        yield f'\nmotion 1, {name} {"rising" if upwards else "falling"}:\n{_branch_text(branch)}'
+        for point in branch.special:
+            if point.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
+                leaves = switch_branch(point, name, low, high, most_points=100)
+                yield (
+                    f'\nbranch from the {point.kind.value} at {name} = {point.value:.9g}:\n'
+                    f'{_branch_text(leaves)}'
+                )
+
+
 def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[OrbitSearch]:
     if arguments.stops is not None and len(arguments.stops) != arguments.impacts:
         raise ValueError(
@@ -162,69 +209,57 @@ def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[
     return [find_orbits(parameters, stops, arguments.cycles) for stops in sequences]
 
 
-def _verdict(searches: list[OrbitSearch], arguments: argparse.Namespace) -> tuple[int, str]:
-    """Return the exit code, and what to say if it is not 0."""
+def _check_found(searches: list[OrbitSearch], arguments: argparse.Namespace) -> None:
+    """Raise CommandError if no motion was found that the rig can perform."""
     orbits = [orbit for search in searches for orbit in search.orbits]
-    asked = f'{arguments.impacts} impacts in {arguments.cycles} cycles'
+    asked = f'{counted(arguments.impacts, "impact")} in {counted(arguments.cycles, "cycle")}'
     if not orbits:
-        certain = all(search.report.complete for search in searches)
-        return EXIT_NONE, (
-            f'no periodic motion with {asked}'
-            + ('' if certain else ' was found from any start')
-            + ': try other --impacts, --cycles or --stops; simulate_rig shows what the rig does'
+        none = f'no periodic motion with {asked} was found from any start'
+        if all(search.report.complete for search in searches):
+            none = f'there is no periodic motion with {asked}'
+        raise CommandError(
+            f'{none}: try other --impacts, --cycles or --stops; simulate_rig shows what the rig '
+            'does',
+            EXIT_NONE,
         )
     if not any(orbit.viable for orbit in orbits):
-        return EXIT_NOT_VIABLE, (
+        raise CommandError(
             f'none of the {len(orbits)} solutions with {asked} is viable; the first: '
-            f'{orbits[0].reason}'
+            f'{orbits[0].reason}',
+            EXIT_NOT_VIABLE,
         )
-    return 0, ''
+
+
+def _solve(arguments: argparse.Namespace) -> int:
+    given = given_rig(arguments.params, arguments.set, with_control=False)
+    if arguments.json is not None:
+        check_file(arguments.json)  # before the work, not after it
+    if not arguments.quiet:
+        hint('solve_periodic', given.parameters)
+    if arguments.vary is not None:
+        value_of(given.parameters, arguments.vary[0])
+    searches = _searches(given.parameters, arguments)
+    orbits = [orbit for search in searches for orbit in search.orbits]
+    orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
+    write_json(arguments.json, [orbit.as_dict() for orbit in orbits])
+    if not arguments.quiet:
+        texts = [textwrap.fill(rig_line(given.parameters), 99, subsequent_indent='  ')]
+        texts += [search.report.text for search in searches]
+        texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
+        if arguments.vary is not None and orbits:
+            texts += _branch_texts(orbits[0], *arguments.vary)
+        try:
+            print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
+        except BrokenPipeError:
+            discard_output()
+    _check_found(searches, arguments)
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    try:
-        parameters, initial, _ = load_parameters(arguments.params)
-        parameters, _ = overridden(arguments.set, parameters, initial)
-        if arguments.json is not None:
-            check_file(arguments.json)  # before the work, not after it
-        if not arguments.quiet:
-            hint('solve_periodic', parameters)
-        searches = _searches(parameters, arguments)
-    except ValueError as error:
-        say('solve_periodic', error)
-        return EXIT_INPUT
-    except OSError as error:
-        say('solve_periodic', in_words(error))
-        return EXIT_WRITE
-    except KeyboardInterrupt:
-        print('solve_periodic: interrupted', file=sys.stderr)
-        return 130
-    orbits = [orbit for search in searches for orbit in search.orbits]
-    orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
-    to_stdout = arguments.json is not None and str(arguments.json) == '-'
-    if arguments.json is not None:
-        text = json.dumps([orbit.as_dict() for orbit in orbits], indent=2) + '\n'
-        try:
-            write_text(arguments.json, text)
-        except OSError as error:
-            say('solve_periodic', in_words(error))
-            return EXIT_WRITE
-    if not arguments.quiet:
-        table = sys.stderr if to_stdout else sys.stdout
-        texts = [textwrap.fill(rig_line(parameters), 99, subsequent_indent='  ')]
-        texts += [search.report.text for search in searches]
-        texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
-        try:
-            print('\n'.join(texts), file=table, flush=True)
-        except BrokenPipeError:
-            # Whoever reads has seen enough, as in `solve_periodic ... | head`.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    code, complaint = _verdict(searches, arguments)
-    if complaint:
-        say('solve_periodic', complaint)
-    return code
+    return outcome('solve_periodic', lambda: _solve(arguments))
 
 
 if __name__ == '__main__':

@@ -5,63 +5,62 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.sweep.execution import ProcessPool
+from impact_damper_ros.outputs import check_directory
 
-from .command_line import add_jobs_option, add_version_option, check_directory, in_words, say
+from .command_line import (
+    add_jobs_option,
+    command_parser,
+    need_matplotlib,
+    outcome,
+    process_pool,
+)
 
 if TYPE_CHECKING:
-    from impact_damper_ros.studies.gap_control.runs import Extent, Response
+    from impact_damper_ros.studies.gap_control.runs import Extent, Measured
 
 __all__ = ['main']
 
 
 _DESCRIPTION = """\
 Run rigs under each law of the gap control and with fixed gaps: over a sixteenfold range of force
-at resonance, under broadband excitation, through the resonance up and down, under a load that
-changes, inclined with friction, and with delays, slow stops, noise and coarse sampling. Writes
-README.md with the tables and a PNG file for each part, and prints the targets.
+at resonance, under broadband excitation, through the resonance up and down, under a changing load,
+inclined with friction, and with delays, slow stops, noise and coarse sampling. Writes README.md
+with the tables and a PNG file for each part, and prints the targets.
 """
 _EPILOG = """\
-Exit code: 0; 2 if the input is not usable or matplotlib is missing; 1 if a file could not be
-written or a process died; 130 on Ctrl-C. The same numbers come out every time.
+Exit code: 0 on success; 1 if a file could not be written or a process died; 2 if the input is not
+usable or matplotlib is missing; 130 on Ctrl-C. The numbers are the same every time.
 Example: study_gap_control --output /tmp/gap_control --quick
 """
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        'study_gap_control',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser('study_gap_control', _DESCRIPTION, _EPILOG)
     parser.add_argument(
         '--output',
         type=Path,
         default=Path('docs/gap_control'),
         metavar='DIR',
-        help='[docs/gap_control]',
+        help='directory of the files [docs/gap_control]',
     )
     add_jobs_option(parser)
-    parser.add_argument('--quick', action='store_true', help='a few runs of each part')
-    add_version_option(parser)
+    parser.add_argument('--quick', action='store_true', help='make a few short runs of each part')
     return parser
 
 
-def _compute(extent: Extent, jobs: int) -> dict[tuple[object, ...], Response]:
-    """Carry out all runs in processes, under one progress bar."""
+def _compute(extent: Extent, jobs: int) -> dict[tuple[object, ...], Measured]:
+    """Make all runs in processes, with a progress bar for each part."""
     from tqdm import tqdm
 
     from impact_damper_ros.studies.gap_control.findings import tuned_shares
     from impact_damper_ros.studies.gap_control.runs import all_cases, run_case, tuning_cases
 
-    results: dict[tuple[object, ...], Response] = {}
-    with ProcessPool(jobs) as pool:
+    results: dict[tuple[object, ...], Measured] = {}
+    with process_pool(jobs) as pool:
         for what in ('fixed gaps', 'all runs'):
             shares = tuned_shares(results, extent) if results else {}
             cases = all_cases(extent, shares) if results else tuning_cases(extent)
@@ -76,8 +75,9 @@ def _run(arguments: argparse.Namespace) -> int:
     from impact_damper_ros.studies.gap_control.report import write_study
     from impact_damper_ros.studies.gap_control.runs import Extent
 
+    need_matplotlib()
     extent = Extent.quick() if arguments.quick else Extent()
-    # Before the work, not after it
+    # Before the work, which takes minutes
     check_directory(arguments.output)
     arguments.output.mkdir(parents=True, exist_ok=True)
     results = _compute(extent, arguments.jobs)
@@ -85,36 +85,14 @@ def _run(arguments: argparse.Namespace) -> int:
         print(path)
     for target in targets(results, extent):
         verdict = 'met' if target.met else 'MISSED'
-        print(f'{verdict}: {target.words}: {target.reached:.4f}, at most {target.limit:g}')
+        print(f'{verdict}: {target.text}: {target.reached:.4f}, at most {target.limit:g}')
     return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    try:
-        import matplotlib  # noqa: F401
-    except ModuleNotFoundError:
-        print(
-            'study_gap_control: matplotlib is missing: install it, or the package with its extra '
-            '[plot]',
-            file=sys.stderr,
-        )
-        return 2
-    try:
-        return _run(arguments)
-    except BrokenProcessPool:
-        print(
-            'study_gap_control: a process died, perhaps for want of memory: give fewer --jobs',
-            file=sys.stderr,
-        )
-        return 1
-    except OSError as error:
-        say('study_gap_control', in_words(error, arguments.output))
-        return 1
-    except KeyboardInterrupt:
-        print('study_gap_control: interrupted', file=sys.stderr)
-        return 130
+    return outcome('study_gap_control', lambda: _run(arguments))
 
 
 if __name__ == '__main__':

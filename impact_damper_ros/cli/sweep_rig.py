@@ -1,9 +1,8 @@
-"""`sweep_rig`: steady states of a rig over any of its parameters, as a table and a figure."""
+"""`sweep_rig`: the steady states of a rig over its parameters, as a table and figures."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import logging
 import os
 import signal
@@ -11,77 +10,78 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
+from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.orbits.settling_rig import Settling
-from impact_damper_ros.rig import RigParameters, load_parameters
-from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
-from impact_damper_ros.sweep.columns import MEASURES
-from impact_damper_ros.sweep.execution import (
+from impact_damper_ros.orbits.settling import Settling
+from impact_damper_ros.outputs import check_file
+from impact_damper_ros.sweep import (
+    MEASURES,
+    Axis,
+    Best,
     DaskWorkers,
+    Follow,
     Here,
+    Journal,
     LocalWorkers,
+    MetadataError,
+    Optimum,
+    SweepPlan,
+    SweepTable,
     Workers,
     WorkersError,
-    run_sweep,
-)
-from impact_damper_ros.sweep.optimum import Best, Optimum, find_optimum, summary_of, summary_text
-from impact_damper_ros.sweep.plan import (
-    Axis,
-    AxisError,
-    Follow,
-    SweepPlan,
-    axis_from_mapping,
     axis_from_text,
-)
-from impact_damper_ros.sweep.table import (
-    FORMATS,
-    MetadataError,
-    SweepTable,
-    need_pyarrow,
-    stored_inputs,
+    draw_sweep,
+    find_optimum,
+    journal_path,
+    run_sweep,
+    summary_of,
+    summary_text,
     write_table,
 )
-from impact_damper_ros.sweep.work import Journal, differences, journal_path
+from impact_damper_ros.sweep.journal import differences
+from impact_damper_ros.sweep.plan import axes_from_file
+from impact_damper_ros.sweep.table import FORMATS, need_pyarrow, stored_inputs
 
 from .command_line import (
-    add_params_argument,
-    add_version_option,
-    announce,
+    EXIT_FAILED,
+    CommandError,
+    add_quiet_option,
     check_figure,
-    check_file,
-    in_words,
+    command_parser,
+    outcome,
     say,
     up_to,
-    write_text,
+    write_json,
 )
-from .overrides import add_set_option, overridden, overridden_control
+from .rig_options import add_params_argument, add_set_option, announce, given_rig
 
-__all__ = ['main', 'parser', 'plan_of']
+__all__ = ['main']
 
 
 _DEFAULT = Settling()
+#: Exit code if every rig failed.
+_ALL_FAILED = 4
 
 _DESCRIPTION = """\
-Run an impact damper for many values of any of its parameters and initial conditions, each until
-its motion has settled, and write what it settles into as a table (Parquet or CSV): largest and
-rms X, impacts per cycle, period and stops, Lyapunov exponent, shares of time in chatter, sticking
-and at rest, and the section of the motion. All quantities are in SI units.
+Run an impact damper for many values of its parameters or initial conditions, each until its motion
+has settled, and write the steady states as a table (Parquet or CSV): largest and rms X, impacts
+per cycle, period and stops, Lyapunov exponent, shares of the time in chatter, sticking and at
+rest, and the section of the motion. All quantities are in SI units.
 """
 _EPILOG = """\
 RANGE is LOW:HIGH:COUNT, LOW:HIGH:COUNT:log, or a list such as 10,20,40. Several names before it
-take the same value: --vary restitution_1=restitution_2=0.5:0.9:41. One entry of an array is
-force_frequencies[0].
+take the same value: --vary restitution_1=restitution_2=0.5:0.9:41. An entry of an array is named
+as in force_frequencies[0].
 
-An interrupted sweep goes on when the same command is given again; nothing that was done is lost.
-A rig that cannot be simulated is a row with its reason. With gap_control in the parameters file or
-by --set, the rigs run under control, which takes longer; its parameters can be varied, too.
+The same command resumes an interrupted sweep; rigs that are done are not run again. A rig that
+cannot be simulated is a row with the reason. With gap_control in the parameters file or by --set,
+the rigs run under control, which takes longer; the parameters of the control can be varied, too.
 
 Examples:
   sweep_rig config/paper.yaml --vary gap=5:80:400 --follow both -o gap.parquet --figure gap.png
@@ -90,19 +90,14 @@ Examples:
   sweep_rig config/paper.yaml --vary initial_primary_position=-60:60:200 \\
       --vary initial_primary_velocity=-60:60:200 -o basins.parquet --figure basins.png
 
-Exit code: 0; 1 if something could not be written, or workers died; 2 if the input is not usable;
-4 if every rig of the sweep failed; 130 on Ctrl-C.
+Exit code: 0 on success; 1 if something could not be written, or workers died; 2 if the input is
+not usable; 4 if every rig of the sweep failed; 130 on Ctrl-C.
 """
 
 
-def parser() -> argparse.ArgumentParser:
+def _parser() -> argparse.ArgumentParser:
     """Return the parser of the command."""
-    options = argparse.ArgumentParser(
-        'sweep_rig',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = command_parser('sweep_rig', _DESCRIPTION, _EPILOG)
     add = options.add_argument
     add_params_argument(options)
     add(
@@ -110,17 +105,18 @@ def parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME=RANGE',
-        help='what to vary; once for each axis, the one that is followed first',
+        help='a parameter and its values; may be repeated for further axes, of which the first is '
+        'followed',
     )
-    add('--ranges', type=Path, metavar='FILE.yaml', help='the same as "vary:" in a YAML file')
+    add('--ranges', type=Path, metavar='FILE.yaml', help='the axes as "vary:" in a YAML file')
     add_set_option(options)
     add(
         *('-o', '--output'),
         type=Path,
         required=True,
         metavar='FILE',
-        help='the table: a name that ends in .parquet or .csv; while the sweep runs, what is done '
-        'is in FILE.part',
+        help='the table; its name ends in .parquet or .csv. Rows that are done are in FILE.part '
+        'until it is written',
     )
     add('--overwrite', action='store_true', help='replace the table of another sweep')
     add(
@@ -130,12 +126,12 @@ def parser() -> argparse.ArgumentParser:
         help='start each rig from the last state of the one before, along the first axis upwards, '
         'downwards or both [none]',
     )
-    watched = options.add_argument_group('how each rig is watched')
+    watched = options.add_argument_group('settling and measurement')
     for name, meaning in (
-        ('cycles', 'most cycles of the force to settle in'),
-        ('watch', 'cycles measured of a motion that does not repeat'),
-        ('events', 'most events of one rig'),
-        ('section', 'most points of the section that are kept'),
+        ('cycles', 'largest number of force cycles to settle in'),
+        ('watch', 'cycles measured if the motion does not repeat'),
+        ('events', 'largest number of events of one rig'),
+        ('section', 'largest number of points of the section to keep'),
     ):
         default = getattr(_DEFAULT, name)
         watched.add_argument(
@@ -146,24 +142,25 @@ def parser() -> argparse.ArgumentParser:
         type=float,
         default=_DEFAULT.tolerance,
         metavar='EPS',
-        help=f'how closely periods must agree to be taken as settled [{_DEFAULT.tolerance:g}]',
+        help='relative tolerance within which periods must agree for a motion to be settled '
+        f'[{_DEFAULT.tolerance:g}]',
     )
-    drawn = options.add_argument_group('what is made of the table')
+    drawn = options.add_argument_group('results from the table')
     drawn.add_argument(
         '--figure',
         type=Path,
         action='append',
         default=[],
         metavar='FILE',
-        help='draw it, as png, svg or pdf: a bifurcation diagram of one axis, a response surface '
-        'of two, basins of attraction of two initial conditions; may be repeated',
+        help='draw the table as png, svg or pdf: a bifurcation diagram of one axis, a response '
+        'surface of two, basins of attraction of two initial conditions; may be repeated',
     )
     drawn.add_argument(
         '--measure',
         choices=list(MEASURES),
         default='x_max_ratio',
         metavar='NAME',
-        help=f'measure to draw and to find the optimum of: {", ".join(MEASURES)} [x_max_ratio]',
+        help=f'measure to draw and to optimise: {", ".join(MEASURES)} [x_max_ratio]',
     )
     drawn.add_argument(
         '--optimum',
@@ -174,26 +171,29 @@ def parser() -> argparse.ArgumentParser:
     drawn.add_argument(
         '--no-search',
         action='store_true',
-        help='leave the optimum on the grid: no search between its values, which takes long for '
-        'rigs under gap control',
+        help='take the optimum from the grid, without a search between its values, which takes '
+        'long for rigs under gap control',
     )
     drawn.add_argument(
         '--json',
         type=Path,
         metavar='FILE',
-        help='write counts, attractors and optimum (- : stdout)',
+        help='write counts, attractors and optimum as JSON (- : stdout)',
     )
-    where = options.add_argument_group('where it runs').add_mutually_exclusive_group()
+    where = options.add_argument_group('execution').add_mutually_exclusive_group()
     where.add_argument(
-        '--jobs', type=up_to(1024), default=_cores(), metavar='N', help=f'processes [{_cores()}]'
+        '--jobs',
+        type=up_to(1024),
+        default=_cores(),
+        metavar='N',
+        help=f'number of processes [{_cores()}]',
     )
     where.add_argument(
         '--scheduler',
         metavar='ADDRESS',
-        help='run on the workers of this Dask scheduler, such as tcp://10.0.0.1:8786',
+        help='run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786',
     )
-    add('--quiet', action='store_true', help='no progress bar and no summary')
-    add_version_option(options)
+    add_quiet_option(options, 'summary')
     return options
 
 
@@ -201,108 +201,67 @@ def _cores() -> int:
     return max(1, len(os.sched_getaffinity(0)))
 
 
-def _ranges(path: Path, rig: RigParameters) -> list[Axis]:
-    """Read the axes of a ranges file."""
-    try:
-        content: Any = guarded_yaml(path)
-    except OSError as error:
-        reason = error.strerror or error
-        raise AxisError(f'{path}: cannot be read ({reason}): give a YAML file') from error
-    except YamlError as error:
-        raise AxisError(f'{path}: {error}') from error
-    ranges = content.get('vary') if isinstance(content, dict) else None
-    if not isinstance(ranges, dict) or set(content) != {'vary'}:
-        raise AxisError(
-            f'{path}: start the file with "vary:" and, indented below it, lines such as '
-            '"gap: 10:60:200" or "gap: {from: 10, to: 60, count: 200}"'
-        )
-    return [axis_from_mapping(str(name), entry, rig) for name, entry in ranges.items()]
-
-
-def plan_of(arguments: argparse.Namespace) -> SweepPlan:
-    """Return the sweep that was asked for."""
-    parameters, initial, other = load_parameters(arguments.params)
-    control = GapControlParameters(**{k: v for k, v in other.items() if k in GAP_CONTROL_SPECS})
-    settings, control = overridden_control(arguments.set, control)
-    parameters, initial = overridden(settings, parameters, initial)
+def _plan(arguments: argparse.Namespace) -> SweepPlan:
+    parameters, initial, control = given_rig(arguments.params, arguments.set)
     axes: Sequence[Axis] = [
-        *([] if arguments.ranges is None else _ranges(arguments.ranges, parameters)),
+        *([] if arguments.ranges is None else axes_from_file(arguments.ranges, parameters)),
         *(axis_from_text(text, parameters) for text in arguments.vary),
     ]
-    settling = Settling(
-        cycles=arguments.cycles,
-        watch=arguments.watch,
-        tolerance=arguments.tolerance,
-        events=arguments.events,
-        section=arguments.section,
-    )
+    watched = asdict(_DEFAULT)
+    settling = Settling(**{name: getattr(arguments, name) for name in watched})
     if not control.active:
-        # Nothing depends on the rest of it
+        # Its other parameters have no effect
         control = GapControlParameters()
     return SweepPlan(
         *(parameters, initial, tuple(axes), Follow(arguments.follow), settling, control)
     )
 
 
-EXIT_WRITE, EXIT_INPUT, EXIT_ALL_FAILED, EXIT_INTERRUPTED = 1, 2, 4, 130
-
-
-class _StopError(Exception):
-    """The command cannot go on; what to say, and the exit code."""
-
-    def __init__(self, message: str, code: int) -> None:
-        super().__init__(message)
-        self.code = code
-
-
 def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
-    """Find out before the work what could not be written after it."""
+    """Check before the work that all outputs can be written after it."""
     figures: list[Path] = arguments.figure
     if arguments.output.suffix.lower() not in FORMATS:
-        raise _StopError(
+        raise ValueError(
             f'{arguments.output}: give the table a name that ends in .parquet (for pandas and '
-            'xarray, with units) or .csv (for a spreadsheet)',
-            EXIT_INPUT,
+            'xarray, with units) or .csv (for a spreadsheet)'
         )
     outputs = [arguments.output, *figures, *([arguments.json] if arguments.json else [])]
     for path in outputs:
         if str(path) == '-' and path is not arguments.output:
             continue
         if path.is_dir():
-            raise _StopError(f'{path} is a directory: give the name of a file', EXIT_INPUT)
+            raise ValueError(f'{path} is a directory: give the name of a file')
         if not path.absolute().parent.is_dir():
-            raise _StopError(
-                f'{path.absolute().parent} is no directory: make it, or give another place for '
-                f'{path.name}',
-                EXIT_INPUT,
+            raise ValueError(
+                f'{path.absolute().parent} is not a directory: make it, or give another place for '
+                f'{path.name}'
             )
         check_file(path)
     if len({path.absolute() for path in outputs}) < len(outputs):
-        raise _StopError('two outputs have the same name: give each its own', EXIT_INPUT)
+        raise ValueError('two outputs have the same name: give each its own')
     for path in figures:
         check_figure(path)
     if figures and len(plan.axes) > 2:
-        raise _StopError(
+        raise ValueError(
             f'a figure shows one axis or two, not {len(plan.axes)}: leave out --figure, and draw '
-            'the table',
-            EXIT_INPUT,
+            'the table'
         )
 
 
 def _announce(plan: SweepPlan) -> None:
-    """Say what is swept, and whether frequencies look as if they were in Hz."""
-    varied = [
+    """Print the rig, and a note if its frequencies may have been given in Hz."""
+    ranges = [
         (float(axis.values[0]), float(axis.values[-1]))
         for axis in plan.axes
-        if any(target.name == 'force_frequencies' and not target.index for target in axis.targets)
+        if any(p.name == 'force_frequencies' and not p.index for p in axis.parameters)
     ]
     announce(
-        *('sweep_rig', plan.parameters, plan.control), frequencies=varied[0] if varied else None
+        *('sweep_rig', plan.parameters, plan.control), frequencies=ranges[0] if ranges else None
     )
 
 
 def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
-    """Return whether the table is there already; refuse to touch another one."""
+    """Return whether the table exists already; refuse to replace that of another sweep."""
     if not output.exists():
         return False
     try:
@@ -310,28 +269,30 @@ def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
     except MetadataError as error:
         if overwrite:
             return False
-        raise _StopError(
-            f'{error}: give another --output, or --overwrite it', EXIT_INPUT
-        ) from None
+        raise ValueError(f'{error}: give another --output, or --overwrite it') from None
     differing = differences(stored, plan.inputs())
     if differing and not overwrite:
-        raise _StopError(
+        raise ValueError(
             f'{output} is the table of a sweep with other inputs:\n  '
             + '\n  '.join(differing[:12])
-            + '\ngive another --output, or --overwrite it',
-            EXIT_INPUT,
+            + '\ngive another --output, or --overwrite it'
         )
     return not differing
 
 
 def _workers(arguments: argparse.Namespace) -> Workers:
-    if arguments.scheduler:
+    if not arguments.scheduler:
+        return Here() if arguments.jobs == 1 else LocalWorkers(arguments.jobs)
+    try:
         workers = DaskWorkers(arguments.scheduler)
-        # What matters of a lost connection is said here, in a line
-        for name in ('distributed.batched', 'distributed.client'):
-            logging.getLogger(name).setLevel(logging.CRITICAL)
-        return workers
-    return Here() if arguments.jobs == 1 else LocalWorkers(arguments.jobs)
+    except ImportError as error:
+        raise CommandError(str(error)) from error
+    except OSError as error:
+        raise CommandError(str(error), EXIT_FAILED) from error
+    # This command reports a lost connection itself, in one line
+    for name in ('distributed.batched', 'distributed.client'):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    return workers
 
 
 @contextmanager
@@ -351,78 +312,46 @@ def _stopped_by_sigterm() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _left(journal: Journal, plan: SweepPlan) -> str:
-    return (
-        f'{len(journal.points)} of {plan.size} rigs are in {journal.path}: give the same command '
-        'again to go on'
-    )
-
-
-def _run(
-    plan: SweepPlan, journal: Journal, workers: Workers, output: Path, *, quiet: bool
-) -> None:
-    """Run what is left of the sweep, and write the table."""
-    try:
-        with tqdm(
-            total=plan.size,
-            initial=len(journal.points),
-            desc='rigs',
-            unit='rig',
-            smoothing=0.05,
-            disable=True if quiet else None,
-        ) as bar:
-            run_sweep(
-                plan,
-                journal,
-                workers,
-                at_once=lambda: workers.at_once,
-                losses=workers.losses,
-                progress=bar.update,
-            )
-        write_table(plan, journal, output)
-    except KeyboardInterrupt:
-        raise _StopError(f'interrupted; {_left(journal, plan)}', EXIT_INTERRUPTED) from None
-    except WorkersError as error:
-        raise _StopError(f'{error}; {_left(journal, plan)}', EXIT_WRITE) from error
-    except OSError as error:
-        raise _StopError(
-            f'cannot write {error.filename or journal.path}: {error.strerror or error}; '
-            f'{_left(journal, plan)} once that is put right',
-            EXIT_WRITE,
-        ) from error
+def _run_rigs(plan: SweepPlan, journal: Journal, workers: Workers, *, quiet: bool) -> None:
+    with tqdm(
+        total=plan.size,
+        initial=len(journal.points),
+        desc='rigs',
+        unit='rig',
+        smoothing=0.05,
+        disable=True if quiet else None,
+    ) as bar:
+        run_sweep(
+            *(plan, journal, workers),
+            at_once=lambda: workers.at_once,
+            losses=workers.losses,
+            progress=bar.update,
+        )
 
 
 def _sweep(arguments: argparse.Namespace, plan: SweepPlan) -> None:
-    """Make the table, if it is not there already."""
-    output: Path = arguments.output
-    if _is_complete(plan, output, overwrite=arguments.overwrite):
-        journal_path(output).unlink(missing_ok=True)
-        return
-    if find_spec('numba') is None and not arguments.quiet:
-        print(
-            'sweep_rig: numba is not installed; with it (extra [compiled]) this is many times as '
-            'fast',
-            file=sys.stderr,
-        )
-    try:
-        workers = _workers(arguments)
-    except OSError as error:
-        raise _StopError(str(error), EXIT_WRITE) from error
-    with workers:
+    """Run the rest of the sweep, and write the table."""
+    path = journal_path(arguments.output)
+    with _workers(arguments) as workers:
         try:
-            journal = Journal(journal_path(output), plan.inputs(), anew=arguments.overwrite)
+            with Journal(path, plan.inputs(), anew=arguments.overwrite) as journal:
+                try:
+                    _run_rigs(plan, journal, workers, quiet=arguments.quiet)
+                    write_table(plan, journal, arguments.output)
+                except (KeyboardInterrupt, WorkersError, OSError) as error:
+                    done = f'{len(journal.points)} of {plan.size} rigs are in {path}'
+                    say('sweep_rig', f'{done}: give the same command again to resume')
+                    if isinstance(error, WorkersError):
+                        raise CommandError(str(error), EXIT_FAILED) from error
+                    raise
+                path.unlink(missing_ok=True)
         except OSError as error:
-            raise _StopError(
-                in_words(error, journal_path(output)),
-                EXIT_WRITE,
-            ) from error
-        with journal:
-            _run(plan, journal, workers, output, quiet=arguments.quiet)
-            journal.path.unlink(missing_ok=True)
+            error.filename = error.filename or str(path)
+            raise
 
 
 def _optimum(table: SweepTable, arguments: argparse.Namespace) -> Optimum | None:
-    """Find the best rig, and show how the search for it goes on if it takes long."""
+    """Find the best rig, with a progress bar if the search takes long."""
     with tqdm(
         desc='optimum', unit='rig', delay=2.0, disable=True if arguments.quiet else None
     ) as bar:
@@ -434,51 +363,44 @@ def _optimum(table: SweepTable, arguments: argparse.Namespace) -> Optimum | None
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    """Draw and say what the table holds."""
+    """Draw and summarise the table; return the exit code."""
     table = SweepTable(arguments.output)
-    optimum: Optimum | None = None
-    if arguments.optimum != 'none':
-        optimum = _optimum(table, arguments)
+    optimum = None if arguments.optimum == 'none' else _optimum(table, arguments)
     summary = summary_of(table, optimum)
     for path in arguments.figure:
-        from impact_damper_ros.sweep.figures import draw_sweep
-
         draw_sweep(table, arguments.measure, optimum, path)
-    if arguments.json is not None:
-        text = json.dumps(summary, indent=2) + '\n'
-        write_text(arguments.json, text)
+    write_json(arguments.json, summary)
     if not arguments.quiet:
         print(summary_text(arguments.output, summary), file=sys.stderr)
         missed = optimum is None and arguments.optimum != 'none' and not summary['attractors']
         if missed and summary['failed'] < summary['rigs']:
             print('  no optimum, since no motion repeats: give more --cycles', file=sys.stderr)
-    return EXIT_ALL_FAILED if summary['failed'] == summary['rigs'] else 0
+    return _ALL_FAILED if summary['failed'] == summary['rigs'] else 0
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    try:
+        need_pyarrow()
+    except ImportError as error:
+        raise CommandError(str(error)) from error
+    plan = _plan(arguments)
+    _check_outputs(arguments, plan)
+    if not arguments.quiet:
+        _announce(plan)
+    if _is_complete(plan, arguments.output, overwrite=arguments.overwrite):
+        journal_path(arguments.output).unlink(missing_ok=True)
+    else:
+        if find_spec('numba') is None and not arguments.quiet:
+            say('sweep_rig', 'without numba (extra [compiled]) a sweep takes many times as long')
+        _sweep(arguments, plan)
+    return _report(arguments)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    arguments = parser().parse_args(argv)
-    try:
-        need_pyarrow()
-        plan = plan_of(arguments)
-        _check_outputs(arguments, plan)
-        if not arguments.quiet:
-            _announce(plan)
-        with _stopped_by_sigterm():
-            _sweep(arguments, plan)
-            return _report(arguments)
-    except (ImportError, ValueError) as error:
-        say('sweep_rig', error)
-        return EXIT_INPUT
-    except _StopError as error:
-        say('sweep_rig', error)
-        return error.code
-    except OSError as error:
-        say('sweep_rig', in_words(error))
-        return EXIT_WRITE
-    except KeyboardInterrupt:
-        print('sweep_rig: interrupted; give the same command again to go on', file=sys.stderr)
-        return EXIT_INTERRUPTED
+    arguments = _parser().parse_args(argv)
+    with _stopped_by_sigterm():
+        return outcome('sweep_rig', lambda: _run(arguments))
 
 
 if __name__ == '__main__':

@@ -1,1 +1,90 @@
-"""Recorded runs compared with the periodic theory; without ROS."""
+"""
+Recorded runs compared with the periodic theory.
+
+`compare_bag` divides a bag into stretches with constant parameters, checks the log of each,
+measures its motion, finds the motion that theory predicts, and gives a verdict. `predictions`
+predicts the motion of a rig that is running. Importable without ROS; needs numpy.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from .measured_motion import cubic_rates, cubic_swing
+from .prediction import ObservedMotion, Prediction, predictions
+from .result import (
+    Array,
+    Beginning,
+    Convergence,
+    Decay,
+    EnergyBalance,
+    Finding,
+    GapCurve,
+    ImpactCurve,
+    ImpactStates,
+    LogCheck,
+    MeasuredMotion,
+    MotionCurve,
+    MotionKind,
+    Overall,
+    PredictedCurve,
+    RunComparison,
+    Spectrum,
+    StretchComparison,
+    StretchCurves,
+    SwingEnvelope,
+    Verdict,
+)
+
+if TYPE_CHECKING:
+    from .bag_stretches import BagStretches
+    from .comparison import LogReplay, compare_bag, replay_log
+    from .periodic_motion import GapCurves
+
+__all__ = [
+    'Array',
+    'BagStretches',
+    'Beginning',
+    'Convergence',
+    'Decay',
+    'EnergyBalance',
+    'Finding',
+    'GapCurve',
+    'GapCurves',
+    'ImpactCurve',
+    'ImpactStates',
+    'LogCheck',
+    'LogReplay',
+    'MeasuredMotion',
+    'MotionCurve',
+    'MotionKind',
+    'ObservedMotion',
+    'Overall',
+    'PredictedCurve',
+    'Prediction',
+    'RunComparison',
+    'Spectrum',
+    'StretchComparison',
+    'StretchCurves',
+    'SwingEnvelope',
+    'Verdict',
+    'compare_bag',
+    'cubic_rates',
+    'cubic_swing',
+    'predictions',
+    'replay_log',
+]
+
+
+#: Imported on first use: the node predicts without them.
+_MODULES = {
+    'bag_stretches': ('BagStretches',),
+    'comparison': ('LogReplay', 'compare_bag', 'replay_log'),
+    'periodic_motion': ('GapCurves',),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f'{__name__}.{module}'), name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

@@ -2,12 +2,16 @@
 A bag as stretches with constant parameters, in arrays.
 
 The run is cut where its parameters change and where it is reset, at the instants that the
-snapshots, or else the parameter events, tell. A pause is no cut: rig time stands still meanwhile,
-and so does the rig.
+snapshots or else the parameter events name. A pause is no cut: rig time stands still during it.
+
+Memory stays bounded: of the joint states the last ones are kept, of very many impacts the first
+and the last ones. The check of the flights, the envelope of X and the numbers over the whole
+stretch see all of them, part by part.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,139 +21,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.rig_messages import IMPACT_JOINTS, JOINTS, JointStateColumns
-from impact_damper_ros.bag.run_history import Change, RunHistory, SnapshotRecord, StateRecord
+from impact_damper_ros.bag.messages import JointStateColumns, JointStateTable
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
 from impact_damper_ros.control import GAP_CONTROL_SPECS
+from impact_damper_ros.replay.recorded_run import RecordedChange, RecordedRun
+from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.simulator import Snapshot
 
-from .fault_search import FaultSearch
-from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, RecordedStretch
-from .run_comparison import Beginning
-from .stretch_meter import StretchMeter
+from .flight_check import FaultSearch
+from .measured_motion import SwingAndEnergy
+from .recorded_stretch import (
+    ForceClock,
+    RecordedImpacts,
+    RecordedStates,
+    RecordedStretch,
+    knots_of,
+)
+from .result import Array, Beginning, SwingEnvelope
 
-__all__ = [
-    'BagRows',
-    'BagStretches',
-    'MeteredStretch',
-    'RigAt',
-    'Rows',
-    'changed_names',
-    'told_change',
-]
+__all__ = ['BagStretches', 'CheckedStretch', 'LoggedRig', 'StretchBuilder']
 
 
-#: Rig times in ns, stops (0 for joint states) and numbers of messages.
-Rows = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
-
-
-class BagRows:
-    """
-    The messages of one topic.
-
-    Parameters
-    ----------
-    columns : JointStateColumns
-        Reads them.
-
-    Attributes
-    ----------
-    unreadable : list of str
-        Why some could not be read; the first ones.
-    unreadable_count, not_numbers, misplaced : int
-        Messages that could not be read; that hold something that is no finite number; that came
-        after a later one had been handed on, or twice.
-    """
-
-    def __init__(self, columns: JointStateColumns) -> None:
-        self.unreadable: list[str] = []
-        self.unreadable_count = self.not_numbers = self.misplaced = 0
-        self._columns = columns
-        self._contents: list[bytes] = []
-        self._offset_ns = 0
-        self._time = np.empty(0, dtype=np.int64)
-        self._stop = np.empty(0)
-        self._numbers = np.empty((0, 0))
-        self._taken_ns: int | None = None
-
-    @property
-    def unread(self) -> int:
-        """Number of messages that wait to be read."""
-        return len(self._contents)
-
-    def put(self, content: bytes, offset_ns: int) -> None:
-        """Take a message; rig time is its stamp less the offset."""
-        if offset_ns != self._offset_ns:
-            self.read()
-            self._offset_ns = offset_ns
-        self._contents.append(content)
-
-    def read(self) -> None:
-        """Read the messages that wait."""
-        contents, self._contents = self._contents, []
-        if not contents:
-            return
-        table = self._columns.read(contents)
-        self.unreadable_count += len(table.unreadable)
-        self.unreadable += [reason for _, reason in table.unreadable[: 3 - len(self.unreadable)]]
-        finite = np.isfinite(table.numbers).all(axis=1)
-        self.not_numbers += int((~finite).sum())
-        stops = np.array([_stop_of(frame) for frame in self._columns.frames] or [0.0])
-        time = table.stamps_ns[finite] - self._offset_ns
-        stop = stops[table.frames[finite]]
-        numbers = table.numbers[finite]
-        if len(self._time):
-            time = np.concatenate([self._time, time])
-            stop = np.concatenate([self._stop, stop])
-            numbers = np.concatenate([self._numbers, numbers])
-        order = np.argsort(time, kind='stable')
-        time, stop, numbers = time[order], stop[order], numbers[order]
-        keep = np.ones(len(time), dtype=np.bool_)
-        # Chatters may have several impacts in a nanosecond, but never the same one twice.
-        same = time[1:] == time[:-1]
-        impacts = bool(stops.any())
-        if impacts:
-            same &= (numbers[1:] == numbers[:-1]).all(axis=1)
-        keep[1:] &= ~same
-        if self._taken_ns is not None:
-            keep &= time >= self._taken_ns + (not impacts)
-        self.misplaced += int((~keep).sum())
-        self._time, self._stop, self._numbers = time[keep], stop[keep], numbers[keep]
-
-    def take(self, until_ns: int | None) -> Rows:
-        """Hand out the rows read up to an instant, inclusive; all of them if it is None."""
-        count = len(self._time)
-        if until_ns is not None:
-            count = int(np.searchsorted(self._time, until_ns, side='right'))
-        rows = self._time[:count], self._stop[:count], self._numbers[:count]
-        self._time, self._stop = self._time[count:], self._stop[count:]
-        self._numbers = self._numbers[count:]
-        if count:
-            self._taken_ns = int(rows[0][-1])
-        return rows
-
-    def drop(self, instant_ns: int) -> None:
-        """Leave out a row of an instant: it may be from before or after what happened there."""
-        kept = self._time != instant_ns
-        self._time, self._stop = self._time[kept], self._stop[kept]
-        self._numbers = self._numbers[kept]
-
-    def faults(self) -> list[str]:
-        """Return what was wrong with the messages."""
-        found = []
-        if self.unreadable_count:
-            first = self.unreadable[0]
-            found.append(f'that cannot be read: {self.unreadable_count} (the first: {first})')
-        if self.not_numbers:
-            found.append(f'with NaN or infinite numbers, left out: {self.not_numbers}')
-        if self.misplaced:
-            found.append(f'with stamps from before others, or twice, left out: {self.misplaced}')
-        return found
-
-
-def _stop_of(frame: str) -> float:
-    """Return the stop that the frame of an impact names; 0 for joint states."""
-    return {'stop_1': 1.0, 'stop_2': 2.0}.get(frame, 0.0)
+# The rig
 
 
 _OFF = 'off'
@@ -157,38 +51,18 @@ _NO_CONTROL = {'gap_control': _OFF}
 
 
 @dataclass(frozen=True)
-class RigAt:
-    """
-    A rig as logged.
-
-    Attributes
-    ----------
-    parameters : RigParameters
-        The rig.
-    clock : ForceClock or None
-        The force; None if its phase is not known.
-    last_stop : int
-        Stop hit last, 0 for none.
-    control : mapping of str to value
-        Gap-control parameters.
-    stops_move : bool
-        Whether stops are on their way, moved by a control or back from there.
-    """
+class LoggedRig:
+    """A rig as logged."""
 
     parameters: RigParameters
-    clock: ForceClock | None = None
-    last_stop: int = 0
+    clock: ForceClock | None = None  # the force; None if its phase is not known
+    last_stop: int = 0  # stop hit last, 0 for none
     control: Mapping[str, Any] = field(default_factory=lambda: dict(_NO_CONTROL))
-    stops_move: bool = False
-
-    @classmethod
-    def of_parameters(cls, parameters: RigParameters) -> Self:
-        """Return a rig of which nothing else is known."""
-        return cls(parameters)
+    stops_move: bool = False  # by a control, or back to the gap
 
     @classmethod
     def of_dump(cls, values: Mapping[str, Any]) -> Self | None:
-        """Return the rig that a list of all parameters tells; None if it lacks some."""
+        """Return the rig of a list of all parameters; None if it lacks some."""
         if not values.keys() >= PARAMETER_SPECS.keys():
             return None
         rig = RigParameters(**{n: values[n] for n in PARAMETER_SPECS})
@@ -208,7 +82,7 @@ class RigAt:
         moving = _active(control) or bool(stored.get('state', {}).get('returning'))
         return cls(snapshot.parameters, clock, origin.last_stop, control, moving)
 
-    def changed(self, values: Mapping[str, Any], time: float) -> RigAt:
+    def changed(self, values: Mapping[str, Any], time: float) -> LoggedRig:
         """Return the rig after a change at an instant, s; the harmonics keep their angles."""
         named = {name: value for name, value in values.items() if name in PARAMETER_SPECS}
         parameters = self.parameters.replace(**named)
@@ -220,10 +94,21 @@ class RigAt:
             clock = ForceClock(parameters, time, angles)
         return replace(self, parameters=parameters, clock=clock)
 
-    def differences(self, other: RigAt) -> str:
+    def changed_names(self, other: LoggedRig) -> set[str]:
+        """Return the names of the parameters that another rig has other values of."""
+        before, after = self.parameters.as_dict(), other.parameters.as_dict()
+        names = {name for name in before if before[name] != after[name]}
+        if not (_active(self.control) or _active(other.control)):
+            # The parameters of a control that is off do not matter.
+            return names
+        # A list of all parameters of an older version knows no control.
+        known = self.control.keys() & other.control.keys()
+        return names | {n for n in known if self.control[n] != other.control[n]}
+
+    def differences(self, other: LoggedRig) -> str:
         """Return in words what another rig has that this one has not."""
         parts = []
-        for name in sorted(changed_names(self, other)):
+        for name in sorted(self.changed_names(other)):
             if name in PARAMETER_SPECS:
                 unit = PARAMETER_SPECS[name].unit
                 was, now = getattr(self.parameters, name), getattr(other.parameters, name)
@@ -249,21 +134,267 @@ def _shown(value: Any) -> str:
     return f'{value:.9g}' if isinstance(value, float) else str(value).lower()
 
 
-def changed_names(one: RigAt, other: RigAt) -> set[str]:
-    """Return the names of the parameters in which two rigs differ."""
-    before, after = one.parameters.as_dict(), other.parameters.as_dict()
-    names = {name for name in before if before[name] != after[name]}
-    if not (_active(one.control) or _active(other.control)):
-        # What the laws are set to does not matter then.
-        return names
-    # A list of all parameters of an older version knows no control.
-    known = one.control.keys() & other.control.keys()
-    return names | {n for n in known if one.control[n] != other.control[n]}
+# One stretch
 
 
-def told_change(values: Mapping[str, Any]) -> bool:
-    """Return whether a parameter event changes the rig."""
-    return any(name in PARAMETER_SPECS for name in values)
+_MOST_STATES = 200_000
+_FIRST_IMPACTS, _LAST_IMPACTS = 100_000, 200_000
+_MOST_PIECES = 2000
+_MOST_GAPS = 1000
+#: Intervals so many times the usual one have missing samples.
+_WIDE = 1.5
+_LEARNT_FROM = 20
+#: Harmonics of the force, times intervals, that are checked: those of a long multisine in part.
+_MOST_LINES = 30_000_000
+
+
+class _Envelope:
+    """Least and greatest X in consecutive pieces, merged by twos as they become too many."""
+
+    def __init__(self) -> None:
+        self._size = 1
+        self._time, self._low, self._high = (np.empty(0) for _ in range(3))
+        self._rest: list[tuple[Array, Array]] = []
+        self._waiting = 0
+
+    def take(self, time: Array, x: Array) -> None:
+        self._rest.append((time, x))
+        self._waiting += len(time)
+        if self._waiting >= self._size:
+            self._put(self._waiting // self._size * self._size)
+
+    def _put(self, count: int) -> None:
+        time = np.concatenate([t for t, _ in self._rest])
+        x = np.concatenate([x for _, x in self._rest])
+        self._rest = [(time[count:], x[count:])]
+        self._waiting = len(time) - count
+        starts = np.arange(0, count, self._size)
+        self._time = np.concatenate([self._time, time[starts]])
+        self._low = np.concatenate([self._low, np.minimum.reduceat(x[:count], starts)])
+        self._high = np.concatenate([self._high, np.maximum.reduceat(x[:count], starts)])
+        while len(self._time) > _MOST_PIECES:
+            starts = np.arange(0, len(self._time), 2)
+            self._time = self._time[starts]
+            self._low = np.minimum.reduceat(self._low, starts)
+            self._high = np.maximum.reduceat(self._high, starts)
+            self._size *= 2
+
+    def finish(self) -> SwingEnvelope:
+        if self._waiting:
+            self._put(self._waiting)
+        return SwingEnvelope(self._time, self._low, self._high)
+
+
+class StretchBuilder:
+    """
+    Makes a stretch of what was recorded of it, part by part.
+
+    The period of the joint states, in s, is learnt if it is 0. A recorder is `lossy` if it may
+    have lost single messages unnoticed. With `checks`, the flights are checked against the
+    equations of motion; `search` is the check.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        begins: Beginning,
+        cause: str,
+        start: float,
+        rig: LoggedRig,
+        state_period: float = 0.0,
+        *,
+        lossy: bool = False,
+        checks: bool = True,
+    ) -> None:
+        self.search = None
+        if rig.clock is not None and checks:
+            closed_form = rig.stops_move or rig.parameters.multisine_level > 0.0
+            self.search = FaultSearch(rig.clock, in_closed_form=closed_form)
+        self._number, self._begins, self._cause, self._start = number, begins, cause, start
+        self._rig, self._last_stop, self._end = rig, rig.last_stop, start
+        self._states: list[RecordedStates] = []
+        self._impacts: list[RecordedImpacts] = []
+        self._first_impacts: list[RecordedImpacts] = []
+        self._kept = self._kept_impacts = self._kept_first = 0
+        self._state_count = self._impact_count = self._missing = 0
+        self._state_period, self._lossy = state_period, lossy
+        self._last_state: float | None = None
+        self._gaps: list[tuple[float, float]] = []
+        self._envelope = _Envelope()
+        self._totals = SwingAndEnergy(rig.parameters, rig.clock)
+
+    def take(
+        self, states: RecordedStates, impacts: RecordedImpacts, *, final: bool = False
+    ) -> None:
+        """Take the next part."""
+        knots = knots_of(self._rig.parameters, states, impacts, self._last_stop)
+        lines = len(self._rig.parameters.harmonics[0])
+        if self.search is not None and self.search.intervals * lines <= _MOST_LINES:
+            self.search.take(knots, final=final)
+        if len(impacts):
+            self._last_stop = int(impacts.stop[-1])
+        self._state_count += len(states)
+        self._impact_count += len(impacts)
+        self._look_for_gaps(states.time)
+        self._totals.take(knots, impacts, _WIDE * self._state_period or math.inf)
+        self._envelope.take(states.time, states.x)
+        ends = [float(part.time[-1]) for part in (states, impacts) if len(part)]
+        self._end = max([self._end, *ends])
+        self._keep(states, impacts)
+
+    def _look_for_gaps(self, time: Array) -> None:
+        if not self._state_period and len(time) >= _LEARNT_FROM:
+            self._state_period = float(np.median(np.diff(time)))
+        if self._last_state is not None:
+            time = np.concatenate([[self._last_state], time])
+        if not self._state_period or not len(time):
+            return
+        self._last_state = float(time[-1])
+        steps = np.diff(time)
+        wide = np.flatnonzero(steps > _WIDE * self._state_period)
+        self._missing += int((np.round(steps[wide] / self._state_period) - 1).sum())
+        for index in wide[: _MOST_GAPS - len(self._gaps)]:
+            self._gaps.append((float(time[index]), float(time[index + 1])))
+
+    def _keep(self, states: RecordedStates, impacts: RecordedImpacts) -> None:
+        self._states.append(states)
+        self._kept += len(states)
+        while self._kept - len(self._states[0]) >= _MOST_STATES:
+            self._kept -= len(self._states.pop(0))
+        if self._kept_first < _FIRST_IMPACTS:
+            self._first_impacts.append(impacts)
+            self._kept_first += len(impacts)
+            return
+        self._impacts.append(impacts)
+        self._kept_impacts += len(impacts)
+        while self._kept_impacts - len(self._impacts[0]) >= _LAST_IMPACTS:
+            self._kept_impacts -= len(self._impacts.pop(0))
+
+    def finish(self, end: float | None = None) -> RecordedStretch:
+        """Return the stretch."""
+        end = self._end if end is None else end
+        return RecordedStretch(
+            number=self._number,
+            start=self._start,
+            end=end,
+            begins=self._begins,
+            cause=self._cause,
+            parameters=self._rig.parameters,
+            control=dict(self._rig.control),
+            clock=self._rig.clock,
+            states=RecordedStates.joined(self._states),
+            impacts=RecordedImpacts.joined([*self._first_impacts, *self._impacts]),
+            last_stop=self._rig.last_stop,
+            state_count=self._state_count,
+            impact_count=self._impact_count,
+            missing_states=self._missing,
+            lossy=self._lossy,
+            gaps=tuple(self._gaps),
+            envelope=self._envelope.finish(),
+            overall=self._totals.overall(end - self._start),
+        )
+
+
+# The messages of one topic
+
+
+_STOPS = {'stop_1': 1.0, 'stop_2': 2.0}
+
+
+def _some(table: JointStateTable, rows: slice | NDArray[np.bool_]) -> JointStateTable:
+    return JointStateTable(table.stamps_ns[rows], table.numbers[rows], table.frames[rows], ())
+
+
+class _TopicReader:
+    """Reads the messages of one topic as columns, sorted by rig time, ns."""
+
+    def __init__(self, joints: tuple[str, ...], counts: tuple[int, int, int]) -> None:
+        # The first reasons, and numbers of messages: unreadable, with NaN or infinite numbers,
+        # and twice or after a later one had been handed on
+        self.unreadable: list[str] = []
+        self.unreadable_count = self.not_numbers = self.misplaced = 0
+        self._columns = JointStateColumns(joints, counts)
+        self._contents: list[bytes] = []
+        self._offset_ns = 0
+        self._rows = self._columns.read([])
+        self._taken_ns: int | None = None
+
+    @property
+    def unread(self) -> int:
+        """Number of messages that wait to be read."""
+        return len(self._contents)
+
+    def put(self, content: bytes, offset_ns: int) -> None:
+        """Take a message; rig time is its stamp less the offset."""
+        if offset_ns != self._offset_ns:
+            self.read()
+            self._offset_ns = offset_ns
+        self._contents.append(content)
+
+    def read(self) -> None:
+        """Read the messages that wait."""
+        contents, self._contents = self._contents, []
+        if not contents:
+            return
+        table = self._columns.read(contents)
+        self.unreadable_count += len(table.unreadable)
+        self.unreadable += [reason for _, reason in table.unreadable[: 3 - len(self.unreadable)]]
+        finite = np.isfinite(table.numbers).all(axis=1)
+        self.not_numbers += int((~finite).sum())
+        held = self._rows
+        time = np.concatenate([held.stamps_ns, table.stamps_ns[finite] - self._offset_ns])
+        numbers = np.concatenate([held.numbers, table.numbers[finite]])
+        frames = np.concatenate([held.frames, table.frames[finite]])
+        order = np.argsort(time, kind='stable')
+        time, numbers, frames = time[order], numbers[order], frames[order]
+        keep = np.ones(len(time), dtype=np.bool_)
+        # Chatters may have several impacts in a nanosecond, but never the same one twice.
+        same = time[1:] == time[:-1]
+        impacts = any(frame in _STOPS for frame in self._columns.frames)
+        if impacts:
+            same &= (numbers[1:] == numbers[:-1]).all(axis=1)
+        keep[1:] &= ~same
+        if self._taken_ns is not None:
+            keep &= time >= self._taken_ns + (not impacts)
+        self.misplaced += int((~keep).sum())
+        self._rows = _some(JointStateTable(time, numbers, frames, ()), keep)
+
+    def take(self, until_ns: int | None) -> JointStateTable:
+        """Hand out the rows read up to an instant, inclusive; all of them if it is None."""
+        count = len(self._rows.stamps_ns)
+        if until_ns is not None:
+            count = int(np.searchsorted(self._rows.stamps_ns, until_ns, side='right'))
+        taken = _some(self._rows, slice(count))
+        self._rows = _some(self._rows, slice(count, None))
+        if count:
+            self._taken_ns = int(taken.stamps_ns[-1])
+        return taken
+
+    def drop(self, instant_ns: int) -> None:
+        """Leave out a row of an instant: it may be from before or after a change there."""
+        self._rows = _some(self._rows, self._rows.stamps_ns != instant_ns)
+
+    def stops(self, table: JointStateTable) -> Array:
+        """Return the stop that the frame of each impact names."""
+        stops: Array = np.array(
+            [_STOPS.get(frame, 0.0) for frame in self._columns.frames] or [0.0]
+        )
+        return stops[table.frames]
+
+    def faults(self) -> list[str]:
+        """Return what was wrong with the messages."""
+        found = []
+        if self.unreadable_count:
+            first = self.unreadable[0]
+            found.append(f'that cannot be read: {self.unreadable_count} (the first: {first})')
+        if self.not_numbers:
+            found.append(f'with NaN or infinite numbers, left out: {self.not_numbers}')
+        if self.misplaced:
+            found.append(f'with stamps from before others, or twice, left out: {self.misplaced}')
+        return found
+
+
+# The bag
 
 
 #: Messages that are read at once.
@@ -271,8 +402,8 @@ _BATCH = 16_384
 _NEVER_NS = 2**62
 
 
-class MeteredStretch(NamedTuple):
-    """A stretch, and what was found when its flights were checked."""
+class CheckedStretch(NamedTuple):
+    """A stretch, and the check of its flights."""
 
     stretch: RecordedStretch
     search: FaultSearch | None
@@ -289,7 +420,7 @@ class BagStretches:
     node : str, optional
         Name or namespace of the node, if there are several rigs in the bag.
     parameters : RigParameters, optional
-        The rig, for a bag that does not tell.
+        The rig, for a bag that does not name its parameters.
 
     Attributes
     ----------
@@ -297,19 +428,12 @@ class BagStretches:
         Whether the flights are checked against the equations of motion.
     progress : callable
         Called now and then with the rig time reached, s.
-    history : RunHistory
+    recorded : RecordedRun
         The bag.
     samples, impacts : int
         How many were read so far.
     start_ns, end_ns : int or None
         Rig times of the first and last joint state, ns.
-    faults : list of str
-        What was done to the rig and could not be understood.
-    pauses, slips, unlogged, early : int
-        Pauses; stalls of the machine; changes without a parameter event; messages from before the
-        parameters are known.
-    states_rows, impact_rows : BagRows
-        The messages, with what was wrong with them.
 
     Raises
     ------
@@ -323,120 +447,118 @@ class BagStretches:
         node: str | None = None,
         parameters: RigParameters | None = None,
     ) -> None:
-        self.history = RunHistory(path, node, purpose='compare', snapshot_needed=False)
+        self.recorded = RecordedRun(path, node, purpose='compare', snapshot_needed=False)
         self.samples = self.impacts = 0
         self.start_ns: int | None = None
         self.end_ns: int | None = None
-        self.pauses = self.slips = self.unlogged = self.early = 0
-        self._given, self._snapshots = parameters, 0
-        self.faults: list[str] = []
-        self.states_rows = BagRows(JointStateColumns(JOINTS, (4, 4, 0)))
-        self.impact_rows = BagRows(JointStateColumns(IMPACT_JOINTS, (2, 2, 2)))
         self.checks = True
         self.progress: Callable[[float], object] = float
-        self._offset_ns = self.history.start.offset_ns
+        self._given, self._snapshots = parameters, 0
+        self._pauses = self._slips = self._unlogged = self._early = 0
+        self._faults: list[str] = []
+        self._states = _TopicReader(JOINTS, (4, 4, 0))
+        self._hits = _TopicReader(IMPACT_JOINTS, (2, 2, 2))
+        self._offset_ns = self.recorded.start.offset_ns
         self._period = 0.0
-        self._pending: list[Change] = []
-        self._told: set[str] = set()
+        self._pending: list[RecordedChange] = []
+        self._announced: set[str] = set()
         # Whether the parameter events of this node are recorded
         self._hears = False
-        self._meter: StretchMeter | None = None
+        self._builder: StretchBuilder | None = None
         self._number = 0
         self._begins, self._causes = Beginning.START, ['start of the bag']
         self._cut_ns: int | None = None
-        self._rig = RigAt.of_parameters(parameters) if parameters is not None else None
-        start = self.history.start
+        self._rig = LoggedRig(parameters) if parameters is not None else None
+        start = self.recorded.start
         if start.reason in ('record', 'start'):
             # Announced where nothing changes: it holds for what came before, too.
             self._rig = self._rig_of(start)
 
-    def _rig_of(self, snapshot: SnapshotRecord) -> RigAt:
+    def _rig_of(self, snapshot: RecordedSnapshot) -> LoggedRig:
         try:
-            return RigAt.of_snapshot(snapshot.state)
+            return LoggedRig.of_snapshot(snapshot.state)
         except (ValueError, TypeError, KeyError) as error:
             cause = (
-                f'its snapshot at rig time {snapshot.time_ns / 1e9:.9g} s is of no use: {error}'
+                f'its snapshot at rig time {snapshot.time_ns / 1e9:.9g} s cannot be used: {error}'
             )
             remedy = 'use the version of impact_damper_ros that recorded the bag'
-            raise RecordingError('compare', self.history.reader.path, cause, remedy) from error
+            raise RecordingError('compare', self.recorded.reader.path, cause, remedy) from error
 
-    def __iter__(self) -> Iterator[MeteredStretch]:
-        """Read the bag; the stretches come as soon as they end."""
-        topics = self.history.topics
-        kinds = {topics.joint_states: self.states_rows, topics.impacts: self.impact_rows}
-        for item in self.history.items(early=True):
-            if isinstance(item, StateRecord):
-                if self._pending and item.stamp_ns > self._pending[-1].stamp_ns:
-                    yield from self._carry_out()
-                rows = kinds.get(item.topic)
-                if rows is not None:
-                    rows.put(item.content, self._offset_ns)
-                    if rows.unread >= _BATCH:
-                        self._hand_on()
-            elif isinstance(item, Change):
+    def __iter__(self) -> Iterator[CheckedStretch]:
+        """Read the bag; yield each stretch as soon as it ends."""
+        topics = self.recorded.topics
+        readers = {topics.joint_states: self._states, topics.impacts: self._hits}
+        for item in self.recorded.walk(early=True):
+            if isinstance(item, list):
+                for record in item:
+                    if self._pending and record.stamp_ns > self._pending[-1].stamp_ns:
+                        yield from self._carry_out()
+                    reader = readers.get(record.topic)
+                    if reader is not None:
+                        reader.put(record.content, self._offset_ns)
+                        if reader.unread >= _BATCH:
+                            self._hand_on()
+            elif isinstance(item, RecordedChange):
                 self._take_change(item)
             else:
                 yield from self._take_snapshot(item)
         yield from self._carry_out()
         yield from self._end_stretch(None)
         if self._rig is None:
-            cause = 'it does not tell the parameters of the rig: no snapshot, and no list of all'
+            cause = 'it does not hold the parameters of the rig: no snapshot, and no list of all'
             remedy = 'record the topic snapshot too, or give the rig with --params FILE.yaml'
-            raise RecordingError('compare', self.history.reader.path, cause, remedy)
+            raise RecordingError('compare', self.recorded.reader.path, cause, remedy)
 
-    def all_faults(self) -> list[str]:
+    def faults(self) -> list[str]:
         """Return why the bag could be used in part only, after it was read."""
-        found = [*self.history.faults(), *self.faults]
-        topics = self.history.topics
-        for topic, rows in (
-            (topics.joint_states, self.states_rows),
-            (topics.impacts, self.impact_rows),
-        ):
-            found += [f'messages of {topic} {text}' for text in rows.faults()]
-        if self.unlogged:
+        found = [*self.recorded.faults(), *self._faults]
+        topics = self.recorded.topics
+        for topic, reader in ((topics.joint_states, self._states), (topics.impacts, self._hits)):
+            found += [f'messages of {topic} {text}' for text in reader.faults()]
+        if self._unlogged:
             found.append(
-                f'{self.unlogged} changes of parameters that the snapshots show have no '
+                f'{self._unlogged} changes of parameters that the snapshots show have no '
                 'parameter event'
             )
         return found
 
-    def all_remarks(self) -> list[str]:
-        """Return what else is to be known."""
-        found = self.history.remarks()
-        if not self.history.topics.impacts:
+    def remarks(self) -> list[str]:
+        """Return other facts about the recording, after it was read."""
+        found = self.recorded.remarks()
+        if not self.recorded.topics.impacts:
             found.append('the topic of the impacts was not recorded: there are only samples')
         for count, what in (
-            (self.pauses, 'the rig was paused {}; rig time stood still meanwhile'),
-            (self.slips, 'the machine stalled {}, and the stamps were moved on'),
+            (self._pauses, 'the rig was paused {}; rig time stood still during it'),
+            (self._slips, 'the machine stalled {}, and the stamps were moved on'),
         ):
             if count:
                 found.append(what.format('once' if count == 1 else f'{count} times'))
         if self._given is not None and self._snapshots:
             found.append('the bag holds the parameters of its rig: --params was not used')
-        if self.early:
+        if self._early:
             found.append(
-                f'{self.early} messages from before the parameters are known were left out'
+                f'{self._early} messages from before the parameters are known were left out'
             )
         return found
 
     # What is done to the rig
 
-    def _take_change(self, change: Change) -> None:
+    def _take_change(self, change: RecordedChange) -> None:
         self._hears = True
         rate = change.values.get('state_rate')
         if isinstance(rate, float) and rate > 0.0:
             self._period = 1.0 / rate
         if change.dump:
             if self._rig is None:
-                self._rig = RigAt.of_dump(change.values)
+                self._rig = LoggedRig.of_dump(change.values)
             return
-        self._told |= change.values.keys()
-        if change.exact and told_change(change.values):
+        self._announced |= change.values.keys()
+        if change.exact and any(name in PARAMETER_SPECS for name in change.values):
             # All that came before it happened before it.
             self._hand_on()
             self._pending.append(change)
 
-    def _carry_out(self) -> Iterator[MeteredStretch]:
+    def _carry_out(self) -> Iterator[CheckedStretch]:
         """Carry out changes that no snapshot followed."""
         pending, self._pending = self._pending, []
         for change in pending:
@@ -446,53 +568,49 @@ class BagStretches:
             try:
                 rig = self._rig.changed(change.values, at_ns / 1e9)
             except ParameterError as error:
-                self.faults.append(f'the change at rig time {at_ns / 1e9:.9g} s: {error}')
+                self._faults.append(f'the change at rig time {at_ns / 1e9:.9g} s: {error}')
                 continue
-            if not changed_names(self._rig, rig):
-                continue
-            yield from self._cut(at_ns, Beginning.CHANGE, rig)
+            if self._rig.changed_names(rig):
+                yield from self._cut(at_ns, Beginning.CHANGE, rig)
 
-    def _take_snapshot(self, snapshot: SnapshotRecord) -> Iterator[MeteredStretch]:
+    def _take_snapshot(self, snapshot: RecordedSnapshot) -> Iterator[CheckedStretch]:
         rig = self._rig_of(snapshot)
         self._snapshots += 1
-        self.pauses += snapshot.reason == 'resume'
-        self.slips += snapshot.reason == 'slip'
+        self._pauses += snapshot.reason == 'resume'
+        self._slips += snapshot.reason == 'slip'
         if not self._pending:
             self._hand_on()
         self._pending = []
-        told, self._told = self._told, set()
+        announced, self._announced = self._announced, set()
+        names = set() if self._rig is None else self._rig.changed_names(rig)
         if self._rig is None:
-            self._leave_out()
+            # What came before the parameters are known is left out.
+            for reader in (self._states, self._hits):
+                reader.read()
+                self._early += len(reader.take(None).stamps_ns)
             self._rig = rig
-        elif self._rig.clock is None and not changed_names(self._rig, rig) and self._meter is None:
+        elif self._rig.clock is None and not names and self._builder is None:
             self._rig = rig
         else:
-            names = changed_names(self._rig, rig)
-            if names - told and self.history.stamped and self._hears:
-                self.unlogged += 1
+            if names - announced and self.recorded.stamped and self._hears:
+                self._unlogged += 1
             if names or snapshot.reason == 'reset':
                 begins = {'reset': Beginning.RESET, 'resume': Beginning.RESUME}
                 yield from self._cut(
                     snapshot.time_ns, begins.get(snapshot.reason, Beginning.CHANGE), rig
                 )
             else:
-                # What a control that is off is set to may have changed.
+                # Parameters of a control that is off may have changed.
                 self._rig = replace(self._rig, control=rig.control)
         self._offset_ns = snapshot.offset_ns
 
-    def _leave_out(self) -> None:
-        """Leave out what came before the parameters are known."""
-        for rows in (self.states_rows, self.impact_rows):
-            rows.read()
-            self.early += len(rows.take(None)[0])
-
-    def _cut(self, time_ns: int, begins: Beginning, rig: RigAt) -> Iterator[MeteredStretch]:
+    def _cut(self, time_ns: int, begins: Beginning, rig: LoggedRig) -> Iterator[CheckedStretch]:
         """End the present stretch at an instant, and begin the next one."""
         assert self._rig is not None
         cause = 'reset' if begins is Beginning.RESET else ''
         cause = ', '.join(filter(None, [cause, self._rig.differences(rig)]))
         yield from self._end_stretch(time_ns)
-        if self._cut_ns != time_ns or self._meter is not None:
+        if self._cut_ns != time_ns or self._builder is not None:
             self._causes = []
         self._causes.append(cause)
         self._begins, self._rig, self._cut_ns = begins, rig, time_ns
@@ -501,86 +619,73 @@ class BagStretches:
 
     def _hand_on(self) -> None:
         """Read the messages that wait, and give them to the present stretch."""
-        for rows in (self.states_rows, self.impact_rows):
-            rows.read()
+        for reader in (self._states, self._hits):
+            reader.read()
         if self._rig is None:
             return
-        if not self.history.stamped and self._cut_ns is not None and self._meter is None:
+        if not self.recorded.stamped and self._cut_ns is not None and self._builder is None:
             # A joint state of that instant may be from before the change, or from after it.
-            self.states_rows.drop(self._cut_ns)
-        states = self.states_rows.take(None)
-        if len(states[0]):
-            self._give(states, self.impact_rows.take(int(states[0][-1])))
+            self._states.drop(self._cut_ns)
+        states = self._states.take(None)
+        if len(states.stamps_ns):
+            self._give(states, self._hits.take(int(states.stamps_ns[-1])))
 
-    def _give(self, states: Rows, impacts: Rows) -> None:
-        time_ns = [int(rows[0][0]) for rows in (states, impacts) if len(rows[0])]
-        if self._meter is None:
-            if not time_ns:
+    def _give(self, states: JointStateTable, impacts: JointStateTable) -> None:
+        times_ns, hits_ns = states.stamps_ns, impacts.stamps_ns
+        if self._builder is None:
+            first_ns = [int(stamps[0]) for stamps in (times_ns, hits_ns) if len(stamps)]
+            if not first_ns:
                 return
-            self._meter = self._begun(min(time_ns))
-        self.samples += len(states[0])
-        self.impacts += len(impacts[0])
-        if len(states[0]):
-            self.start_ns = int(states[0][0]) if self.start_ns is None else self.start_ns
-            self.end_ns = int(states[0][-1])
+            self._builder = self._begun(min(first_ns))
+        self.samples += len(times_ns)
+        self.impacts += len(hits_ns)
+        if len(times_ns):
+            self.start_ns = int(times_ns[0]) if self.start_ns is None else self.start_ns
+            self.end_ns = int(times_ns[-1])
             self.progress(self.end_ns / 1e9)
         assert self._rig is not None
-        rest = self._rig.parameters.static_deflection if self.history.start.version > 1 else 0.0
-        self._meter.take(_states(states, rest), _impacts(impacts, rest))
+        # Recorded positions count from that of M without weight, those here from its equilibrium.
+        rest = self._rig.parameters.static_deflection if self.recorded.start.version > 1 else 0.0
+        x, z, stop_1, stop_2 = states.numbers[:, :4].T - rest
+        velocity, damper_velocity, *stop_velocities = states.numbers[:, 4:8].T
+        hit_x, hit_z = impacts.numbers[:, :2].T - rest
+        self._builder.take(
+            RecordedStates(
+                times_ns / 1e9, x, velocity, z, damper_velocity, stop_1, stop_2, *stop_velocities
+            ),
+            RecordedImpacts(
+                hits_ns / 1e9, self._hits.stops(impacts), hit_x, hit_z, *impacts.numbers[:, 2:6].T
+            ),
+        )
 
-    def _begun(self, first_ns: int) -> StretchMeter:
+    def _begun(self, first_ns: int) -> StretchBuilder:
         """Begin a stretch."""
         rig = self._rig
         assert rig is not None
         self._number += 1
         start_ns = first_ns if self._cut_ns is None else self._cut_ns
-        return StretchMeter(
+        return StretchBuilder(
             self._number,
             self._begins,
             ', '.join(dict.fromkeys(filter(None, self._causes))) or self._begins.value,
             start_ns / 1e9,
-            rig.parameters,
-            rig.control,
-            rig.clock,
-            rig.last_stop,
+            rig,
             self._period,
-            lossy=not self.history.stamped,
-            stops_move=rig.stops_move,
+            lossy=not self.recorded.stamped,
             checks=self.checks,
         )
 
-    def _end_stretch(self, time_ns: int | None) -> Iterator[MeteredStretch]:
+    def _end_stretch(self, time_ns: int | None) -> Iterator[CheckedStretch]:
         """End the present stretch, if there is one."""
         if time_ns is None:
             self._hand_on()
         if self._rig is not None:
-            # Between the last joint state and the end
-            self.impact_rows.read()
+            # Impacts between the last joint state and the end
+            self._hits.read()
             until_ns = None if time_ns is None else time_ns - 1
-            self._give(self.states_rows.take(-_NEVER_NS), self.impact_rows.take(until_ns))
-        if self._meter is not None:
-            meter, self._meter = self._meter, None
-            meter.take(RecordedStates.none(), RecordedImpacts.none(), final=True)
+            self._give(self._states.take(-_NEVER_NS), self._hits.take(until_ns))
+        if self._builder is not None:
+            builder, self._builder = self._builder, None
+            builder.take(RecordedStates.none(), RecordedImpacts.none(), final=True)
             end = None if time_ns is None else time_ns / 1e9
-            yield MeteredStretch(meter.finish(end), meter.search)
-
-
-def _states(rows: Rows, rest: float) -> RecordedStates:
-    """Return joint states, given the recorded position of M in its static equilibrium, m."""
-    time_ns, _, numbers = rows
-    if not len(time_ns):
-        return RecordedStates.none()
-    x, z, stop_1, stop_2 = numbers[:, :4].T - rest
-    velocity, damper_velocity, *stop_velocities = numbers[:, 4:8].T
-    return RecordedStates(
-        time_ns / 1e9, x, velocity, z, damper_velocity, stop_1, stop_2, *stop_velocities
-    )
-
-
-def _impacts(rows: Rows, rest: float) -> RecordedImpacts:
-    """Return impacts; see `_states`."""
-    time_ns, stop, numbers = rows
-    if not len(time_ns):
-        return RecordedImpacts.none()
-    x, z = numbers[:, :2].T - rest
-    return RecordedImpacts(time_ns / 1e9, stop, x, z, *numbers[:, 2:6].T)
+            yield CheckedStretch(builder.finish(end), builder.search)

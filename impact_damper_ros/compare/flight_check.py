@@ -1,145 +1,82 @@
 """
-Whether a log obeys the equations of motion of the rig that it names.
+Whether a log obeys the equations of motion of the rig that it names, and what is wrong if not.
 
-The formulas are those of `rig.flight`, vectorised: the response to a harmonic from rest is the
-divided difference of exp over the eigenvalues and i W, so that nothing cancels at resonance.
+From each knot (joint state or impact) the closed form of the logged rig leads to the next one.
+What is recorded there must agree up to the rounding of the stamps. So a wrong number is found
+where it is, in any motion, and does not disturb what comes after.
 
-Every joint state and every impact is a knot. From each knot the closed form of the logged rig
-leads to the next one; what is recorded there must agree, up to the nanosecond to which the stamps
-of impacts are rounded. So a wrong number shows where it stands, in any motion whatsoever, and does
-not disturb what comes after.
+Intervals in which m turns, or starts or ends resting, are followed event by event. If a knot does
+not follow from the one before, the rig is simulated from the last sound joint state before the
+fault to the first one after it. If it gets there, a message is wrong, missing or surplus, and the
+simulated one says by how much. If it does not, something was done to the rig that is not logged.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.orbits.event_map import Course, Incident, origin_at, run_course
+from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, rig_constants
+from impact_damper_ros.rig.origin import offset_of
 
-from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, Rows
-from .run_curves import Array
+from .recorded_stretch import ForceClock, Knots, RecordedImpacts, largest_size
+from .result import Array
 
-__all__ = [
-    'Flights',
-    'FreeMotion',
-    'Intervals',
-    'Knots',
-    'check_intervals',
-    'knots_of',
-    'largest_size',
-]
+__all__ = ['Fault', 'FaultSearch', 'Intervals', 'Repair', 'check_intervals']
 
 
 _Complex = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
-class Flights:
-    """
-    States at the beginning of flights, one per row, and how long these last.
-
-    Attributes
-    ----------
-    time, duration : ndarray of shape (n,)
-        Beginning, rig time, and length, s.
-    x, velocity, z, damper_velocity : ndarray of shape (n,)
-        X, X', Z and Z' at the beginning, m and m/s.
-    direction : ndarray of shape (n,)
-        How m slides relative to M, +1 or -1; 0 without friction.
-    air : ndarray of shape (n,)
-        Direction of the air force on m, +1, -1 or 0.
-    joint : ndarray of bool, shape (n,)
-        Whether M and m move as one.
-    """
-
-    time: Array
-    duration: Array
-    x: Array
-    velocity: Array
-    z: Array
-    damper_velocity: Array
-    direction: Array
-    air: Array
-    joint: NDArray[np.bool_]
+# All intervals at once, in closed form
 
 
-class FreeMotion:
-    """
-    The motion between two events, for many flights at once.
-
-    Parameters
-    ----------
-    clock : ForceClock
-        The force, and the rig.
-    """
-
-    def __init__(self, clock: ForceClock) -> None:
-        self._clock = clock
-
-    def ends(self, flights: Flights) -> tuple[Array, Array, Array, Array]:
-        """Return X, X', Z and Z' at the end of each flight."""
-        rig = self._clock.parameters
-        x = np.empty_like(flights.x)
-        velocity = np.empty_like(x)
-        for joint in (False, True):
-            rows = flights.joint == joint
-            if rows.any():
-                x[rows], velocity[rows] = self._primary(rig, flights, rows, joint)
-        tau = flights.duration
-        slope = rig.gravity * math.sin(rig.angle)
-        grip = rig.friction * rig.gravity * math.cos(rig.angle)
-        push = rig.air_force / rig.damper_mass
-        acceleration = slope - grip * flights.direction + push * flights.air
-        damper_velocity = flights.damper_velocity + acceleration * tau
-        z = flights.z + tau * (flights.damper_velocity + 0.5 * acceleration * tau)
-        z = np.where(flights.joint, flights.z + (x - flights.x), z)
-        damper_velocity = np.where(flights.joint, velocity, damper_velocity)
-        return x, velocity, z, damper_velocity
-
-    def _primary(
-        self, rig: RigParameters, flights: Flights, rows: NDArray[np.bool_], joint: bool
-    ) -> tuple[Array, Array]:
-        """Return X and X' of M, alone or with m, at the end of some flights."""
-        mass = rig.primary_mass + (rig.damper_mass if joint else 0.0)
-        tau = flights.duration[rows]
-        if joint:
-            constant: Array | float = (
-                rig.damper_mass * rig.gravity * math.sin(rig.angle) / rig.stiffness
-            )
-        else:
-            grip = rig.damper_mass * rig.friction * rig.gravity * math.cos(rig.angle)
-            support = grip * flights.direction[rows] - rig.air_force * flights.air[rows]
-            constant = support / rig.stiffness
-        decay = 0.5 * rig.damping / mass
-        frequency = math.sqrt(rig.stiffness / mass - decay * decay)
-        root = complex(-decay, frequency)
-        free: _Complex = np.exp(root * tau)
-        impulse = free.imag / frequency
-        step = free.real + decay * impulse
-        rate = free.real - decay * impulse
-        x, velocity = flights.x[rows] - constant, flights.velocity[rows]
-        end = constant + x * step + velocity * impulse
-        end_velocity = velocity * rate - rig.stiffness / mass * x * impulse
-        angles = self._clock.angles_at(flights.time[rows])
-        amplitudes, frequencies, _ = rig.harmonics
-        for j, (force, drive) in enumerate(zip(amplitudes, frequencies, strict=True)):
-            if force == 0.0:
-                continue
-            response, response_rate = _from_rest(root, free, tau, drive)
-            turned = force / mass * np.exp(1j * angles[j])
-            end = end + (turned * response).imag
-            end_velocity = end_velocity + (turned * response_rate).imag
-        return end, end_velocity
+def _primary_ends(
+    clock: ForceClock, begin: Knots, tau: Array, support: Array, *, joint: bool
+) -> tuple[Array, Array]:
+    """Return X and X' of M, alone or with m, after times `tau`, with a force of m on M."""
+    rig = clock.parameters
+    mass = rig.primary_mass + (rig.damper_mass if joint else 0.0)
+    constant: Array | float = support / rig.stiffness
+    if joint:
+        constant = rig.damper_mass * rig.gravity * math.sin(rig.angle) / rig.stiffness
+    decay = 0.5 * rig.damping / mass
+    frequency = math.sqrt(rig.stiffness / mass - decay * decay)
+    root = complex(-decay, frequency)
+    free: _Complex = np.exp(root * tau)
+    impulse = free.imag / frequency
+    step = free.real + decay * impulse
+    rate = free.real - decay * impulse
+    x, velocity = begin.x - constant, begin.velocity
+    end = constant + x * step + velocity * impulse
+    end_velocity = velocity * rate - rig.stiffness / mass * x * impulse
+    angles = clock.angles_at(begin.time)
+    amplitudes, frequencies, _ = rig.harmonics
+    for j, (force, drive) in enumerate(zip(amplitudes, frequencies, strict=True)):
+        if force == 0.0:
+            continue
+        response, response_rate = _from_rest(root, free, tau, drive)
+        turned = force / mass * np.exp(1j * angles[j])
+        end = end + (turned * response).imag
+        end_velocity = end_velocity + (turned * response_rate).imag
+    return end, end_velocity
 
 
 def _from_rest(
     root: complex, free: _Complex, tau: Array, drive: float
 ) -> tuple[_Complex, _Complex]:
-    """Return the response from rest to exp(i W tau), and its rate."""
+    """
+    Return the response from rest to exp(i W tau), and its rate.
+
+    It is the divided difference of exp over the eigenvalues and i W: nothing cancels at resonance.
+    """
     beat = 1j * drive - root
     if abs(beat) * float(tau.max(initial=0.0)) > 0.0:
         first = free * np.expm1(beat * tau) / beat
@@ -152,161 +89,65 @@ def _from_rest(
     return response, rate
 
 
+def _flown(clock: ForceClock, knots: Knots) -> tuple[list[Array], NDArray[np.bool_]]:
+    """Return X, X', Z and Z' at the end of each interval, and which intervals are plain."""
+    rig = clock.parameters
+    begin, end = knots[:-1], knots[1:]
+    tau = end.time - begin.time
+    relative = begin.damper_velocity - begin.velocity
+    later = end.damper_velocity_before - end.velocity_before
+    rest, later_rest = relative == 0.0, later == 0.0
+    plain, joint = rest == later_rest, rest & later_rest
+    direction, air = np.zeros(len(relative)), begin.air_direction
+    if rig.friction * rig.gravity > 0.0:
+        plain &= relative * later >= 0.0
+        direction = np.sign(relative)
+    grip = rig.damper_mass * rig.friction * rig.gravity * math.cos(rig.angle)
+    support = grip * direction - rig.air_force * air
+    x, velocity = np.empty_like(tau), np.empty_like(tau)
+    for together in (False, True):
+        rows = joint == together
+        if rows.any():
+            x[rows], velocity[rows] = _primary_ends(
+                clock, begin[rows], tau[rows], support[rows], joint=together
+            )
+    slope = rig.gravity * math.sin(rig.angle)
+    friction = rig.friction * rig.gravity * math.cos(rig.angle)
+    push = rig.air_force / rig.damper_mass
+    acceleration = slope - friction * direction + push * air
+    damper_velocity = begin.damper_velocity + acceleration * tau
+    z = begin.z + tau * (begin.damper_velocity + 0.5 * acceleration * tau)
+    z = np.where(joint, begin.z + (x - begin.x), z)
+    damper_velocity = np.where(joint, velocity, damper_velocity)
+    return [x, velocity, z, damper_velocity], plain
+
+
 _STAMP_S = 0.5e-9
 _MARGIN = 4.0
 _ROUND_OFF = 1e-11
 _TIME_EPSILON = 4.5e-16
-_AT_STOP = 1e-9
-_BEYOND = 1e3
-
-
-@dataclass(frozen=True)
-class Knots(Rows):
-    """
-    Joint states and impacts in the order of time.
-
-    Attributes
-    ----------
-    time : ndarray of shape (n,)
-        Rig time, s.
-    stop : ndarray of shape (n,)
-        The stop hit, 1 or 2; 0 for joint states.
-    last_stop : ndarray of shape (n,)
-        The stop hit last, this impact included; 0 before the first one.
-    x, z : ndarray of shape (n,)
-        X and Z, m.
-    velocity_before, velocity : ndarray of shape (n,)
-        X' just before and just after, m/s; the same for joint states.
-    damper_velocity_before, damper_velocity : ndarray of shape (n,)
-        Z' just before and just after, m/s.
-    touched : ndarray of shape (n,)
-        1 where a stop that follows m may be at it, as far as is recorded; 0 elsewhere.
-    """
-
-    time: Array
-    stop: Array
-    last_stop: Array
-    x: Array
-    z: Array
-    velocity_before: Array
-    velocity: Array
-    damper_velocity_before: Array
-    damper_velocity: Array
-    touched: Array
 
 
 @dataclass(frozen=True)
 class Intervals:
-    """
-    From each knot to the next.
+    """The intervals from each of n knots to the next."""
 
-    Attributes
-    ----------
-    residuals : ndarray of shape (n - 1, 4)
-        Recorded less expected X, X', Z, Z' just before the next knot, m and m/s.
-    tolerances : ndarray of shape (4,)
-        What the rounding of a stamp makes of them.
-    plain : ndarray of bool, shape (n - 1,)
-        Whether the interval could be checked so: no reversal, beginning or end of rest in it.
-    sound : ndarray of bool, shape (n - 1,)
-        Whether it could be, and agrees.
-    """
-
+    #: Recorded less expected X, X', Z, Z' just before the next knot, m and m/s, shape (n - 1, 4).
     residuals: Array
+    #: Largest residuals of the four that the rounding of stamps and numbers explains.
     tolerances: Array
+    #: Whether the closed form applies: no reversal, start or end of rest in the interval.
     plain: NDArray[np.bool_]
+    #: Whether it applies and agrees.
     sound: NDArray[np.bool_]
 
 
-def knots_of(
-    parameters: RigParameters, states: RecordedStates, impacts: RecordedImpacts, last_stop: int
-) -> Knots:
-    """Put joint states and impacts in order."""
-    zeros = np.zeros(len(states))
-    columns = [
-        (states.time, impacts.time),
-        (zeros, impacts.stop),
-        (states.x, impacts.x),
-        (states.z, impacts.z),
-        (states.velocity, impacts.velocity_before(parameters)),
-        (states.velocity, impacts.velocity_after),
-        (states.damper_velocity, impacts.damper_velocity_before(parameters)),
-        (states.damper_velocity, impacts.damper_velocity_after),
-        _touched(states, impacts),
-    ]
-    time, stop, *others = (np.concatenate(pair) for pair in columns)
-    # A joint state shows the motion after an impact at the same instant.
-    order = np.lexsort((stop == 0.0, time))
-    stop = stop[order]
-    latest = np.maximum.accumulate(np.where(stop > 0.0, np.arange(len(stop)), -1))
-    last = np.where(latest >= 0, stop[latest], float(last_stop))
-    return Knots(time[order], stop, last, *(column[order] for column in others))
-
-
-def _touched(states: RecordedStates, impacts: RecordedImpacts) -> tuple[Array, Array]:
-    """Return 1 for joint states and impacts at which a stop may be where m is, else 0."""
-    with np.errstate(over='ignore', invalid='ignore'):
-        near = [
-            np.abs(stop - states.z) <= _AT_STOP * (np.abs(stop) + np.abs(states.z))
-            for stop in (states.stop_1, states.stop_2)
-        ]
-        touched = near[0] | near[1]
-        # A stop that follows m comes inwards from where the joint states show it first.
-        farthest = np.abs((states.z - states.x)[touched]).max(initial=0.0)
-        within = np.abs(impacts.z - impacts.x) <= (1.0 + _AT_STOP) * farthest
-    return touched.astype(float), within.astype(float)
-
-
-def _flights(parameters: RigParameters, knots: Knots) -> tuple[Flights, NDArray[np.bool_]]:
-    """Return the flights between the knots, and which of them are plain."""
-    begin, end = knots[:-1], knots[1:]
-    relative = begin.damper_velocity - begin.velocity
-    later = end.damper_velocity_before - end.velocity_before
-    rest, later_rest = relative == 0.0, later == 0.0
-    plain = rest == later_rest
-    direction = np.zeros(len(relative))
-    if parameters.friction * parameters.gravity > 0.0:
-        plain &= relative * later >= 0.0
-        direction = np.sign(relative)
-    air = np.zeros(len(relative))
-    if parameters.air_force > 0.0:
-        air = np.where(begin.last_stop == 1.0, -1.0, np.where(begin.last_stop == 2.0, 1.0, 0.0))
-    flights = Flights(
-        time=begin.time,
-        duration=end.time - begin.time,
-        x=begin.x,
-        velocity=begin.velocity,
-        z=begin.z,
-        damper_velocity=begin.damper_velocity,
-        direction=direction,
-        air=air,
-        joint=rest & later_rest,
-    )
-    return flights, plain
-
-
-def largest_size(*columns: Array) -> float:
-    """
-    Return the largest modulus in some columns, 0 of none.
-
-    A number a thousand times beyond nine tenths of the others is taken for a wrong one, which must
-    not decide how well the others are known.
-    """
-    sizes = np.abs(np.concatenate(columns))
-    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
-    if not len(sizes):
-        return 0.0
-    most = float(np.quantile(sizes, 0.9, method='lower'))
-    return float(sizes[sizes <= _BEYOND * most].max())
-
-
-def tolerances_of(parameters: RigParameters, knots: Knots) -> Array:
-    """Return what the rounding of stamps, and of numbers, makes of X, X', Z and Z'."""
+def _tolerances(parameters: RigParameters, knots: Knots) -> Array:
     length = largest_size(knots.x, knots.z)
     speed = largest_size(knots.velocity, knots.damper_velocity)
     force = sum(abs(amplitude) for amplitude in parameters.harmonics[0])
     length += force / parameters.stiffness
-    # It has been taken off the positions, to their last digit.
+    # Subtracted from the positions, whose last digits it takes
     length += 1e-4 * abs(parameters.static_deflection)
     own = parameters.gravity + parameters.air_force / parameters.damper_mass
     push = force + parameters.stiffness * length + parameters.damping * speed
@@ -323,25 +164,394 @@ def tolerances_of(parameters: RigParameters, knots: Knots) -> Array:
 
 
 def check_intervals(clock: ForceClock, knots: Knots) -> Intervals:
-    """Hold what is recorded at each knot against what the one before it leads to."""
+    """Compare what is recorded at each knot with what the one before it leads to."""
     # Wrong numbers may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
-        flights, plain = _flights(clock.parameters, knots)
-        ends = FreeMotion(clock).ends(flights)
+        ends, plain = _flown(clock, knots)
         later = knots[1:]
         recorded = (later.x, later.velocity_before, later.z, later.damper_velocity_before)
         residuals = np.column_stack([a - b for a, b in zip(recorded, ends, strict=True)])
-    tolerances = tolerances_of(clock.parameters, knots)
+    tolerances = _tolerances(clock.parameters, knots)
     # NaN is not sound.
     within = (np.abs(residuals) <= tolerances).all(axis=1)
     return Intervals(residuals, tolerances, plain, plain & within)
 
 
-def resting_place(parameters: RigParameters, y: float) -> int:
-    """Return the stop that m is at, 0 for none, by Y in m."""
-    half = 0.5 * parameters.gap
-    if math.isclose(y, half, rel_tol=1e-9):
-        return 1
-    if math.isclose(y, -half, rel_tol=1e-9) and not parameters.one_sided:
-        return 2
-    return 0
+# One interval, event by event
+
+
+#: A stamp is rounded to the nanosecond; an impact may come so much later.
+_ROUNDED_S = 2e-9
+_WEAK = 1e-3
+_RELATIVE = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
+)
+
+
+class _SimulatedRig:
+    """Simulates the logged rig between knots; its stops are in their places."""
+
+    def __init__(self, clock: ForceClock) -> None:
+        self.rig = clock.counted_from_zero()
+        self._clock = clock
+        self._machine = rig_constants(self.rig)
+
+    def _resting_place(self, y: float) -> int:
+        """Return the stop that m is at, 0 for none, by Y in m."""
+        half = 0.5 * self.rig.gap
+        if math.isclose(y, half, rel_tol=1e-9):
+            return 1
+        return 2 if math.isclose(y, -half, rel_tol=1e-9) and not self.rig.one_sided else 0
+
+    def course(
+        self, knots: Knots, first: int, duration: float, *, differentiate: bool = False
+    ) -> Course | None:
+        """Return the motion from just after a knot on."""
+        x, z = float(knots.x[first]), float(knots.z[first])
+        velocity = float(knots.velocity[first])
+        relative = float(knots.damper_velocity[first]) - velocity
+        half = self._machine.stop
+        stop = int(knots.stop[first]) or self._resting_place(z - x)
+        beyond = {0: z - x - half, 1: 0.0, 2: -2.0 * half}[stop if relative == 0.0 else 0]
+        if knots.stop[first]:
+            beyond = 0.0 if stop == 1 else -2.0 * half
+        resting = {0: STICK, 1: REST_1, 2: REST_2}[stop] if relative == 0.0 else 0
+        origin = origin_at(
+            self._machine,
+            float(knots.time[first]) - self._clock.zero,
+            x,
+            velocity,
+            beyond,
+            relative,
+            resting,
+            int(knots.last_stop[first]),
+        )
+        try:
+            return run_course(self._machine, origin, duration, differentiate=differentiate)
+        except (ArithmeticError, RunawayError):
+            # With a wrong number of the log the rig may be impossible.
+            return None
+
+    def out_of_reach(self, knots: Knots, first: int, last: int) -> bool:
+        """Return whether a stop that follows m is not yet in its place."""
+        y = np.abs(knots.z[[first, last]] - knots.x[[first, last]])
+        beyond = y > self._machine.stop * (1.0 + 1e-9)
+        return not self.rig.one_sided and bool((beyond & (knots.touched[[first, last]] > 0)).any())
+
+    def next_knot(self, knots: Knots, first: int) -> Array | None:
+        """Return X, X', Z and Z' just before the next knot; None if other impacts come first."""
+        last = first + 1
+        duration = float(knots.time[last] - knots.time[first])
+        at_impact = knots.stop[last] > 0.0
+        course = self.course(knots, first, duration + (_ROUNDED_S if at_impact else 0.0))
+        if course is None:
+            return None
+        hits = [i for i in course.incidents if i.kind is EventKind.IMPACT]
+        speed = max(abs(float(knots.velocity[first])), abs(float(knots.damper_velocity[first])))
+        # The weak impacts that end a chatter are not in the log.
+        strong = [hit for hit in hits if abs(hit.relative_before) > _WEAK * speed]
+        if not at_impact:
+            return None if strong else _state_of(course)
+        there = [hit for hit in hits if hit.time >= duration - _ROUNDED_S]
+        if any(hit.time < duration - _ROUNDED_S for hit in strong) or not there:
+            return None
+        hit = there[0]
+        if hit.stop != int(knots.stop[last]):
+            return None
+        half = self._machine.stop
+        z = hit.x + (half if hit.stop == 1 else -half)
+        return np.array([hit.x, hit.velocity_before, z, hit.velocity_before + hit.relative_before])
+
+
+def _state_of(course: Course) -> Array:
+    """Return X, X', Z and Z' at the end."""
+    end = course.end
+    offset = offset_of(end.clearance_1, end.clearance_2, end.stop_1, end.stop_2)
+    state: Array = _RELATIVE @ np.array([end.x, end.velocity, offset, end.relative_velocity])
+    return state
+
+
+def _before(knots: Knots, knot: int) -> Array:
+    """Return X, X', Z and Z' just before a knot."""
+    columns = (knots.x, knots.velocity_before, knots.z, knots.damper_velocity_before)
+    return np.array([column[knot] for column in columns])
+
+
+def _reaches(course: Course, knots: Knots, last: int, tolerances: Array) -> bool:
+    """Return whether a course leads to a joint state, in so far as round-off does not hide it."""
+    missed = _before(knots, last) - _state_of(course)
+    scale = np.array(
+        [
+            max(abs(float(knots.x[last])), abs(float(knots.z[last]))),
+            max(abs(float(knots.velocity[last])), abs(float(knots.damper_velocity[last]))),
+        ]
+    )
+    grown = np.abs(course.matrix) @ (1e-14 * np.tile(scale, 2))
+    return bool((grown < tolerances).all()) and bool((np.abs(missed) <= tolerances).all())
+
+
+# Faults
+
+
+#: Intervals that are followed event by event in a stretch, and troubles that are looked into.
+_MOST_FOLLOWED = 4000
+_MOST_TROUBLES = 200
+_MOST_UNEXPLAINED = 25
+_LONGEST_TROUBLE = 100_000
+_LATEST_S = 1.1e-9
+_QUANTITIES = (('X', 'm'), ("X'", 'm/s'), ('Z', 'm'), ("Z'", 'm/s'))
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A number or a message of a log that is not as expected."""
+
+    #: 'impact' for a value of an impact, 'missing' or 'surplus' for an impact, 'motion' where one
+    #: knot does not follow from the one before.
+    kind: str
+    quantity: str
+    unit: str
+    stop: int  # of the impact, or 0
+    time: float  # expected instant, or that of the first knot that does not follow, rig time, s
+    recorded: float = math.nan  # NaN for a message
+    expected: float = math.nan
+    tolerance: float = math.nan
+
+
+@dataclass(frozen=True)
+class Repair:
+    """The impacts that should be in a log from just after `start` to `end`, s."""
+
+    start: float
+    end: float
+    impacts: RecordedImpacts
+
+
+class FaultSearch:
+    """
+    Checks a stretch, part by part.
+
+    With `in_closed_form`, intervals are not followed event by event, since a control moves the
+    stops or the force is a multisine; then unsound intervals are only counted.
+    """
+
+    def __init__(self, clock: ForceClock, *, in_closed_form: bool = False) -> None:
+        self.faults: list[Fault] = []
+        self.repairs: list[Repair] = []
+        # Intervals seen; checked in closed form; followed event by event; not sound at first sight
+        self.intervals = self.plain = self.followed = self.unsound = 0
+        # Troubles after which the rig is not where the simulated one is
+        self.unexplained = 0
+        self.in_closed_form = in_closed_form
+        self._clock = clock
+        self._rig = _SimulatedRig(clock)
+        self._held: Knots | None = None
+        self._troubles = 0
+
+    def take(self, knots: Knots, *, final: bool = False) -> None:
+        """Check the next knots."""
+        if self._held is not None:
+            knots = Knots.joined([self._held, knots])
+        self._held = None
+        if len(knots) < 2:
+            self._held = knots
+            return
+        found = check_intervals(self._clock, knots)
+        end = len(knots) - 1
+        unsound = found.plain & ~found.sound
+        if not self.in_closed_form:
+            wrong = self._wrong_intervals(knots, found)
+            for first, last in _troubles(wrong, knots.stop == 0.0):
+                if last == end and not final and end - first < _LONGEST_TROUBLE:
+                    # The trouble may go on in the next part.
+                    end = first
+                    break
+                self._look_into(knots, first, last, wrong, found)
+        else:
+            self._single_out(knots, found)
+        self.intervals += end
+        self.plain += int(found.plain[:end].sum())
+        self.unsound += int(unsound[:end].sum())
+        self._held = knots[end:]
+
+    def _single_out(self, knots: Knots, found: Intervals) -> None:
+        """Find joint states that do not fit, while those around them fit together."""
+        doubtful = ~found.sound
+        unsound = found.plain & doubtful
+        between = (doubtful[:-1] & doubtful[1:]) & (unsound[:-1] | unsound[1:])
+        places = np.flatnonzero(between & (knots.stop[1:-1] == 0.0)) + 1
+        if not len(places) or len(places) > _MOST_FOLLOWED:
+            return
+        around = np.column_stack([places - 1, places + 1]).ravel()
+        fits = check_intervals(self._clock, knots[around]).sound[::2]
+        for place in places[fits]:
+            if self.unexplained < _MOST_UNEXPLAINED:
+                first = int(place) - 1
+                self._unexplained(knots, first if found.plain[first] else first + 1, found)
+
+    def _wrong_intervals(self, knots: Knots, found: Intervals) -> NDArray[np.bool_]:
+        """Return which intervals do not lead to their next knot, not even event by event."""
+        wrong = found.plain & ~found.sound
+        doubtful = np.flatnonzero(~found.sound)
+        if wrong.sum() > _MOST_FOLLOWED:
+            return wrong
+        for index in doubtful:
+            first = int(index)
+            if self._rig.out_of_reach(knots, first, first + 1):
+                # A reversal in between cannot be found out.
+                wrong[first] = False
+                continue
+            if self.followed >= _MOST_FOLLOWED:
+                continue
+            self.followed += not found.plain[first]
+            expected = self._rig.next_knot(knots, first)
+            if expected is None:
+                wrong[first] = True
+                continue
+            off = np.abs(_before(knots, first + 1) - expected)
+            wrong[first] = not bool((off <= _MARGIN * found.tolerances).all())
+        return wrong
+
+    def _look_into(
+        self, knots: Knots, first: int, last: int, wrong: NDArray[np.bool_], found: Intervals
+    ) -> None:
+        """Simulate the rig from one joint state to another; the knots between are in doubt."""
+        if self._troubles >= _MOST_TROUBLES or self.unexplained >= _MOST_UNEXPLAINED:
+            return
+        self._troubles += 1
+        duration = float(knots.time[last] - knots.time[first])
+        course = None
+        if self._rig.rig.one_sided or not self._rig.out_of_reach(knots, first, last):
+            course = self._rig.course(knots, first, duration, differentiate=True)
+        if course is not None and _reaches(course, knots, last, _MARGIN * found.tolerances):
+            self._compare(course, knots, first, last, found)
+        else:
+            self._unexplained(knots, first + int(np.argmax(wrong[first:last])), found)
+
+    def _compare(
+        self, course: Course, knots: Knots, first: int, last: int, found: Intervals
+    ) -> None:
+        """Compare the recorded impacts between two knots with the simulated ones."""
+        start = float(knots.time[first])
+        hits = [i for i in course.incidents if i.kind is EventKind.IMPACT]
+        rows = [k for k in range(first + 1, last + 1) if knots.stop[k] > 0.0]
+        faults: list[Fault] = []
+        for row, hit in _pairs(knots, rows, hits, start):
+            if row is not None and hit is not None:
+                faults += self._differences(knots, row, hit, start, found)
+            elif hit is not None:
+                faults.append(_message('missing', hit.stop, start + hit.time))
+            elif row is not None:
+                faults.append(_message('surplus', int(knots.stop[row]), float(knots.time[row])))
+        if not faults:
+            # A joint state between them is wrong.
+            self._unexplained(knots, first, found)
+            return
+        self.faults += faults
+        self.repairs.append(Repair(start, float(knots.time[last]), self._expected(hits, start)))
+
+    def _differences(
+        self, knots: Knots, row: int, hit: Incident, start: float, found: Intervals
+    ) -> Iterator[Fault]:
+        tol_x, tol_v, _, tol_w = (_MARGIN * float(t) for t in found.tolerances)
+        mass = self._rig.rig.primary_mass
+        after = hit.velocity_after + hit.relative_after
+        before = float(knots.velocity[row] - knots.velocity_before[row])
+        impulse = mass * (hit.velocity_after - hit.velocity_before)
+        stamp = _LATEST_S + _TIME_EPSILON * abs(start)
+        damper = float(knots.damper_velocity[row])
+        for quantity, unit, recorded, expected, tolerance in (
+            ('instant', 's', float(knots.time[row]), start + hit.time, stamp),
+            ('X', 'm', float(knots.x[row]), hit.x, tol_x),
+            ("X' after", 'm/s', float(knots.velocity[row]), hit.velocity_after, tol_v),
+            ("Z' after", 'm/s', damper, after, tol_w),
+            ('impulse', 'N s', mass * before, impulse, mass * tol_v),
+        ):
+            if not abs(recorded - expected) <= tolerance:
+                time = start + hit.time
+                yield Fault(
+                    'impact', quantity, unit, hit.stop, time, recorded, expected, tolerance
+                )
+
+    def _expected(self, hits: Sequence[Incident], start: float) -> RecordedImpacts:
+        if not hits:
+            return RecordedImpacts.none()
+        rig = self._rig.rig
+        half = 0.5 * rig.gap
+        impulses = [rig.primary_mass * (h.velocity_after - h.velocity_before) for h in hits]
+        columns = [
+            [start + h.time for h in hits],
+            [float(h.stop) for h in hits],
+            [h.x for h in hits],
+            [h.x + (half if h.stop == 1 else -half) for h in hits],
+            [h.velocity_after for h in hits],
+            [h.velocity_after + h.relative_after for h in hits],
+            impulses,
+            [-impulse for impulse in impulses],
+        ]
+        return RecordedImpacts(*(np.array(column) for column in columns))
+
+    def _unexplained(self, knots: Knots, index: int, found: Intervals) -> None:
+        """Add the largest residual at the end of an interval as a fault."""
+        self.unexplained += 1
+        time = float(knots.time[index + 1])
+        if not found.plain[index]:
+            self.faults.append(_message('motion', 0, time))
+            return
+        residuals = found.residuals[index]
+        shares = np.nan_to_num(np.abs(residuals) / found.tolerances, nan=np.inf)
+        worst = int(np.argmax(shares))
+        recorded = float(_before(knots, index + 1)[worst])
+        expected = recorded - float(residuals[worst])
+        tolerance = float(found.tolerances[worst])
+        self.faults.append(
+            Fault('motion', *_QUANTITIES[worst], 0, time, recorded, expected, tolerance)
+        )
+
+
+def _message(kind: str, stop: int, time: float) -> Fault:
+    return Fault(kind, 'impact', '', stop, time)
+
+
+def _troubles(wrong: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """Yield the joint states, or ends, around each group of wrong intervals."""
+    places = np.flatnonzero(samples)
+    end = len(wrong)
+    reached = 0
+    for index in np.flatnonzero(wrong):
+        if index < reached:
+            continue
+        before = int(np.searchsorted(places, index, side='right')) - 1
+        first = int(places[before]) if before >= 0 else 0
+        last = int(index) + 1
+        while True:
+            after = int(np.searchsorted(places, last))
+            last = int(places[after]) if after < len(places) else end
+            # A single joint state on the wrong side of a shifted impact is not sound.
+            if last >= end or not wrong[last]:
+                break
+            last += 1
+        yield max(first, reached), last
+        reached = last
+
+
+def _pairs(
+    knots: Knots, rows: Sequence[int], hits: Sequence[Incident], start: float
+) -> Iterator[tuple[int | None, Incident | None]]:
+    """Yield recorded with expected impacts; None for what has no counterpart."""
+    if [int(knots.stop[row]) for row in rows] == [hit.stop for hit in hits]:
+        yield from zip(rows, hits, strict=True)
+        return
+    left, due = list(rows), list(hits)
+    while left and due:
+        row, hit = left[0], due[0]
+        same = int(knots.stop[row]) == hit.stop
+        late = float(knots.time[row]) - (start + hit.time)
+        if same and (len(left) == len(due) or abs(late) <= _LATEST_S):
+            yield left.pop(0), due.pop(0)
+        elif len(left) > len(due):
+            yield left.pop(0), None
+        else:
+            yield None, due.pop(0)
+    yield from ((row, None) for row in left)
+    yield from ((None, hit) for hit in due)

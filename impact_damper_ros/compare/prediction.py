@@ -1,9 +1,9 @@
 """
 Which periodic motion a rig will settle into, from where it is.
 
-Theory says which motions there are; to which of several stable ones a rig comes depends on where
-it starts. The motion between impacts being closed-form, the rig is simply run ahead until its
-impacts repeat; the periodic motion next to that is then solved for, with its multipliers.
+Theory gives the periodic motions; to which of several stable ones a rig comes depends on where it
+starts. The motion between impacts being closed-form, the rig is run ahead until its impacts
+repeat; the periodic motion next to that is then solved for, with its multipliers.
 """
 
 from __future__ import annotations
@@ -16,53 +16,53 @@ from typing import Literal, TypeAlias
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits, orbit_near
 from impact_damper_ros.orbits.equations import check_forcing
-from impact_damper_ros.orbits.rhythm import MOST_CYCLES, Rhythm, rhythm_of, turned_cycles
+from impact_damper_ros.orbits.recognition import LONGEST_RHYTHM, Rhythm, rhythm_of, turned_cycles
 from impact_damper_ros.orbits.search import counted_as
-from impact_damper_ros.orbits.settled import starting_points
-from impact_damper_ros.rig import Event, EventKind, ParameterError, RigParameters, Simulator
+from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
+from impact_damper_ros.rig import Event, ParameterError, RigParameters, Simulator
 
-from .carried_rig import carry_on
+from .motion_kind import motion_ahead
 from .recorded_stretch import ForceClock, RecordedImpacts
 
-__all__ = ['Basis', 'Course', 'Prediction', 'predictions', 'run_ahead']
+__all__ = ['Basis', 'ObservedMotion', 'Prediction', 'predictions', 'run_ahead']
 
 
 AnyRig: TypeAlias = Simulator | ControlledRig
-#: Why a motion is the one predicted: the rig was measured to move like it, or comes to it when it
-#: is run ahead, or it is only the first of those there are.
+#: Why a motion is the predicted one: the rig was measured to move like it, or comes to it when it
+#: is run ahead, or it is only the first of those that exist.
 Basis: TypeAlias = Literal['measured', 'run ahead', 'listed', '']
 
-#: Longest run ahead, in cycles of the force, and how often its impacts are looked at.
-MOST_CYCLES_AHEAD = 1500
+#: Longest run ahead, in cycles of the force, and how often its impacts are examined.
+_MOST_CYCLES_AHEAD = 1500
 _CYCLES_BETWEEN_LOOKS = 25
-_LOOKS_PER_CYCLE = 4
+_PARTS_OF_CYCLE = 4
 _MOST_EVENTS = 30_000
 #: The same for other attractors, from other starts.
 _ELSEWHERE = 600
 _KEPT_IMPACTS = 512
 _RECENT = 100
 #: Recorded cycles that stand for those of a rig that was run ahead: it is run on for 1500 more.
-_CARRIED_FOR = 50.0
-#: A solution this near to what the rig does is the one it does.
-NEAR = 1e-2
+_RUN_FOR = 50.0
+#: A solution is the motion of the rig if it is as near to it as this.
+_NEAR = 1e-2
 _SAME = 1e-6
 
 
 @dataclass(frozen=True)
-class Course:
+class ObservedMotion:
     """
-    How a rig moves after a while.
+    The motion of a rig, as measured on it or as it comes to it when it is run ahead.
 
     Attributes
     ----------
     rhythm : Rhythm or None
-        What its impacts repeat; None if they do not.
+        The period of its impacts; None if they do not repeat.
     impact : Event or None
         The last impact.
     phase : float
         Its instant in cycles of the force since its zero angle.
     cycles : int, optional
-        How far it was run for that, in cycles of the force.
+        Cycles of the force that it was run for that.
     hits : bool, optional
         Whether there were impacts in the last cycles.
     recent : tuple of Event, optional
@@ -87,15 +87,15 @@ class Prediction:
     orbits : tuple of PeriodicOrbit
         Different motions; stable and viable ones first, then viable, then the others.
     expected : PeriodicOrbit or None
-        The one of them that is predicted.
+        The predicted one of them.
     basis : str
         Why that one.
     reason : str
-        What is to be said of the choice, or why there is none.
+        Why there is none, or what limits the choice.
     complete : bool
-        Whether no better answer is to come.
+        Whether this is the last answer.
     applies : bool
-        Whether the theory is for such a rig at all.
+        Whether the theory covers such a rig at all.
     """
 
     orbits: tuple[PeriodicOrbit, ...] = ()
@@ -106,45 +106,36 @@ class Prediction:
     applies: bool = True
 
 
-def run_ahead(rig: AnyRig, most_cycles: int = MOST_CYCLES_AHEAD) -> Course:
+def run_ahead(rig: AnyRig, most_cycles: int = _MOST_CYCLES_AHEAD) -> ObservedMotion:
     """Run a rig on until its impacts repeat."""
     frequency = rig.parameters.force_frequencies[0]
     began, turned, cycle = rig.time, turned_cycles(rig.snapshot(), frequency), math.tau / frequency
-    instants: list[float] = []
     impacts: list[Event] = []
     total, looked, rhythm, hits = 0, 0, None, False
-    largest = newest = 0.0
-    for k in range(1, most_cycles + 1):
-        for quarter in range(1, _LOOKS_PER_CYCLE + 1):
-            # One rounding, so that the steps do not drift
-            events = rig.advance(began + (k - 1 + quarter / _LOOKS_PER_CYCLE) * cycle)
-            newest = max([newest, abs(rig.sample().x), *(abs(event.x) for event in events)])
-            total += len(events)
-            for event in events:
-                if event.kind is EventKind.IMPACT:
-                    impacts.append(event)
-                    instants.append(turned + (event.time - began) / cycle)
-        if k % _CYCLES_BETWEEN_LOOKS and k < most_cycles:
-            continue
-        del impacts[:-_KEPT_IMPACTS], instants[:-_KEPT_IMPACTS]
-        largest, newest, looked = newest, 0.0, k
-        hits = bool(instants) and instants[-1] > turned + k - MOST_CYCLES
+    instants: list[float] = []
+    for look in run_by_cycles(
+        rig, _CYCLES_BETWEEN_LOOKS, most_cycles, base=began, parts=_PARTS_OF_CYCLE
+    ):
+        total, looked = total + len(look.events), look.cycles
+        impacts = [*impacts, *look.impacts][-_KEPT_IMPACTS:]
+        instants = [turned + (event.time - began) / cycle for event in impacts]
+        hits = bool(instants) and instants[-1] > turned + looked - LONGEST_RHYTHM
         stops, x = [event.stop for event in impacts], [event.x for event in impacts]
-        rhythm = rhythm_of(instants, stops, x, largest) if hits else None
+        rhythm = rhythm_of(instants, stops, x, look.largest) if hits else None
         if (rhythm is not None and rhythm.settled) or total > _MOST_EVENTS:
             break
     impact = impacts[-1] if impacts else None
     phase = instants[-1] if instants else 0.0
-    return Course(rhythm, impact, phase, looked, hits, tuple(impacts[-_RECENT:]))
+    return ObservedMotion(rhythm, impact, phase, looked, hits, tuple(impacts[-_RECENT:]))
 
 
 def _period_of_force(parameters: RigParameters) -> int:
     """Return the period of the force in cycles of its first harmonic."""
-    for cycles in range(1, MOST_CYCLES + 1):
+    for cycles in range(1, LONGEST_RHYTHM + 1):
         try:
             check_forcing(parameters, cycles)
         except OrbitError:
-            if cycles == MOST_CYCLES:
+            if cycles == LONGEST_RHYTHM:
                 raise
         else:
             break
@@ -152,7 +143,6 @@ def _period_of_force(parameters: RigParameters) -> int:
 
 
 def _clock_of(rig: AnyRig) -> ForceClock:
-    """Return the force of a rig."""
     origin = rig.snapshot()['origin']
     angles = tuple(map(float, origin['angles']))
     return ForceClock(rig.parameters, float(origin['time']), angles)
@@ -179,7 +169,7 @@ class _Orbits:
         try:
             found = find_orbits(parameters, stops, cycles, simulate=simulate)
         except OrbitError:
-            # Not motions that this rig can be asked for, such as both stops of a one-sided one
+            # This rig cannot have them, such as both stops of a one-sided one
             return
         for orbit in found.orbits:
             self.add(orbit)
@@ -193,40 +183,46 @@ class _Orbits:
                 best, least = orbit, max(turned[1])
         return best
 
-    def like(self, parameters: RigParameters, course: Course) -> PeriodicOrbit | None:
-        """Return the motion that a rig has come to, and keep it."""
-        rhythm, impact = course.rhythm, course.impact
+    def like(self, parameters: RigParameters, motion: ObservedMotion) -> PeriodicOrbit | None:
+        """Return the predicted motion that an observed one has come to, and keep it."""
+        rhythm, impact = motion.rhythm, motion.impact
         if rhythm is None or impact is None:
             return None
-        if (known := self.nearest(rhythm, NEAR)) is not None:
+        if (known := self.nearest(rhythm, _NEAR)) is not None:
             return known
         try:
-            shot = orbit_near(parameters, impact, course.phase, rhythm.cycles)
+            shot = orbit_near(parameters, impact, motion.phase, rhythm.cycles)
         except OrbitError:
             shot = None
         counted = None if shot is None else counted_as(shot, rhythm.stops)
         if counted is not None:
             return self.add(counted)
         self.search(parameters, rhythm.stops, rhythm.cycles, simulate=True)
-        return self.nearest(rhythm, NEAR)
+        return self.nearest(rhythm, _NEAR)
+
+    def listed(self, reason: str) -> Prediction:
+        """Predict the first of the motions that the rig can have."""
+        first = self.all[0] if self.all and self.all[0].viable else None
+        return Prediction(tuple(self.all), first, 'listed' if first is not None else '', reason)
 
 
-def predictions(rig: AnyRig, measured: Course | None = None) -> Iterator[Prediction]:
+def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator[Prediction]:
     """
     Predict the motion of a rig, at first quickly and then ever more thoroughly.
 
     Parameters
     ----------
     rig : Simulator or ControlledRig
-        The rig, where it is; it is left there. While a law moves its stops nothing is predicted.
-    measured : Course or None, optional
-        How it has been seen to move since.
+        The rig, in its present state, which does not change. While a law moves its stops, nothing
+        is predicted.
+    measured : ObservedMotion or None, optional
+        The motion measured on it since.
 
     Yields
     ------
     Prediction
         The first after some 20 ms, the last, which is `complete`, after a few tenths of a second.
-        A rig without a periodic force has one only, which says so.
+        For a rig without a periodic force there is only one, which gives the reason.
     """
     if isinstance(rig, ControlledRig) and rig.control.active:
         reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'
@@ -246,16 +242,15 @@ def predictions(rig: AnyRig, measured: Course | None = None) -> Iterator[Predict
     if expected is not None:
         yield Prediction(tuple(orbits.all), expected, 'measured')
     else:
-        yield _listed(orbits, '')
-    course = run_ahead(type(rig).restore(rig.snapshot()))
-    ahead = orbits.like(parameters, course)
-    prediction = (
-        Prediction(tuple(orbits.all), expected, 'measured')
-        if expected is not None
-        else Prediction(tuple(orbits.all), ahead, 'run ahead')
-        if ahead is not None
-        else _listed(orbits, _why_none(course))
-    )
+        yield orbits.listed('')
+    ahead = run_ahead(type(rig).restore(rig.snapshot()))
+    reached = orbits.like(parameters, ahead)
+    if expected is not None:
+        prediction = Prediction(tuple(orbits.all), expected, 'measured')
+    elif reached is not None:
+        prediction = Prediction(tuple(orbits.all), reached, 'run ahead')
+    else:
+        prediction = orbits.listed(_why_none(ahead))
     yield prediction
     for initial in starting_points(parameters):
         try:
@@ -264,21 +259,15 @@ def predictions(rig: AnyRig, measured: Course | None = None) -> Iterator[Predict
             continue
         orbits.like(parameters, run_ahead(start, _ELSEWHERE))
     reason = prediction.reason
-    if reason and course.rhythm is None and course.hits:
-        reason += _how_irregular(clock, course)
+    if reason and ahead.rhythm is None and ahead.hits:
+        reason += _how_irregular(clock, ahead)
     yield replace(prediction, orbits=tuple(orbits.all), reason=reason, complete=True)
 
 
-def _listed(orbits: _Orbits, reason: str) -> Prediction:
-    """Predict the first of the motions that the rig can have."""
-    first = orbits.all[0] if orbits.all and orbits.all[0].viable else None
-    return Prediction(tuple(orbits.all), first, 'listed' if first is not None else '', reason)
-
-
-def _how_irregular(clock: ForceClock, course: Course) -> str:
-    """Return what the motion of a rig is that does not repeat, as `compare_run` would say it."""
-    carried = carry_on(clock, RecordedImpacts.of_events(course.recent), _CARRIED_FOR)
-    if carried is None or (found := carried.indications) is None:
+def _how_irregular(clock: ForceClock, ahead: ObservedMotion) -> str:
+    """Return the kind of a motion that does not repeat, as `compare_run` names it."""
+    later = motion_ahead(clock, RecordedImpacts.of_events(ahead.recent), _RUN_FOR)
+    if later is None or (found := later.indications) is None:
         return ''
     return (
         f'; {found.kind().value}: Lyapunov exponent {found.exponent:+.3f} ± {found.error:.3f} per '
@@ -286,16 +275,16 @@ def _how_irregular(clock: ForceClock, course: Course) -> str:
     )
 
 
-def _why_none(course: Course) -> str:
-    if not course.hits:
-        return f'run ahead from where it is, m hits no stop any more after {course.cycles} cycles'
-    if course.rhythm is None:
+def _why_none(ahead: ObservedMotion) -> str:
+    if not ahead.hits:
+        return f'run ahead from where it is, m hits no stop any more after {ahead.cycles} cycles'
+    if ahead.rhythm is None:
         return (
-            f'run ahead from where it is, the rig does not repeat within {course.cycles} cycles '
+            f'run ahead from where it is, the rig does not repeat within {ahead.cycles} cycles '
             'of the force'
         )
-    stops = ','.join(map(str, course.rhythm.stops))
+    stops = ','.join(map(str, ahead.rhythm.stops))
     return (
-        f'run ahead, the rig comes to stops {stops} in {course.rhythm.cycles} cycles of the '
+        f'run ahead, the rig comes to stops {stops} in {ahead.rhythm.cycles} cycles of the '
         'force, for which the solvers find no motion'
     )

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
@@ -12,30 +12,26 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.rig import Event, RigParameters
 
-from .run_comparison import Beginning, Overall
-from .run_curves import Array, SwingEnvelope
+from .result import Array, LoggedStretch, Overall, SwingEnvelope
 
-__all__ = ['ForceClock', 'RecordedImpacts', 'RecordedStates', 'RecordedStretch', 'Rows']
+__all__ = [
+    'ForceClock',
+    'Knots',
+    'RecordedImpacts',
+    'RecordedStates',
+    'RecordedStretch',
+    'knots_of',
+    'largest_size',
+]
 
 
 @dataclass(frozen=True)
 class ForceClock:
-    """
-    The harmonics of a force whose frequencies do not change.
-
-    Attributes
-    ----------
-    parameters : RigParameters
-        The rig, as logged.
-    time : float
-        An instant, rig time, s.
-    angles : tuple of float
-        Angle that each harmonic has turned by then, without its phase, rad.
-    """
+    """The harmonics of a force whose frequencies do not change."""
 
     parameters: RigParameters
-    time: float
-    angles: tuple[float, ...]
+    time: float  # an instant, rig time, s
+    angles: tuple[float, ...]  # of the harmonics then, without their phases, rad
 
     @property
     def frequency(self) -> float:
@@ -73,11 +69,11 @@ class ForceClock:
 
     def counted_from_zero(self) -> RigParameters:
         """
-        Return the same rig with the phases that the harmonics have when the first angle is zero.
+        Return the rig with the phases that its harmonics have when the first angle is zero.
 
-        The periodic theory counts time from an instant at which all harmonics have turned by
-        nothing; after a change of frequencies on a live rig there may be no such instant. The
-        lines of a multisine, which has no theory, are left as they are.
+        The periodic theory counts time from an instant at which all angles are zero; after a
+        change of frequencies on a live rig there may be none. The lines of a multisine, for which
+        there is no periodic theory, stay as they are.
         """
         if len(self.parameters.force_phases) == 1:
             return self.parameters
@@ -92,19 +88,18 @@ class ForceClock:
         return rig.replace(force_phases=(rig.force_phases[0], *phases[1:]))
 
 
-class Rows:
+class _Table:
     """Columns of the same length, as attributes."""
 
     def __len__(self) -> int:
         return len(getattr(self, fields(self)[0].name))  # type: ignore[arg-type]
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> Self:
-        """Return some of the rows."""
         return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))  # type: ignore[arg-type]
 
     @classmethod
-    def joined(cls, parts: list[Self]) -> Self:
-        """Return the rows of several in a row."""
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Return the rows of all parts."""
         if not parts:
             return cls.none()
         names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
@@ -117,153 +112,159 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class RecordedStates(Rows):
-    """
-    Joint states, each after any event at its instant.
+class RecordedStates(_Table):
+    """Joint states in the order of time, each after any event at its instant."""
 
-    Attributes
-    ----------
-    time : ndarray of shape (n,)
-        Rig time, s, rising.
-    x, velocity : ndarray of shape (n,)
-        X, m, and X', m/s.
-    z, damper_velocity : ndarray of shape (n,)
-        Z, m, and Z', m/s.
-    stop_1, stop_2 : ndarray of shape (n,)
-        Positions of the stops along the axis, m.
-    stop_1_velocity, stop_2_velocity : ndarray of shape (n,)
-        Their velocities, m/s.
-    """
-
-    time: Array
-    x: Array
-    velocity: Array
-    z: Array
-    damper_velocity: Array
-    stop_1: Array
+    time: Array  # rig time, s
+    x: Array  # X, m, from the static equilibrium
+    velocity: Array  # X', m/s
+    z: Array  # Z, m
+    damper_velocity: Array  # Z', m/s
+    stop_1: Array  # positions of the stops along the axis, m
     stop_2: Array
-    stop_1_velocity: Array
+    stop_1_velocity: Array  # m/s
     stop_2_velocity: Array
 
 
 @dataclass(frozen=True)
-class RecordedImpacts(Rows):
-    """
-    Impacts, as logged.
+class RecordedImpacts(_Table):
+    """Impacts in the order of time, as logged."""
 
-    Attributes
-    ----------
-    time : ndarray of shape (n,)
-        Rig time, s, on whole nanoseconds; rising.
-    stop : ndarray of shape (n,)
-        1 or 2.
-    x, z : ndarray of shape (n,)
-        X and Z, m.
-    velocity_after, damper_velocity_after : ndarray of shape (n,)
-        X' and Z' just after, m/s.
-    primary_impulse, damper_impulse : ndarray of shape (n,)
-        Impulse on M and on m along the axis, N s.
-    """
-
-    time: Array
-    stop: Array
-    x: Array
-    z: Array
-    velocity_after: Array
-    damper_velocity_after: Array
-    primary_impulse: Array
-    damper_impulse: Array
+    time: Array  # rig time, s, on whole nanoseconds
+    stop: Array  # 1 or 2
+    x: Array  # X, m
+    z: Array  # Z, m
+    velocity_after: Array  # X' just after, m/s
+    damper_velocity_after: Array  # Z' just after, m/s
+    primary_impulse: Array  # on M, along the axis, N s
+    damper_impulse: Array  # on m
 
     @classmethod
     def of_events(cls, impacts: Sequence[Event]) -> Self:
-        """Return impacts of a simulator, their instants as they are."""
+        """Return impacts of a simulator, their instants not rounded."""
         if not impacts:
             return cls.none()
-        sign = [1.0 if event.stop == 1 else -1.0 for event in impacts]
-        rows = [
-            (
-                event.time,
-                float(event.stop),
-                event.x,
-                event.x + event.y,
-                event.primary_velocity_after,
-                event.damper_velocity_after,
-                way * event.impulse,
-                -way * event.impulse,
-            )
-            for event, way in zip(impacts, sign, strict=True)
-        ]
+        rows = []
+        for event in impacts:
+            impulse = event.impulse if event.stop == 1 else -event.impulse
+            after, damper_after = event.primary_velocity_after, event.damper_velocity_after
+            place = event.time, float(event.stop), event.x, event.x + event.y
+            rows.append((*place, after, damper_after, impulse, -impulse))
         return cls(*np.array(rows).T)
 
     def velocity_before(self, parameters: RigParameters) -> Array:
-        """Return X' just before, by the impulse and the logged mass, m/s."""
+        """Return X' just before, from the impulse and the logged mass, m/s."""
         return self.velocity_after - self.primary_impulse / parameters.primary_mass
 
     def damper_velocity_before(self, parameters: RigParameters) -> Array:
-        """Return Z' just before, by the impulse and the logged mass, m/s."""
+        """Return Z' just before, from the impulse and the logged mass, m/s."""
         return self.damper_velocity_after - self.damper_impulse / parameters.damper_mass
 
 
+@dataclass(frozen=True)
+class Knots(_Table):
+    """Joint states and impacts in the order of time."""
+
+    time: Array  # rig time, s
+    stop: Array  # the stop hit, 1 or 2; 0 for joint states
+    last_stop: Array  # the stop hit last, this impact included; 0 before the first one
+    x: Array  # X, m
+    z: Array  # Z, m
+    velocity_before: Array  # X' just before and just after, m/s; the same for joint states
+    velocity: Array
+    damper_velocity_before: Array  # Z' just before and just after, m/s
+    damper_velocity: Array
+    touched: Array  # 1 where a stop may follow m in contact with it, as far as is recorded
+
+    @property
+    def air_direction(self) -> Array:
+        """Direction of the air force on m: away from the stop hit last."""
+        return np.where(self.last_stop == 1.0, -1.0, np.where(self.last_stop == 2.0, 1.0, 0.0))
+
+
+_AT_STOP = 1e-9
+
+
+def knots_of(
+    parameters: RigParameters, states: RecordedStates, impacts: RecordedImpacts, last_stop: int
+) -> Knots:
+    """Sort joint states and impacts by time."""
+    zeros = np.zeros(len(states))
+    columns = [
+        (states.time, impacts.time),
+        (zeros, impacts.stop),
+        (states.x, impacts.x),
+        (states.z, impacts.z),
+        (states.velocity, impacts.velocity_before(parameters)),
+        (states.velocity, impacts.velocity_after),
+        (states.damper_velocity, impacts.damper_velocity_before(parameters)),
+        (states.damper_velocity, impacts.damper_velocity_after),
+        _touched(states, impacts),
+    ]
+    time, stop, *others = (np.concatenate(pair) for pair in columns)
+    # A joint state shows the motion after an impact at the same instant.
+    order = np.lexsort((stop == 0.0, time))
+    stop = stop[order]
+    latest = np.maximum.accumulate(np.where(stop > 0.0, np.arange(len(stop)), -1))
+    last = np.where(latest >= 0, stop[latest], float(last_stop))
+    return Knots(time[order], stop, last, *(column[order] for column in others))
+
+
+def _touched(states: RecordedStates, impacts: RecordedImpacts) -> tuple[Array, Array]:
+    with np.errstate(over='ignore', invalid='ignore'):
+        near = [
+            np.abs(stop - states.z) <= _AT_STOP * (np.abs(stop) + np.abs(states.z))
+            for stop in (states.stop_1, states.stop_2)
+        ]
+        touched = near[0] | near[1]
+        # A stop that follows m comes inwards from where the joint states show it first.
+        farthest = np.abs((states.z - states.x)[touched]).max(initial=0.0)
+        within = np.abs(impacts.z - impacts.x) <= (1.0 + _AT_STOP) * farthest
+    return touched.astype(float), within.astype(float)
+
+
+def largest_size(*columns: Array) -> float:
+    """
+    Return the largest modulus in some columns, 0 if they are empty.
+
+    A number a thousand times beyond nine tenths of the others is taken for a fault: it must not
+    set the tolerance of the others.
+    """
+    sizes = np.abs(np.concatenate(columns))
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    if not len(sizes):
+        return 0.0
+    most = float(np.quantile(sizes, 0.9, method='lower'))
+    return float(sizes[sizes <= 1e3 * most].max())
+
+
 @dataclass(frozen=True, kw_only=True)
-class RecordedStretch:
-    """
-    A stretch between two cuts.
+class RecordedStretch(LoggedStretch):
+    """A stretch of a run, with what was recorded of it."""
 
-    Attributes
-    ----------
-    number : int
-        Counted from 1.
-    start, end : float
-        Rig time, s.
-    begins, cause : Beginning, str
-        Why it begins, and the same in words.
-    parameters : RigParameters
-        As logged.
-    control : mapping of str to value
-        Gap-control parameters as logged.
-    clock : ForceClock or None
-        The force; None if its phase is not known.
-    states : RecordedStates
-        The last ones.
-    impacts : RecordedImpacts
-        All of them; of very many, the first and the last ones (`skipped` in between).
-    last_stop : int
-        Stop hit last before the stretch; 0 for none.
-    skipped : int
-        Index of the first impact after those left out; 0 if none were.
-    state_count, impact_count, missing_states : int
-        How many were recorded, and how many samples are missing.
-    lossy : bool
-        Whether the recorder may have lost messages one by one, unnoticed.
-    gaps : tuple of (float, float)
-        Beginnings and ends of the stretches without samples, s; the first ones.
-    envelope : SwingEnvelope
-        X over the whole stretch.
-    overall : Overall or None
-        Swing, impacts and energy over the whole stretch.
-    """
-
-    number: int
-    start: float
-    end: float
-    begins: Beginning
-    cause: str
-    parameters: RigParameters
-    control: Mapping[str, Any] = field(default_factory=dict)
-    clock: ForceClock | None
-    states: RecordedStates
-    impacts: RecordedImpacts
-    last_stop: int = 0
-    skipped: int = 0
-    state_count: int
+    clock: ForceClock | None  # the force; None if its phase is not known
+    states: RecordedStates  # the last ones
+    impacts: RecordedImpacts  # all; of very many, the first and the last ones
+    last_stop: int = 0  # stop hit last before the stretch; 0 for none
+    state_count: int  # how many were recorded
     impact_count: int
     missing_states: int = 0
-    lossy: bool = False
-    gaps: tuple[tuple[float, float], ...] = ()
+    lossy: bool = False  # whether the recorder may have lost single messages unnoticed
+    gaps: tuple[tuple[float, float], ...] = ()  # the first intervals without samples, s
     envelope: SwingEnvelope
     overall: Overall | None = None
 
-    def excuses(self, time: float) -> bool:
+    @property
+    def duration(self) -> float:
+        """Length, s."""
+        return self.end - self.start
+
+    @property
+    def controlled(self) -> bool:
+        """Whether a control may move the stops."""
+        return bool(self.control.get('gap_control', 'off') != 'off')
+
+    def may_lack_impact(self, time: float) -> bool:
         """Return whether the recorder may have lost an impact at an instant."""
         return self.lossy or any(start <= time <= end for start, end in self.gaps)
 
@@ -272,7 +273,11 @@ class RecordedStretch:
         before = int(np.searchsorted(self.impacts.time, time))
         return int(self.impacts.stop[before - 1]) if before else self.last_stop
 
-    @property
-    def duration(self) -> float:
-        """Length, s."""
-        return self.end - self.start
+    def knots(self, start: float, end: float) -> Knots:
+        """Return the kept joint states and impacts from one instant to another."""
+        states, impacts = self.states, self.impacts
+        if len(states):
+            start = max(start, float(states.time[0]))
+        states = states[(states.time >= start) & (states.time <= end)]
+        impacts = impacts[(impacts.time >= start) & (impacts.time <= end)]
+        return knots_of(self.parameters, states, impacts, self.stop_before(start))

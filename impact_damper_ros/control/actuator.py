@@ -1,34 +1,32 @@
 """
 The actuators of the stops: a delay, a speed, and what they spend.
 
-A command waits for the delay and then moves its stop, whatever the one before was about; commands
-are carried out in the order in which they were given. Nothing here knows where m is: that a stop
-which meets m stays where it is, is the rig's business.
+A command waits for the delay and then moves its stop, in place of the command before. The rig
+decides what happens where a stop meets m.
 
-The account of energy is that of the stop itself, of mass `actuator_mass`: each start, and each
-turn into the other direction, spends its kinetic energy at full speed, none of which is recovered
-when it brakes. It leaves out the friction of its guides, and its weight and inertia in the moving
-M. An actuator that moves at once has no speed, and spends nothing.
+The energy is that of the stop itself, of mass `actuator_mass`: each start and each reversal spends
+its kinetic energy at full speed, none of which is recovered by braking. Friction of the guides,
+and weight and inertia in the moving M, are left out. An actuator that moves at once spends none.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-from .parameters import GapControlParameters
+from impact_damper_ros.rig import GapControlParameters
 
-__all__ = ['Actuators', 'Command']
+from .sensors import LENGTH, SPEED, TIME, Kinds
 
 
 class Command(NamedTuple):
     """
-    Where stops are to go.
+    Targets of the stops.
 
     Attributes
     ----------
     time : float
-        When they start, s.
+        When the stops start, s.
     stop_1, stop_2 : float or None
         Target Y of each stop, m; None leaves it alone.
     """
@@ -46,16 +44,23 @@ class Actuators:
     Attributes
     ----------
     waiting : list of Command
-        Commands not carried out yet, in the order in which they will be.
+        Commands to be carried out, in that order.
     targets : list of float
-        Last target of each stop that was carried out, Y in m.
+        Target of the last command to each stop that was carried out, Y in m.
     commanded : list of float
-        Last target of each stop that was given, Y in m.
+        Target of the last command to each stop, Y in m.
     velocities : list of float
         Velocity of each stop in M, m/s.
     energies : list of float
         Energy spent by each so far, J.
     """
+
+    KINDS: ClassVar[Kinds] = {
+        'waiting': (TIME, LENGTH, LENGTH),
+        'targets': LENGTH,
+        'commanded': LENGTH,
+        'velocities': SPEED,
+    }
 
     waiting: list[Command] = field(default_factory=list)
     targets: list[float] = field(default_factory=lambda: [0.0, 0.0])
@@ -64,7 +69,7 @@ class Actuators:
     energies: list[float] = field(default_factory=lambda: [0.0, 0.0])
 
     def settle(self, half_gap: float) -> None:
-        """Take it that the stops stand at half the gap, with nothing to be carried out."""
+        """Place the stops at half the gap, without commands."""
         self.waiting = []
         self.targets = [half_gap, -half_gap]
         self.commanded = [half_gap, -half_gap]
@@ -72,7 +77,7 @@ class Actuators:
 
     @property
     def due(self) -> float | None:
-        """When the next command is to be carried out, s."""
+        """When the next command is carried out, s."""
         return self.waiting[0].time if self.waiting else None
 
     def order(
@@ -107,9 +112,9 @@ class Actuators:
         return stop_1, stop_2
 
     def stopped(self, stop: int, place: float) -> None:
-        """Take it that a stop stands, at its target or at m, Y in m."""
+        """Note that a stop stands, at its target or at m, Y in m."""
         i = stop - 1
         self.velocities[i] = 0.0
         if all(command[1 + i] is None for command in self.waiting):
-            # Where it is, is what it has to be moved from.
+            # The next command starts from here.
             self.commanded[i] = place

@@ -1,37 +1,31 @@
 """
 The amplitude law: at each passage of X through zero, places for both stops.
 
-Symmetric stops are the reconstruction of the law of Masri, Miller, Dehghanyar and Caughey (1989),
-of which is known that the amplitude of the primary mass sets the gap: d = kappa d*(A).
+Symmetric stops reconstruct the law of Masri, Miller, Dehghanyar and Caughey (1989), in which the
+amplitude of the primary mass sets the gap: d = kappa d*(A).
 
 Independent stops are an extension. Each stop has a place of its own, which grows and shrinks with
-the amplitude, and is corrected by the time at which m was seen to hit it: early, and it is moved
-out by what m covers in that time; late, and it is moved in. So the two flights need not be alike,
-which weight and friction do not let them be, and neither R nor mu is needed.
+the amplitude and is corrected by the instant at which m hit it: after an early impact the stop is
+moved out by what m covers in that time, after a late one it is moved in. The two flights may then
+differ, as weight and friction make them, and neither R nor mu has to be known.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
-from .law import Damper, Search
-from .parameters import GapControlParameters
-from .sensors import Measurement, Observer
+from .law import Plant
+from .sensors import LENGTH, Kinds, Measurement
 
-__all__ = ['StopTiming', 'symmetric_gap']
-
-
-def symmetric_gap(
-    share: float, amplitude: float, damper: Damper, p: GapControlParameters
-) -> float:
-    """Return a share of the optimal gap of an amplitude, within the range of the actuators, m."""
-    return min(max(share * damper.optimal_gap(amplitude, p.gap_max), p.gap_min), p.gap_max)
+#: A stop is not moved by less than this part of its place: each start costs energy.
+_DEAD_BAND = 0.005
 
 
 @dataclass(slots=True)
-class StopTiming:
+class AmplitudeLaw:
     """
-    Places of independent stops, corrected by the instants of the impacts on them.
+    State of the law: what corrects the places of independent stops.
 
     Attributes
     ----------
@@ -41,13 +35,26 @@ class StopTiming:
         Amplitude at the last passage, m.
     """
 
+    KINDS: ClassVar[Kinds] = {'places': LENGTH, 'amplitude': LENGTH}
+
     places: list[float] = field(default_factory=list)
     amplitude: float = 0.0
 
-    def cross(
-        self, time: float, observer: Observer, search: Search, p: GapControlParameters
-    ) -> tuple[float, float]:
-        """Return the distances of both stops from the middle after a zero crossing of X, m."""
+    def see(self, sample: Measurement, plant: Plant) -> None:
+        """Do nothing between the passages of X through zero."""
+
+    def cross(self, sample: Measurement, plant: Plant) -> None:
+        """Move both stops to their places."""
+        if plant.parameters.independent:
+            self._correct(sample.time, plant)
+            first, second = self.places
+        else:
+            first = second = plant.symmetric_place(plant.parameters.gap_control_gain)
+        plant.move(sample.time, (first, -second), _DEAD_BAND)
+
+    def _correct(self, time: float, plant: Plant) -> None:
+        """Correct the distances of both stops from the middle."""
+        observer, p = plant.observer, plant.parameters
         if not self.places:
             here = Measurement(*observer.last)
             self.places = [here.stop_1, -here.stop_2]
@@ -62,6 +69,5 @@ class StopTiming:
                     early -= observer.half_cycle
                 early -= p.gap_control_lead * observer.half_cycle
                 place += p.gap_control_timing_gain * hit[1] * early
-            place = min(growth * place, search.limit(i))
+            place = min(growth * place, plant.search.limit(i))
             self.places[i] = min(max(place, 0.5 * p.gap_min), 0.5 * p.gap_max)
-        return self.places[0], self.places[1]

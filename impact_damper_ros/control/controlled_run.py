@@ -1,8 +1,8 @@
 """
 Long runs of a rig under gap control: samples and events as arrays, as of a `LongRun`.
 
-Events alone do not tell the modes. Samples take most of the time of such a run; as long as nobody
-touches the rig, those to come can be worked out at once by the compiled run loop.
+Samples for the control take most of the time of such a run. Until the next command, those to come
+are computed together by the compiled run loop.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from impact_damper_ros.rig import GapControlParameters
 from impact_damper_ros.rig.event import Event, Sample
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.long_run import (
@@ -20,7 +21,7 @@ from impact_damper_ros.rig.long_run import (
     SAMPLE_TYPE,
     Loop,
     Outcome,
-    Stretch,
+    RunResult,
     event_table,
     has_numba,
 )
@@ -31,12 +32,8 @@ from impact_damper_ros.rig.run_loop import DONE, Progress
 from impact_damper_ros.rig.simulator import Simulator
 
 from .controlled_rig import ControlledRig
-from .parameters import GapControlParameters
 
-__all__ = ['AccountedSimulator', 'ControlledRun', 'ModeAccount']
-
-
-#: Most events that are gone through for samples ahead.
+#: Most events on the way to samples ahead.
 _MOST_INSTANTS = 1000
 
 
@@ -49,9 +46,9 @@ class ModeAccount(NamedTuple):
     time_in_mode : ndarray of float, shape (8,)
         Time spent in each `Mode`, s.
     begins : ndarray of float, shape (n,)
-        When a flight began, s; the first one is that under way at the beginning, at -infinity.
+        When each flight began, s; -infinity for the one at the beginning.
     modes : ndarray of int, shape (n,)
-        Its mode.
+        Mode of each flight.
     """
 
     time_in_mode: npt.NDArray[np.float64]
@@ -59,7 +56,7 @@ class ModeAccount(NamedTuple):
     modes: npt.NDArray[np.int64]
 
     def modes_after(self, times: npt.ArrayLike) -> npt.NDArray[np.int64]:
-        """Return the mode after each of some instants; after the last event of one instant."""
+        """Return the mode after each instant, after all events at that instant."""
         found: npt.NDArray[np.int64] = self.modes[
             np.searchsorted(self.begins, times, side='right') - 1
         ]
@@ -67,7 +64,7 @@ class ModeAccount(NamedTuple):
 
 
 class AccountedSimulator(Simulator):
-    """A `Simulator` that tells the time spent in each mode and can sample ahead; see there."""
+    """A `Simulator` that records the time spent in each mode, and computes samples ahead."""
 
     #: Samples ahead, the next one last.
     _ahead: list[list[float]] | None = None
@@ -85,20 +82,20 @@ class AccountedSimulator(Simulator):
         super()._begin(origin)
 
     def _open(self, origin: Origin) -> None:
-        """Begin an account at the present time."""
+        """Begin to account at the present time."""
         self._counted = self._time
         self._spent = np.zeros(len(Mode))
         self._begun = [(-np.inf, origin.mode)]
 
     def _count(self, time: float) -> None:
-        """Put down the time up to an instant, which a change may place a digit early."""
+        """Account for the time up to an instant; a change may place it a digit early."""
         assert self._counted is not None
         if time > self._counted:
             self._spent[self._origin.mode] += time - self._counted
             self._counted = time
 
     def take_account(self) -> ModeAccount:
-        """Return the account since this was last asked for, or since the start."""
+        """Return the account since the last call, or since the start."""
         self._count(self._time)
         begins, modes = zip(*self._begun, strict=True)
         account = ModeAccount(self._spent, np.array(begins), np.array(modes, dtype=np.int64))
@@ -107,20 +104,17 @@ class AccountedSimulator(Simulator):
 
     def sample_ahead(self, instants: npt.NDArray[np.float64]) -> None:
         """
-        Work out the samples at instants ahead, for `sample` to return once they are reached.
+        Compute the samples at instants ahead, for `sample` to return once they are reached.
 
-        Notes
-        -----
-        To the last bit they are what `sample` returns without this, if nobody does anything to
-        the rig before; else they are forgotten. Without a compiler, or in a sweep, nothing is
-        worked out.
+        They equal to the last bit what `sample` returns otherwise, and are dropped at a change of
+        the rig. Without numba, or with a stepped sine, none are computed.
         """
         self._ahead = []
         if self._parameters.sweep_mode != 'off' or not has_numba():
             return
-        if self._loop is None or self._loop.machine is not self._machine:
+        if self._loop is None or self._loop.constants is not self._constants:
             mass = self._parameters.damper_mass
-            self._loop = Loop(self._machine, mass, compiled=True)
+            self._loop = Loop(self._constants, mass, compiled=True)
         rows = np.empty((len(instants), len(Sample._fields)))
         progress = self._loop.run(
             Progress(DONE, self._loop.packed(self._origin), self._time, 0, 0, 0),
@@ -136,7 +130,7 @@ class AccountedSimulator(Simulator):
 
     @property
     def knows(self) -> bool:
-        """Whether the sample at the present time has been worked out."""
+        """Whether the sample at the present time has been computed."""
         ahead = self._ahead
         while ahead and ahead[-1][0] < self._time:
             ahead.pop()
@@ -160,18 +154,18 @@ class AccountedSimulator(Simulator):
         super().reset(initial)
 
 
-#: Most samples that are worked out at once.
+#: Most samples that are computed together.
 _MOST_AHEAD = 256
 
 
 class _AccountedRig(ControlledRig):
-    """A controlled rig that tells the time spent in each mode, and samples ahead."""
+    """A controlled rig that records the time spent in each mode, and samples ahead."""
 
     _simulator = AccountedSimulator
     _rig: AccountedSimulator
 
     def _look(self) -> None:
-        """Sample, in compiled code for some samples to come."""
+        """Take the sample that is due, computed with some to come."""
         if not self._rig.knows:
             rate = self._control.gap_control_rate
             count = min(max(1, round(rate * math.tau / self.parameters.omega)), _MOST_AHEAD)
@@ -180,7 +174,7 @@ class _AccountedRig(ControlledRig):
         super()._look()
 
     def take_account(self) -> ModeAccount:
-        """Return the account since this was last asked for, or since the start."""
+        """Return the account since the last call, or since the start."""
         return self._rig.take_account()
 
 
@@ -188,8 +182,8 @@ class ControlledRun:
     """
     One rig under gap control for long runs.
 
-    The motion is that of `ControlledRig`, to the last bit. The control is plain Python; what it
-    samples is worked out in compiled code, if there is any.
+    The motion is that of `ControlledRig`, to the last bit. The control is plain Python; its
+    samples are computed by compiled code where numba is installed.
 
     Parameters
     ----------
@@ -230,7 +224,7 @@ class ControlledRun:
         return run
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what the rig's future depends on, as `ControlledRig.snapshot` does."""
+        """Return all that the rig's future depends on, as `ControlledRig.snapshot` does."""
         return self._rig.snapshot()
 
     @property
@@ -266,7 +260,7 @@ class ControlledRun:
 
     def advance(
         self, time: float, instants: npt.ArrayLike = (), *, most_events: int = 1_000_000
-    ) -> Stretch:
+    ) -> RunResult:
         """
         Let the rig run to a later time.
 
@@ -277,11 +271,11 @@ class ControlledRun:
         instants : array_like of float, optional
             Instants at which to sample, s: ascending, from the present time to the one to reach.
         most_events : int, optional
-            How many events the rig may have on the way, about.
+            About the most events on the way.
 
         Returns
         -------
-        Stretch
+        RunResult
             Samples and events, among them the passages of X through zero and what the stops do,
             and whether the time was reached.
 
@@ -305,7 +299,7 @@ class ControlledRun:
         except RunawayError:
             outcome = Outcome.RUNAWAY
         account = rig.take_account()
-        return Stretch(
+        return RunResult(
             outcome,
             outcome.reason(len(events), begun, rig.time, rig.mode.name.lower()),
             rig.time,

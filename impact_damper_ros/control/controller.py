@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 from copy import copy, deepcopy
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from enum import IntEnum
-from math import inf
 from typing import Any, NamedTuple, Self, TypeVar
 
+from impact_damper_ros.rig import GapControlParameters
+
 from .actuator import Actuators, Command
-from .amplitude_law import StopTiming, symmetric_gap
-from .law import Damper, Search
-from .parameters import GapControlParameters
-from .sensors import Measurement, Observer, Passage
+from .amplitude_law import AmplitudeLaw
+from .law import Damper, Law, Plant, Search
+from .sensors import Measurement, Observer
 from .timed_law import TimedLaw
-
-__all__ = ['CONTROL_JOINTS', 'Action', 'ControlRecord', 'Controller']
-
 
 #: Joints of the topic `gap_control`.
 CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
 
 
 class Action(IntEnum):
-    """What a record tells of."""
+    """What a record is about."""
 
-    #: A command starts one or both stops.
+    #: A command started one or both stops.
     COMMAND = 1
-    #: A stop has reached its target.
+    #: A stop reached its target.
     ARRIVED = 2
-    #: A stop and m have met; the stop stays there.
+    #: A stop and m met; the stop stays there.
     TOUCHED = 3
     #: X passed through zero.
     CROSSING = 4
@@ -46,11 +43,11 @@ class ControlRecord(NamedTuple):
     action : Action
         What happened.
     target_1, target_2 : float
-        Where each stop is to be, Y in m.
+        Target of each stop, Y in m.
     amplitude : float
         Estimate of the amplitude of X, m.
     velocity_1, velocity_2 : float
-        Velocity of each stop in M, m/s; 0 of one that has moved at once.
+        Velocity of each stop in M, m/s; 0 for one that moves at once.
     x_rate : float
         X' of the last sample, m/s.
     energy_1, energy_2 : float
@@ -89,12 +86,12 @@ class ControlRecord(NamedTuple):
 
     @property
     def frame_id(self) -> str:
-        """What happened, as the topic `gap_control` names it."""
+        """Name of the action in the topic `gap_control`."""
         return self.action.name.lower()
 
     @property
     def numbers(self) -> tuple[tuple[float, float, float], ...]:
-        """Positions, velocities and efforts of `CONTROL_JOINTS`, as the topic has them."""
+        """Positions, velocities and efforts of `CONTROL_JOINTS`, as in the topic."""
         return (
             (self.target_1, self.target_2, self.amplitude),
             (self.velocity_1, self.velocity_2, self.x_rate),
@@ -102,20 +99,16 @@ class ControlRecord(NamedTuple):
         )
 
 
-_PARTS = ('observer', 'search', 'timing', 'timed', 'actuators')
-_Part = TypeVar('_Part')
+#: The laws by the name that `gap_control` gives them: the field of `Controller` with their state.
+LAWS = {'amplitude': 'timing', 'timed': 'timed'}
 
-#: A stop is not moved by less than this part of its place: each start costs energy.
-_AMPLITUDE_DEAD_BAND = 0.005
-_PARK_DEAD_BAND = 0.05
-#: A stop is not parked where m will be within this part of a half cycle.
-_CLEARANCE = 0.05
+_Part = TypeVar('_Part')
 
 
 @dataclass(slots=True)
 class Controller:
     """
-    State of the controller and its actuators; `as_dict` goes through JSON without loss.
+    State of the controller and its actuators; JSON keeps its `as_dict` exactly.
 
     Attributes
     ----------
@@ -124,11 +117,11 @@ class Controller:
     trigger_index : int
         Index of the next trigger of the crossing detector.
     observer : Observer
-        What it has seen.
+        Estimates from the samples.
     search : Search
         Where m is to be found.
-    timing : StopTiming
-        State of the amplitude law with independent stops.
+    timing : AmplitudeLaw
+        State of the amplitude law.
     timed : TimedLaw
         State of the timed law.
     actuators : Actuators
@@ -143,7 +136,7 @@ class Controller:
     trigger_index: int = 0
     observer: Observer = field(default_factory=Observer)
     search: Search = field(default_factory=Search)
-    timing: StopTiming = field(default_factory=StopTiming)
+    timing: AmplitudeLaw = field(default_factory=AmplitudeLaw)
     timed: TimedLaw = field(default_factory=TimedLaw)
     actuators: Actuators = field(default_factory=Actuators)
     roused: bool = False
@@ -155,29 +148,23 @@ class Controller:
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> Controller:
-        """
-        Read what `as_dict` has returned.
-
-        Raises
-        ------
-        KeyError, TypeError
-            If something is missing, or unknown.
-        """
-        # Lists of its own: what was stored may be read again
+        """Read a result of `as_dict`."""
+        # A copy: the stored lists may be read again
         stored = deepcopy(stored)
-        actuators = Actuators(**stored['actuators'])
+        values = {}
+        for name, part in cls().parts().items():
+            values[name] = type(part)(**stored.pop(name))
+        actuators: Actuators = values['actuators']
         actuators.waiting = [Command(*command) for command in actuators.waiting]
-        return cls(
-            sample_index=stored['sample_index'],
-            trigger_index=stored['trigger_index'],
-            observer=Observer(**stored['observer']),
-            search=Search(**stored['search']),
-            timing=StopTiming(**stored['timing']),
-            timed=TimedLaw(**stored['timed']),
-            actuators=actuators,
-            roused=stored['roused'],
-            returning=stored['returning'],
-        )
+        controller = cls(**values)
+        for name in ('sample_index', 'trigger_index', 'roused', 'returning'):
+            setattr(controller, name, stored[name])
+        return controller
+
+    def parts(self) -> dict[str, Any]:
+        """Return the parts that have a state of their own."""
+        entries = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        return {name: value for name, value in entries.items() if is_dataclass(value)}
 
     @property
     def idles(self) -> bool:
@@ -187,17 +174,16 @@ class Controller:
 
     def copied(self) -> Controller:
         """Return another controller in the same state."""
-        parts = {name: _copied(getattr(self, name)) for name in _PARTS}
-        return replace(self, **parts)
+        return replace(self, **{name: _copied(part) for name, part in self.parts().items()})
 
     def idle(self) -> Controller:
-        """Return a controller that keeps no more of this one than what the actuators have done."""
+        """Return a new controller with the actuators of this one."""
         return Controller(actuators=self.actuators)
 
     def switched(
         self, old: GapControlParameters, new: GapControlParameters, time: float, half_gap: float
     ) -> Controller:
-        """Return the controller that goes on with other parameters, on or off."""
+        """Return the controller that continues with other parameters."""
         if not new.active:
             if old.active:
                 self.rest(time, half_gap, new)
@@ -214,17 +200,17 @@ class Controller:
         return controller
 
     def begin(self, p: GapControlParameters, time: float) -> None:
-        """Begin to sample, from the first sampling instant after the present time on."""
+        """Begin to sample at the first sampling instant after the present time."""
         index = max(0, int(time * p.gap_control_rate))
         while index / p.gap_control_rate <= time:
             index += 1
         self.sample_index = index
 
     def relearn(self) -> None:
-        """Forget what the laws have learnt, not where the stops are."""
+        """Reset the states of the laws, not those of the actuators."""
         self.search = Search()
-        self.timing = StopTiming()
-        self.timed = TimedLaw()
+        for name in LAWS.values():
+            setattr(self, name, type(getattr(self, name))())
         self.roused = False
 
     def rest(self, time: float, half_gap: float, p: GapControlParameters) -> None:
@@ -237,7 +223,7 @@ class Controller:
     def send_back(
         self, time: float, stops: tuple[float, float], half_gap: float, p: GapControlParameters
     ) -> None:
-        """Send stops that have met m on their way back on to the gap, at a sampling instant."""
+        """Send stops that met m on their way back to the gap again, at a sampling instant."""
         actuators = self.actuators
         if actuators.waiting or actuators.velocities != [0.0, 0.0]:
             return
@@ -250,21 +236,17 @@ class Controller:
     def see(self, sample: Measurement, damper: Damper, p: GapControlParameters) -> None:
         """Take a sample, and act on it."""
         self._take_in(sample, damper, p)
-        timed = self.timed
-        if p.gap_control != 'timed' or not self.roused or timed.parked == 0.0:
-            return
-        if timed.reopens(sample, self.observer):
-            stop, timed.closed = timed.closed, 0
-            self._park(sample.time, (stop,), p)
-        if timed.closed or timed.aimed or not (p.actuator_delay or p.actuator_speed):
-            return
-        ahead = self.observer.next_passage()
-        if ahead is not None:
-            horizon = (self.sample_index + 1) / p.gap_control_rate
-            closing = timed.aim(ahead, sample, horizon, self.observer, damper, p)
-            if closing is not None:
-                timed.aimed = True
-                self._order_one(*closing, p)
+        if self.roused:
+            self._law(p).see(sample, self._plant(damper, p))
+
+    def _law(self, p: GapControlParameters) -> Law:
+        """Return the law that moves the stops."""
+        law: Law = getattr(self, LAWS[p.gap_control])
+        return law
+
+    def _plant(self, damper: Damper, p: GapControlParameters) -> Plant:
+        next_sample = (self.sample_index + 1) / p.gap_control_rate
+        return Plant(self.observer, self.search, self.actuators, damper, p, next_sample)
 
     def _take_in(self, sample: Measurement, damper: Damper, p: GapControlParameters) -> None:
         self.observer.see(sample, damper.rebound, p.gap_control_noise_velocity)
@@ -278,7 +260,7 @@ class Controller:
         damper: Damper,
         p: GapControlParameters,
     ) -> None:
-        """Take the trigger of the crossing detector with the sample it has held, and act on it."""
+        """Take a trigger of the crossing detector, with its sample, and act on it."""
         self.trigger_index += 1
         observer, time = self.observer, sample.time
         self._take_in(sample, damper, p)
@@ -290,65 +272,9 @@ class Controller:
                     self.rest(time, half_gap, p)
             else:
                 self.roused, self.returning = True, False
-                if p.gap_control == 'amplitude':
-                    self._follow(time, damper, p)
-                else:
-                    self._time_impact(sample, damper, p)
+                self._law(p).cross(sample, self._plant(damper, p))
         self.search.begin(rising)
         observer.forget_hits()
-
-    def _symmetric(self, share: float, damper: Damper, p: GapControlParameters) -> float:
-        """Return the distance of symmetric stops from the middle, m."""
-        half = 0.5 * symmetric_gap(share, self.observer.amplitude, damper, p)
-        return max(min(half, self.search.common_limit), 0.5 * p.gap_min)
-
-    def _follow(self, time: float, damper: Damper, p: GapControlParameters) -> None:
-        if p.independent:
-            places = self.timing.cross(time, self.observer, self.search, p)
-        else:
-            places = (self._symmetric(p.gap_control_gain, damper, p),) * 2
-        self._move(time, (places[0], -places[1]), _AMPLITUDE_DEAD_BAND, p)
-
-    def _time_impact(self, now: Measurement, damper: Damper, p: GapControlParameters) -> None:
-        timed = self.timed
-        aimed, timed.aimed = timed.aimed, False
-        timed.parked = self._symmetric(p.gap_control_park, damper, p)
-        if not aimed and not timed.closed:
-            at = Passage(now.time, now.x_rate, now.y, now.y_rate)
-            closing = timed.aim(at, now, inf, self.observer, damper, p)
-            if closing is not None:
-                self._order_one(*closing, p)
-        self._park(now.time, tuple(stop for stop in (1, 2) if stop != timed.closed), p)
-
-    def _park(self, time: float, stops: tuple[int, ...], p: GapControlParameters) -> None:
-        """Send stops to where they are parked; they close on m in timed impacts only."""
-        parked, now = self.timed.parked, Measurement(*self.observer.last)
-        free: list[float | None] = []
-        for stop, side in ((1, 1.0), (2, -1.0)):
-            outwards = side * now.y
-            ahead = _CLEARANCE * self.observer.half_cycle * max(0.0, side * now.y_rate)
-            free.append(side * parked if stop in stops and outwards + ahead < parked else None)
-        self._move(time, (free[0], free[1]), _PARK_DEAD_BAND, p)
-
-    def _move(
-        self,
-        time: float,
-        places: tuple[float | None, float | None],
-        dead_band: float,
-        p: GapControlParameters,
-    ) -> None:
-        """Order those stops to places that are not there already."""
-        wanted = [
-            place if place is not None and abs(place - before) > dead_band * abs(before) else None
-            for place, before in zip(places, self.actuators.commanded, strict=True)
-        ]
-        if wanted != [None, None]:
-            self.actuators.order(time, wanted[0], wanted[1], p)
-
-    def _order_one(self, issue: float, stop: int, target: float, p: GapControlParameters) -> None:
-        self.actuators.order(
-            issue, target if stop == 1 else None, target if stop == 2 else None, p
-        )
 
 
 def _copied(part: _Part) -> _Part:

@@ -1,31 +1,28 @@
 """
 Sensors of the gap control: samples with noise, and the observer of amplitude, rhythm and impacts.
 
-Samples are taken at its own rate, and one more at each passage of X through zero, where the
-crossing detector triggers the same converters.
+Samples are taken at the rate of the control, and one more at each passage of X through zero, where
+the crossing detector triggers the same converters. The noise is a function of its seed and the
+index of the sample, so that a run can be cut, continued and replayed.
 
-The noise is a pure function of its seed and the index of the sample, so that a run can be cut,
-continued and replayed, and any sample be measured anew.
-
-It holds what both laws need, and no model of the structure. Of the damper it knows how m rebounds,
-to tell an impact from the noise.
+The observer has no model of the structure. Of the damper it knows how m rebounds, to distinguish
+an impact from noise.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import atan2, cos, hypot, log, pi, sin, sqrt
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple, TypeAlias
 
-from impact_damper_ros.rig import Sample
+from impact_damper_ros.rig import GapControlParameters, Sample
+from impact_damper_ros.rig.forcing import mixed
 
-from .parameters import GapControlParameters
-
-__all__ = ['Hit', 'Measurement', 'Observer', 'Passage', 'measured', 'noise']
-
-
-_WORD = (1 << 64) - 1
 _CHANNELS = 4
+
+LENGTH, SPEED, TIME = 'length', 'speed', 'time'
+#: What the numbers of a state are, by field; of a list by its index, where its entries differ.
+Kinds: TypeAlias = dict[str, str | tuple[str, ...]]
 
 
 class Measurement(NamedTuple):
@@ -41,7 +38,7 @@ class Measurement(NamedTuple):
     y, y_rate : float
         Y, the place of m in M, and its rate.
     stop_1, stop_2 : float
-        Where the encoders of the actuators say that the stops are, Y in m.
+        Positions of the stops from the encoders of the actuators, Y in m.
     """
 
     time: float
@@ -54,21 +51,13 @@ class Measurement(NamedTuple):
 
     @property
     def z(self) -> float:
-        """Z, the absolute place of m, m."""
+        """Absolute position Z of m, m."""
         return self.x + self.y
 
     @property
     def z_rate(self) -> float:
         """Its rate, m/s."""
         return self.x_rate + self.y_rate
-
-
-def _mixed(word: int) -> int:
-    """Return 64 bits that depend on all bits of a word (the finaliser of splitmix64)."""
-    word = (word + 0x9E3779B97F4A7C15) & _WORD
-    word = ((word ^ (word >> 30)) * 0xBF58476D1CE4E5B9) & _WORD
-    word = ((word ^ (word >> 27)) * 0x94D049BB133111EB) & _WORD
-    return word ^ (word >> 31)
 
 
 def _uniform(word: int) -> float:
@@ -78,18 +67,18 @@ def _uniform(word: int) -> float:
 
 def noise(seed: int, index: int) -> tuple[float, float, float, float]:
     """Return independent standard normal numbers for the channels of one sample."""
-    key = _mixed(_mixed(seed & _WORD) ^ (index & _WORD))
+    key = mixed(mixed(seed) ^ (index & (2**64 - 1)))
     values: list[float] = []
     for pair in range(_CHANNELS // 2):
         # Box and Muller (1958)
-        radius = sqrt(-2.0 * log(_uniform(_mixed(key + 2 * pair))))
-        angle = 2.0 * pi * _uniform(_mixed(key + 2 * pair + 1))
+        radius = sqrt(-2.0 * log(_uniform(mixed(key + 2 * pair))))
+        angle = 2.0 * pi * _uniform(mixed(key + 2 * pair + 1))
         values += (radius * cos(angle), radius * sin(angle))
     return values[0], values[1], values[2], values[3]
 
 
 def measured(sample: Sample, index: int, parameters: GapControlParameters) -> Measurement:
-    """Return what the sensors show."""
+    """Return a sample with the noise of the sensors."""
     x, x_rate = sample.x, sample.primary_velocity
     y, y_rate = sample.z - x, sample.damper_velocity - x_rate
     stop_1, stop_2 = sample.stop_1 - x, sample.stop_2 - x
@@ -104,17 +93,17 @@ def measured(sample: Sample, index: int, parameters: GapControlParameters) -> Me
     return Measurement(sample.time, x, x_rate, y, y_rate, stop_1, stop_2)
 
 
-#: Part of the jump in Z' that an impact makes from which a jump is taken for one.
+#: Least jump in Z' taken for an impact, over the jump that an impact makes.
 _JUMP_OF_AN_IMPACT = 0.3
-#: ... and it must be this many standard deviations of the noise on a difference of two samples.
+#: ... and over the standard deviation of the noise on a difference of two samples.
 _CLEAR_OF_NOISE = 4.0
 
-#: Time after a trigger in which the crossing detector gives no other, in half cycles.
+#: Time after a trigger without another one, in half cycles.
 _HOLD_OFF = 0.02
 
 
 class Hit(NamedTuple):
-    """An impact, as found between two samples: instant, approach speed, 0 if there was none."""
+    """An impact between two samples: instant and approach speed."""
 
     time: float
     speed: float
@@ -122,7 +111,7 @@ class Hit(NamedTuple):
 
 class Passage(NamedTuple):
     """
-    What is expected at the next passage of X through zero.
+    Motion expected at the next passage of X through zero.
 
     Attributes
     ----------
@@ -131,7 +120,7 @@ class Passage(NamedTuple):
     x_rate : float
         X' there, m/s.
     y, y_rate : float
-        Place of m in M and its rate there, if m flies on without an impact, m and m/s.
+        Place of m in M and its rate there, without an impact before, m and m/s.
     """
 
     time: float
@@ -143,14 +132,14 @@ class Passage(NamedTuple):
 @dataclass(slots=True)
 class Observer:
     """
-    What has been seen so far; every field goes through JSON.
+    Estimates from the samples so far; every field goes through JSON.
 
     Attributes
     ----------
     amplitude : float
         Smoothed amplitude of X, m; 0 before the first whole half cycle.
     half_cycle : float
-        Smoothed time from one passage of X through zero to the next, s; 0 as long as unknown.
+        Smoothed time from one passage of X through zero to the next, s; 0 if unknown.
     crossed : float or None
         Instant of the last passage.
     peak : float
@@ -160,6 +149,16 @@ class Observer:
     hit_1, hit_2 : list of float
         The last impact at each stop since the last passage, as a `Hit`; empty if there was none.
     """
+
+    KINDS: ClassVar[Kinds] = {
+        'amplitude': LENGTH,
+        'half_cycle': TIME,
+        'crossed': TIME,
+        'peak': LENGTH,
+        'last': (TIME, LENGTH, SPEED, LENGTH, SPEED, LENGTH, LENGTH),
+        'hit_1': (TIME, SPEED),
+        'hit_2': (TIME, SPEED),
+    }
 
     amplitude: float = 0.0
     half_cycle: float = 0.0
@@ -179,7 +178,7 @@ class Observer:
     def _look_for_impact(
         self, before: Measurement, after: Measurement, rebound: float, noise: float
     ) -> None:
-        """Find an impact between two samples: m turns round in M, and Z' jumps."""
+        """Detect an impact between two samples: m reverses in M, and Z' jumps."""
         approach = before.y_rate
         jump = before.z_rate - after.z_rate
         if approach * after.y_rate > 0.0 or approach * jump <= 0.0:
@@ -198,7 +197,7 @@ class Observer:
             self.hit_2 = hit
 
     def holds_off(self, time: float) -> bool:
-        """Return whether a trigger comes too soon after the last one to be another passage."""
+        """Return whether a trigger comes too soon after the last one to count."""
         return self.crossed is not None and time - self.crossed <= _HOLD_OFF * self.half_cycle
 
     def cross(self, time: float, smoothing: float) -> bool:
@@ -213,16 +212,16 @@ class Observer:
         return True
 
     def forget_hits(self) -> None:
-        """Begin another half cycle with no impacts seen."""
+        """Begin another half cycle without impacts."""
         self.hit_1 = []
         self.hit_2 = []
 
     def next_passage(self) -> Passage | None:
         """
-        Return what the last sample makes expect.
+        Return the passage expected from the last sample.
 
-        None before the rhythm is known, and in the first half of a half cycle, when it is too
-        early to tell, and noise might show the last passage as one that is due.
+        None before the half cycle is known, and in its first half, when noise might show the last
+        passage as one to come.
         """
         if not self.last or self.half_cycle <= 0.0 or self.crossed is None:
             return None

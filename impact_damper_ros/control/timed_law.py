@@ -1,40 +1,42 @@
 """
-The timed law: m is hit where X passes through zero, that is where |X'| is largest.
+The timed law: an impact where X passes through zero, that is where |X'| is largest.
 
-Between the impacts the stops are parked wide apart. For a passage of X through zero at which the
-impact would take energy from M, one stop is closed on m so as to meet it at that instant, and is
-then opened again; at most one such impact for each passage.
+Between the impacts the stops are parked wide apart. For a passage of X through zero at which an
+impact would take energy from M, one stop is closed so as to meet m at that instant, and is then
+opened again; at most one such impact for each passage.
 
 With symmetric stops, m has to be on the side of the stop that is closed, as in the reconstruction
-of the law of Masri et al. (1989). With independent stops, an extension, a stop may come past the
-middle to where m is, which matters as soon as weight, friction or a random force let the middle of
-the motion of m wander; and m must come with a good part of the speed of M, so that the one blow
-which each passage allows is not spent on a feeble one.
+of the law of Masri et al. (1989). With independent stops, an extension, a stop may pass the middle
+to meet m, which matters as soon as weight, friction or a random force let the middle of
+the motion of m wander; and m must come with a good part of the speed of M, since each passage
+allows one impact only.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-from .law import Damper
-from .parameters import GapControlParameters
-from .sensors import Measurement, Observer, Passage
+from impact_damper_ros.rig import GapControlParameters
 
-__all__ = ['Closing', 'TimedLaw', 'stop_to_close']
-
+from .law import Damper, Plant
+from .sensors import LENGTH, TIME, Kinds, Measurement, Observer, Passage
 
 #: Least approach speed with independent stops, over |X'|.
 _LEAST_APPROACH = 0.5
 #: How far past the middle an independent stop may be closed, over half the optimal gap.
 _WANDER = 1.0
-#: The stop goes past m by what m covers in this part of a half cycle, in case it is late.
+#: The target is beyond m by what m covers in this part of a half cycle, in case m is late.
 _OVERREACH = 0.1
 #: Longest delay of a timed impact after the passage, in half cycles.
 _LATEST = 0.2
-#: A stop that has met no m this long after the passage is opened, in half cycles.
+#: A stop that has not met m this long after the passage is opened, in half cycles.
 _GIVE_UP = 0.25
+#: A stop is not parked anew by less than this part of its place: each start costs energy.
+_DEAD_BAND = 0.05
+#: A stop is not parked where m will be within this part of a half cycle.
+_CLEARANCE = 0.05
 
 
 class Closing(NamedTuple):
@@ -62,7 +64,7 @@ def stop_to_close(
     stop = 1 if at.y_rate > 0.0 else 2
     outwards = at.y if stop == 1 else -at.y
     if outwards >= parked:
-        # It hits the parked stop before.
+        # m hits the parked stop before.
         return 0
     if not p.independent:
         return stop if 2.0 * outwards > p.gap_min else 0
@@ -81,19 +83,65 @@ class TimedLaw:
     parked : float
         Distance of the parked stops from the middle, m; 0 before they are parked.
     aimed : bool
-        Whether the coming passage has been dealt with.
+        Whether a stop has been ordered for the coming passage.
     closed : int
-        The stop that is being closed, or 0.
+        The stop that is closed, or 0.
     until : float
-        When it is opened at the latest, s.
+        When it is to meet m, s.
     """
+
+    KINDS: ClassVar[Kinds] = {'parked': LENGTH, 'until': TIME}
 
     parked: float = 0.0
     aimed: bool = False
     closed: int = 0
     until: float = 0.0
 
-    def aim(
+    def see(self, sample: Measurement, plant: Plant) -> None:
+        """Open the stop that has done its work, and close one for the passage ahead."""
+        if self.parked == 0.0:
+            return
+        if self._reopens(sample, plant.observer):
+            stop, self.closed = self.closed, 0
+            self._park(sample.time, (stop,), plant)
+        p = plant.parameters
+        if self.closed or self.aimed or not (p.actuator_delay or p.actuator_speed):
+            return
+        ahead = plant.observer.next_passage()
+        if ahead is not None and self._close(ahead, sample, plant.next_sample, plant):
+            self.aimed = True
+
+    def cross(self, sample: Measurement, plant: Plant) -> None:
+        """Park the stops, and close one for this passage if that has not been done."""
+        aimed, self.aimed = self.aimed, False
+        self.parked = plant.symmetric_place(plant.parameters.gap_control_park)
+        if not aimed and not self.closed:
+            here = Passage(sample.time, sample.x_rate, sample.y, sample.y_rate)
+            self._close(here, sample, inf, plant)
+        self._park(sample.time, tuple(stop for stop in (1, 2) if stop != self.closed), plant)
+
+    def _park(self, time: float, stops: tuple[int, ...], plant: Plant) -> None:
+        """Send stops to where they are parked, unless m is or will be beyond that place."""
+        now = Measurement(*plant.observer.last)
+        free: list[float | None] = []
+        for stop, side in ((1, 1.0), (2, -1.0)):
+            outwards = side * now.y
+            ahead = _CLEARANCE * plant.observer.half_cycle * max(0.0, side * now.y_rate)
+            parked = stop in stops and outwards + ahead < self.parked
+            free.append(side * self.parked if parked else None)
+        plant.move(time, (free[0], free[1]), _DEAD_BAND)
+
+    def _close(self, at: Passage, now: Measurement, before: float, plant: Plant) -> bool:
+        """Order a stop to meet m at a passage; return whether one is ordered before an instant."""
+        closing = self._aim(at, now, before, plant.observer, plant.damper, plant.parameters)
+        if closing is None:
+            return False
+        issue, stop, target = closing
+        first, second = (target, None) if stop == 1 else (None, target)
+        plant.actuators.order(issue, first, second, plant.parameters)
+        return True
+
+    def _aim(
         self,
         at: Passage,
         now: Measurement,
@@ -102,7 +150,7 @@ class TimedLaw:
         damper: Damper,
         p: GapControlParameters,
     ) -> Closing | None:
-        """Return the command that lets a stop meet m at a passage ahead; None if not by now."""
+        """Return the command that makes a stop meet m; None if none is to be given by then."""
         optimal = damper.optimal_gap(observer.amplitude, p.gap_max)
         stop = stop_to_close(at, self.parked, optimal, damper, p)
         if stop == 0:
@@ -119,7 +167,7 @@ class TimedLaw:
             return None
         late = now.time - issue
         if late > 0.0:
-            # From now on m and the stop approach one another.
+            # The stop starts late, and m and the stop approach each other.
             late *= 1.0 if speed == inf else speed / (speed + abs(at.y_rate))
             if late > _LATEST * observer.half_cycle:
                 return None
@@ -132,8 +180,8 @@ class TimedLaw:
         self.until = at.time + max(0.0, late)
         return Closing(issue, stop, side * target)
 
-    def reopens(self, now: Measurement, observer: Observer) -> bool:
-        """Return whether a sample says that the stop that was closed has done its work."""
+    def _reopens(self, now: Measurement, observer: Observer) -> bool:
+        """Return whether the stop that was closed has done its work."""
         if self.closed == 0 or not observer.last:
             return False
         away = now.y_rate <= 0.0 if self.closed == 1 else now.y_rate >= 0.0

@@ -1,9 +1,9 @@
 """
 The node's report on /diagnostics: pacing, rig, recording, gap control and motion.
 
-As REP 107 asks, the topic is absolute: one aggregator hears every node of the system, whatever
-namespace the node is in (`-r /diagnostics:=...` still moves it). The status names begin with the
-fully qualified node name, so that two rigs are told apart.
+The topic is absolute, as REP 107 asks: one aggregator receives the reports of every node of the
+system, in whatever namespace (`-r /diagnostics:=...` moves the topic). Status names begin with the
+fully qualified node name, so that the reports of two rigs are distinguished.
 """
 
 from __future__ import annotations
@@ -11,48 +11,37 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
 
 from .engine import ControlStatus, EngineStatus, Load
 from .motion_report import MotionReport
 from .pacing import CATCH_UP_NS
-from .publishing import time_from_ns
+from .publishing import RecordingStatus
 
-__all__ = ['Diagnostics', 'RecordingStatus']
+__all__ = ['Diagnostics']
 
 
 HARDWARE_ID = 'impact damper rig'
-#: Computing time per time of the rig from which it is the rig that keeps the engine from its pace,
-#: and per wall time from which there was any to speak of.
+#: The rig itself slows the engine down from this computing time per rig time on, if the computing
+#: time per wall time exceeds the second number.
 BUSY, AT_WORK = 0.5, 0.05
-#: Events per computing second from which it is they that take the time, and not the search.
+#: Events per second of computing from which the events take the time, and not the search.
 EVENTFUL = 200.0
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-
-
-class RecordingStatus(NamedTuple):
-    """How the recording is doing; `error` stays until the next one begins."""
-
-    path: str = ''
-    messages: int = 0
-    size: int = 0
-    backlog: int = 0
-    dropped: int = 0
-    error: str = ''
+# Levels of diagnostic_msgs/DiagnosticStatus
+OK, WARN, ERROR = 0, 1, 2
 
 
 class Diagnostics:
     """
-    Turn what the engine and the recording have counted into reports.
+    Makes reports of the state of the engine, the recording and the motion.
 
     Parameters
     ----------
     node_name : str
         Fully qualified.
     state_rate, real_time_factor : float
-        What the pacing is measured against.
+        The pace that the user asked for.
     clock : callable
         Monotonic clock in seconds, for tests.
     """
@@ -64,7 +53,6 @@ class Diagnostics:
         real_time_factor: float,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin to count from now."""
         self._node_name = node_name.removeprefix('/')
         self._state_rate = state_rate
         self._factor = real_time_factor
@@ -89,21 +77,22 @@ class Diagnostics:
             self._control(engine.control),
         ]
         self._last_report, self._last = now, engine
-        array = self.motion_report(stamp_ns, motion)
-        array.status = [*statuses, *array.status]
-        return array
+        return self._array(stamp_ns, [*statuses, *self._motion(motion)])
 
     def motion_report(self, stamp_ns: int, motion: Iterable[MotionReport]) -> DiagnosticArray:
         """Return a report on the motion alone."""
-        array = DiagnosticArray()
-        array.header.stamp = time_from_ns(stamp_ns)
-        array.status = [
+        return self._array(stamp_ns, self._motion(motion))
+
+    def _motion(self, motion: Iterable[MotionReport]) -> list[DiagnosticStatus]:
+        return [
             self._status(task, WARN if warning else OK, message, values)
             for task, warning, message, values in motion
         ]
-        return array
 
-    def _pacing(self, engine: EngineStatus, elapsed: float) -> Any:
+    def _array(self, stamp_ns: int, statuses: list[DiagnosticStatus]) -> DiagnosticArray:
+        return DiagnosticArray(stamp_ns, '', tuple(statuses))
+
+    def _pacing(self, engine: EngineStatus, elapsed: float) -> DiagnosticStatus:
         counts = engine.pacing
         last = self._last
         ticks, overruns, slips, slipped_ns = (
@@ -155,7 +144,7 @@ class Diagnostics:
         )
 
     def _burden(self, engine: EngineStatus, rig_time: float, elapsed: float) -> str:
-        """Return what in the rig takes the time, and what helps; empty if it is not the rig."""
+        """Return why the rig takes so long, and a remedy; empty if it does not."""
         now, before = engine.load, self._last.load if self._last else Load()
         events, busy = now.events - before.events, (now.busy_ns - before.busy_ns) * 1e-9
         if busy < AT_WORK * elapsed or busy * (self._factor or 1.0) < BUSY * rig_time:
@@ -173,7 +162,7 @@ class Diagnostics:
             remedy = 'give less stiffness, a heavier mass, or a slower force of fewer harmonics'
         return f'the rig is behind: {often}; {remedy}, or lower real_time_factor'
 
-    def _rig(self, engine: EngineStatus, elapsed: float) -> Any:
+    def _rig(self, engine: EngineStatus, elapsed: float) -> DiagnosticStatus:
         impacts = engine.impacts - (self._last.impacts if self._last else 0)
         mode = engine.mode.lower().replace('_', ' ')
         return self._status(
@@ -193,7 +182,7 @@ class Diagnostics:
             },
         )
 
-    def _control(self, control: ControlStatus) -> Any:
+    def _control(self, control: ControlStatus) -> DiagnosticStatus:
         law, last = control.parameters.gap_control, control.last
         return self._status(
             'gap control',
@@ -211,7 +200,7 @@ class Diagnostics:
             },
         )
 
-    def _recording(self, recording: RecordingStatus) -> Any:
+    def _recording(self, recording: RecordingStatus) -> DiagnosticStatus:
         if recording.error:
             level, message = ERROR, f'stopped: {recording.error}'
         elif recording.dropped:
@@ -232,11 +221,13 @@ class Diagnostics:
             },
         )
 
-    def _status(self, task: str, level: bytes, message: str, values: dict[str, object]) -> Any:
+    def _status(
+        self, task: str, level: int, message: str, values: dict[str, object]
+    ) -> DiagnosticStatus:
         return DiagnosticStatus(
             level=level,
             name=f'{self._node_name}: {task}',
             message=message,
             hardware_id=HARDWARE_ID,
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+            values=tuple((key, str(value)) for key, value in values.items()),
         )

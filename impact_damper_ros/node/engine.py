@@ -1,18 +1,17 @@
 """
-The engine: one thread that moves the rig from tick to tick and hands out what happens.
+The engine: the thread that moves the rig from tick to tick and publishes its messages.
 
-As soon as a tick has gone out, the rig is moved to the next one and the messages are made: the
-search for the next impact, which takes many times as long as a sample, is no reason for a tick to
-be late. What is left for the tick is to send them. The impacts on the way go out at their own
-instants, if the clock allows. When the tick is due, what was asked for since is carried out, and
-the joint states are published. So the joint states of a tick already show a change that took
-effect at it.
+As soon as a tick is published, the rig is moved to the next one and the messages are encoded: the
+search for the next impact, which takes many times as long as a sample, must not delay a tick. At
+the tick they only have to be sent. Impacts on the way are sent at their own instants, if the
+clock allows. At a tick, the waiting requests are carried out before the joint states are
+published. So the joint states of a tick show a change that took effect at it.
 
-Everything asked of the engine goes through a queue and takes effect at the tick the rig stands at,
-an exact number of nanoseconds. A rig that takes long from one tick to the next is moved in slices
-(`motion_ahead`), and requests take effect between these, at exact nanoseconds, too. One that
-cannot go on at all is held until a change or a reset gives it another motion. All that a recording
-holds is written from this thread, in order.
+All requests to the engine go through a queue and take effect at the tick the rig is at, a whole
+number of nanoseconds. A rig that takes long from one tick to the next is moved in slices
+(`motion_ahead`); requests take effect between these, at whole nanoseconds, too. A rig that cannot
+go on is held until a change or a reset. Everything in a recording is written by this thread, in
+order.
 """
 
 from __future__ import annotations
@@ -23,15 +22,13 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from std_msgs.msg import String
-
+from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
+from impact_damper_ros.bag.rig_topics import snapshot_text
 from impact_damper_ros.control import ControlledRig, ControlRecord, GapControlParameters
 from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
 from impact_damper_ros.rig.hybrid_motion import RunawayError
-from impact_damper_ros.rig.published import snapshot_text
 
-from .measured_motion import MotionTrace
-from .motion_ahead import RIG_FAILURES, MotionAhead, ticks_ahead
+from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
 from .pacing import (
     CATCH_UP_NS,
     ORDINARY,
@@ -42,22 +39,13 @@ from .pacing import (
     TickGrid,
     sleep_first_in_line,
 )
-from .publishing import (
-    ClockTemplate,
-    Emitter,
-    Happening,
-    Log,
-    Outlets,
-    TickMessages,
-    restamped,
-    serialised,
-)
+from .publishing import Emitter, Log, OutgoingMessage, RigPublishers
 
 __all__ = ['ControlStatus', 'Engine', 'EngineStatus', 'Load', 'RequestQueue', 'Ticket']
 
 
 class ControlStatus(NamedTuple):
-    """What the gap control is about: its parameters, acts so far, and the last one of them."""
+    """State of the gap control: its parameters, the number of commands, and its last act."""
 
     parameters: GapControlParameters = GapControlParameters()
     commands: int = 0
@@ -66,7 +54,7 @@ class ControlStatus(NamedTuple):
 
 class Load(NamedTuple):
     """
-    What the rig has the engine do.
+    Work that the rig is for the engine.
 
     Attributes
     ----------
@@ -87,7 +75,7 @@ class Load(NamedTuple):
 
 
 class EngineStatus(NamedTuple):
-    """A look at the engine from another thread; `held` says why the rig cannot go on."""
+    """State of the engine, for other threads; `held` says why the rig cannot go on."""
 
     time_ns: int
     paused: bool
@@ -116,7 +104,6 @@ class Ticket:
     """
 
     def __init__(self, action: Callable[[], Any]) -> None:
-        """Keep the action for the engine's thread."""
         self.time_ns = 0
         self.result: Any = None
         self.error: Exception | None = None
@@ -128,7 +115,7 @@ class Ticket:
         return self._done.wait(timeout)
 
     def carry_out(self, time_ns: int) -> None:
-        """Act; what the rig refuses is no fault of the engine, any other error is."""
+        """Act; a request that the rig refuses is no failure of the engine."""
         self.time_ns = time_ns
         try:
             self.result = self._action()
@@ -141,7 +128,7 @@ class Ticket:
             self._done.set()
 
     def turn_away(self) -> None:
-        """Fail the request, because the engine has ended."""
+        """Fail the request because the engine has ended."""
         self.error = RuntimeError('the rig is shutting down')
         self._done.set()
 
@@ -150,7 +137,6 @@ class RequestQueue:
     """Requests in the order in which they were made."""
 
     def __init__(self) -> None:
-        """Begin empty and open."""
         self._tickets: deque[Ticket] = deque()
         self._closed = threading.Event()
 
@@ -168,13 +154,13 @@ class RequestQueue:
         return bool(self._tickets)
 
     def serve(self, time_ns: int) -> None:
-        """Carry out all requests made so far, at an instant of rig time."""
-        # Not those that come in meanwhile: a flood of them must not stop the rig.
+        """Carry out the requests made so far, at an instant of rig time."""
+        # Not those that arrive meanwhile: a flood of requests must not stop the rig.
         for _ in range(len(self._tickets)):
             self._tickets.popleft().carry_out(time_ns)
 
     def close(self) -> None:
-        """Turn away what waits, and whatever comes."""
+        """Turn away all waiting and later requests."""
         self._closed.set()
         self._turn_away()
 
@@ -183,16 +169,16 @@ class RequestQueue:
             try:
                 ticket = self._tickets.popleft()
             except IndexError:
-                # Two threads turn away; the other one was quicker.
+                # Another thread turned it away.
                 break
             ticket.turn_away()
 
 
 PAUSED_NAP_S = 0.02
 PAUSED_PERIOD_NS = 100_000_000
-#: How long the pace must have been held before the thread has its priority again.
+#: Time for which the pace must be held before the thread gets its priority again.
 STEADY_AGAIN_NS = 10_000_000_000
-#: Messages a recording may be behind a free-running rig before the rig waits for it.
+#: Messages by which a recording may be behind before a free-running rig waits for it.
 LOG_BACKLOG = 20_000
 
 
@@ -204,8 +190,8 @@ class Engine:
     ----------
     parameters, initial : RigParameters, InitialConditions
         The rig and where it starts.
-    outlets : Outlets
-        Where to publish.
+    publishers : mapping of str to TopicPublisher
+        Where to publish; see `publishing.RigPublishers`.
     state_rate : float
         Ticks per second of rig time.
     real_time_factor : float
@@ -239,7 +225,7 @@ class Engine:
         self,
         parameters: RigParameters,
         initial: InitialConditions,
-        outlets: Outlets,
+        publishers: RigPublishers,
         *,
         state_rate: float,
         real_time_factor: float,
@@ -251,15 +237,12 @@ class Engine:
         on_trouble: Callable[[str], object] = lambda _: None,
         real_time_priority: int = 0,
     ) -> None:
-        """Set the rig up; `start` sets it going."""
         self.failure: Exception | None = None
         self._simulator = ControlledRig(parameters, initial, control=control)
-        self._outlets = outlets
+        self._publishers = publishers
         self._on_failure = on_failure
         self._on_course = on_course
         self._on_trouble = on_trouble
-        self._messages = TickMessages(outlets)
-        self._clock = ClockTemplate()
         self._grid = TickGrid(state_rate)
         self._scheduling = Scheduling(real_time_priority)
         self._pacer = Pacer(
@@ -281,14 +264,14 @@ class Engine:
         self._news = 'start'
         self._motion = MotionAhead(
             self._simulator,
-            self._messages,
+            publishers,
             self._grid,
             MotionTrace.at(parameters, self._simulator.snapshot()),
             ticks_ahead(self._grid.instant(1), real_time_factor),
         )
-        # The start is the first change of course.
+        # Whether the rig has another motion since the last snapshot; also at the start
         self._new_course = True
-        # All parameters, as a serialised ParameterEvent, while there is a recording
+        # All parameters, as a encoded ParameterEvent, while there is a recording
         self._listing = b''
         self._requests = RequestQueue()
         self._stopping = threading.Event()
@@ -298,7 +281,7 @@ class Engine:
     # Called from other threads
 
     def start(self) -> None:
-        """Set the rig going."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self, timeout: float = 5.0) -> None:
@@ -308,25 +291,23 @@ class Engine:
             self._thread.join(timeout)
 
     def trace(self) -> MotionTrace:
-        """Return what the rig has done since it was last changed or reset."""
+        """Return the motion of the rig since its last change or reset."""
         return self._motion.trace
 
     def stamp_ns(self) -> int:
-        """Return the stamp of the tick the rig stands at."""
+        """Return the stamp of the tick the rig is at."""
         return self._stamps.offset_ns + self._time_ns
 
     def status(self) -> EngineStatus:
-        """Return how the engine is doing, and begin to look for the worst lateness anew."""
+        """Return the state of the engine, and restart the search for the worst lateness."""
         return EngineStatus(
             self._time_ns,
             self._paused,
             self._simulator.mode.name,
-            self._messages.impacts,
+            self._motion.impacts,
             self._out.recorded,
             self._pacer.counts(),
-            ControlStatus(
-                self._simulator.control, self._messages.commands, self._messages.last_act
-            ),
+            ControlStatus(self._simulator.control, self._motion.commands, self._motion.last_act),
             self._scheduling.text,
             self._held,
             self._load(),
@@ -360,27 +341,27 @@ class Engine:
         return self._requests.submit(lambda: self._change(parameters, event, control, listing))
 
     def reset(self, initial: InitialConditions) -> Ticket:
-        """Put the rig to initial conditions; time goes on."""
+        """Put the rig to initial conditions; rig time goes on."""
         return self._requests.submit(lambda: self._reset(initial))
 
     def pause(self, paused: bool) -> Ticket:
-        """Hold the rig, or let it run on; the result tells whether that changed anything."""
+        """Pause the rig, or resume it; the result is whether that changed anything."""
         return self._requests.submit(lambda: self._pause(paused))
 
     def record_to(self, log: Log, event: bytes) -> Ticket:
         """
-        Record from now on; `event` is a serialised ParameterEvent with all parameters.
+        Record from now on; `event` is a encoded ParameterEvent with all parameters.
 
         The log may ask for a new file. That begins with a tick, as the recording did.
         """
         return self._requests.submit(lambda: self._record_to(log, event))
 
     def stop_recording(self) -> Ticket:
-        """Record no more; the result is the log that was written to, if any."""
+        """End the recording; the result is its log, if any."""
         return self._requests.submit(self._stop_recording)
 
     def record(self, topic: str, data: bytes) -> Ticket:
-        """Record a serialised message that another thread has published."""
+        """Record a encoded message that another thread has published."""
         return self._requests.submit(lambda: self._out.record(topic, data, self.stamp_ns()))
 
     # The engine's thread
@@ -408,7 +389,7 @@ class Engine:
             due_ns = self._grid.instant(self._tick + 1)
             if not self._motion.known and not self._move_to(due_ns):
                 continue
-            # From here on nothing is asked of the rig before the tick.
+            # From here on no request is served before the tick.
             self._tick += 1
             self._pacer.wait(due_ns)
             self._time_ns, self._within_tick = due_ns, True
@@ -425,7 +406,7 @@ class Engine:
         """
         Move the rig to the next tick and send what happens on the way.
 
-        It may stop before, because something is asked, or because that takes long; false then.
+        Returns false if it stops before the tick, for a request or because the rig takes long.
         """
         if not self._pacer.approach(due_ns, self._interrupted):
             return False
@@ -434,10 +415,10 @@ class Engine:
         except RIG_FAILURES as error:
             self._give_up(error)
             return False
-        if moved.happenings:
-            last_ns = max(happening.stamp_ns for happening in moved.happenings)
+        if moved.messages:
+            last_ns = max(message.stamp_ns for message in moved.messages)
             self._pacer.pause_until(last_ns - self._stamps.offset_ns)
-            self._emit_all(moved.happenings)
+            self._emit_all(moved.messages)
         if moved.time_ns == due_ns:
             return True
         self._time_ns = moved.time_ns
@@ -452,35 +433,35 @@ class Engine:
 
     def _hold(self) -> None:
         """
-        Stand still until told otherwise.
+        Wait while the rig is paused or held.
 
-        Clock and joint states go on, for those who join meanwhile, and for transforms that are
-        looked up now. These are no samples of the motion, and not recorded.
+        Clock and joint states are still published, for nodes that join meanwhile and for
+        transforms that are looked up now. They are no samples of the motion and not recorded.
         """
         due_ns = time.monotonic_ns()
         while (self._paused or self._held) and not self._stopping.is_set():
             if time.monotonic_ns() >= due_ns:
                 self._publish_clock()
                 data = self._motion.paused_states(self._stamps.now(self._time_ns))
-                self._out.publish(self._outlets.joint_states, data)
+                self._out.publish(self._publishers['joint_states'], data)
                 due_ns += PAUSED_PERIOD_NS
             time.sleep(PAUSED_NAP_S)
             self._serve()
 
     def _give_up(self, error: Exception) -> None:
-        """Hold a rig that cannot go on, where it stands."""
+        """Hold a rig that cannot go on."""
         kind = '' if isinstance(error, RunawayError) else f'{type(error).__name__}: '
         self._held = f'{kind}{error}'
         self._motion.stand_at(self._time_ns)
         self._on_trouble(f'the rig is held: {self._held}; it waits for a change or a reset')
 
     def _go_on(self) -> None:
-        """Let a rig run on that has stood still: its stamps and deadlines begin anew."""
+        """Resume a rig: its stamps and deadlines begin anew."""
         self._stamps.catch_up(self._time_ns)
         self._pacer.anchor(self._time_ns)
 
     def _release(self) -> None:
-        """Let a rig that was held run on, since it has another motion now."""
+        """Resume a rig that was held, since it has another motion now."""
         if self._held:
             self._held = ''
             if not self._paused:
@@ -491,11 +472,11 @@ class Engine:
         self._slipped = True
 
     def _catch_up(self) -> None:
-        """Let the tick that the rig stands at be now, after wall time was given up."""
+        """Move the stamps on, so that the present tick is now, after a slip."""
         self._slipped = False
         before_ns = self._stamps.offset_ns
         if self._stamps.catch_up(self._time_ns):
-            # They have other stamps.
+            # The messages made ahead have other stamps.
             self._motion.stand_at(self._time_ns)
             self._motion.discard()
             self._news = self._news or 'slip'
@@ -527,7 +508,7 @@ class Engine:
         listing: bytes,
     ) -> None:
         self._listing = listing or self._listing
-        # First the cause, then what it does.
+        # First the cause, then its effects
         self._record_event(event)
         if parameters is not None or control is not None:
             rig = self._simulator
@@ -542,7 +523,7 @@ class Engine:
         initial.check_within(self._simulator.parameters)
         self._motion.discard()
         self._simulator.reset(initial)
-        self._messages.last_act = None
+        self._motion.last_act = None
         self._release()
         self._news = 'reset'
         self._new_course = True
@@ -550,7 +531,7 @@ class Engine:
     def _pause(self, paused: bool) -> bool:
         if paused == self._paused:
             return False
-        # They have other stamps.
+        # The messages made ahead have other stamps.
         self._motion.discard()
         self._paused = paused
         if not paused:
@@ -565,7 +546,7 @@ class Engine:
         self._record_event(event)
 
     def _split(self, log: Log) -> None:
-        """Let a new file of the recording begin here, with what a reader of it alone needs."""
+        """Begin a new file of the recording, with all that a reader of it alone needs."""
         if log.split(self.stamp_ns()):
             self._motion.stand_at(self._time_ns)
             self._announce('record')
@@ -575,34 +556,34 @@ class Engine:
         if self._within_tick:
             # A bag ends with a whole tick.
             data = self._motion.states(self._time_ns, self._stamps.offset_ns)
-            self._out.record(self._outlets.joint_states.topic, data, self.stamp_ns())
+            self._out.record(self._publishers['joint_states'].topic, data, self.stamp_ns())
         log, self._out.log = self._out.log, None
         return log
 
-    # What goes out
+    # Publishing
 
-    def _emit_all(self, happenings: Sequence[Happening]) -> None:
-        for happening in happenings:
-            self._out.emit(*happening)
+    def _emit_all(self, messages: Sequence[OutgoingMessage]) -> None:
+        for message in messages:
+            self._out.emit(*message)
 
     def _publish_states(self) -> None:
         data = self._motion.take_states(self._time_ns, self._stamps.offset_ns)
         self._within_tick = False
         self._publish_clock()
         stamp_ns = self.stamp_ns()
-        self._out.emit(self._outlets.joint_states, data, stamp_ns)
+        self._out.emit(self._publishers['joint_states'], data, stamp_ns)
         if (log := self._out.log) is not None and log.split_due(stamp_ns):
             self._split(log)
 
     def _publish_clock(self) -> None:
-        if self._outlets.clock is not None:
-            self._out.publish(self._outlets.clock, self._clock.of(self.stamp_ns()))
+        if (clock := self._publishers.get('clock')) is not None:
+            self._out.publish(clock, clock_message(self.stamp_ns()))
 
     def _announce(self, reason: str) -> None:
-        """Publish all that is needed to run on from here, bit for bit."""
+        """Publish a snapshot: all that a bit-for-bit continuation needs."""
         state = self._simulator.snapshot()
         text = snapshot_text(self._stamps.offset_ns, self._time_ns, reason, state)
-        self._out.emit(self._outlets.snapshot, serialised(String(data=text)), self.stamp_ns())
+        self._out.emit(self._publishers['snapshot'], encode(String(text)), self.stamp_ns())
         if self._new_course:
             self._new_course = False
             self._motion.trace = MotionTrace.at(self._simulator.parameters, state)
@@ -610,4 +591,5 @@ class Engine:
 
     def _record_event(self, event: bytes) -> None:
         stamp_ns = self.stamp_ns()
-        self._out.record(self._outlets.parameter_events, restamped(event, stamp_ns), stamp_ns)
+        topic = self._publishers['parameter_events'].topic
+        self._out.record(topic, restamped(event, stamp_ns), stamp_ns)

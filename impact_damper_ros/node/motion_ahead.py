@@ -1,53 +1,157 @@
 """
-The motion of a rig, and its joint states some ticks ahead of what has gone out.
+The motion of a rig from tick to tick, and its joint states some ticks ahead.
 
-Between two events the motion is a closed formula, so that nothing but a request can change what
-the joint states of the next ticks will be. They are made in one go, for two reasons: a processor
-that has slept for a millisecond has lost the code and data of the last time, and the first sample
-after that takes ten times as long as the second; and a tick whose message lies ready is not late.
+Between two events the motion is a closed formula, so that only a request can change the joint
+states of the next ticks. They are made at once, for two reasons: after a sleep of a millisecond a
+processor has lost the code and data from its caches, so that the first sample takes ten times as
+long as the second; and a tick whose message is ready is not late.
 
-Some rigs take longer to the next tick than anybody would wait for. So they are moved in slices,
-each of which ends at a whole nanosecond: there all that can be done to a rig can be done to it.
+Some rigs take long to the next tick. They are moved in slices, each of which ends at a whole
+nanosecond, where a rig can be changed, reset or paused.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
-from math import ceil
+from collections.abc import Callable, Mapping, Sequence
+from math import ceil, tau
 from time import monotonic_ns, thread_time_ns
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from impact_damper_ros.control import ControlledRig, ControlRecord
-from impact_damper_ros.rig import Event, Sample
+from impact_damper_ros.bag.rig_topics import RigMessages
+from impact_damper_ros.control import Action, ControlledRig, ControlRecord
+from impact_damper_ros.orbits.recognition import turned_cycles
+from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig.forcing import frequency_at
 from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.swing import extremes
 
-from .measured_motion import MotionTrace
 from .pacing import TickGrid
-from .publishing import Happening, TickMessages
+from .publishing import OutgoingMessage, RigPublishers
 
-__all__ = ['RIG_FAILURES', 'MotionAhead', 'Moved', 'ticks_ahead']
+__all__ = ['KEPT', 'RIG_FAILURES', 'MotionAhead', 'MotionTrace', 'Moved', 'ticks_ahead']
 
 
-#: What a rig may end in that nobody should have made, but that is admissible.
+#: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
+KEPT = 512
+
+
+class MotionTrace:
+    """
+    The motion of a rig since its last change or reset, or the last step of its frequency.
+
+    The engine's thread writes. Other threads may read; they copy at once.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    began : float
+        Rig time at the beginning, s.
+    turned : float
+        Angle of the first harmonic then, in cycles since its zero.
+    step : int
+        Steps of the stepped sine done by then.
+
+    Attributes
+    ----------
+    parameters, began
+        As given.
+    frequency : float
+        Of the first harmonic, rad/s.
+    """
+
+    def __init__(
+        self, parameters: RigParameters, began: float, turned: float, step: int = 0
+    ) -> None:
+        self.parameters = parameters
+        self.began = began
+        self.frequency = frequency_at(parameters, step)
+        self._turned = turned
+        self._step = step
+        self._impacts: deque[Event] = deque(maxlen=KEPT)
+        self._turns: deque[tuple[float, float]] = deque(maxlen=KEPT)
+        self._last: Sample | None = None
+        self._passed: Sequence[Event] = ()
+
+    @classmethod
+    def at(cls, parameters: RigParameters, snapshot: Mapping[str, Any]) -> MotionTrace:
+        """Begin at a snapshot of the rig."""
+        step = snapshot['sweep']['step']
+        turned = turned_cycles(snapshot, frequency_at(parameters, step))
+        return cls(parameters, snapshot['time'], turned, step)
+
+    def after(self, events: Sequence[Event]) -> MotionTrace:
+        """Take all events since the last sample; return the trace from there on."""
+        trace, first = self, 0
+        for i, event in enumerate(events):
+            if event.kind is EventKind.IMPACT:
+                trace._impacts.append(event)
+            elif event.kind is EventKind.FREQUENCY_STEP:
+                turned = trace.cycles(event.time)
+                trace = MotionTrace(trace.parameters, event.time, turned, trace._step + 1)
+                first = i + 1
+        # Between two ticks there may be several moves of the rig, each with many events.
+        before = [] if trace is not self else trace._passed
+        trace._passed = [*before, *events[first:]][-KEPT:] if before or first else events
+        return trace
+
+    def sample(self, sample: Sample) -> None:
+        """Take the next sample, unless it was taken before."""
+        last = self._last
+        if last is not None and sample.time <= last.time:
+            return
+        self._last = sample
+        if last is None:
+            self._passed = ()
+        elif self._passed or last.primary_velocity * sample.primary_velocity < 0.0:
+            for x in extremes(last, self._passed, sample):
+                self._turns.append((sample.time, abs(x)))
+            self._passed = ()
+
+    # For other threads
+
+    @property
+    def time(self) -> float:
+        """Rig time of the last sample, s."""
+        return self._last.time if self._last is not None else self.began
+
+    def cycles(self, time: float) -> float:
+        """Return the angle of the first harmonic at an instant (s), in cycles since its zero."""
+        return self._turned + (time - self.began) * self.frequency / tau
+
+    def impacts(self) -> list[Event]:
+        """Return the last impacts."""
+        return list(self._impacts)
+
+    def largest(self, since: float) -> float:
+        """Return the largest |X| from an instant (s) on, m."""
+        turns = list(self._turns)
+        within = [x for time, x in turns if time >= since]
+        if self._last is not None:
+            within.append(abs(self._last.x))
+        return max(within, default=0.0)
+
+
+#: Failures of rigs that are admissible, but absurd.
 RIG_FAILURES = (RunawayError, ArithmeticError, ValueError)
-#: Wall time of a slice, which few rigs need for a tick, and the computing time for which it goes
-#: on after that: a machine that stands still is no reason to interrupt the rig.
+#: Wall time of a slice, which few rigs need for a tick, and the computing time that must have
+#: passed after that: a stalled machine is no reason to interrupt the rig.
 SLICE_NS = 20_000_000
 GRACE_NS = 15_000_000
 #: Most events on the way to the next whole nanosecond.
 MOST_WITHIN_NS = 1000
 
-#: Joint states are made for so much wall time ahead, no longer than a nap of the pacer, and for so
-#: many ticks at most.
+#: Wall time for which joint states are made ahead, no longer than a nap of the pacer, and the
+#: largest number of ticks.
 SPAN_NS = 20_000_000
 MOST_TICKS = 20
-#: The same after an event, when the search for the next one has taken some of the time.
+#: The largest number after an event, as the search for the next one has taken time.
 AFTER_EVENT = 4
 
 
 def ticks_ahead(period_ns: int, real_time_factor: float) -> int:
-    """Return for how many ticks joint states should be made in one go."""
+    """Return the number of ticks for which joint states should be made at once."""
     return max(1, min(MOST_TICKS, int(SPAN_NS * (real_time_factor or 1.0) / period_ns)))
 
 
@@ -59,16 +163,16 @@ class Moved(NamedTuple):
     ----------
     time_ns : int
         Rig time that it has come to: the next tick, or one before it.
-    happenings : list of Happening
-        What has to go out before the joint states of that tick.
+    messages : list of OutgoingMessage
+        Impacts and acts of the gap control, to be sent before the joint states of that tick.
     """
 
     time_ns: int
-    happenings: list[Happening]
+    messages: list[OutgoingMessage]
 
 
 def _slice() -> Callable[[], bool]:
-    """Return what asks whether a slice is over that begins now."""
+    """Begin a slice; return a function that reports whether it is over."""
     end, grace_end = monotonic_ns() + SLICE_NS, 0
 
     def over() -> bool:
@@ -83,52 +187,55 @@ def _slice() -> Callable[[], bool]:
 
 class MotionAhead:
     """
-    Move a rig from tick to tick.
+    Moves a rig from tick to tick and encodes its messages.
 
-    The rig itself stands at the tick before the first one that is known, or earlier in the same
-    flight: before anything is done to it, it has to be put to the present tick by `stand_at`, and
-    afterwards `discard` forgets what is not true any more.
+    The rig itself is at the tick before the first one that is known, or earlier in the same
+    flight: before a request changes it, `stand_at` moves it to the present tick, and afterwards
+    `discard` drops the joint states that no longer hold.
 
     Parameters
     ----------
     rig : ControlledRig
         The rig.
-    messages : TickMessages
-        Makes the messages.
+    publishers : mapping of str to TopicPublisher
+        Where impacts and acts of the gap control go.
     grid : TickGrid
         The instants of the ticks.
     trace : MotionTrace
         Takes note of the motion.
     most : int
-        For how many ticks joint states are made in one go.
+        Number of ticks for which joint states are made at once.
 
     Attributes
     ----------
     trace : MotionTrace
-        What the rig has done since it was last changed or reset, and will have done by the last
-        tick that is known; to be replaced at a change.
+        The motion since the last change or reset, up to the last tick that is known; to be
+        replaced at a change.
     known : deque of bytes
         Joint states of the next ticks, as far as they are known.
-    events : int
-        How many the rig has had so far.
+    events, impacts, commands : int
+        How many there were so far; commands are those of the gap control.
+    last_act : ControlRecord or None
+        The last act of the gap control.
     """
 
     def __init__(
         self,
         rig: ControlledRig,
-        messages: TickMessages,
+        publishers: RigPublishers,
         grid: TickGrid,
         trace: MotionTrace,
         most: int,
     ) -> None:
-        """Know nothing yet."""
         self.trace = trace
+        self.known: deque[bytes] = deque()
+        self.events = self.impacts = self.commands = 0
+        self.last_act: ControlRecord | None = None
         self._rig = rig
-        self._messages = messages
+        self._publishers = publishers
+        self._encoder = RigMessages()
         self._grid = grid
         self._most = most
-        self.known: deque[bytes] = deque()
-        self.events = 0
 
     def move_to(self, time_ns: int, tick: int, offset_ns: int) -> Moved:
         """Move the rig to the next tick without known joint states, at most by one slice."""
@@ -159,46 +266,59 @@ class MotionAhead:
             instants = [self._grid.instant(tick + i) for i in range(most)]
             samples = rig.preview([instant / 1e9 for instant in instants], interrupted)
             samples = samples or [rig.sample()]
-        happenings = self.passed(events, records, offset_ns)
+        messages = self.passed(events, records, offset_ns)
         deflection = rig.parameters.static_deflection
         for instant, sample in zip(instants, samples, strict=False):
-            self.known.append(self._message(offset_ns + instant, sample, deflection))
-        return Moved(reached_ns, happenings)
+            self.known.append(self._encoded(offset_ns + instant, sample, deflection))
+        return Moved(reached_ns, messages)
 
     def passed(
         self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int
-    ) -> list[Happening]:
-        """Take note of what the rig has gone through; return it as messages."""
+    ) -> list[OutgoingMessage]:
+        """Take note of events and acts; return the messages of impacts, then those of acts."""
         if events:
             self.events += len(events)
             self.trace = self.trace.after(events)
+        out = []
         deflection = self._rig.parameters.static_deflection
-        return self._messages.happenings(events, records, offset_ns, deflection)
+        for event in events:
+            if event.kind is EventKind.IMPACT:
+                stamp_ns = offset_ns + round(event.time * 1e9)
+                content = self._encoder.impact(stamp_ns, event, deflection)
+                out.append(OutgoingMessage(self._publishers['impacts'], content, stamp_ns))
+                self.impacts += 1
+        for record in records:
+            stamp_ns = offset_ns + round(record.time * 1e9)
+            content = self._encoder.control(stamp_ns, record)
+            out.append(OutgoingMessage(self._publishers['gap_control'], content, stamp_ns))
+            self.commands += record.action is Action.COMMAND
+            self.last_act = record
+        return out
 
     def take_states(self, time_ns: int, offset_ns: int) -> bytes:
-        """Return the joint states of the tick that is due, at an instant of rig time, once."""
+        """Return the joint states of the tick that is due, and forget them."""
         return self.known.popleft() if self.known else self.states(time_ns, offset_ns)
 
     def states(self, time_ns: int, offset_ns: int) -> bytes:
-        """Return the joint states of the tick at which the rig stands, made anew."""
+        """Encode the joint states of the tick at which the rig is."""
         deflection = self._rig.parameters.static_deflection
-        return self._message(offset_ns + time_ns, self._rig.sample(), deflection)
+        return self._encoded(offset_ns + time_ns, self._rig.sample(), deflection)
 
     def paused_states(self, stamp_ns: int) -> bytes:
-        """Return the joint states of a rig that is held where it stands, with a stamp of now."""
+        """Return the joint states of a paused or held rig, with a stamp of now."""
         deflection = self._rig.parameters.static_deflection
-        return self._messages.paused_states(stamp_ns, self._rig.sample(), deflection)
+        return self._encoder.paused_states(stamp_ns, self._rig.sample(), deflection)
 
     def stand_at(self, time_ns: int) -> None:
-        """Put the rig to a tick, up to which nothing happens to it that is not known."""
+        """Move the rig to a tick that no unknown event precedes."""
         time = time_ns / 1e9
         if self._rig.time < time:
             self._rig.advance(time)
 
     def discard(self) -> None:
-        """Forget the joint states that are known: the rig or the stamps are about to change."""
+        """Drop the joint states that are known: the rig or the stamps are about to change."""
         self.known.clear()
 
-    def _message(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+    def _encoded(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
         self.trace.sample(sample)
-        return self._messages.states(stamp_ns, sample, deflection)
+        return self._encoder.states(stamp_ns, sample, deflection)

@@ -2,7 +2,7 @@
 Measured and predicted motion for the diagnostics, and whether they agree.
 
 The keys and the form of the values are an interface: numbers, and lists in brackets, as JSON
-writes them; True or False; words; and an empty text for what is not known.
+writes them; True or False; words; and an empty text for unknown values.
 """
 
 from __future__ import annotations
@@ -11,28 +11,158 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from impact_damper_ros.orbits.rhythm import MOST_CYCLES, MotionKind, Rhythm
+from impact_damper_ros.orbits.recognition import (
+    LONGEST_RHYTHM,
+    SETTLED_DRIFT,
+    MotionKind,
+    Rhythm,
+    approaches,
+    period_distances,
+    rhythm_of,
+)
+from impact_damper_ros.rig import Event, RigParameters
 
-from .measured_motion import MeasuredMotion, MotionTrace, measure
+from .motion_ahead import KEPT, MotionTrace
 from .prediction import Answer, PredictedMotion, Predictor, PredictorStatus
 
 __all__ = [
     'Agreement',
+    'MeasuredMotion',
     'MotionMonitor',
     'MotionReport',
     'compare',
+    'measure',
     'measured_report',
     'predicted_report',
 ]
 
 
+#: The last cycles of the force that are measured where there is no rhythm; a motion with no impact
+#: in as many cycles is one without impacts.
+MEASURED_CYCLES = 20
+#: Periods in a row that must differ little for a motion to have settled.
+SETTLED_PERIODS = 3
+#: Turning points of M are interpolated between samples; with fewer per cycle they are inaccurate.
+LEAST_SAMPLES_PER_CYCLE = 6.0
+
+
+@dataclass(frozen=True)
+class MeasuredMotion:
+    """
+    The measured motion of a rig.
+
+    Attributes
+    ----------
+    kind : MotionKind
+        `PERIODIC`: settled; `TRANSIENT`: its impacts repeat ever more closely;
+        `UNDECIDED`: neither; `NO_IMPACTS`; or `NOT_PERIODICALLY_DRIVEN`, if the force has no
+        first harmonic, or a multisine besides.
+    cycles : float
+        Cycles of the force since the last change or reset.
+    impacts_per_cycle : float or None
+        Impacts per cycle of the force in the last period, or without a rhythm in the last
+        `MEASURED_CYCLES` cycles.
+    rhythm : Rhythm or None
+        The repeated sequence of impacts, settled or not.
+    impact : Event or None
+        The last impact.
+    phase : float
+        Its instant in cycles of the force since its zero angle.
+    x_max : float or None
+        Largest |X| in the same part, m; None if the samples are too few for it.
+    amplitude_ratio : float or None
+        The same as a share of the amplitude A without impacts.
+    """
+
+    kind: MotionKind
+    cycles: float = 0.0
+    impacts_per_cycle: float | None = None
+    rhythm: Rhythm | None = None
+    impact: Event | None = None
+    phase: float = 0.0
+    x_max: float | None = None
+    amplitude_ratio: float | None = None
+
+    @property
+    def settled(self) -> bool:
+        """Whether the motion has settled."""
+        return self.kind is MotionKind.PERIODIC
+
+
+def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
+    """Measure the motion of a rig since its last change or reset."""
+    parameters, frequency, now = trace.parameters, trace.frequency, trace.time
+    if not (frequency and parameters.force_amplitudes[0] and not parameters.multisine_level):
+        cycle = math.tau / parameters.omega
+        recently = trace.largest(now - MEASURED_CYCLES * cycle)
+        enough = state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE
+        return MeasuredMotion(
+            MotionKind.NOT_PERIODICALLY_DRIVEN, x_max=recently if enough else None
+        )
+    cycle = math.tau / frequency
+    cycles = (now - trace.began) / cycle
+    impacts = trace.impacts()
+    instants = [trace.cycles(event.time) for event in impacts]
+    largest = trace.largest(now - LONGEST_RHYTHM * cycle)
+    stops, x = [event.stop for event in impacts], [event.x for event in impacts]
+    rhythm = rhythm_of(instants, stops, x, largest)
+    turned = trace.cycles(now)
+    if rhythm is not None and instants[-1] < turned - 2 * rhythm.cycles:
+        # The impacts have stopped.
+        rhythm = None
+    if rhythm is not None:
+        distances = period_distances(instants, stops, x, rhythm)
+        largest = trace.largest(now - rhythm.cycles * cycle)
+        rhythm = replace(rhythm, x_max=largest)
+        kind = MotionKind.UNDECIDED
+        if max(distances[-SETTLED_PERIODS:], default=math.inf) < SETTLED_DRIFT:
+            kind = MotionKind.PERIODIC
+        elif approaches(distances):
+            kind = MotionKind.TRANSIENT
+        per_cycle = rhythm.impacts / rhythm.cycles
+    else:
+        recent = min(cycles, MEASURED_CYCLES)
+        if len(impacts) >= KEPT:
+            # Of many impacts in a cycle, those of fewer cycles are kept.
+            recent = min(recent, turned - instants[0])
+        count = sum(instant > turned - recent for instant in instants)
+        without = not count and cycles >= MEASURED_CYCLES
+        kind = MotionKind.NO_IMPACTS if without else MotionKind.UNDECIDED
+        largest = trace.largest(now - recent * cycle)
+        per_cycle = count / recent if recent > 0.0 else 0.0
+    x_max = ratio = None
+    if state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE:
+        x_max = largest
+        amplitude = _response_amplitude(parameters, frequency)
+        if 0.0 < amplitude < math.inf:
+            ratio = x_max / amplitude
+    return MeasuredMotion(
+        kind,
+        cycles,
+        per_cycle,
+        rhythm,
+        impacts[-1] if impacts else None,
+        instants[-1] if impacts else 0.0,
+        x_max,
+        ratio,
+    )
+
+
+def _response_amplitude(parameters: RigParameters, frequency: float) -> float:
+    """Return the amplitude A without impacts, also in a stepped sine, m."""
+    if parameters.sweep_mode != 'off':
+        others = parameters.force_frequencies[1:]
+        parameters = parameters.replace(force_frequencies=(frequency, *others))
+    return parameters.response_amplitude
+
+
 #: A settled motion agrees within this: instants in cycles of the force, X relative to the largest
 #: |X|; and the largest |X|, which is interpolated between samples, within the second.
 TOLERANCE, X_MAX_TOLERANCE = 1e-3, 5e-3
-#: What may come to be the predicted motion yet.
+#: Kinds that may still become the predicted motion.
 MOVING = (MotionKind.TRANSIENT, MotionKind.UNDECIDED)
 
 
@@ -46,14 +176,15 @@ class Agreement:
     verdict : str
         'agrees', 'disagrees', 'not settled', or empty where there is nothing to compare.
     motion : PredictedMotion or None
-        The predicted motion, counted as the measured one if that has the same stops.
+        The predicted motion; it begins with the same impact as the measured one if that has the
+        same stops.
     basis : str
         Why this one: 'measured', 'run ahead' or 'listed'.
     phase, x, x_max : float or None
         Largest differences of the instants of the impacts (in cycles of the force), of X at the
         impacts and of the largest |X| (relative to that).
     tolerance : float
-        Within which the first two agree: with what is left of the transient.
+        Tolerance of the first two, including the rest of the transient.
     """
 
     verdict: str = ''
@@ -66,7 +197,7 @@ class Agreement:
 
 
 def compare(measured: MeasuredMotion, answer: Answer) -> Agreement:
-    """Choose the predicted motion that the measured one is to be held against, and do so."""
+    """Compare a measured motion with the nearest predicted one."""
     rhythm = measured.rhythm
     near = answer.nearest(rhythm) if rhythm is not None else None
     if rhythm is None or near is None:
@@ -77,7 +208,7 @@ def compare(measured: MeasuredMotion, answer: Answer) -> Agreement:
             verdict = 'not settled'
         return Agreement(verdict, answer.expected, answer.basis)
     motion, apart = near
-    # What a transient that fades by the multiplier in each period still has to go
+    # The rest of a transient that fades by the multiplier in each period
     rest = 1.0 - motion.largest_multiplier
     tolerance = TOLERANCE + (rhythm.drift / rest if rest > 0.0 else 0.0)
     largest = None
@@ -107,14 +238,14 @@ class MotionReport(NamedTuple):
 
 class MotionMonitor:
     """
-    Look at the motion of the rig now and then, and at what theory has for it.
+    Measures the motion of the rig at each report and compares it with the prediction.
 
     Parameters
     ----------
     trace : callable
         Returns the present trace of the engine.
     predictor : Predictor
-        Is asked again if the rig settles into a motion that it has not thought of.
+        Is asked again if the rig settles into a motion that it has not found.
     state_rate : float
         Samples per second of rig time.
     """
@@ -122,23 +253,22 @@ class MotionMonitor:
     def __init__(
         self, trace: Callable[[], MotionTrace], predictor: Predictor, state_rate: float
     ) -> None:
-        """Begin to look."""
         self._trace = trace
         self._predictor = predictor
         self._state_rate = state_rate
         self._looked = 0.0
-        # What has been asked for again, of which course and worker
+        # Motions that were asked for again, and the course and worker they are of
         self._asked_of = (0, 0)
         self._asked: set[tuple[tuple[int, ...], int]] = set()
 
     def may_look(self, period: float) -> bool:
-        """Return whether the last look was at least so long ago, s."""
+        """Return whether the last report was at least so long ago, s."""
         return time.monotonic() - self._looked >= period
 
     def look(self) -> list[MotionReport]:
-        """Return how the rig moves, and how it should."""
+        """Return reports on the measured and the predicted motion."""
         self._looked = time.monotonic()
-        # In this order: of a newer course there can be no rhythm yet to take for the older one's.
+        # In this order: a newer course has no rhythm yet that could be taken for the older one's.
         status = self._predictor.status()
         measured = measure(self._trace(), self._state_rate)
         agreement = compare(measured, status.answer)
@@ -147,7 +277,7 @@ class MotionMonitor:
         return [measured_report(measured), predicted_report(status, agreement)]
 
     def _ask_again(self, status: PredictorStatus, measured: MeasuredMotion) -> None:
-        """Ask for the motion that was measured; once for each kind of it."""
+        """Ask for a motion like the measured one, once for each stop sequence."""
         rhythm, impact = measured.rhythm, measured.impact
         assert rhythm is not None
         assert impact is not None
@@ -160,7 +290,7 @@ class MotionMonitor:
 
 
 def measured_report(measured: MeasuredMotion) -> MotionReport:
-    """Report how the rig moves."""
+    """Report the measured motion."""
     rhythm = measured.rhythm
     words = measured.kind.value
     if rhythm is not None:
@@ -187,19 +317,19 @@ def measured_report(measured: MeasuredMotion) -> MotionReport:
 
 
 def _why_undecided(measured: MeasuredMotion) -> str:
-    """Return why nothing is said of how a rig moves; empty if something is."""
+    """Return why the kind of motion is undecided; empty if it is not."""
     if measured.kind is not MotionKind.UNDECIDED:
         return ''
     if measured.rhythm is not None:
         return 'the impacts nearly repeat, but do not come closer to it'
     return (
-        f'no period of up to {MOST_CYCLES} cycles of the force is recognised, '
+        f'no period of up to {LONGEST_RHYTHM} cycles of the force is recognised, '
         f'{measured.cycles:.0f} cycles after the last change'
     )
 
 
 def predicted_report(status: PredictorStatus, agreement: Agreement) -> MotionReport:
-    """Report how the rig should move, and whether it does."""
+    """Report the predicted motion, and whether the measured one agrees."""
     answer, motion = status.answer, agreement.motion
     state, warning, words = _state(status, agreement)
     others = [m for m in answer.motions if m.stable and m.viable and not _same(m, motion)]

@@ -1,16 +1,15 @@
 """
 ROS parameters and the rig: descriptors, tolerant reading, validation of whole requests.
 
-The names, units and ranges of the rig are those of `PARAMETER_SPECS` and `INITIAL_SPECS`; here
-stand only the node's own settings. What people write is read as they mean it: `37` for a double,
-`5` or `[1, 0.5]` or `1e-3` as the command line hands them over, one force array at a time.
+Values are read tolerantly: `37` for a double, `5`, `[1, 0.5]` or `1e-3` as the command line gives
+them, one force array at a time.
 """
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,21 +21,22 @@ from rcl_interfaces.msg import (
 )
 from rclpy.parameter import Parameter
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
 from impact_damper_ros.rig import (
+    ALL_SPECS,
+    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    SETTING_SPECS,
+    GapControlParameters,
     InitialConditions,
+    NodeSettings,
     ParameterError,
     ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.shown import named, printable, shown
+from impact_damper_ros.rig.quoting import named, printable, shown
 
 __all__ = [
-    'ALL_SPECS',
-    'READ_ONLY',
-    'SETTING_SPECS',
     'LiveParameters',
     'NodeParameters',
     'descriptor',
@@ -48,113 +48,15 @@ __all__ = [
 
 
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
-READ_ONLY = ('state_rate', 'real_time_factor', 'publish_clock', 'real_time_priority')
-SLOWEST_FACTOR = 1e-3
-#: As of `RunWriter`, which is not loaded unless something is recorded.
-SMALLEST_FILE = 100_000
-SHORTEST_FILE = 1.0
-#: Parameters that are 0 or at least something, and what 0 stands for.
-_LEAST = {
-    'real_time_factor': (SLOWEST_FACTOR, 'as fast as possible'),
-    'max_bag_size': (SMALLEST_FILE, 'no limit'),
-    'max_bag_duration': (SHORTEST_FILE, 'no limit'),
-}
-#: No name as long as this is a slip of the pen.
+#: Longest name that may be a misspelt one.
 _LONGEST_NAME = 80
-#: Of `bag_directory`; a recording adds to it, and the system has 4096.
+#: Longest `bag_directory`; a recording adds to it, and the system has 4096.
 _LONGEST_PATH = 1000
 #: Most warnings of one kind.
 _MOST_WARNINGS = 8
-# A name this similar to a known one is a slip of the pen, not meant for another node.
-SLIP_OF_THE_PEN = 0.75
+# A name this similar to a known one is taken for misspelt, not for one of another node.
+_MISSPELT = 0.75
 
-
-SETTING_SPECS: dict[str, ParameterSpec] = {
-    spec.name: spec
-    for spec in (
-        ParameterSpec(
-            'state_rate',
-            'Joint states per second of rig time.',
-            'Hz',
-            1.0,
-            2000.0,
-            'double',
-            200.0,
-        ),
-        ParameterSpec(
-            'real_time_factor',
-            'Rig seconds per wall second; 0 runs as fast as possible.',
-            '',
-            0.0,
-            1000.0,
-            'double',
-            1.0,
-        ),
-        ParameterSpec(
-            'publish_clock',
-            'Publish /clock, and count stamps from 0 instead of from the system time. So it is in '
-            'any case if real_time_factor is not 1.',
-            '',
-            None,
-            None,
-            'bool',
-            False,
-        ),
-        ParameterSpec(
-            'real_time_priority',
-            'Real-time priority of the thread that moves the rig, where the system permits it; '
-            'that of the others is one less. 0 for ordinary scheduling.',
-            '',
-            0,
-            99,
-            'integer',
-            2,
-        ),
-        ParameterSpec(
-            'predict_motion',
-            'Predict the periodic motion, in a process of its own, for the diagnostics.',
-            '',
-            None,
-            None,
-            'bool',
-            True,
-        ),
-        ParameterSpec('record', 'Record the run to MCAP.', '', None, None, 'bool', False),
-        ParameterSpec(
-            'bag_directory',
-            'Directory in which every recording makes its own; ~ is the home directory.',
-            '',
-            None,
-            None,
-            'string',
-            'runs',
-        ),
-        ParameterSpec(
-            'max_bag_size',
-            'Size of a file at which a recording goes on to the next one; 0 for no limit.',
-            'B',
-            0,
-            10**15,
-            'integer',
-            0,
-        ),
-        ParameterSpec(
-            'max_bag_duration',
-            'Time after which a recording goes on to the next file; 0 for no limit.',
-            's',
-            0.0,
-            1e9,
-            'double',
-            0.0,
-        ),
-    )
-}
-ALL_SPECS: dict[str, ParameterSpec] = {
-    **PARAMETER_SPECS,
-    **INITIAL_SPECS,
-    **GAP_CONTROL_SPECS,
-    **SETTING_SPECS,
-}
 
 _TYPES = {
     'bool': Parameter.Type.BOOL,
@@ -166,21 +68,17 @@ _TYPES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class NodeParameters:
-    """All parameters of the node."""
+class NodeParameters(NodeSettings):
+    """All parameters of the node: its settings, and those of the rig that it runs."""
 
-    rig: RigParameters
-    initial: InitialConditions
-    control: GapControlParameters
-    state_rate: float
-    real_time_factor: float
-    publish_clock: bool
-    real_time_priority: int
-    predict_motion: bool
-    record: bool
-    bag_directory: str
-    max_bag_size: int
-    max_bag_duration: float
+    rig: RigParameters = field(default_factory=RigParameters)
+    initial: InitialConditions = field(default_factory=InitialConditions)
+    control: GapControlParameters = field(default_factory=GapControlParameters)
+
+    def __post_init__(self) -> None:
+        """Check every setting, and write the home directory out."""
+        super().__post_init__()
+        object.__setattr__(self, 'bag_directory', _directory(self.bag_directory))
 
     @property
     def simulated_time(self) -> bool:
@@ -190,49 +88,32 @@ class NodeParameters:
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> NodeParameters:
         """Check values and fill in the defaults."""
-        start = cls(
-            rig=RigParameters(),
-            initial=InitialConditions(),
-            control=GapControlParameters(),
-            **{name: spec.default for name, spec in SETTING_SPECS.items()},  # type: ignore[arg-type]
-        )
-        changed = start.changed(values)
-        changed.initial.check_within(changed.rig)
-        return changed
+        start = cls().changed(values)
+        start.initial.check_within(start.rig)
+        return start
 
     def changed(self, values: Mapping[str, Any]) -> NodeParameters:
         """Return the parameters with some of them changed, all at once."""
-        rig_values = {name: v for name, v in values.items() if name in PARAMETER_SPECS}
-        initial_values = {name: v for name, v in values.items() if name in INITIAL_SPECS}
-        settings: dict[str, Any] = {
-            name: SETTING_SPECS[name].checked(v)
-            for name, v in values.items()
-            if name in SETTING_SPECS
-        }
-        if 'bag_directory' in settings:
-            settings['bag_directory'] = _directory(settings['bag_directory'])
-        for name, (least, meaning) in _LEAST.items():
-            if 0 < settings.get(name, 0) < least:
-                highest = SETTING_SPECS[name].high
-                raise ParameterError(
-                    name,
-                    f'{name} is {settings[name]!r}: give 0 ({meaning}) or a number from '
-                    f'{least:g} to {highest:g}',
-                )
-        rig = self.rig.replace(**rig_values) if rig_values else self.rig
-        initial = self.initial
-        if initial_values:
-            initial = InitialConditions(**{**initial.as_dict(), **initial_values})
-            initial.check_within(rig)
-        control_values = {name: v for name, v in values.items() if name in GAP_CONTROL_SPECS}
-        control = self.control.replace(**control_values) if control_values else self.control
-        return replace(self, rig=rig, initial=initial, control=control, **settings)
+        changed = replace(self, **_among(SETTING_SPECS, values))
+        parts: dict[str, Any] = {}
+        if rig := _among(PARAMETER_SPECS, values):
+            parts['rig'] = self.rig.replace(**rig)
+        if initial := _among(INITIAL_SPECS, values):
+            parts['initial'] = self.initial.replace(**initial)
+            parts['initial'].check_within(parts.get('rig', self.rig))
+        if control := _among(GAP_CONTROL_SPECS, values):
+            parts['control'] = self.control.replace(**control)
+        return replace(changed, **parts)
 
     def as_dict(self) -> dict[str, Any]:
         """Return name and value of every parameter."""
-        settings = {name: getattr(self, name) for name in SETTING_SPECS}
         parts = (self.rig, self.initial, self.control)
-        return {name: v for part in parts for name, v in part.as_dict().items()} | settings
+        rest = {name: getattr(self, name) for name in SETTING_SPECS}
+        return {name: value for part in parts for name, value in part.as_dict().items()} | rest
+
+
+def _among(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name in specs}
 
 
 def _directory(text: str) -> str:
@@ -271,27 +152,23 @@ def descriptor(spec: ParameterSpec) -> Any:
             f'The range holds for each entry. As long as {others}, which are cut, or filled up '
             'with zeros, to a new length.'
         )
-    elif spec.name in INITIAL_SPECS:
-        constraints = 'Used by the next reset.'
-    elif spec.name == 'real_time_factor':
-        constraints = f'0, or at least {SLOWEST_FACTOR:g}.'
-    elif spec.name in _LEAST:
-        constraints = f'0, or at least {_LEAST[spec.name][0]:g}. Used by the next recording.'
-    elif spec.name == 'bag_directory':
-        constraints = 'Used by the next recording.'
+    elif spec.least:
+        constraints = f'0, or at least {spec.least:g}.'
+    if spec.effect in ('next reset', 'next recording'):
+        constraints = f'{constraints} Used by the {spec.effect}.'.lstrip()
     return ParameterDescriptor(
         name=spec.name,
         type=_TYPES[spec.kind].value,
         description=f'{spec.description} Unit: {spec.unit}.' if spec.unit else spec.description,
         additional_constraints=constraints,
-        read_only=spec.name in READ_ONLY,
+        read_only=spec.effect == 'start',
         floating_point_range=ranges,
         integer_range=whole_ranges,
     )
 
 
 def _numbers_in(text: str) -> float | list[float] | str:
-    """Read `1e-3` and `[1, 0.5]`, which YAML and `ros2 param set` take for texts."""
+    """Read `1e-3` and `[1, 0.5]`, which YAML and `ros2 param set` read as texts."""
     entries = text.strip()
     try:
         if entries.startswith('[') and entries.endswith(']'):
@@ -302,10 +179,10 @@ def _numbers_in(text: str) -> float | list[float] | str:
 
 
 def _as_meant(spec: ParameterSpec, value: Any) -> Any:
-    """Return the value as the kind of the parameter, if it can be read so, or unchanged."""
+    """Return a value in the type of the parameter if it can be read so, else unchanged."""
     if spec.kind == 'string':
         if isinstance(value, bool) and spec.choices:
-            # YAML 1.1 and `ros2 param set` take an unquoted off for false.
+            # YAML 1.1 and `ros2 param set` read an unquoted off as false.
             return 'on' if value else 'off'
         return str(value) if type(value) is int else value
     if spec.kind == 'bool' or isinstance(value, bool):
@@ -329,7 +206,7 @@ def _as_meant(spec: ParameterSpec, value: Any) -> Any:
 
 
 def promoted(parameter: Parameter) -> Parameter:
-    """Return a parameter with its value as the declared type, if it can be read so."""
+    """Return a parameter with its value in the declared type, if it can be read so."""
     spec = ALL_SPECS.get(parameter.name)
     if spec is None or parameter.type_ in (Parameter.Type.NOT_SET, _TYPES[spec.kind]):
         return parameter
@@ -341,7 +218,7 @@ def promoted(parameter: Parameter) -> Parameter:
 
 def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, list[float]]:
     """
-    Return what a new number of harmonics makes of the force arrays that were not given.
+    Return the force arrays that were not given, resized to the length of those that were.
 
     Surplus entries are dropped; new ones are zero, and a harmonic with a zero amplitude, or with
     frequency and phase zero, exerts no force.
@@ -350,7 +227,7 @@ def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, li
     if not all(hasattr(value, '__len__') for value in given.values()):
         return {}
     lengths = {len(value) for value in given.values()}
-    # Contradictory lengths are left for the validation to reject.
+    # The validation rejects contradictory lengths.
     if len(lengths) != 1 or (count := lengths.pop()) in (0, len(rig.force_amplitudes)):
         return {}
     return {
@@ -361,7 +238,7 @@ def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, li
 
 
 def nearest_name(name: str, cutoff: float = 0.5) -> str:
-    """Return the known parameter that is written most like this one, or an empty text."""
+    """Return the known parameter whose name is most similar, or an empty text."""
     if len(name) > _LONGEST_NAME:
         return ''
     return ''.join(difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=cutoff))
@@ -370,11 +247,11 @@ def nearest_name(name: str, cutoff: float = 0.5) -> str:
 def parameters_from_overrides(
     overrides: Mapping[str, Any], declared: Iterable[str], warn: Callable[[str], None]
 ) -> NodeParameters:
-    """Read what the command line and the parameters files give at start."""
+    """Return the parameters from the overrides of command line and parameters files."""
     strange = [n for n in overrides if n not in ALL_SPECS and n not in set(declared)]
     foreign = [name for name in strange if not name.startswith('qos_overrides.')]
     for name in foreign:
-        if near := nearest_name(name, SLIP_OF_THE_PEN):
+        if near := nearest_name(name, _MISSPELT):
             raise ParameterError(
                 name, f'{named(name)} is not a parameter of this node: write {near}'
             )
@@ -398,11 +275,11 @@ class LiveParameters:
     Parameters
     ----------
     start : NodeParameters
-        As declared.
+        The declared parameters.
     prepare : callable
-        Called with a valid request as a whole before it is accepted; what it raises rejects it.
+        Called with a valid request before it is accepted; an exception rejects it.
     apply : callable
-        Called with the accepted parameters before and after, and what was set.
+        Called with the parameters before and after, and those that were set.
     """
 
     def __init__(
@@ -412,7 +289,7 @@ class LiveParameters:
         prepare: Callable[[NodeParameters, NodeParameters], None],
         apply: Callable[[NodeParameters, NodeParameters, Sequence[Parameter]], None],
     ) -> None:
-        """Hold the parameters; `attach` connects them."""
+        """Hold the parameters; `attach` registers the callbacks."""
         self.now = start
         self._prepare = prepare
         self._apply = apply
@@ -424,7 +301,7 @@ class LiveParameters:
         node.add_post_set_parameters_callback(self.accept)
 
     def promote(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """Read values as they are meant, and resize the force arrays that were not given."""
+        """Convert values to the declared types, and resize the other force arrays."""
         meant = [promoted(parameter) for parameter in parameters]
         values = {p.name: p.value for p in meant if p.type_ is Parameter.Type.DOUBLE_ARRAY}
         resized = resized_force(values, self.now.rig)
@@ -434,7 +311,7 @@ class LiveParameters:
 
     def objection(self, parameters: Sequence[Parameter], has: Callable[[str], bool]) -> str:
         """
-        Say why a request cannot be met, or return an empty text.
+        Return why a request is rejected, or an empty text.
 
         rclpy checks names, types and ranges itself, but its reasons do not name the remedy.
         """
@@ -447,7 +324,7 @@ class LiveParameters:
                 return f'{named(name)} is not a parameter of this node: {hint}'
             if name not in ALL_SPECS:
                 continue
-            if name in READ_ONLY:
+            if ALL_SPECS[name].effect == 'start':
                 return (
                     f'{name} is fixed while the node runs: start it with '
                     f'--ros-args -p {name}:={shown(parameter.value)}'
@@ -468,7 +345,7 @@ class LiveParameters:
         return SetParametersResult(successful=True)
 
     def accept(self, parameters: Sequence[Parameter]) -> None:
-        """Take over what has been set."""
+        """Apply the parameters that were set."""
         before = self.now
         self.now = before.changed(_known_values(parameters))
         self._apply(before, self.now, parameters)

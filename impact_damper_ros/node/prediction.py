@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import impact_damper_ros
-from impact_damper_ros.orbits.rhythm import Apart, Rhythm
+from impact_damper_ros.orbits.recognition import Apart, Rhythm
 from impact_damper_ros.rig import Event
 
 __all__ = ['Answer', 'PredictedMotion', 'Predictor', 'PredictorStatus']
@@ -65,7 +65,7 @@ class PredictedMotion:
 @dataclass(frozen=True)
 class Answer:
     """
-    What the worker has found for a request.
+    The answer of the worker to a request.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Answer:
     error : str
         What went wrong.
     applies : bool
-        Whether the theory is for such a rig at all.
+        Whether the theory applies to such a rig.
     """
 
     request: int = 0
@@ -139,7 +139,7 @@ _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM
 @dataclass(frozen=True)
 class PredictorStatus:
     """
-    How the prediction is doing.
+    State of the prediction.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class _Worker:
         self._reader.start()
 
     def answers(self) -> Iterator[bytes]:
-        """Yield what the worker writes, until it ends."""
+        """Yield the lines of the worker until it ends."""
         assert self.process.stdout is not None
         with self.process.stdout as stream:
             yield from stream
@@ -223,7 +223,7 @@ class Predictor:
     on_answer : callable
         Called from a thread of the predictor when an answer has come, or the worker has ended.
     warn : callable
-        Takes what is to be said on the console.
+        Takes warnings for the console.
     enabled : bool, optional
         Whether to predict.
     command : sequence of str, optional
@@ -241,7 +241,6 @@ class Predictor:
         command: Sequence[str] = (sys.executable, '-m', WORKER),
         on_thread: Callable[[], object] = lambda: None,
     ) -> None:
-        """Start no process yet."""
         self._on_answer = on_answer
         self._warn = warn
         self._command = list(command)
@@ -283,11 +282,11 @@ class Predictor:
         self._orders.put(order)
 
     def enable(self, enabled: bool) -> None:
-        """Predict, or end the worker and do not."""
+        """Switch the prediction on, or off and end the worker."""
         self._orders.put(lambda: self._switch(enabled))
 
     def status(self) -> PredictorStatus:
-        """Return how the prediction is doing."""
+        """Return the state of the prediction."""
         worker, course = self._worker, self._course
         answered, answer = self._answered
         return PredictorStatus(
@@ -315,8 +314,8 @@ class Predictor:
     # The predictor's thread
 
     def _run(self) -> None:
-        # Handed on to the worker: it must not hear a Ctrl-C, or that the terminal is gone, which
-        # are the node's, while it begins
+        # Inherited by the worker: Ctrl-C and the end of the terminal are signals to the node, and
+        # must not reach the worker while it starts
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
         self._on_thread()
         while not self._closing:
@@ -353,7 +352,7 @@ class Predictor:
             self._answered = (0, Answer())
 
     def _start(self) -> None:
-        """Start a worker, and let it answer what is not answered yet."""
+        """Start a worker, and ask it the request that is not answered yet."""
         try:
             worker = _Worker(self._command, self._read)
         except OSError as error:
@@ -380,7 +379,7 @@ class Predictor:
         self._orders.put(lambda: self._bury(worker))
 
     def _bury(self, worker: _Worker) -> None:
-        """See to it that another worker comes, unless this one was told to end."""
+        """Arrange for another worker, unless this one was ended on purpose."""
         if worker is not self._worker or self._closing:
             return
         self._worker = None

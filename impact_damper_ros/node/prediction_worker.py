@@ -27,10 +27,10 @@ import warnings
 from collections.abc import Iterator
 from typing import Any, NoReturn
 
-from impact_damper_ros.compare.prediction import Course, Prediction, predictions
+from impact_damper_ros.compare import ObservedMotion, Prediction, predictions
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.orbits.rhythm import Rhythm
+from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
 __all__ = ['main']
@@ -50,7 +50,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def _orbit(orbit: PeriodicOrbit) -> dict[str, Any]:
-    """Return what the node needs to know of a motion."""
+    """Return a motion as the node reads it."""
     return {
         'stops': orbit.stops,
         'cycles': orbit.cycles,
@@ -86,7 +86,9 @@ def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
         if (measured := request['measured']) is not None:
             instant, kind, *numbers = measured['impact']
             impact = Event(instant, EventKind(kind), *numbers)
-            course = Course(Rhythm.from_dict(measured['rhythm']), impact, measured['phase'])
+            course = ObservedMotion(
+                Rhythm.from_dict(measured['rhythm']), impact, measured['phase']
+            )
         rig = ControlledRig.restore(request['snapshot']['state'])
         for prediction in predictions(rig, course):
             yield _answer(prediction)
@@ -228,9 +230,9 @@ def main() -> int:
     """Serve the node that has started this process."""
     os.nice(NICENESS)
     with contextlib.suppress(AttributeError, OSError):
-        # Whatever the thread had that started this process
+        # Not the scheduling of the thread that started this process
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    # Of a Ctrl-C in a terminal all processes hear; the node ends this one.
+    # A Ctrl-C in a terminal reaches all processes; the node ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.simplefilter('ignore')
     # Answers have a channel of their own: what a library prints must not get among them.

@@ -2,7 +2,7 @@
 The node `sim_node`: the rig on a ROS 2 network.
 
 The engine's thread moves the rig and publishes; the executor serves parameters and services and
-makes the reports. Whatever the executor does, the rig keeps its pace.
+makes the reports. Nothing that the executor does changes the pace of the rig.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterEvent, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -32,29 +32,39 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import String as StringMessage
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros import __version__
+from impact_damper_ros.bag.messages import (
+    DIAGNOSTIC_ARRAY,
+    JOINT_STATE,
+    STRING,
+    ParameterEvent,
+    String,
+    encode,
+)
+from impact_damper_ros.bag.messages import Parameter as RecordedParameter
+from impact_damper_ros.bag.rig_topics import RIG_TOPICS
+from impact_damper_ros.bag.topics import QosProfile
 from impact_damper_ros.entry_points import run
+from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
 from impact_damper_ros.rig.parameters_file import YamlError, check_yaml
-from impact_damper_ros.rig.shown import printable, shown
+from impact_damper_ros.rig.quoting import printable, shown
 
 from .diagnostics import Diagnostics
 from .engine import Engine, Ticket
 from .motion_report import MotionMonitor
 from .pacing import SWITCH_INTERVAL_S, EndRequest, Scheduling, priority_of_others
 from .parameters import (
-    ALL_SPECS,
     LiveParameters,
     NodeParameters,
     descriptor,
     parameters_from_overrides,
 )
 from .prediction import Predictor
-from .publishing import Outlet, Outlets, serialised
-from .recorder import Recorder
+from .publishing import Recorder, RigPublishers, TopicPublisher
 
 __all__ = [
     'Namesakes',
@@ -77,7 +87,7 @@ Parameters, with unit and range: ros2 param describe /sim_node NAME"""
 
 
 def refuse(reason: object) -> int:
-    """Say why the node does not start, and return the exit code."""
+    """Print why the node does not start, and return the exit code."""
     print(printable(f'sim_node: cannot start: {reason}'), file=sys.stderr)
     return 1
 
@@ -102,12 +112,12 @@ def check_params_files(arguments: Sequence[str]) -> None:
     """
     Check the files that follow ``--params-file``, before ROS reads them.
 
-    Its parser refuses aliases by itself, but takes a minute for some ten thousand entries, and of
-    a name that stands there twice the last value.
+    Its parser refuses aliases, but takes a minute for some ten thousand entries, and the last
+    value of a name that is given twice.
     """
     for option, name in pairwise(arguments):
         if option == '--params-file':
-            with suppress(OSError):  # ROS says so
+            with suppress(OSError):  # reported by ROS
                 try:
                     check_yaml(Path(name))
                 except YamlError as error:
@@ -115,21 +125,21 @@ def check_params_files(arguments: Sequence[str]) -> None:
 
 
 def in_words(error: Exception) -> str:
-    """Shorten what rcl says about arguments it cannot parse to its two telling parts."""
+    """Shorten the message of rcl about arguments that it cannot parse."""
     text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
     if 'Sequence should be of same type' in text:
         text += ' (write [1.0, 0.5], not [1, 0.5])'
     return text
 
 
-def start_message(parameters: NodeParameters, outlets: Outlets, node: str, recording: str) -> str:
-    """Return what runs, in a few lines."""
+def start_message(
+    parameters: NodeParameters, publishers: RigPublishers, node: str, recording: str
+) -> str:
+    """Return a summary of the node in a few lines."""
     control = parameters.control.gap_control if parameters.control.active else 'off'
-    states = f'{outlets.joint_states.topic} at {parameters.state_rate:g} Hz'
-    topics = [states, outlets.impacts.topic, outlets.gap_control.topic, outlets.snapshot.topic]
-    topics.append(outlets.diagnostics)
-    if outlets.clock is not None:
-        topics.append(outlets.clock.topic)
+    listed = ('joint_states', 'impacts', 'gap_control', 'snapshot', 'diagnostics', 'clock')
+    topics = [publishers[key].topic for key in listed if key in publishers]
+    topics[0] += f' at {parameters.state_rate:g} Hz'
     runs = Path(os.path.abspath(parameters.bag_directory))  # noqa: PTH100 - need not exist
     lines = [
         f'{node} runs {_pace(parameters.real_time_factor)}',
@@ -154,7 +164,7 @@ def _pace(factor: float) -> str:
 
 class Namesakes:
     """
-    Other nodes of the same name, which answer in the place of this one.
+    Detects other nodes of the same name, which answer in the place of this one.
 
     Parameters
     ----------
@@ -166,7 +176,7 @@ class Namesakes:
         Takes a warning.
     """
 
-    #: Looks after which a namesake is the newcomer, and says so itself.
+    #: Number of checks; a node of the same name that starts later warns by itself.
     LOOKS = 30
 
     def __init__(
@@ -175,7 +185,6 @@ class Namesakes:
         names: Callable[[], list[tuple[str, str]]],
         warn: Callable[[str], object],
     ) -> None:
-        """Know of none."""
         self._node = node
         self._names = names
         self._warn = warn
@@ -183,11 +192,11 @@ class Namesakes:
 
     @property
     def done(self) -> bool:
-        """Whether there is nothing more to look for."""
+        """Whether all checks are done."""
         return self._left == 0
 
     def look(self) -> None:
-        """Warn once if there is one."""
+        """Warn once if there is another node of the same name."""
         if self.done:
             return
         self._left -= 1
@@ -223,10 +232,9 @@ class SimNode(Node):
     """
 
     def __init__(self) -> None:
-        """Declare, advertise, and be ready to `start`."""
         super().__init__('sim_node')
-        # There is no public way to ask what was given for parameters not declared yet; declaring
-        # from overrides would fix the type of `37` to an integer.
+        # There is no public way to get the overrides of parameters that are not declared yet;
+        # declaring from overrides would make `37` an integer parameter.
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
         declared = self.list_parameters([], 0).names
         parameters = parameters_from_overrides(overrides, declared, self.get_logger().warning)
@@ -237,7 +245,7 @@ class SimNode(Node):
                 '/clock is published; give the other nodes use_sim_time'
             )
         self._warned_s = -math.inf
-        outlets = self._outlets = self._advertise(parameters)
+        self._topic_publishers = self._advertise(parameters)
         self._woken = self.create_guard_condition(lambda: None)
         self._predicted = self.create_guard_condition(self._report_motion)
         priority = parameters.real_time_priority if parameters.real_time_factor else 0
@@ -253,7 +261,7 @@ class SimNode(Node):
         self.engine = Engine(
             parameters.rig,
             parameters.initial,
-            outlets,
+            self._topic_publishers,
             state_rate=parameters.state_rate,
             real_time_factor=parameters.real_time_factor,
             publish_clock=parameters.simulated_time,
@@ -267,9 +275,9 @@ class SimNode(Node):
         self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
         broken = self.create_guard_condition(self._end_broken_recording)
         self._recorder = Recorder(
-            self.engine, outlets, self.get_fully_qualified_name(), broken.trigger
+            self.engine, self._topic_publishers, self.get_fully_qualified_name(), broken.trigger
         )
-        self._description = String()
+        self._description = String('')
         self._describe(parameters)
         self._live = LiveParameters(parameters, prepare=self._prepare, apply=self._apply)
         self._live.attach(self)
@@ -279,27 +287,27 @@ class SimNode(Node):
         # Reports come in wall time, also when the node's clock is a simulated or stopped one.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPORT_PERIOD_S, self._report, clock=steady)
-        # Runs while a report is overdue. The executor takes half a millisecond of the interpreter
-        # each time that it wakes up, which the rig may have to wait for.
+        # Runs only while a report is overdue. Each time that the executor wakes up it takes the
+        # interpreter for half a millisecond, for which the rig may have to wait.
         self._overdue = self.create_timer(MOTION_PERIOD_S, self._report_motion, clock=steady)
         self._overdue.cancel()
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         if parameters.record:
             self._open_recording(parameters)
-            self._recorder.begin(self._dump(), serialised(self._description))
+            self._recorder.begin(self._listing(), encode(self._description))
 
     def _warn_of_trouble(self, text: str) -> None:
-        """Warn, from the engine's thread; now and then is enough."""
+        """Warn, from the engine's thread, but not too often."""
         if time.monotonic() >= self._warned_s + WARNING_PERIOD_S:
             self._warned_s = time.monotonic()
             self.get_logger().warning(text)
 
     def start(self) -> None:
-        """Set the rig going, and say what runs."""
+        """Start the rig, and log a summary."""
         self.engine.start()
         name, log = self.get_fully_qualified_name(), self.get_logger()
-        log.info(start_message(self._live.now, self._outlets, name, self._recorder.path))
+        log.info(start_message(self._live.now, self._topic_publishers, name, self._recorder.path))
         self._namesakes = Namesakes(name, self.get_node_names_and_namespaces, log.warning)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._looking = self.create_timer(REPORT_PERIOD_S, self._look_for_namesakes, clock=steady)
@@ -310,18 +318,18 @@ class SimNode(Node):
             self._looking.cancel()
 
     def wake(self) -> None:
-        """Let the executor look whether it is to go on; from any thread."""
+        """Wake the executor, from any thread, to check whether it should go on."""
         self._woken.trigger()
 
     def finish(self) -> str:
-        """Stop the rig and finish the bag, without ROS; return what was recorded, in words."""
+        """Stop the rig and finish the bag, without ROS; return a summary of the recording."""
         self.engine.stop()
         summary = self._recorder.finish()
         self._predictor.close()
         return summary
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set parameters, all or none; a rejection says what would be accepted instead."""
+        """Set parameters, all or none; a rejection names the values that are accepted."""
         try:
             reason = self._live.objection(parameter_list, self.has_parameter)
         except Exception as error:
@@ -341,36 +349,28 @@ class SimNode(Node):
                 ignore_override=True,
             )
 
-    def _advertise(self, parameters: NodeParameters) -> Outlets:
-        # Reliable, as joint_state_publisher and joint_state_broadcaster offer it: best-effort
-        # subscribers (robot_state_publisher) match too. Deep, for a subscriber that stalls.
-        states = QoSProfile(depth=100)
-        impacts = QoSProfile(depth=1000)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        clock = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._description_publisher = self.create_publisher(String, 'robot_description', latched)
-        return Outlets(
-            joint_states=self._outlet(JointState, 'joint_states', states),
-            impacts=self._outlet(JointState, 'impacts', impacts),
-            gap_control=self._outlet(JointState, 'gap_control', impacts),
-            snapshot=self._outlet(String, 'snapshot', latched),
-            clock=(
-                self._outlet(ClockMessage, '/clock', clock) if parameters.simulated_time else None
-            ),
-            parameter_events=self.resolve_topic_name('/parameter_events'),
-            diagnostics=self._diagnostics_publisher.topic_name,
-            robot_description=self._description_publisher.topic_name,
-        )
+    def _advertise(self, parameters: NodeParameters) -> RigPublishers:
+        publishers = {
+            key: self._publisher(_MESSAGE_TYPES[topic.type], topic.name, _qos(topic.qos))
+            for key, topic in RIG_TOPICS.items()
+            if topic.type in _MESSAGE_TYPES
+        }
+        # rclpy publishes these by itself; the engine only records them.
+        events = self.resolve_topic_name(RIG_TOPICS['parameter_events'].name)
+        publishers['parameter_events'] = TopicPublisher(events, lambda _: None)
+        if parameters.simulated_time:
+            clock = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+            publishers['clock'] = self._publisher(ClockMessage, '/clock', clock)
+        return publishers
 
-    def _outlet(self, message_type: Any, topic: str, qos: QoSProfile) -> Outlet:
+    def _publisher(self, message_type: Any, topic: str, qos: QoSProfile) -> TopicPublisher:
         publisher = self.create_publisher(message_type, topic, qos)
-        return Outlet(publisher.topic_name, publisher.publish)
+        return TopicPublisher(publisher.topic_name, publisher.publish)
 
     # Parameters
 
     def _prepare(self, before: NodeParameters, after: NodeParameters) -> None:
-        # Only trying shows whether a recording can begin; a request is rejected if not.
+        # Whether a recording can begin is known only after a try; if not, the request is rejected.
         if after.record and not before.record:
             self._open_recording(after)
 
@@ -385,14 +385,12 @@ class SimNode(Node):
     def _apply(
         self, before: NodeParameters, after: NodeParameters, changed: Sequence[Parameter]
     ) -> None:
-        event = ParameterEvent(
-            node=self.get_fully_qualified_name(),
-            changed_parameters=[p.to_parameter_msg() for p in changed],
-        )
+        node = self.get_fully_qualified_name()
+        event = ParameterEvent(0, node, (), tuple(map(_recorded, changed)), ())
         rig = after.rig if after.rig != before.rig else None
         control = after.control if after.control != before.control else None
-        listing = self._dump() if self._recorder.splits else b''
-        self.engine.change(rig, serialised(event), control, listing)
+        listing = self._listing() if self._recorder.splits else b''
+        self.engine.change(rig, encode(event), control, listing)
         self._describe(after)
         turned = rig is not None and rig.force_frequencies != before.rig.force_frequencies
         if turned and (hint := frequency_hint(after.rig)):
@@ -400,28 +398,29 @@ class SimNode(Node):
         if after.predict_motion != before.predict_motion:
             self._predictor.enable(after.predict_motion)
         if after.record and not before.record:
-            self._recorder.begin(self._dump(), serialised(self._description))
+            self._recorder.begin(self._listing(), encode(self._description))
             self.get_logger().info(f'recording to {self._recorder.path}')
         elif before.record and not after.record:
             self.get_logger().info(self._recorder.finish())
 
     def _describe(self, parameters: NodeParameters) -> None:
-        """Publish how the rig looks, and record it, if that has changed."""
+        """Publish and record the robot description, if it has changed."""
         text = _description_of(parameters)
         if text != self._description.data:
-            self._description = String(data=text)
-            message = serialised(self._description)
-            self._description_publisher.publish(message)
-            self.engine.record(self._outlets.robot_description, message)
+            self._description = String(text)
+            self._publish('robot_description', encode(self._description))
 
-    def _dump(self) -> bytes:
-        """Return the event that names all parameters with their values."""
-        names = self.list_parameters([], 0).names
-        event = ParameterEvent(
-            node=self.get_fully_qualified_name(),
-            new_parameters=[p.to_parameter_msg() for p in self.get_parameters(names)],
-        )
-        return serialised(event)
+    def _listing(self) -> bytes:
+        """Return the event that lists all parameters with their values."""
+        parameters = self.get_parameters(self.list_parameters([], 0).names)
+        node = self.get_fully_qualified_name()
+        return encode(ParameterEvent(0, node, tuple(map(_recorded, parameters)), (), ()))
+
+    def _publish(self, key: str, content: bytes) -> None:
+        """Publish a message from the executor's thread; the engine records it."""
+        publisher = self._topic_publishers[key]
+        publisher.publish(content)
+        self.engine.record(publisher.topic, content)
 
     # Services
 
@@ -462,29 +461,43 @@ class SimNode(Node):
         recording = self._recorder.status(engine.recorded)
         motion = self._monitor.look()
         self._overdue.cancel()
-        self._publish_report(
-            self._diagnostics.report(self.engine.stamp_ns(), engine, recording, motion)
-        )
+        report = self._diagnostics.report(self.engine.stamp_ns(), engine, recording, motion)
+        self._publish('diagnostics', encode(report))
 
     def _report_motion(self) -> None:
-        """Report what has been predicted at once, or a little later than the last report."""
+        """Report a new prediction at once, or a little later after a recent report."""
         if self._monitor.may_look(MOTION_PERIOD_S):
             self._overdue.cancel()
-            self._publish_report(
-                self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
-            )
+            report = self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
+            self._publish('diagnostics', encode(report))
         else:
             self._overdue.reset()
-
-    def _publish_report(self, array: DiagnosticArray) -> None:
-        report = serialised(array)
-        self._diagnostics_publisher.publish(report)
-        self.engine.record(self._outlets.diagnostics, report)
 
     def _end_broken_recording(self) -> None:
         if self._live.now.record and (error := self._recorder.failure()):
             self.get_logger().error(f'{error}; the rig runs on, record is false again')
             self.set_parameters([Parameter('record', Parameter.Type.BOOL, False)])
+
+
+_MESSAGE_TYPES = {
+    JOINT_STATE: JointState,
+    STRING: StringMessage,
+    DIAGNOSTIC_ARRAY: DiagnosticArray,
+}
+
+
+def _qos(profile: QosProfile) -> QoSProfile:
+    """Return the profile of rclpy; all topics of the rig are reliable."""
+    durability = DurabilityPolicy.VOLATILE
+    if profile.durability == 'transient_local':
+        durability = DurabilityPolicy.TRANSIENT_LOCAL
+    return QoSProfile(depth=profile.depth, durability=durability)
+
+
+def _recorded(parameter: Parameter) -> RecordedParameter:
+    value = parameter.value
+    plain = value is None or isinstance(value, bool | int | float | str)
+    return RecordedParameter(parameter.name, value if plain else tuple(value))
 
 
 def _description_of(parameters: NodeParameters) -> str:
@@ -497,21 +510,21 @@ def _spin(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> N
         try:
             executor.spin_once()
         except Exception:
-            # A malformed request, say; it must not take the rig down.
+            # For instance a malformed request, which must not stop the rig
             node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
 
 
 def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> int:
-    """Run the node until it is told to end, or its engine fails."""
+    """Run the node until it has to end, or its engine fails."""
     end.wake_with(node.wake)
     try:
-        # What exists by now stays: the garbage collector need not look through it again.
+        # The garbage collector need not go through the present objects again.
         gc.freeze()
         node.start()
         _spin(node, executor, end)
     finally:
         end.wake_with(None)
-        # There may be no terminal any more to say it to.
+        # The terminal may be closed.
         if summary := node.finish():
             with contextlib.suppress(OSError):
                 print(f'sim_node: {summary}', file=sys.stderr)

@@ -1,16 +1,27 @@
 """
 Periodic motions of the rig: found, followed, judged for stability and viability.
 
-Importable without ROS; needs numpy.
+Importable without ROS. A module is imported when one of its names is first used, so that the
+node, which only recognises periodic motion, does not wait for the solvers.
 """
 
-from .continuation import Branch, SpecialKind, SpecialPoint, continue_orbit, switch_branch
-from .equations import ImpactEquations, OrbitError, plausible_stops
-from .impact_solver import StartReport
-from .optimum import OptimalGap, optimal_gap
-from .orbit import Node, PeriodicOrbit
-from .search import OrbitSearch, find_orbits
-from .shooting import Section, orbit_near, section_on, shoot
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .continuation import (
+        Branch,
+        SpecialKind,
+        SpecialPoint,
+        continue_orbit,
+        switch_branch,
+        value_of,
+    )
+    from .equations import ImpactEquations, OrbitError, plausible_stops
+    from .optimum import OptimalGap, optimal_gap
+    from .orbit import Node, PeriodicOrbit
+    from .search import OrbitSearch, StartReport, find_orbits
+    from .shooting import Section, orbit_near, section_on, shoot
 
 __all__ = [
     'Branch',
@@ -32,4 +43,25 @@ __all__ = [
     'section_on',
     'shoot',
     'switch_branch',
+    'value_of',
 ]
+
+_MODULES = (
+    'equations',
+    'orbit',
+    'shooting',
+    'search',
+    'continuation',
+    'optimum',
+)
+
+
+def __getattr__(name: str) -> Any:
+    """Import the module that defines a public name."""
+    if name in __all__:
+        for module in _MODULES:
+            found = import_module(f'{__name__}.{module}')
+            if name in found.__all__:
+                globals()[name] = getattr(found, name)
+                return globals()[name]
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

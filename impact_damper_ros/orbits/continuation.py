@@ -24,24 +24,263 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol
 
 import numpy as np
 
-from .branch import Curve, EquationFamily, Family, Point, ShootingFamily, family_of, value_of
-from .equations import Array
+from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
+from impact_damper_ros.rig.mode import rig_constants
+
+from .equations import Array, ImpactEquations, OrbitError, single_harmonic
+from .impact_roots import Root
+from .newton import solve
 from .orbit import PeriodicOrbit
+from .search import counted_as, orbit_of, within_theory
+from .shooting import Section, follow_section, orbit_on, section_on
 
 __all__ = [
     'Branch',
     'SpecialKind',
     'SpecialPoint',
     'continue_orbit',
-    'special_points',
     'switch_branch',
+    'value_of',
+    'with_value',
 ]
 
 
-_LOCATIONS = 60
+#: A name for both coefficients of restitution at once.
+BOTH_RESTITUTIONS = 'restitution'
+# Multisine and sweep have no periodic motion.
+_VARIABLE = [
+    name
+    for name, spec in PARAMETER_SPECS.items()
+    if spec.kind in ('double', 'double_array') and not name.startswith(('multisine_', 'sweep_'))
+]
+
+
+def value_of(parameters: RigParameters, name: str) -> float:
+    """Return the value of a parameter that a continuation can vary."""
+    if name == BOTH_RESTITUTIONS:
+        return parameters.restitution_1
+    spec = PARAMETER_SPECS.get(name)
+    if spec is None or name not in _VARIABLE:
+        raise OrbitError(
+            f'{name!r} cannot be varied: give one of {", ".join(_VARIABLE)}, or '
+            f'{BOTH_RESTITUTIONS}'
+        )
+    value = getattr(parameters, name)
+    return float(value[0] if isinstance(value, tuple) else value)
+
+
+def with_value(parameters: RigParameters, name: str, value: float) -> RigParameters:
+    """Return the rig with one parameter, as `value_of` names it, changed."""
+    if name == BOTH_RESTITUTIONS:
+        return parameters.replace(restitution_1=value, restitution_2=value)
+    if PARAMETER_SPECS[name].kind == 'double_array':
+        entries = getattr(parameters, name)
+        return parameters.replace(**{name: (value, *entries[1:])})
+    return parameters.replace(**{name: value})
+
+
+def _limits_of(name: str) -> tuple[float, float]:
+    """Return the least and largest value of a parameter, as `value_of` names it."""
+    spec = PARAMETER_SPECS['restitution_1' if name == BOTH_RESTITUTIONS else name]
+    assert spec.low is not None
+    assert spec.high is not None
+    return spec.low, spec.high
+
+
+class _Family(Protocol):
+    """What a continuation varies: n equations in n unknowns and one parameter, `name`."""
+
+    name: str
+
+    def start(self, orbit: PeriodicOrbit) -> Array:
+        """Return the unknowns of a motion of this family."""
+
+    def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
+        """Return the equations' residual, and its derivative by the unknowns."""
+
+    def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
+        """Return the motion at a solution."""
+
+
+class _EquationFamily:
+    """Motions that the impact equations hold for; unknowns are X_i over a length, and W t_i."""
+
+    def __init__(
+        self, parameters: RigParameters, name: str, stops: tuple[int, ...], cycles: int
+    ) -> None:
+        self.parameters = parameters
+        self.name = name
+        self.stops = stops
+        self.cycles = cycles
+        self.length = ImpactEquations(parameters, stops, cycles).length
+
+    def _equations(self, value: float) -> ImpactEquations:
+        rig = with_value(self.parameters, self.name, value)
+        return ImpactEquations(rig, self.stops, self.cycles)
+
+    def _split(self, equations: ImpactEquations, unknowns: Array) -> tuple[Array, Array]:
+        n = equations.impacts
+        return unknowns[:n] * self.length, unknowns[n:] / equations.frequency
+
+    def start(self, orbit: PeriodicOrbit) -> Array:
+        frequency = orbit.parameters.force_frequencies[0]
+        return np.concatenate(
+            [np.array(orbit.x) / self.length, frequency * np.array(orbit.instants)]
+        )
+
+    def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
+        equations = self._equations(value)
+        x, instants = self._split(equations, unknowns)
+        if float(equations.durations(instants).min()) <= 0.0:
+            raise ArithmeticError('impacts out of order')
+        size, jacobian = equations.residual(x, instants)
+        n = equations.impacts
+        jacobian[:, :n] *= self.length / equations.length
+        jacobian[:, n:] *= equations.rate / equations.frequency
+        return size, jacobian
+
+    def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
+        equations = self._equations(value)
+        return orbit_of(equations, Root(*self._split(equations, unknowns), history[-1], history))
+
+
+class _ShootingFamily:
+    """
+    Motions with reversals, sticking or rest, as fixed points of the event map.
+
+    The unknowns are the free coordinates of the state where the period begins; the period is
+    that of the motion given, so many times.
+    """
+
+    def __init__(self, orbit: PeriodicOrbit, name: str, times: int = 1) -> None:
+        section = section_on(orbit)
+        if section is None:
+            raise OrbitError('the motion has too many events to be followed')
+        self.parameters = orbit.parameters
+        self.name = name
+        self.stops = orbit.stops * times
+        self.cycles = orbit.cycles * times
+        self._section = section
+        self._angle = section.instant * orbit.parameters.force_frequencies[0]
+        length = max(orbit.x_max, 1e-3 * orbit.parameters.gap)
+        speed = orbit.parameters.omega * length
+        self._units: Array = np.array([length, speed, length, speed])[: section.dimension]
+
+    def _placed(self, rig: RigParameters, unknowns: Array) -> Section:
+        section = self._section
+        return Section(
+            self._angle / rig.force_frequencies[0],
+            section.resting,
+            section.last_stop,
+            unknowns * self._units,
+        )
+
+    def start(self, orbit: PeriodicOrbit) -> Array:
+        """Return the unknowns of the motion that the family was made from."""
+        assert orbit.parameters == self.parameters
+        return self._section.state / self._units
+
+    def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
+        rig = with_value(self.parameters, self.name, value)
+        period = self.cycles * math.tau / rig.force_frequencies[0]
+        shot = follow_section(rig_constants(rig), self._placed(rig, unknowns), period)
+        if shot is None:
+            raise ArithmeticError('the motion changes its kind where the period begins')
+        change, matrix = shot
+        jacobian = (matrix - np.eye(len(change))) * self._units / self._units[:, None]
+        return change / self._units, jacobian
+
+    def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
+        rig = with_value(self.parameters, self.name, value)
+        orbit = orbit_on(rig, self._placed(rig, unknowns), self.cycles, history)
+        return counted_as(orbit, self.stops) or orbit
+
+
+def _family_of(orbit: PeriodicOrbit, name: str) -> _Family:
+    """Return the family of a motion."""
+    value_of(orbit.parameters, name)
+    solvable = single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
+    if solvable and not orbit.nodes:
+        return _EquationFamily(orbit.parameters, name, orbit.stops, orbit.cycles)
+    return _ShootingFamily(orbit, name)
+
+
+#: Largest residual of a point on a branch.
+RESIDUAL_TOLERANCE = 1e-11
+
+_ROUND_OFF = 1e-12
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A point of a branch: unknowns and scaled parameter, unit tangent, and the motion."""
+
+    place: Array
+    tangent: Array
+    orbit: PeriodicOrbit
+
+
+class _Curve:
+    """The solutions of a family as a curve, with the scaled parameter as the last coordinate."""
+
+    def __init__(self, family: _Family, scale: float) -> None:
+        self.family = family
+        self.scale = scale
+
+    def value(self, place: Array) -> float:
+        """Return the parameter, on the edge of its range if round-off has put it beyond."""
+        value = float(place[-1]) * self.scale
+        low, high = _limits_of(self.family.name)
+        slack = _ROUND_OFF * self.scale
+        if low - slack <= value < low:
+            return low
+        return high if high < value <= high + slack else value
+
+    def system(self, place: Array) -> tuple[Array, Array]:
+        """Return the residual and its derivative by unknowns and parameter."""
+        residual, by_unknowns = self.family.residual(place[:-1], self.value(place))
+        step = 1e-6 * max(abs(float(place[-1])), 1e-3)
+        sides = []
+        for move in (step, -step):
+            try:
+                there = self.family.residual(place[:-1], (place[-1] + move) * self.scale)[0]
+                sides.append((move, there))
+            except ParameterError:
+                # At the edge of the admissible range, from within
+                sides.append((0.0, residual))
+        (ahead, value_ahead), (behind, value_behind) = sides
+        by_value = (value_ahead - value_behind) / (ahead - behind)
+        return residual, np.column_stack([by_unknowns, by_value])
+
+    def correct(self, guess: Array, normal: Array) -> _Point | None:
+        """Return the point of the curve in the plane through a guess, or None."""
+
+        def in_plane(place: Array) -> tuple[Array, Array]:
+            residual, matrix = self.system(place)
+            return np.append(residual, normal @ (place - guess)), np.vstack([matrix, normal])
+
+        found = solve(in_plane, guess)
+        place = found.unknowns
+        try:
+            residual, matrix = self.system(place)
+            if not np.abs(residual).max() < RESIDUAL_TOLERANCE:
+                return None
+            tangent = np.linalg.svd(matrix)[2][-1]
+            tangent = tangent if tangent @ normal >= 0.0 else -tangent
+            orbit = self.family.orbit(place[:-1], self.value(place), found.history)
+        except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
+            return None
+        return _Point(place, tangent, orbit)
+
+    def ahead(self, point: _Point, step: float) -> _Point | None:
+        """Return the point a step further along the curve, or None."""
+        return self.correct(point.place + step * point.tangent, point.tangent)
+
+
 _LOCATED = 1e-9
 #: How far a multiplier may be from where it should be at a special point, and at a guess of one.
 _NEAR = 1e-3
@@ -87,7 +326,7 @@ class SpecialPoint:
     reason: str = ''
 
 
-_Test = Callable[[Point], float]
+_Test = Callable[[_Point], float]
 
 
 def _real_product(factors: list[complex]) -> float:
@@ -97,19 +336,19 @@ def _real_product(factors: list[complex]) -> float:
     return product.real
 
 
-def _fold(point: Point) -> float:
+def _fold(point: _Point) -> float:
     return float(point.tangent[-1])
 
 
-def _doubling(point: Point) -> float:
+def _doubling(point: _Point) -> float:
     return _real_product([1.0 + m for m in point.orbit.multipliers])
 
 
-def _branching(point: Point) -> float:
+def _branching(point: _Point) -> float:
     return _real_product([1.0 - m for m in point.orbit.multipliers])
 
 
-def _torus(point: Point) -> float:
+def _torus(point: _Point) -> float:
     pairs = itertools.combinations(point.orbit.multipliers, 2)
     return _real_product([1.0 - a * b for a, b in pairs])
 
@@ -124,11 +363,11 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
     return words
 
 
-def _likeness(start: Point) -> _Test:
+def _likeness(start: _Point) -> _Test:
     """Return a test of whether a motion is of the same kind as that at the start."""
     kind = (start.orbit.viable, _events(start.orbit))
 
-    def alike(point: Point) -> float:
+    def alike(point: _Point) -> float:
         return 1.0 if (point.orbit.viable, _events(point.orbit)) == kind else -1.0
 
     return alike
@@ -157,29 +396,36 @@ def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
 
 
 def _locate(
-    curve: Curve, start: Point, end: Point, step: float, kind: SpecialKind, test: _Test
+    curve: _Curve, start: _Point, end: _Point, step: float, kind: SpecialKind, test: _Test
 ) -> SpecialPoint | None:
     """Find where a test function changes sign between two points of a branch."""
+    from scipy.optimize import brentq
+
     near, far = (0.0, start), (step, end)
-    value_near, value_far = test(start), test(end)
-    complete = True
-    for count in range(_LOCATIONS):
-        if far[0] - near[0] <= _LOCATED * step:
-            break
-        share = 0.5
-        if kind is not SpecialKind.GRAZING and count % 3 != 2:
-            share = min(0.999, max(0.001, value_near / (value_near - value_far)))
-        there = near[0] + share * (far[0] - near[0])
+    side = test(start)
+
+    def value_at(there: float) -> float:
+        nonlocal near, far
+        if there in (0.0, step):
+            return test(end if there else start)
         middle = curve.ahead(start, there)
         if middle is None:
-            complete = False
-            break
+            raise ArithmeticError('the corrector fails')
         value = test(middle)
-        if (value > 0.0) == (value_near > 0.0):
-            near, value_near = (there, middle), value
+        if (value > 0.0) == (side > 0.0):
+            near = max(near, (there, middle), key=lambda pair: pair[0])
         else:
-            far, value_far = (there, middle), value
-    best, other = (near[1], far[1]) if abs(value_near) <= abs(value_far) else (far[1], near[1])
+            far = min(far, (there, middle), key=lambda pair: pair[0])
+        return value
+
+    try:
+        brentq(value_at, 0.0, step, xtol=_LOCATED * step)
+        complete = True
+    except ArithmeticError:
+        complete = False
+    best, other = near[1], far[1]
+    if abs(test(best)) > abs(test(other)):
+        best, other = other, best
     reason = ''
     if kind is SpecialKind.GRAZING:
         best, other = (near[1], far[1]) if near[1].orbit.viable else (far[1], near[1])
@@ -191,12 +437,12 @@ def _locate(
         value=curve.value(best.place),
         orbit=best.orbit,
         bracket=(curve.value(near[1].place), curve.value(far[1].place)),
-        converged=complete and far[0] - near[0] <= 1.01 * _LOCATED * step,
+        converged=complete,
         reason=reason,
     )
 
 
-def special_points(curve: Curve, start: Point, end: Point, step: float) -> list[SpecialPoint]:
+def _special_points(curve: _Curve, start: _Point, end: _Point, step: float) -> list[SpecialPoint]:
     """Locate what happens between two neighbouring points of a branch."""
     turns = _fold(start) * _fold(end) < 0.0
     tests: tuple[tuple[SpecialKind, _Test], ...] = (
@@ -248,17 +494,17 @@ class Branch:
     ended: str
 
 
-def _begun_elsewhere(curve: Curve, point: Point) -> tuple[Curve, Point] | None:
+def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | None:
     """
     Return the curve with the period begun at another instant, and the point on it.
 
     What happens at the instant at which the period of the event map begins may have come to be
     a reversal or an impact.
     """
-    if not isinstance(curve.family, ShootingFamily):
+    if not isinstance(curve.family, _ShootingFamily):
         return None
-    family = family_of(point.orbit, curve.family.name)
-    fresh = Curve(family, curve.scale)
+    family = _family_of(point.orbit, curve.family.name)
+    fresh = _Curve(family, curve.scale)
     place = np.append(family.start(point.orbit), point.place[-1])
     normal = np.zeros_like(place)
     normal[-1] = math.copysign(1.0, point.tangent[-1])
@@ -266,7 +512,7 @@ def _begun_elsewhere(curve: Curve, point: Point) -> tuple[Curve, Point] | None:
     return None if again is None else (fresh, again)
 
 
-def _edge(curve: Curve, here: Point, step: float, bounds: tuple[float, float]) -> Point | None:
+def _edge(curve: _Curve, here: _Point, step: float, bounds: tuple[float, float]) -> _Point | None:
     """Return the branch's point on the bound that the next step would pass, if it would."""
     ahead = curve.value(here.place + step * here.tangent)
     if bounds[0] <= ahead <= bounds[1]:
@@ -284,8 +530,8 @@ def _edge(curve: Curve, here: Point, step: float, bounds: tuple[float, float]) -
 
 
 def _leapt(
-    curve: Curve, here: Point, largest_step: float, bounds: tuple[float, float]
-) -> tuple[Point, float] | None:
+    curve: _Curve, here: _Point, largest_step: float, bounds: tuple[float, float]
+) -> tuple[_Point, float] | None:
     """
     Return a point beyond a place where motions change their kind, and the step to it.
 
@@ -304,8 +550,8 @@ def _leapt(
 
 
 def _follow(
-    curve: Curve,
-    point: Point,
+    curve: _Curve,
+    point: _Point,
     bounds: tuple[float, float],
     first_step: float,
     largest_step: float,
@@ -315,7 +561,7 @@ def _follow(
     points = [point]
     special: list[SpecialPoint] = []
     step = first_step
-    fresh_tried: Point | None = None
+    fresh_tried: _Point | None = None
     moved = False
     ended = f'{most_points} points'
     while len(points) < most_points:
@@ -323,7 +569,7 @@ def _follow(
         last = _edge(curve, here, step, bounds)
         if last is not None:
             span = float((last.place - here.place) @ here.tangent)
-            special += special_points(curve, here, last, span)
+            special += _special_points(curve, here, last, span)
             points.append(last)
             bound = min(bounds, key=lambda b: abs(b - curve.value(last.place)))
             ended = f'{curve.family.name} = {bound:g}, the end of the range'
@@ -341,7 +587,7 @@ def _follow(
             leap = None if fresh else _leapt(curve, here, largest_step, bounds)
             if leap is not None:
                 there, step = leap
-                special += special_points(curve, here, there, step)
+                special += _special_points(curve, here, there, step)
                 points.append(there)
                 continue
             if fresh is None:
@@ -350,7 +596,7 @@ def _follow(
             curve, points[-1] = fresh
             fresh_tried, step, moved = points[-1], first_step, True
             continue
-        special += special_points(curve, here, there, step)
+        special += _special_points(curve, here, there, step)
         points.append(there)
         if (
             not moved
@@ -417,9 +663,9 @@ def continue_orbit(
     >>> branch.ended
     'gap = 40, the end of the range'
     """
-    family = family_of(orbit, name)
+    family = _family_of(orbit, name)
     value = value_of(orbit.parameters, name)
-    curve = Curve(family, abs(value) or max(abs(low), abs(high)) or 1.0)
+    curve = _Curve(family, abs(value) or max(abs(low), abs(high)) or 1.0)
     place = np.append(family.start(orbit), value / curve.scale)
     normal = np.zeros_like(place)
     normal[-1] = 1.0 if upwards else -1.0
@@ -429,14 +675,14 @@ def continue_orbit(
     return _follow(curve, point, (low, high), 0.1 * largest_step, largest_step, most_points)
 
 
-def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[Family, Array]:
+def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[_Family, Array]:
     """Return the family of some periods of a motion, and its unknowns there."""
-    family = family_of(orbit, name)
+    family = _family_of(orbit, name)
     unknowns = family.start(orbit)
-    if not isinstance(family, EquationFamily):
-        shot = ShootingFamily(orbit, name, times)
+    if not isinstance(family, _EquationFamily):
+        shot = _ShootingFamily(orbit, name, times)
         return shot, shot.start(orbit)
-    longer = EquationFamily(orbit.parameters, name, orbit.stops * times, orbit.cycles * times)
+    longer = _EquationFamily(orbit.parameters, name, orbit.stops * times, orbit.cycles * times)
     n = orbit.impacts
     turns = math.tau * orbit.cycles * np.arange(times)
     x = np.tile(unknowns[:n] * (family.length / longer.length), times)
@@ -486,7 +732,7 @@ def switch_branch(
         raise ValueError(f'no branch leaves at a {special.kind.value}')
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
     family, unknowns = _repeated(orbit, name, times)
-    curve = Curve(family, abs(special.value) or 1.0)
+    curve = _Curve(family, abs(special.value) or 1.0)
     place = np.append(unknowns, special.value / curve.scale)
     by_unknowns = family.residual(unknowns, special.value)[1]
     direction = np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)

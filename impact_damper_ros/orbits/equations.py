@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 
 __all__ = [
     'Array',
@@ -31,7 +31,6 @@ __all__ = [
     'OrbitError',
     'check_forcing',
     'check_stops',
-    'flight_direction',
     'plausible_stops',
     'single_harmonic',
 ]
@@ -54,20 +53,10 @@ def single_harmonic(parameters: RigParameters) -> bool:
 
 def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     """
-    Check that the force is one harmonic, or has a period.
+    Raise `OrbitError` if the force has not the period asked for.
 
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig.
-    cycles : int, optional
-        Cycles of the first harmonic after which the whole force must repeat. If not given, the
-        force must be one harmonic, as the periodic theory assumes.
-
-    Raises
-    ------
-    OrbitError
-        If it is not.
+    It must repeat after so many cycles of its first harmonic, or be one harmonic if they are
+    not given, as the periodic theory assumes.
     """
     if parameters.periodic_force:
         return
@@ -166,21 +155,9 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
 Array = NDArray[np.float64]
 
 
-def flight_direction(start: int, end: int) -> int:
-    """Return the paper's lambda of a flight between stops; 0 if it returns to the same one."""
-    return start - end
-
-
 @dataclass(frozen=True)
 class ImpactVelocities:
-    """
-    Velocities at the impacts of a motion, in the order of its stops, m/s.
-
-    Attributes
-    ----------
-    primary_before, primary_after, damper_before, damper_after : ndarray, shape (..., N)
-        Absolute velocities of M and m just before and just after each impact.
-    """
+    """Absolute velocities of M and m just before and after each impact, (..., N), m/s."""
 
     primary_before: Array
     primary_after: Array
@@ -209,8 +186,8 @@ class ImpactEquations:
         Period of the motion, s.
     length, rate : float
         Scales of displacement (m) and frequency (rad/s), by which residuals are divided.
-    accelerations : ndarray, shape (N,)
-        Acceleration of m in the flight after each impact.
+    air, accelerations : ndarray, shape (N,)
+        Acceleration of m in the flight after each impact: by the air, and in all.
     pushes : ndarray, shape (N,)
         Constant acceleration of M by friction and air in that flight.
 
@@ -224,7 +201,7 @@ class ImpactEquations:
     def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
         check_forcing(parameters)
         check_stops(parameters, stops, cycles)
-        machine = make_machine(parameters)
+        machine = rig_constants(parameters)
         self.parameters = parameters
         self.stops = stops
         self.cycles = cycles
@@ -233,9 +210,8 @@ class ImpactEquations:
         self.phase = parameters.force_phases[0]
         self.cycle = math.tau / self.frequency
         self.period = cycles * self.cycle
-        self.directions = tuple(
-            flight_direction(a, b) for a, b in zip(stops, stops[1:] + stops[:1], strict=True)
-        )
+        # The paper's lambda of the flight after each impact; 0 if it returns to the same stop
+        self.directions = tuple(a - b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
         if machine.grip > 0.0 and 0 in self.directions:
             raise OrbitError(
                 f'stop sequence {",".join(map(str, stops))} with friction '
@@ -251,9 +227,9 @@ class ImpactEquations:
         self._after_from_after = (1.0 - mass_ratio * restitution) / (1.0 + restitution)
         self._after_from_before = (1.0 + mass_ratio) * restitution / (1.0 + restitution)
         direction = np.array(self.directions)
-        air = np.where(first, -machine.air, machine.air)
-        self.accelerations: Array = machine.slope - direction * machine.grip + air
-        self.pushes: Array = mass_ratio * (direction * machine.grip - air)
+        self.air: Array = np.where(first, -machine.air, machine.air)
+        self.accelerations: Array = machine.slope - direction * machine.grip + self.air
+        self.pushes: Array = mass_ratio * (direction * machine.grip - self.air)
         self._next = np.roll(np.arange(self.impacts), -1)
         self._last = np.roll(np.arange(self.impacts), 1)
         offsets = np.where(first, machine.stop, -machine.stop)
@@ -268,14 +244,7 @@ class ImpactEquations:
         self.length = max(swing, fall, float(np.max(np.abs(self._travel))))
 
     def durations(self, instants: Array) -> Array:
-        """
-        Return the durations of the flights.
-
-        Parameters
-        ----------
-        instants : ndarray, shape (..., N)
-            Instants of the impacts, s, rising within one period.
-        """
+        """Return the durations of the flights between instants that rise within one period, s."""
         lasts: Array = instants[..., self._next] - instants
         lasts[..., -1] += self.period
         return lasts
@@ -313,19 +282,11 @@ class ImpactEquations:
 
     def linear_system(self, instants: Array) -> Array:
         """
-        Return the equations for fixed instants.
+        Return the equations for fixed instants after the first impact, (..., N), s.
 
-        Parameters
-        ----------
-        instants : ndarray, shape (..., N)
-            Instants of the impacts after the first one, s; the first entry is 0.
-
-        Returns
-        -------
-        ndarray, shape (..., 2N, N + 3)
-            Rows of which each times (X_1, .., X_N, cos, sin, 1) is zero, where cos and sin are of
-            the force's phase at the first impact; displacements first, then velocities divided by
-            the natural frequency.
+        Each of the 2N rows times (X_1, .., X_N, cos, sin, 1) is zero, where cos and sin are of
+        the force's phase at the first impact; displacements first, then velocities over the
+        natural frequency.
         """
         n = self.impacts
         lasts = self.durations(instants)
@@ -361,14 +322,7 @@ class ImpactEquations:
         return rows
 
     def velocities(self, x: Array, instants: Array) -> ImpactVelocities:
-        """
-        Return all velocities at the impacts.
-
-        Parameters
-        ----------
-        x, instants : ndarray, shape (..., N)
-            Displacements of M at the impacts, m, and their instants, s.
-        """
+        """Return all velocities at the impacts, from X (m) and the instants (s), (..., N)."""
         lasts = self.durations(instants)
         mean = (x[..., self._next] - x + self._travel) / lasts
         half = 0.5 * self.accelerations * lasts
@@ -385,17 +339,9 @@ class ImpactEquations:
         """
         Return what is missing in the equations, and its derivatives.
 
-        Parameters
-        ----------
-        x, instants : ndarray, shape (..., N)
-            Displacements of M at the impacts, m, and their instants, s, on the force's clock.
-
-        Returns
-        -------
-        residual : ndarray, shape (..., 2N)
-            As `linear_system` orders them, divided by the scale of length.
-        jacobian : ndarray, shape (..., 2N, 2N)
-            Its derivatives with respect to X_i/length and rate t_i.
+        X (m) and the instants on the force's clock (s) have the shape (..., N). The residual
+        (..., 2N) is ordered as `linear_system` and divided by the length; the derivatives are
+        with respect to X_i/length and rate t_i.
         """
         n = self.impacts
         lasts = self.durations(instants)

@@ -16,31 +16,34 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_damper_ros.rig import EventKind
-from impact_damper_ros.rig.contact import (
+from impact_damper_ros.rig.contact import chatter_end, flight_end
+from impact_damper_ros.rig.flight import (
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
     RELEASE_DOWN,
     RELEASE_UP,
-    chatter_end,
-    flight_end,
+    Flight,
+    Motion,
+    end_at,
+    motion_at,
+    starting_motion,
 )
-from impact_damper_ros.rig.flight import Flight, Motion, end_at, motion_at, starting_motion
+from impact_damper_ros.rig.forcing import sines_of, turned_angles
 from impact_damper_ros.rig.mode import (
     CHATTER_1,
     REST_1,
     REST_2,
     STICK,
-    Machine,
-    Origin,
+    RigConstants,
     launch,
     mode_at_rest,
 )
-from impact_damper_ros.rig.phase import sines_of, turned_angles
-from impact_damper_ros.rig.transition import Transition, carried, moving_mode, resolve
+from impact_damper_ros.rig.origin import Origin, carried
+from impact_damper_ros.rig.transition import moving_mode, resolve
 
 from .equations import Array
-from .floquet import flight_matrix, impact_matrix, joint_matrix, saltation
+from .multipliers import event_matrices, flight_matrices
 
 __all__ = ['Course', 'Incident', 'Stretch', 'origin_at', 'run_course']
 
@@ -48,22 +51,9 @@ __all__ = ['Course', 'Incident', 'Stretch', 'origin_at', 'run_course']
 #: More events in one period than any motion that is sought.
 MOST_EVENTS = 2000
 
-_RELATIVE_SPEED = np.array([0.0, -1.0, 0.0, 1.0])
-
 
 class Stretch(NamedTuple):
-    """
-    One flight within a period.
-
-    Attributes
-    ----------
-    start : float
-        Its beginning, s since the period's beginning.
-    duration : float
-        How long it lasts, s.
-    origin, flight : Origin, Flight
-        Its origin and closed form.
-    """
+    """One flight within a period, since whose beginning times are counted, s."""
 
     start: float
     duration: float
@@ -72,24 +62,7 @@ class Stretch(NamedTuple):
 
 
 class Incident(NamedTuple):
-    """
-    One event within a period.
-
-    Attributes
-    ----------
-    time : float
-        Its instant, s since the period's beginning.
-    kind : EventKind
-        What happened.
-    stop : int
-        The stop concerned, or 0.
-    x : float
-        X, m.
-    velocity_before, velocity_after : float
-        X' just before and just after it, m/s.
-    relative_before, relative_after : float
-        Y' just before and just after it, m/s.
-    """
+    """One event within a period, since whose beginning its time is counted, s."""
 
     time: float
     kind: EventKind
@@ -104,18 +77,9 @@ class Incident(NamedTuple):
 @dataclass(frozen=True)
 class Course:
     """
-    A stretch of motion from one instant to a later one.
+    Motion from one instant to a later one.
 
-    Attributes
-    ----------
-    end : Origin
-        The state reached.
-    matrix : ndarray, shape (4, 4)
-        Derivative of (X, X', Z, Z') at the end by the same at the beginning.
-    incidents : list of Incident
-        The events.
-    stretches : list of Stretch
-        The flights.
+    The matrix is the derivative of (X, X', Z, Z') at the end by the same at the beginning.
     """
 
     end: Origin
@@ -125,7 +89,7 @@ class Course:
 
 
 def origin_at(
-    machine: Machine,
+    machine: RigConstants,
     instant: float,
     x: float,
     velocity: float,
@@ -135,23 +99,12 @@ def origin_at(
     last_stop: int,
 ) -> Origin:
     """
-    Return a state as the origin of a flight.
+    Return a state on the force's clock (s) as the origin of a flight.
 
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    instant : float
-        Time on the force's clock, s.
-    x, velocity : float
-        X and X'.
-    beyond, relative_velocity : float
-        Y - d/2, the way m has gone beyond stop 1 (not positive, and exact near the stop of a
-        one-sided rig whose gap is meaningless), and Y'; ignored where `resting` fixes them.
-    resting : int
-        `STICK`, `REST_1` or `REST_2`, or 0 if m moves.
-    last_stop : int
-        Stop hit last, 0 for none.
+    `beyond` is Y - d/2, the way m has gone beyond stop 1: not positive, and exact near the
+    stop of a one-sided rig, whose gap is meaningless. It and Y' do not count where `resting`
+    is `STICK`, `REST_1` or `REST_2`; 0 says that m moves. `last_stop` is 0 if none was hit
+    yet.
     """
     half = machine.stop
     if resting == REST_1:
@@ -197,18 +150,51 @@ def _rates(motion: Motion, flight: Flight) -> Array:
     )
 
 
-def _event_matrix(
-    machine: Machine, kind: int, before: Array, after: Array, transition: Transition
-) -> Array:
-    """Return the saltation matrix of an event."""
-    if kind in (CONTACT_1, CONTACT_2):
+class _Passage:
+    """What carries deviations: the flights and the events between them, in order."""
+
+    def __init__(self, machine: RigConstants) -> None:
+        self.machine = machine
+        self.modes: list[int] = []
+        self.spans: list[float] = []
+        self.impacts: list[bool] = []
+        self.restitutions: list[float] = []
+        self.crosses: list[bool] = []
+        self.before: list[Array] = []
+        self.after: list[Array] = []
+
+    def fly(self, origin: Origin, span: float) -> None:
+        """Pass through a flight."""
+        self.modes.append(origin.mode)
+        self.spans.append(span)
+
+    def meet(self, kind: int, origin: Origin, before: Array, after: Array) -> None:
+        """Pass through an event that leads to an origin."""
+        machine = self.machine
         restitution = machine.restitution_1 if kind == CONTACT_1 else machine.restitution_2
-        if transition.origin.mode >= STICK:
-            restitution = 0.0
-        return impact_matrix(machine.mass_ratio, restitution, before, after)
-    if kind in (RELEASE_UP, RELEASE_DOWN, NO_EVENT):
-        return np.eye(4)
-    return saltation(np.eye(4), before, after, _RELATIVE_SPEED)
+        self.impacts.append(kind in (CONTACT_1, CONTACT_2))
+        self.restitutions.append(0.0 if origin.mode >= STICK else restitution)
+        self.crosses.append(kind not in (RELEASE_UP, RELEASE_DOWN, NO_EVENT))
+        self.before.append(before)
+        self.after.append(after)
+
+    def matrix(self) -> Array:
+        """Return the derivative of the state at the end by the state at the beginning."""
+        flights = flight_matrices(
+            self.machine, np.array(self.modes, np.int64), np.array(self.spans)
+        )
+        events = event_matrices(
+            self.machine.mass_ratio,
+            np.array(self.impacts, dtype=bool),
+            np.array(self.restitutions),
+            np.reshape(self.before, (-1, 4)),
+            np.reshape(self.after, (-1, 4)),
+            np.array(self.crosses, dtype=bool),
+        )
+        matrix: Array = flights[0]
+        for event, flight in zip(events, flights[1:], strict=True):
+            matrix = flight @ (event @ matrix)
+        return matrix
 
 
 def _kind_of(kind: int, mode: int) -> EventKind:
@@ -222,28 +208,14 @@ def _kind_of(kind: int, mode: int) -> EventKind:
 
 
 def run_course(
-    machine: Machine, origin: Origin, duration: float, *, differentiate: bool = True
+    machine: RigConstants, origin: Origin, duration: float, *, differentiate: bool = True
 ) -> Course | None:
     """
-    Follow the motion for a time.
+    Follow the motion for a time; return None if it has more than `MOST_EVENTS` events.
 
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    origin : Origin
-        The state at the beginning.
-    duration : float
-        How long, s.
-    differentiate : bool, optional
-        Whether to work out the derivative; the identity stands for it otherwise.
-
-    Returns
-    -------
-    Course or None
-        The motion with its derivative; None if it has too many events.
+    Without `differentiate` the matrix is the identity.
     """
-    matrix = np.eye(4)
+    passage = _Passage(machine)
     incidents: list[Incident] = []
     stretches: list[Stretch] = []
     elapsed = 0.0
@@ -260,10 +232,9 @@ def run_course(
             end = end_at(flight, NO_EVENT, left)
         kind, span = end.kind, end.tau
         stretches.append(Stretch(elapsed, span, origin, flight))
-        if differentiate:
-            carry = joint_matrix if flight.joint else flight_matrix
-            matrix = carry(flight.oscillator, span) @ matrix
+        passage.fly(origin, span)
         if not ended:
+            matrix = passage.matrix() if differentiate else np.eye(4)
             return Course(carried(origin, flight, end), matrix, incidents, stretches)
         mode = origin.mode
         transition = resolve(machine, origin, flight, end)
@@ -271,9 +242,7 @@ def run_course(
         ending, flight = flight, launch(machine, origin)
         if differentiate:
             before = _rates(motion_at(ending, span), ending)
-            after = _rates(starting_motion(flight), flight)
-            if kind in (CONTACT_1, CONTACT_2) or before[3] != before[1]:
-                matrix = _event_matrix(machine, kind, before, after, transition) @ matrix
+            passage.meet(kind, origin, before, _rates(starting_motion(flight), flight))
         elapsed += span
         stop = transition.stop
         if origin.mode in (REST_1, REST_2):

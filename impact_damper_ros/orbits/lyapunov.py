@@ -1,28 +1,26 @@
 """
-How deviations grow along a run: multipliers and the largest Lyapunov exponent.
+The largest Lyapunov exponent of a run, and the multipliers of a motion under control.
 
-The state (X, X', Z, Z') at a fixed instant is carried by the free vibration of each flight and by
-the saltation matrix of each event, as in `orbits.floquet`; here for all flights and events of a
-run at once, from nothing but the list of its events. The many impacts that a complete chatter
-has after its cut act together as one plastic impact. Müller, Chaos Solitons Fractals 5 (1995),
-gives the method for impacts; Parker and Chua, Practical Numerical Algorithms for Chaotic Systems
-(1989), the estimate from renormalised growth.
+Without control, `multipliers` gives a matrix for every flight and event of a run [1]_, and the
+exponent is the mean growth of a deviation that is normalised again and again [2]_.
 
-The matrices of `lyapunov` do not hold what the control does with a deviation. Here two whole rigs
-are run, which differ by a little in the motion, and from then on in all that the control knows and
-does about it: its samples, estimates, the places of the stops, the commands that wait.
+These matrices do not hold what a control does with a deviation: samples, estimates, places of
+the stops, commands that wait. Under control two whole rigs are run that differ by a little in
+the motion. Their decisions (whether a stop is sent off now or at the next sample) are not
+differentiable; a finite, small separation is therefore taken anew at the same instant of each
+cycle [3]_. Two rigs that have decided differently are neighbours no longer: such cycles are left
+out, and another neighbour is taken. The smaller the separation, the fewer such cycles there are,
+so that the exponent exists in spite of the jumps [4]_; where they are many, none is given. [5]_
+compares such methods. Stops that stand, as they do within the dead band of the control, do not
+deviate and have no part in the exponent.
 
-What the control decides is not differentiable: whether a stop is sent off now or at the next
-sample, whether a change is worth a command. A finite, small separation is therefore taken anew at
-the same instant of each cycle (Benettin, Galgani, Giorgilli and Strelcyn, Meccanica 15, 1980), and
-no linearisation at the jump, where there is none. Two rigs that have decided differently are not
-neighbours any more; such cycles are left out, and another neighbour is taken. That they are the
-fewer the smaller the separation is what lets an exponent exist at all with such jumps (Katok and
-Strelcyn, Lecture Notes in Mathematics 1222, 1986); where they are not few, there is none here.
-Balcerzak and others, Mech. Syst. Signal Process. 141 (2020) 106734, compare such methods.
-
-Deviations begin in the motion. Stops that stand, as they do while what the control wants is within
-its dead band, do not deviate then, and have no part in the exponent.
+References
+----------
+.. [1] P. C. Müller, Chaos Solitons Fractals 5, 1671-1681 (1995).
+.. [2] T. S. Parker, L. O. Chua, Practical Numerical Algorithms for Chaotic Systems (1989).
+.. [3] G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Meccanica 15 (1980).
+.. [4] A. Katok, J.-M. Strelcyn, Lecture Notes in Mathematics 1222 (1986).
+.. [5] M. Balcerzak et al., Mech. Syst. Signal Process. 141, 106734 (2020).
 """
 
 from __future__ import annotations
@@ -35,17 +33,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control.controlled_rig import NearbyRig, RigState, Scales
+from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
 from impact_damper_ros.rig import Event, EventKind, Mode
 from impact_damper_ros.rig.long_run import Events
-from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, Machine
-from impact_damper_ros.rig.oscillator import Oscillator
+from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
+
+from .multipliers import event_matrices, flight_matrices, state_rates
 
 __all__ = [
     'BATCHES',
     'Deviations',
     'Exponent',
-    'batched_exponent',
     'deviations',
     'growth_exponent',
     'monodromy_of',
@@ -60,9 +58,6 @@ Array = NDArray[np.float64]
 BATCHES = 20
 #: 97.5 % point of Student's distribution with BATCHES - 1 degrees of freedom.
 _STUDENT = 2.093
-
-_PLACE = np.array([-1.0, 0.0, 1.0, 0.0])
-_SPEED = np.array([0.0, -1.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -80,7 +75,7 @@ class Deviations:
         Their saltation matrices.
     modes : ndarray of int, shape (n + 1,)
         The mode before each event, and after the last.
-    machine : Machine
+    machine : RigConstants
         The rig.
     """
 
@@ -89,23 +84,14 @@ class Deviations:
     instants: Array
     events: Array
     modes: NDArray[np.int64]
-    machine: Machine
+    machine: RigConstants
 
     def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
         """
-        Cut the stretch at instants.
+        Cut the stretch at instants that rise to its end.
 
-        Parameters
-        ----------
-        ends : ndarray, shape (m,)
-            Where a part ends, s; rising, the last one at the end of the stretch.
-
-        Returns
-        -------
-        matrices : ndarray, shape (n + m, 4, 4)
-            A matrix for each flight with the event after it, if there is one.
-        parts : ndarray of int, shape (n + m,)
-            The part each of them belongs to.
+        Returns a matrix for each flight with the event after it, if there is one, and the part
+        that each belongs to.
         """
         order = np.searchsorted(self.instants, ends, side='right')
         nodes = np.insert(self.instants, order, ends)
@@ -114,7 +100,7 @@ class Deviations:
         cut[order + np.arange(len(ends))] = True
         before = np.concatenate([[self.start], nodes[:-1]])
         flight = np.cumsum(~cut) - ~cut
-        matrices = _flight_matrices(self.machine, self.modes[flight], nodes - before)
+        matrices = flight_matrices(self.machine, self.modes[flight], nodes - before)
         matrices[~cut] = self.events @ matrices[~cut]
         return matrices, np.cumsum(cut) - cut
 
@@ -141,35 +127,8 @@ class Exponent:
         return self.uncertainty / _STUDENT
 
 
-def _vibrations(oscillator: Oscillator, spans: Array) -> Array:
-    envelope = np.exp(-oscillator.decay * spans)
-    impulse = envelope * np.sin(oscillator.frequency * spans) / oscillator.frequency
-    cosine = envelope * np.cos(oscillator.frequency * spans)
-    matrices = np.empty((len(spans), 2, 2))
-    matrices[:, 0, 0] = cosine + oscillator.decay * impulse
-    matrices[:, 0, 1] = impulse
-    matrices[:, 1, 0] = -oscillator.omega_squared * impulse
-    matrices[:, 1, 1] = cosine - oscillator.decay * impulse
-    return matrices
-
-
-def _flight_matrices(machine: Machine, modes: NDArray[np.int64], spans: Array) -> Array:
-    """Return the matrix of each flight, by its mode and duration."""
-    matrices = np.zeros((len(spans), 4, 4))
-    apart, stuck, on_stop = modes < STICK, modes == STICK, modes > STICK
-    matrices[apart, :2, :2] = _vibrations(machine.free, spans[apart])
-    matrices[apart, 2, 2] = matrices[apart, 3, 3] = 1.0
-    matrices[apart, 2, 3] = spans[apart]
-    matrices[~apart, :2, :2] = _vibrations(machine.joint, spans[~apart])
-    # Friction holds m wherever it is; a stop leaves it no deviation
-    matrices[stuck, 2] = matrices[stuck, 0] + _PLACE
-    matrices[on_stop, 2] = matrices[on_stop, 0]
-    matrices[~apart, 3] = matrices[~apart, 1]
-    return matrices
-
-
 def deviations(
-    machine: Machine,
+    machine: RigConstants,
     angles: tuple[float, ...],
     events: Events,
     mode: int,
@@ -178,22 +137,10 @@ def deviations(
     end: float,
 ) -> Deviations:
     """
-    Return the matrices of a stretch of a run.
+    Return the matrices of a stretch of a run from `start` to `end`, s.
 
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    angles : tuple of float
-        Angle turned by each harmonic at time 0, rad.
-    events : ndarray of EVENT_TYPE
-        Events in a row; they may begin before the stretch and reach beyond it.
-    mode : int
-        The mode before the first of these events.
-    last_stop : int
-        The stop hit last before them, or 0.
-    start, end : float
-        The stretch, s.
+    The events may begin before the stretch and reach beyond it; `mode` and `last_stop` are
+    those before the first of them, `angles` those of the harmonics at time 0, rad.
     """
     count, time, x = len(events), events['time'], events['x']
     kind, stop = events['kind'], events['stop']
@@ -210,50 +157,31 @@ def deviations(
         machine.free.forces, machine.free.frequencies, machine.phases, angles, strict=True
     ):
         drive += force * np.sin(rate * time + (phase + angle))
-    mu = machine.mass_ratio
 
-    def rates(flight: slice, velocity: Array, damper: Array) -> Array:
+    def rates(flight: slice, side: str) -> Array:
         """Return (X', X'', Z', Z'') at the events, in the flights before or after them."""
-        free, both = machine.free, machine.joint
-        way, push, together = direction[flight], air[flight], joint[flight]
-        common = (velocity + mu * damper) / (1.0 + mu)
-        apart = (
-            drive
-            + mu * (way * machine.grip - push)
-            - 2.0 * free.decay * velocity
-            - free.omega_squared * x
-        )
-        one = (
-            drive / (1.0 + mu)
-            + mu / (1.0 + mu) * machine.slope
-            - 2.0 * both.decay * common
-            - both.omega_squared * x
-        )
-        slide = machine.slope - way * machine.grip + push
-        return np.where(
-            together[:, None],
-            np.stack([common, one, common, one], axis=-1),
-            np.stack([velocity, apart, damper, slide], axis=-1),
+        return state_rates(
+            machine,
+            drive,
+            x,
+            events[f'primary_velocity_{side}'],
+            events[f'damper_velocity_{side}'],
+            direction[flight],
+            air[flight],
+            joint[flight],
         )
 
-    before = rates(
-        slice(0, count), events['primary_velocity_before'], events['damper_velocity_before']
-    )
-    after = rates(
-        slice(1, count + 1), events['primary_velocity_after'], events['damper_velocity_after']
-    )
     restitution = np.where(stop == 1, machine.restitution_1, machine.restitution_2)
-    # Plastic, or the cut of a chatter: all the impacts to come are one
-    jump = _jumps(mu, np.where(joint[1:], 0.0, restitution), impact)
-    normal = np.where(impact[:, None], _PLACE, _SPEED)
-    across = np.einsum('ij,ij->i', normal, before)
-    # A release changes nothing, since the relative acceleration is zero there
-    apart = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST)) & ~joint[:-1]
-    crosses = (impact | apart) & (across != 0.0)
-    rise = (after - np.einsum('ijk,ik->ij', jump, before)) / np.where(crosses, across, 1.0)[
-        :, None
-    ]
-    matrices = jump + np.where(crosses[:, None, None], rise[:, :, None] * normal[:, None, :], 0.0)
+    halts = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST))
+    matrices = event_matrices(
+        machine.mass_ratio,
+        impact,
+        # Plastic, or the cut of a chatter: all the impacts to come are one
+        np.where(joint[1:], 0.0, restitution),
+        rates(slice(0, count), 'before'),
+        rates(slice(1, count + 1), 'after'),
+        impact | (halts & ~joint[:-1]),
+    )
     inside = (time > start) & (time <= end)
     first = int(np.count_nonzero(time <= start))
     return Deviations(
@@ -266,31 +194,8 @@ def deviations(
     )
 
 
-def _jumps(mass_ratio: float, restitution: Array, impact: NDArray[np.bool_]) -> Array:
-    """Return the derivative of the state after each event by the one before it."""
-    total = 1.0 + mass_ratio
-    jump = np.zeros((len(restitution), 4, 4))
-    jump[:, range(4), range(4)] = 1.0
-    hit = np.zeros((len(restitution), 4, 4))
-    hit[:, 0, 0] = hit[:, 2, 2] = 1.0
-    hit[:, 1, 1] = (1.0 - mass_ratio * restitution) / total
-    hit[:, 1, 3] = mass_ratio * (1.0 + restitution) / total
-    hit[:, 3, 1] = (1.0 + restitution) / total
-    hit[:, 3, 3] = (mass_ratio - restitution) / total
-    return np.where(impact[:, None, None], hit, jump)
-
-
 def monodromy_of(along: Deviations, ends: Array) -> list[Array]:
-    """
-    Return the product of the matrices over each part of a stretch.
-
-    Parameters
-    ----------
-    along : Deviations
-        The stretch.
-    ends : ndarray
-        Where each part ends, s; rising, the last one at the end of the stretch.
-    """
+    """Return the product of the matrices over each part of a stretch, given the parts' ends, s."""
     matrices, parts = along.steps(ends)
     products: list[Array] = [np.eye(4) for _ in ends]
     for matrix, part in zip(matrices, parts, strict=True):
@@ -302,19 +207,10 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
     """
     Return the largest Lyapunov exponent from the growth of one deviation.
 
-    Parameters
-    ----------
-    along : Deviations
-        The stretch.
-    omega : float
-        Natural circular frequency, rad/s, which makes velocities comparable with displacements.
-
-    Returns
-    -------
-    Exponent
-        The mean growth of the logarithm over the last 20 of 21 parts of the stretch (the first
-        one turns the deviation into the direction that grows most), and by Student's distribution
-        the 95 % interval of the mean of these parts.
+    The mean growth of its logarithm over the last 20 of 21 parts of the stretch; in the first
+    part the deviation turns into the direction that grows most. The uncertainty is half of the
+    95 % interval of the mean of these parts. `omega` (rad/s) makes velocities comparable with
+    displacements.
     """
     ends = np.linspace(along.start, along.end, BATCHES + 2)[1:]
     ends[-1] = along.end
@@ -331,10 +227,10 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
             return Exponent(-math.inf, 0.0)
         growth[part] += math.log(norm)
         vector /= norm
-    return batched_exponent(growth, np.diff(ends, prepend=along.start))
+    return _batched_exponent(growth, np.diff(ends, prepend=along.start))
 
 
-def batched_exponent(growth: Array, spans: Array) -> Exponent:
+def _batched_exponent(growth: Array, spans: Array) -> Exponent:
     """Return the exponent from the growth in each part of a time."""
     rates: Any = growth[1:] / spans[1:]
     return Exponent(float(rates.mean()), _STUDENT * float(rates.std(ddof=1)) / math.sqrt(BATCHES))
@@ -419,12 +315,10 @@ class _Period:
         """
         Return the modulus of the largest multiplier, and its error; NaN if neighbours part.
 
-        Notes
-        -----
         A deviation is carried through the period, made orthogonal to those before, and carried
         through it again (Arnoldi, Quart. Appl. Math. 9, 1951), until nothing new comes or the
-        largest multiplier of what has come stays as it is. The error is what is left then, and
-        what the round-off of a deviation makes of a multiplier, its root if that is double.
+        largest multiplier stays as it is. The error is what is left then, and what the round-
+        off of a deviation makes of a multiplier, its root if that is double.
         """
         if self.reached.places != self.begun.places:
             return math.nan, math.nan
@@ -547,7 +441,7 @@ def parting_exponent(
     if np.count_nonzero(spans) < (1.0 - _MOST_LEFT_OUT) * cycles:
         return Exponent(math.nan, math.nan)
     parts = np.array_split(np.arange(cycles), BATCHES + 1)
-    return batched_exponent(
+    return _batched_exponent(
         np.array([growth[part].sum() for part in parts]),
         np.array([spans[part].sum() for part in parts]),
     )

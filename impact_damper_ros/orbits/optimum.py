@@ -11,9 +11,10 @@ smooth minimum.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from itertools import islice
 
 import numpy as np
 
@@ -122,6 +123,27 @@ def _smallest(orbits: Sequence[PeriodicOrbit]) -> PeriodicOrbit | None:
     return min(fit, key=lambda orbit: orbit.x_max, default=None)
 
 
+def _narrowing(
+    function: Callable[[float], float], low: float, middle: float, high: float
+) -> Iterator[list[float]]:
+    """
+    Yield ever narrower brackets of a minimum, by golden section.
+
+    `scipy.optimize.minimize_scalar` refuses a bracket whose best place is at its end, as at the
+    end of the range, and does not return the bracket that it ends with.
+    """
+    while True:
+        yield [low, middle, high]
+        right = high - middle > middle - low
+        trial = middle + (1.0 - _GOLDEN) * ((high if right else low) - middle)
+        if function(trial) < function(middle):
+            low, middle, high = (middle, trial, high) if right else (low, trial, middle)
+        elif right:
+            high = trial
+        else:
+            low = trial
+
+
 class _Search:
     """The smallest stable, viable motion as a function of the gap."""
 
@@ -150,17 +172,10 @@ class _Search:
 
     def stable_between(self, low: float, middle: float, high: float) -> float | None:
         """Return a gap with a stable motion next to the one where it is most nearly so."""
-        for _ in range(_WINDOW_STEPS):
-            if self.motion(middle) is not None:
-                return middle
-            right = high - middle > middle - low
-            trial = middle + (1.0 - _GOLDEN) * ((high if right else low) - middle)
-            if self.modulus(trial) < self.modulus(middle):
-                low, middle, high = (middle, trial, high) if right else (low, trial, middle)
-            elif right:
-                high = trial
-            else:
-                low = trial
+        steps = _narrowing(self.modulus, low, middle, high)
+        for _, gap, _ in islice(steps, _WINDOW_STEPS):
+            if self.motion(gap) is not None:
+                return gap
         return None
 
     def refined(self, grid: list[float]) -> list[float]:
@@ -181,18 +196,11 @@ class _Search:
 
     def minimum(self, low: float, middle: float, high: float, tolerance: float) -> list[float]:
         """Narrow (low, high) around its best gap `middle`; return the three at the end."""
-        for _ in range(_MOST_STEPS):
-            if high - low <= tolerance * high:
+        bracket = [low, middle, high]
+        for bracket in islice(_narrowing(self.swing, low, middle, high), _MOST_STEPS + 1):
+            if bracket[2] - bracket[0] <= tolerance * bracket[2]:
                 break
-            right = high - middle > middle - low
-            trial = middle + (1.0 - _GOLDEN) * ((high if right else low) - middle)
-            if self.swing(trial) < self.swing(middle):
-                low, middle, high = (middle, trial, high) if right else (low, trial, middle)
-            elif right:
-                high = trial
-            else:
-                low = trial
-        return [low, middle, high]
+        return list(bracket)
 
     def verdict(self, orbit: PeriodicOrbit, beyond: float) -> tuple[Limit, str]:
         """Say what became of a motion just beyond an edge."""

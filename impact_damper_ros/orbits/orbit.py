@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from itertools import islice
 from typing import Any, NamedTuple
 
 from impact_damper_ros.rig import EventKind, RigParameters
 
 __all__ = ['Node', 'PeriodicOrbit']
+
+
+#: Values at the impacts, in the order of the stops.
+_AT_IMPACTS = (
+    'stops',
+    'x',
+    'primary_velocity_before',
+    'primary_velocity_after',
+    'damper_velocity_before',
+    'damper_velocity_after',
+)
 
 
 class Node(NamedTuple):
@@ -126,58 +139,39 @@ class PeriodicOrbit:
         return self.x_max / amplitude if amplitude > 0.0 else math.inf
 
     def begun_at(self, impact: int) -> PeriodicOrbit:
-        """
-        Return the same motion, counted from another of its impacts.
-
-        Parameters
-        ----------
-        impact : int
-            Index of the impact that becomes the first.
-        """
-
-        def turned(values: tuple[Any, ...]) -> tuple[Any, ...]:
-            return values[impact:] + values[:impact]
-
+        """Return the same motion, counted from another of its impacts, given by its index."""
         whole = math.floor(self.phases[impact])
-        return replace(
-            self,
-            stops=turned(self.stops),
-            phases=tuple((p - whole) % self.cycles for p in turned(self.phases)),
-            x=turned(self.x),
-            primary_velocity_before=turned(self.primary_velocity_before),
-            primary_velocity_after=turned(self.primary_velocity_after),
-            damper_velocity_before=turned(self.damper_velocity_before),
-            damper_velocity_after=turned(self.damper_velocity_after),
-            nodes=tuple(
-                node._replace(phase=(node.phase - whole) % self.cycles) for node in self.nodes
-            ),
+
+        def turned(name: str) -> tuple[Any, ...]:
+            values = getattr(self, name)
+            return tuple(values[impact:] + values[:impact])
+
+        changed: dict[str, Any] = {name: turned(name) for name in _AT_IMPACTS}
+        changed['phases'] = tuple((p - whole) % self.cycles for p in turned('phases'))
+        changed['nodes'] = tuple(
+            node._replace(phase=(node.phase - whole) % self.cycles) for node in self.nodes
         )
+        return replace(self, **changed)
+
+    def turned_to(self, stops: tuple[int, ...]) -> Iterator[PeriodicOrbit]:
+        """Yield the same motion, counted in each way that gives a sequence of stops."""
+        for shift in range(self.impacts):
+            if self.stops[shift:] + self.stops[:shift] == stops:
+                yield self.begun_at(shift)
 
     def repeats(self, tolerance: float) -> bool:
         """Return whether the motion repeats within its period, to a relative tolerance."""
-        n = self.impacts
-        return any(
-            self.differs(self.begun_at(shift), whole_period=True) < tolerance
-            for shift in range(1, n)
-            if self.stops[shift:] + self.stops[:shift] == self.stops
-        )
+        turns = islice(self.turned_to(self.stops), 1, None)
+        return any(self.differs(turn, whole_period=True) < tolerance for turn in turns)
 
     def differs(self, other: PeriodicOrbit, *, whole_period: bool = False) -> float:
         """
         Return how far two motions with the same stops are apart, impact by impact.
 
-        Parameters
-        ----------
-        other : PeriodicOrbit
-            The other motion.
-        whole_period : bool, optional
-            Leave out the phase of the first impact, so that a motion can be compared to itself.
-
-        Returns
-        -------
-        float
-            Largest difference of the displacements, relative to the largest |X|, and of the
-            durations and phases, relative to the force's cycle; without regard to whole cycles.
+        The largest difference of the displacements, relative to the largest |X|, and of the
+        durations and phases, relative to the force's cycle; without regard to whole cycles.
+        With `whole_period` the phase of the first impact is left out, so that a motion can be
+        compared to itself.
         """
         size = max(self.x_max, other.x_max)
         apart = [abs(a - b) / size for a, b in zip(self.x, other.x, strict=True)]
@@ -190,24 +184,11 @@ class PeriodicOrbit:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the orbit for JSON; multipliers as pairs of real and imaginary part."""
-        return {
-            'stops': list(self.stops),
-            'cycles': self.cycles,
-            'phases': list(self.phases),
-            'x': list(self.x),
-            'primary_velocity_before': list(self.primary_velocity_before),
-            'primary_velocity_after': list(self.primary_velocity_after),
-            'damper_velocity_before': list(self.damper_velocity_before),
-            'damper_velocity_after': list(self.damper_velocity_after),
-            'x_max': self.x_max,
-            'multipliers': [[m.real, m.imag] for m in self.multipliers],
-            'stable': self.stable,
-            'viable': self.viable,
-            'reason': self.reason,
-            'residual': self.residual,
-            'residual_history': list(self.residual_history),
-            'nodes': [
-                {'kind': node.kind.name.lower(), 'stop': node.stop, 'phase': node.phase}
-                for node in self.nodes
-            ],
-        }
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'parameters'}
+        stored = {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+        stored['multipliers'] = [[m.real, m.imag] for m in self.multipliers]
+        stored['nodes'] = [
+            {'kind': node.kind.name.lower(), 'stop': node.stop, 'phase': node.phase}
+            for node in self.nodes
+        ]
+        return stored

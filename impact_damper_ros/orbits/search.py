@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.mode import make_machine
+from impact_damper_ros.rig.mode import rig_constants
 
 from .equations import Array, ImpactEquations, check_forcing, check_stops, single_harmonic
-from .floquet import monodromy, multipliers_of
-from .impact_solver import Root, StartReport, many_impact_roots, one_impact_roots, two_impact_roots
+from .event_map import origin_at, run_course
+from .impact_roots import Root, many_impact_roots, one_impact_roots, two_impact_roots
+from .multipliers import monodromy, multipliers_of
 from .orbit import PeriodicOrbit
-from .shooting import shot_orbits
+from .settling import starting_points
+from .shooting import Section, section_of, section_on, shoot
 from .viability import assumed_flights, largest_displacement, why_not_viable
 
-__all__ = ['OrbitSearch', 'counted_as', 'find_orbits', 'orbit_of', 'within_theory']
+__all__ = [
+    'OrbitSearch',
+    'StartReport',
+    'carried_over',
+    'counted_as',
+    'find_orbits',
+    'orbit_of',
+    'settled_sections',
+    'within_theory',
+]
 
 
 #: Motions closer than this, relative to their size, are the same.
@@ -28,6 +41,63 @@ SOFT = 0.2
 
 #: Systematic starts for each unknown instant, three and more impacts in a period.
 STARTS_PER_INSTANT = 200
+
+_SETTLING_CYCLES = 120
+_STARTS_PER_RUN = 3
+_MOST_EVENTS = 200
+_BUSY_PERIODS = 8
+_FIRST_SHARE = 0.25
+_LEAST_SHARE = 1.0 / 64.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartReport:
+    """
+    How the search for motions of one stop sequence went.
+
+    Attributes
+    ----------
+    stops : tuple of int
+        The sequence.
+    method : str
+        'scan': every motion of the impact equations was found, whatever it starts from; there
+        are no starts to count. 'starts': the impact equations were solved from systematic
+        starts. 'shooting': the event map was solved from motions of a simpler rig, without
+        friction or with one harmonic.
+    starts, converged : int
+        Systematic starts, or motions of the simpler rig, and how many led to a motion.
+    simulated, simulated_converged : int
+        Starts taken from simulated motion, and how many converged.
+    distinct : int
+        Different motions found.
+    """
+
+    stops: tuple[int, ...]
+    method: Literal['scan', 'starts', 'shooting']
+    starts: int = 0
+    converged: int = 0
+    simulated: int = 0
+    simulated_converged: int = 0
+    distinct: int = 0
+
+    @property
+    def complete(self) -> bool:
+        """Whether all motions are certain to be found, but for roots closer than the scan."""
+        return self.method == 'scan'
+
+    @property
+    def text(self) -> str:
+        """The report in one line."""
+        line = f'stops {",".join(map(str, self.stops))}: '
+        if self.complete:
+            return f'{line}all solutions, {self.distinct} found'
+        line += f'{self.distinct} found; '
+        if self.method == 'starts':
+            share = self.converged / self.starts if self.starts else 0.0
+            line += f'{self.converged} of {self.starts} ({share:.0%}) systematic starts'
+        else:
+            line += f'{self.converged} of {self.starts} motions of a simpler rig carried over'
+        return f'{line}, {self.simulated_converged} of {self.simulated} from simulation converged'
 
 
 @dataclass(frozen=True)
@@ -58,38 +128,19 @@ def _hits(equations: ImpactEquations, root: Root) -> bool:
 
 def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
     """
-    Return a motion counted so that it has the stops asked for.
+    Return a motion counted so that it has the stops asked for; None if that cannot be.
 
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        The motion.
-    stops : tuple of int
-        The sequence asked for.
-
-    Returns
-    -------
-    PeriodicOrbit or None
-        If several ways of counting do, the one whose first impact is earliest in the force's
-        cycle; None if none does.
+    If several ways of counting do, the one whose first impact is earliest in the force's
+    cycle.
     """
-    turned = [
-        orbit.begun_at(shift)
-        for shift in range(orbit.impacts)
-        if orbit.stops[shift:] + orbit.stops[:shift] == stops
-    ]
-    return min(turned, key=lambda orbit: orbit.phases[0], default=None)
+    return min(orbit.turned_to(stops), key=lambda orbit: orbit.phases[0], default=None)
 
 
 def _distinct(orbits: Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
     """Return each motion once, without those that repeat within the period."""
     kept: list[PeriodicOrbit] = []
     for orbit in sorted(orbits, key=lambda orbit: orbit.residual):
-        turns = [
-            orbit.begun_at(shift)
-            for shift in range(orbit.impacts)
-            if orbit.stops[shift:] + orbit.stops[:shift] == orbit.stops
-        ]
+        turns = list(orbit.turned_to(orbit.stops))
         if orbit.repeats(SAME):
             continue
         if not any(turn.differs(other) < SAME for turn in turns for other in kept):
@@ -99,16 +150,7 @@ def _distinct(orbits: Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
 
 
 def orbit_of(equations: ImpactEquations, root: Root) -> PeriodicOrbit:
-    """
-    Work out everything about a root of the impact equations.
-
-    Parameters
-    ----------
-    equations : ImpactEquations
-        The equations.
-    root : Root
-        Their root.
-    """
+    """Work out everything about a root of the impact equations."""
     x = root.x
     # The whole cycles before the first impact do not matter, and would cost digits.
     instants = root.instants - equations.cycle * np.floor(root.instants[0] / equations.cycle)
@@ -144,13 +186,13 @@ def orbit_of(equations: ImpactEquations, root: Root) -> PeriodicOrbit:
 def within_theory(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
     """Return whether friction keeps its sign from impact to impact, or there is none."""
     alternating = all(a != b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
-    return alternating or make_machine(parameters).grip == 0.0
+    return alternating or rig_constants(parameters).grip == 0.0
 
 
 def may_rest_or_reverse(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
     """Return whether m is likely to reverse, stick or come to rest between these impacts."""
     both = {1: parameters.restitution_1, 2: parameters.restitution_2}
-    return make_machine(parameters).grip > 0.0 or min(both[stop] for stop in stops) < SOFT
+    return rig_constants(parameters).grip > 0.0 or min(both[stop] for stop in stops) < SOFT
 
 
 def _theory(
@@ -170,11 +212,111 @@ def _theory(
     else:
         if starts is None:
             starts = STARTS_PER_INSTANT * (equations.impacts - 1)
-        roots, report = many_impact_roots(equations, starts, simulate)
+        roots, (converged, simulated, simulated_converged) = many_impact_roots(
+            equations, starts, simulate
+        )
+        report = StartReport(
+            stops=stops,
+            method='starts',
+            starts=starts,
+            converged=converged,
+            simulated=simulated,
+            simulated_converged=simulated_converged,
+        )
     solved = (orbit_of(equations, root) for root in roots if _hits(equations, root))
     turned = (counted_as(orbit, stops) for orbit in solved)
     orbits = _distinct([orbit for orbit in turned if orbit is not None])
     return orbits, replace(report, distinct=len(orbits))
+
+
+def settled_sections(
+    parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
+) -> Iterator[Section]:
+    """Yield states of simulated motion, after it has had time to settle."""
+    machine = rig_constants(parameters)
+    period = cycles * math.tau / parameters.force_frequencies[0]
+    for initial in starting_points(parameters):
+        origin = origin_at(
+            machine,
+            0.0,
+            initial.initial_primary_position,
+            initial.initial_primary_velocity,
+            initial.initial_damper_offset - machine.stop,
+            initial.initial_damper_velocity - initial.initial_primary_velocity or 1e-9,
+            0,
+            0,
+        )
+        busy = 0
+        periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
+        for i in range(periods):
+            course = run_course(machine, origin, period, differentiate=False)
+            if course is None:
+                break
+            busy = busy + 1 if len(course.incidents) > most_events else 0
+            if busy > _BUSY_PERIODS:
+                break
+            origin = course.end
+            if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
+                yield section_of(machine, course, 0.0)
+
+
+def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
+    """Follow a motion from a simpler rig to another one."""
+    section = section_on(orbit)
+    simple = orbit.parameters.friction
+    done, share = 0.0, _FIRST_SHARE
+    found: PeriodicOrbit | None = None
+    while done < 1.0:
+        if section is None or share < _LEAST_SHARE:
+            return None
+        ahead = min(1.0, done + share)
+        first, *others = parameters.force_amplitudes
+        rig = parameters.replace(
+            friction=simple + ahead * (parameters.friction - simple),
+            force_amplitudes=(first, *(ahead * other for other in others)),
+        )
+        shot = shoot(rig, section, orbit.cycles)
+        if shot is None or not any(shot[0].turned_to(orbit.stops)):
+            share *= 0.5
+            continue
+        found = shot[0]
+        section = section_on(found) or shot[1]
+        done, share = ahead, 1.5 * share
+    return found
+
+
+def _shot_orbits(
+    parameters: RigParameters,
+    stops: tuple[int, ...],
+    cycles: int,
+    simpler: Sequence[PeriodicOrbit],
+    *,
+    simulate: bool = True,
+) -> tuple[list[PeriodicOrbit], StartReport]:
+    """Find motions of one stop sequence with the shooting solver."""
+    carried = [carried_over(orbit, parameters) for orbit in simpler]
+    orbits = [orbit for orbit in carried if orbit is not None]
+    converged = len(orbits)
+    simulated = simulated_converged = 0
+    if simulate:
+        # Impacts, as many reversals, and room for sticking
+        most_events = 4 * len(stops) + 8
+        for section in settled_sections(parameters, cycles, most_events):
+            simulated += 1
+            shot = shoot(parameters, section, cycles)
+            if shot is not None:
+                simulated_converged += 1
+                if any(shot[0].turned_to(stops)):
+                    orbits.append(shot[0])
+    return orbits, StartReport(
+        stops=stops,
+        method='shooting',
+        starts=len(simpler),
+        converged=converged,
+        simulated=simulated,
+        simulated_converged=simulated_converged,
+        distinct=len(orbits),
+    )
 
 
 def _with_first_harmonic(parameters: RigParameters) -> RigParameters:
@@ -244,14 +386,14 @@ def find_orbits(
         orbits, report = _theory(rig, stops, cycles, starts, simulate)
         if not simulate or not may_rest_or_reverse(parameters, stops):
             return OrbitSearch(tuple(orbits), report)
-        others, _ = shot_orbits(rig, stops, cycles, [])
+        others, _ = _shot_orbits(rig, stops, cycles, [])
     else:
         simple = _with_first_harmonic(parameters)
         if not within_theory(parameters, stops):
             simple = simple.replace(friction=0.0)
         solved, _ = _theory(simple, stops, cycles, starts, False)
         known = [orbit for orbit in solved if orbit.viable]
-        others, report = shot_orbits(parameters, stops, cycles, known, simulate=simulate)
+        others, report = _shot_orbits(parameters, stops, cycles, known, simulate=simulate)
     turned = [counted_as(orbit, stops) for orbit in others]
     orbits = _distinct([*orbits, *(orbit for orbit in turned if orbit is not None)])
     return OrbitSearch(tuple(orbits), replace(report, distinct=len(orbits)))

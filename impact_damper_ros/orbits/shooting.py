@@ -1,5 +1,5 @@
 """
-Shooting: periodic motions as fixed points of the event map, and the starts for it.
+Shooting: periodic motions as fixed points of the event map.
 
 For what the impact equations leave out: flights that return to the stop they came from against
 friction, where friction reverses within the flight, and motions with sticking or rest. The period
@@ -11,41 +11,34 @@ gap and (X, X') where it rests on a stop, instead of (X, X', Y, Y').
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from impact_damper_ros.rig import Event, EventKind, RigParameters
-from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, Machine, Origin, make_machine
+from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, RigConstants, rig_constants
+from impact_damper_ros.rig.origin import Origin
 
 from .equations import Array, check_forcing
 from .event_map import Course, Stretch, origin_at, run_course
-from .floquet import multipliers_of
-from .impact_solver import StartReport
+from .multipliers import multipliers_of
+from .newton import solve
 from .orbit import Node, PeriodicOrbit
-from .settled import starting_points
-from .viability import swing_extremes
+from .viability import largest_displacement
 
 __all__ = [
     'Section',
-    'carried_over',
     'follow_section',
     'orbit_near',
     'orbit_on',
     'section_of',
     'section_on',
-    'settled_sections',
     'shoot',
-    'shot_orbits',
 ]
 
 
 #: Largest change of the state over a period, relative to its size.
 RESIDUAL_TOLERANCE = 1e-11
-
-_NEWTON_STEPS = 30
-_LEAST_PART = 1.0 / 256.0
 
 # Deviations of (X, X', Y, Y') from those of (X, X', Z, Z')
 _RELATIVE = np.array(
@@ -81,7 +74,7 @@ class Section:
         """Number of free coordinates."""
         return {0: 4, STICK: 3}.get(self.resting, 2)
 
-    def origin(self, machine: Machine, state: Array) -> Origin:
+    def origin(self, machine: RigConstants, state: Array) -> Origin:
         """Return a state of this section as the origin of a flight."""
         x, velocity, beyond, relative_velocity = (*(float(v) for v in state), 0.0, 0.0)[:4]
         return origin_at(
@@ -114,19 +107,8 @@ def _promise(stretch: Stretch) -> tuple[int, float]:
     return 0, stretch.duration * abs(stretch.flight.relative_velocity)
 
 
-def section_of(machine: Machine, course: Course, instant: float) -> Section:
-    """
-    Choose where the period of a motion begins.
-
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    course : Course
-        About one period of it.
-    instant : float
-        Time of its beginning on the force's clock, s.
-    """
+def section_of(machine: RigConstants, course: Course, instant: float) -> Section:
+    """Choose where the period of a motion that starts at an instant (s) begins."""
     best = max(course.stretches, key=_promise)
     resting = _resting(best.origin)
     # In flight closer to its beginning, away from a reversal that may be half-way
@@ -140,6 +122,24 @@ def section_of(machine: Machine, course: Course, instant: float) -> Section:
         section.last_stop,
         _state_of(there.end)[: section.dimension],
     )
+
+
+def _section_after(
+    parameters: RigParameters,
+    period: float,
+    instant: float,
+    stop: int,
+    x: float,
+    velocity: float,
+    damper_velocity: float,
+) -> Section | None:
+    """Choose where the period begins of a motion with an impact, from the state just after it."""
+    machine = rig_constants(parameters)
+    beyond = 0.0 if stop == 1 else -2.0 * machine.stop
+    relative = damper_velocity - velocity
+    origin = origin_at(machine, instant, x, velocity, beyond, relative, 0, stop)
+    course = run_course(machine, origin, period)
+    return None if course is None else section_of(machine, course, instant)
 
 
 def section_on(orbit: PeriodicOrbit) -> Section | None:
@@ -156,20 +156,15 @@ def section_on(orbit: PeriodicOrbit) -> Section | None:
     Section or None
         None if the simulator cannot follow it.
     """
-    machine = make_machine(orbit.parameters)
-    stop = orbit.stops[0]
-    origin = origin_at(
-        machine,
+    return _section_after(
+        orbit.parameters,
+        orbit.period,
         orbit.instants[0],
+        orbit.stops[0],
         orbit.x[0],
         orbit.primary_velocity_after[0],
-        0.0 if stop == 1 else -2.0 * machine.stop,
-        orbit.damper_velocity_after[0] - orbit.primary_velocity_after[0],
-        0,
-        stop,
+        orbit.damper_velocity_after[0],
     )
-    course = run_course(machine, origin, orbit.period)
-    return None if course is None else section_of(machine, course, orbit.instants[0])
 
 
 @dataclass(frozen=True)
@@ -181,7 +176,7 @@ class _Shot:
     course: Course
 
 
-def _shot(machine: Machine, section: Section, state: Array, period: float) -> _Shot | None:
+def _shot(machine: RigConstants, section: Section, state: Array, period: float) -> _Shot | None:
     origin = section.origin(machine, state)
     if _resting(origin) != section.resting or min(origin.clearance_1, origin.clearance_2) < 0.0:
         return None
@@ -198,7 +193,7 @@ def _shot(machine: Machine, section: Section, state: Array, period: float) -> _S
 
 
 def follow_section(
-    machine: Machine, section: Section, period: float
+    machine: RigConstants, section: Section, period: float
 ) -> tuple[Array, Array] | None:
     """Return what a period changes in the state of a section, and the map's derivative."""
     shot = _shot(machine, section, section.state, period)
@@ -210,7 +205,7 @@ def orbit_on(
 ) -> PeriodicOrbit:
     """Return the periodic motion through a state that is known to be a fixed point."""
     period = cycles * math.tau / parameters.force_frequencies[0]
-    shot = _shot(make_machine(parameters), section, section.state, period)
+    shot = _shot(rig_constants(parameters), section, section.state, period)
     if shot is None:
         raise ArithmeticError('the motion changes its kind where the period begins')
     return _orbit(parameters, section, cycles, shot, history)
@@ -244,43 +239,28 @@ def shoot(
         If the force does not repeat within the period.
     """
     check_forcing(parameters, cycles)
-    machine = make_machine(parameters)
-    cycle = math.tau / parameters.force_frequencies[0]
-    state = section.state
-    shot = _shot(machine, section, state, cycles * cycle)
-    history: list[float] = []
-    if shot is None:
-        return None
-    rate = parameters.omega
+    machine = rig_constants(parameters)
+    period = cycles * math.tau / parameters.force_frequencies[0]
+    static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
+    length = max(static, abs(float(section.state[0])))
+    speed = parameters.omega * length
+    units = np.array([length, speed, length, speed])[: section.dimension]
 
-    def size(change: Array, at: Array) -> float:
-        length = max(abs(parameters.force_amplitudes[0]) / parameters.stiffness, abs(at[0]))
-        units = np.array([length, rate * length, length, rate * length])[: len(change)]
-        return float(np.abs(change / units).max())
+    def system(unknowns: Array) -> tuple[Array, Array]:
+        shot = _shot(machine, section, unknowns * units, period)
+        if shot is None:
+            raise ArithmeticError('the motion changes its kind where the period begins')
+        change = shot.matrix - np.eye(section.dimension)
+        return shot.change / units, change * units / units[:, None]
 
-    best = size(shot.change, state)
-    for _ in range(_NEWTON_STEPS):
-        history.append(best)
-        if best == 0.0:
-            break
-        step = np.linalg.lstsq(np.eye(len(state)) - shot.matrix, shot.change, rcond=1e-14)[0]
-        part = 1.0
-        better = None
-        while part >= _LEAST_PART:
-            trial = _shot(machine, section, state + part * step, cycles * cycle)
-            if trial is not None and size(trial.change, state + part * step) < best:
-                better = trial
-                break
-            part *= 0.25
-        if better is None:
-            break
-        state, shot = state + part * step, better
-        best = size(shot.change, state)
-    history.append(best)
-    if best > RESIDUAL_TOLERANCE or shot.course.end.last_stop != section.last_stop:
+    found = solve(system, section.state / units)
+    if not found.residual <= RESIDUAL_TOLERANCE:
         return None
-    settled = Section(section.instant, section.resting, section.last_stop, state)
-    return _orbit(parameters, settled, cycles, shot, tuple(history)), settled
+    settled = replace(section, state=found.unknowns * units)
+    shot = _shot(machine, settled, settled.state, period)
+    if shot is None or shot.course.end.last_stop != section.last_stop:
+        return None
+    return _orbit(parameters, settled, cycles, shot, found.history), settled
 
 
 def _orbit(
@@ -300,7 +280,7 @@ def _orbit(
     def phase(time: float) -> float:
         return ((section.instant - whole) + time) / cycle % cycles
 
-    swings = [swing_extremes(s.flight, s.duration) for s in shot.course.stretches]
+    flights = shot.course.stretches
     multipliers = multipliers_of(shot.matrix) + (0j,) * (4 - section.dimension)
     return PeriodicOrbit(
         parameters=parameters,
@@ -312,7 +292,9 @@ def _orbit(
         primary_velocity_after=tuple(i.velocity_after for i in impacts),
         damper_velocity_before=tuple(i.velocity_before + i.relative_before for i in impacts),
         damper_velocity_after=tuple(i.velocity_after + i.relative_after for i in impacts),
-        x_max=max(max(swing.high, -swing.low) for swing in swings),
+        x_max=largest_displacement(
+            (part.flight for part in flights), (part.duration for part in flights)
+        ),
         multipliers=multipliers,
         stable=abs(multipliers[0]) < 1.0,
         viable=True,
@@ -324,108 +306,6 @@ def _orbit(
             for i in incidents
             if i.kind is not EventKind.IMPACT
         ),
-    )
-
-
-_SETTLING_CYCLES = 120
-_STARTS_PER_RUN = 3
-_MOST_EVENTS = 200
-_BUSY_PERIODS = 8
-_FIRST_SHARE = 0.25
-_LEAST_SHARE = 1.0 / 64.0
-
-
-def settled_sections(
-    parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
-) -> Iterator[Section]:
-    """Yield states of simulated motion, after it has had time to settle."""
-    machine = make_machine(parameters)
-    period = cycles * math.tau / parameters.force_frequencies[0]
-    for initial in starting_points(parameters):
-        origin = origin_at(
-            machine,
-            0.0,
-            initial.initial_primary_position,
-            initial.initial_primary_velocity,
-            initial.initial_damper_offset - machine.stop,
-            initial.initial_damper_velocity - initial.initial_primary_velocity or 1e-9,
-            0,
-            0,
-        )
-        busy = 0
-        periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
-        for i in range(periods):
-            course = run_course(machine, origin, period, differentiate=False)
-            if course is None:
-                break
-            busy = busy + 1 if len(course.incidents) > most_events else 0
-            if busy > _BUSY_PERIODS:
-                break
-            origin = course.end
-            if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
-                yield section_of(machine, course, 0.0)
-
-
-def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
-    """Follow a motion from a simpler rig to another one."""
-    section = section_on(orbit)
-    simple = orbit.parameters.friction
-    done, share = 0.0, _FIRST_SHARE
-    found: PeriodicOrbit | None = None
-    while done < 1.0:
-        if section is None or share < _LEAST_SHARE:
-            return None
-        ahead = min(1.0, done + share)
-        first, *others = parameters.force_amplitudes
-        rig = parameters.replace(
-            friction=simple + ahead * (parameters.friction - simple),
-            force_amplitudes=(first, *(ahead * other for other in others)),
-        )
-        shot = shoot(rig, section, orbit.cycles)
-        if shot is None or shot[0].stops not in _turns(orbit.stops):
-            share *= 0.5
-            continue
-        found = shot[0]
-        section = section_on(found) or shot[1]
-        done, share = ahead, 1.5 * share
-    return found
-
-
-def _turns(stops: tuple[int, ...]) -> list[tuple[int, ...]]:
-    return [stops[i:] + stops[:i] for i in range(len(stops))]
-
-
-def shot_orbits(
-    parameters: RigParameters,
-    stops: tuple[int, ...],
-    cycles: int,
-    simpler: Sequence[PeriodicOrbit],
-    *,
-    simulate: bool = True,
-) -> tuple[list[PeriodicOrbit], StartReport]:
-    """Find motions of one stop sequence with the shooting solver."""
-    carried = [carried_over(orbit, parameters) for orbit in simpler]
-    orbits = [orbit for orbit in carried if orbit is not None]
-    converged = len(orbits)
-    simulated = simulated_converged = 0
-    if simulate:
-        # Impacts, as many reversals, and room for sticking
-        most_events = 4 * len(stops) + 8
-        for section in settled_sections(parameters, cycles, most_events):
-            simulated += 1
-            shot = shoot(parameters, section, cycles)
-            if shot is not None:
-                simulated_converged += 1
-                if shot[0].stops in _turns(stops):
-                    orbits.append(shot[0])
-    return orbits, StartReport(
-        stops=stops,
-        method='shooting',
-        starts=len(simpler),
-        converged=converged,
-        simulated=simulated,
-        simulated_converged=simulated_converged,
-        distinct=len(orbits),
     )
 
 
@@ -451,24 +331,15 @@ def orbit_near(
     PeriodicOrbit or None
         The motion that Newton's method leads to; None if it does not converge.
     """
-    guess = PeriodicOrbit(
-        parameters=parameters,
-        stops=(impact.stop,),
-        cycles=cycles,
-        phases=(phase % cycles,),
-        x=(impact.x,),
-        primary_velocity_before=(impact.primary_velocity_before,),
-        primary_velocity_after=(impact.primary_velocity_after,),
-        damper_velocity_before=(impact.damper_velocity_before,),
-        damper_velocity_after=(impact.damper_velocity_after,),
-        x_max=math.nan,
-        multipliers=(),
-        stable=False,
-        viable=False,
-        reason='a guess',
-        residual=math.inf,
-        residual_history=(),
+    cycle = math.tau / parameters.force_frequencies[0]
+    section = _section_after(
+        parameters,
+        cycles * cycle,
+        cycle * (phase % cycles),
+        impact.stop,
+        impact.x,
+        impact.primary_velocity_after,
+        impact.damper_velocity_after,
     )
-    section = section_on(guess)
     shot = None if section is None else shoot(parameters, section, cycles)
     return None if shot is None else shot[0]

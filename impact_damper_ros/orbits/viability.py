@@ -7,28 +7,35 @@ by the simulator's own first event, and, to say by how much it fails, by its exa
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import inf
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from impact_damper_ros.rig.certificate import safe_step
-from impact_damper_ros.rig.contact import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL, first_event
-from impact_damper_ros.rig.flight import Flight, Motion, motion_at
+from impact_damper_ros.rig.contact import first_event
+from impact_damper_ros.rig.flight import (
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    REVERSAL,
+    Flight,
+    Motion,
+    motion_at,
+)
 from impact_damper_ros.rig.mode import (
     FREE,
     SLIDE_DOWN,
     SLIDE_UP,
     STICK,
-    Machine,
-    Origin,
+    RigConstants,
     launch,
-    make_machine,
+    rig_constants,
 )
+from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.oscillator import derivative_bound
-from impact_damper_ros.rig.phase import turned_angles
 from impact_damper_ros.rig.transition import struck
 
 from .equations import Array, ImpactEquations, ImpactVelocities
+from .event_map import origin_at
 
 __all__ = [
     'Extremes',
@@ -120,63 +127,35 @@ TIME_TOLERANCE = 1e-7
 _MODE_OF_DIRECTION = {0: FREE, 1: SLIDE_DOWN, -1: SLIDE_UP}
 
 
-def _origin(
+def _assumed(
     equations: ImpactEquations,
-    machine: Machine,
-    impact: int,
-    instant: float,
-    x: float,
-    velocity: float,
-    relative_velocity: float,
-) -> Origin:
-    """Return the state at an impact, with the mode that the equations assume after it."""
-    stop = equations.stops[impact]
-    direction = equations.directions[impact] if machine.grip > 0.0 else 0
-    across = inf if machine.one_sided else 2.0 * machine.stop
-    return Origin(
-        time=0.0,
-        time_low=0.0,
-        mode=_MODE_OF_DIRECTION[direction],
-        x=x,
-        velocity=velocity,
-        relative_velocity=relative_velocity,
-        clearance_1=0.0 if stop == 1 else across,
-        clearance_2=across if stop == 1 else 0.0,
-        stop_1=machine.stop,
-        stop_2=-machine.stop,
-        angles=turned_angles((0.0,), machine.free.frequencies, instant),
-        last_stop=stop,
-        released=False,
-        chatter_left=0.0,
-        target_1=machine.stop,
-        target_2=-machine.stop,
-    )
+    rig: RigConstants,
+    x: Array,
+    instants: Array,
+    at: ImpactVelocities,
+) -> Iterator[tuple[Origin, Flight]]:
+    """Yield the state just after each impact, in the mode assumed, and the flight from it."""
+    for i, stop in enumerate(equations.stops):
+        velocity = float(at.primary_after[i])
+        relative = float(at.damper_after[i]) - velocity
+        beyond = 0.0 if stop == 1 else -2.0 * rig.stop
+        origin = origin_at(
+            rig, float(instants[i]), float(x[i]), velocity, beyond, relative, 0, stop
+        )
+        direction = equations.directions[i] if rig.grip > 0.0 else 0
+        origin = origin._replace(mode=_MODE_OF_DIRECTION[direction])
+        yield origin, launch(rig, origin)
 
 
 def assumed_flights(
     equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
 ) -> list[Flight]:
     """Return the closed-form flights after each impact, as the equations assume them."""
-    machine = make_machine(equations.parameters)
-    relative = at.damper_after - at.primary_after
-    return [
-        launch(
-            machine,
-            _origin(
-                equations,
-                machine,
-                i,
-                float(instants[i]),
-                float(x[i]),
-                float(at.primary_after[i]),
-                float(relative[i]),
-            ),
-        )
-        for i in range(equations.impacts)
-    ]
+    rig = rig_constants(equations.parameters)
+    return [flight for _, flight in _assumed(equations, rig, x, instants, at)]
 
 
-def largest_displacement(flights: list[Flight], durations: Array) -> float:
+def largest_displacement(flights: Iterable[Flight], durations: Iterable[float]) -> float:
     """Return the largest |X| over flights, from their turning points, m."""
     largest = 0.0
     for flight, duration in zip(flights, durations, strict=True):
@@ -185,7 +164,7 @@ def largest_displacement(flights: list[Flight], durations: Array) -> float:
     return largest
 
 
-def _after_impact(machine: Machine, origin: Origin, incoming: float, before: float) -> str:
+def _after_impact(machine: RigConstants, origin: Origin, incoming: float, before: float) -> str:
     """Say what keeps m from leaving the stop as assumed, if anything does."""
     stop = origin.last_stop
     hit = struck(machine, origin._replace(velocity=before, relative_velocity=incoming), stop)
@@ -198,7 +177,12 @@ def _after_impact(machine: Machine, origin: Origin, incoming: float, before: flo
 
 
 def _in_flight(
-    machine: Machine, flight: Flight, origin: Origin, duration: float, end: int, tolerance: float
+    machine: RigConstants,
+    flight: Flight,
+    origin: Origin,
+    duration: float,
+    end: int,
+    tolerance: float,
 ) -> str:
     """Say what happens in a flight before the impact that ends it, if anything does."""
     start = origin.last_stop
@@ -229,12 +213,12 @@ def why_not_viable(
     equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
 ) -> str:
     """Say why the rig cannot move so."""
-    machine = make_machine(equations.parameters)
+    machine = rig_constants(equations.parameters)
     durations = equations.durations(instants)
     tolerance = TIME_TOLERANCE * equations.period
     incoming = at.damper_before - at.primary_before
     faults = []
-    for i, flight in enumerate(assumed_flights(equations, x, instants, at)):
+    for i, (origin, flight) in enumerate(_assumed(equations, machine, x, instants, at)):
         stop = equations.stops[i]
         towards = 1.0 if stop == 1 else -1.0
         if towards * incoming[i] <= 0.0:
@@ -243,15 +227,6 @@ def why_not_viable(
                 f'{incoming[i]:.4g} m/s (it must be {"positive" if stop == 1 else "negative"})'
             )
             continue
-        origin = _origin(
-            equations,
-            machine,
-            i,
-            float(instants[i]),
-            float(x[i]),
-            float(at.primary_after[i]),
-            float(at.damper_after[i] - at.primary_after[i]),
-        )
         fault = _after_impact(machine, origin, float(incoming[i]), float(at.primary_before[i]))
         if fault:
             faults.append(f'm {fault}')

@@ -1,8 +1,8 @@
 """
 Recorded against replayed messages: joint states, impacts, acts of the gap control.
 
-They pair one to one. Where they do not, an exact match a few impacts further on tells that one is
-missing on either side; without such a match the two are taken for the same impact, altered.
+Impacts pair one to one. Otherwise, an exact match a few impacts further on shows that some are
+missing on one side; without such a match the two are taken for the same impact, altered.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from collections.abc import Iterator, Sequence
 from itertools import islice, pairwise
 from typing import NamedTuple
 
-from impact_damper_ros.bag.messages import CdrError
-from impact_damper_ros.bag.rig_messages import IMPACT_JOINTS, JOINTS, JointStateBytes, header_ns
+from impact_damper_ros.bag.messages import CdrError, JointStateLayout, header_ns
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
 from impact_damper_ros.control import CONTROL_JOINTS, ControlRecord
 
 from .findings import Difference, Findings, SampleGap
 
-__all__ = ['ControlLedger', 'ImpactLedger', 'SampleCheck', 'SampleSpacing', 'bits']
+__all__ = ['ControlMatcher', 'ImpactMatcher', 'SampleCheck', 'SampleSpacing', 'bits']
 
 
 _Numbers = tuple[tuple[float, ...], ...]
-#: How many impacts further on a match is looked for.
+#: Number of impacts within which a match is searched.
 _REACH = 16
-#: Impacts of the replay that are kept until the first recorded message comes.
+#: Impacts of the replay that are kept until the first recorded message.
 _KEPT_BEFORE = 4096
-#: Stretches without samples that are remembered, to excuse the impacts missing there.
+#: Gaps without samples that are remembered, to excuse the impacts missing there.
 _REMEMBERED_GAPS = 64
 
 
@@ -51,37 +51,37 @@ class _Recorded(NamedTuple):
 
     stamp_ns: int
     content: bytes
-    shape: JointStateBytes
+    layout: JointStateLayout
 
     def equals(self, expected: _Expected) -> bool:
         return (
-            self.shape.frame_id == expected.frame_id
-            and self.shape.filled(expected.stamp_ns, *expected.numbers) == self.content
+            self.layout.frame_id == expected.frame_id
+            and self.layout.filled(expected.stamp_ns, *expected.numbers) == self.content
         )
 
 
-class ImpactLedger:
+class ImpactMatcher:
     """
     Pairs the impacts of a bag with those of its replay.
 
-    The subclass `ControlLedger` does so with what the gap control did.
+    The subclass `ControlMatcher` does so with acts of the gap control.
 
     Parameters
     ----------
     topic : str
         Of the impacts.
     findings : Findings
-        Takes what is found.
+        Takes the findings.
     stamped : bool
-        Whether the bag holds every message of the node from its start on. Otherwise an impact
-        that is missing may be one that the recorder did not get.
+        Whether the bag holds every message of the node from its start on. Otherwise the recorder
+        may not have received a missing impact.
 
     Attributes
     ----------
     last_ns : int
         Stamp of the last recorded message.
-    unheard : int
-        Impacts of the replay from before the first recorded one, at which a recorder has joined.
+    before_recorder : int
+        Impacts of the replay from before the first recorded one, at which the recorder joined.
     """
 
     what = 'impact'
@@ -94,12 +94,12 @@ class ImpactLedger:
         self._stamped = stamped
         self._recorded: deque[_Recorded] = deque()
         self._expected: deque[_Expected] = deque()
-        self._shapes: list[JointStateBytes] = []
+        self._layouts: list[JointStateLayout] = []
         self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
         self._begun = stamped
-        self._heard = stamped
+        self._has_paired = stamped
         self.last_ns = 0
-        self.unheard = 0
+        self.before_recorder = 0
 
     @property
     def even(self) -> bool:
@@ -113,15 +113,15 @@ class ImpactLedger:
 
     def take(self, content: bytes) -> None:
         """Take a recorded message."""
-        shape = next((s for s in self._shapes if s.fits(content)), None)
-        if shape is None:
-            shape = JointStateBytes(content)
-            if shape.names != self.joints or shape.counts != (len(self.joints),) * 3:
-                raise CdrError(f'its joints are {", ".join(shape.names) or "none"}')
-            self._shapes = [shape, *self._shapes[:3]]
+        layout = next((s for s in self._layouts if s.fits(content)), None)
+        if layout is None:
+            layout = JointStateLayout(content)
+            if layout.names != self.joints or layout.counts != (len(self.joints),) * 3:
+                raise CdrError(f'its joints are {", ".join(layout.names) or "none"}')
+            self._layouts = [layout, *self._layouts[:3]]
         self.last_ns = header_ns(content)
         self._count_recorded()
-        self._recorded.append(_Recorded(self.last_ns, content, shape))
+        self._recorded.append(_Recorded(self.last_ns, content, layout))
 
     def expect(self, stamp_ns: int, time: float, stop: int, numbers: _Numbers) -> None:
         """Take an impact of the replay, with the numbers that its message should hold."""
@@ -152,7 +152,7 @@ class ImpactLedger:
         return first_ns
 
     def excuse(self, gap: SampleGap) -> None:
-        """Take note of a stretch in which messages are missing."""
+        """Take note of a gap in which messages are missing."""
         self._gaps.append(gap)
 
     def settle(self, *, final: bool = False) -> None:
@@ -160,7 +160,7 @@ class ImpactLedger:
         recorded, expected = self._recorded, self._expected
         while recorded and expected:
             if recorded[0].equals(expected[0]):
-                self._heard = True
+                self._has_paired = True
                 self._count_paired()
                 recorded.popleft()
                 expected.popleft()
@@ -180,7 +180,7 @@ class ImpactLedger:
 
     def _settle_unequal(self) -> None:
         recorded, expected = self._recorded, self._expected
-        # What is not in the bag may be many in a row.
+        # Many in a row may be missing in the bag.
         stamp_ns = recorded[0].stamp_ns
         for ahead, candidate in enumerate(islice(expected, 1, None), 1):
             if candidate.stamp_ns == stamp_ns and recorded[0].equals(candidate):
@@ -192,7 +192,7 @@ class ImpactLedger:
                 for _ in range(ahead):
                     self._surplus(recorded.popleft())
                 return
-        self._heard = True
+        self._has_paired = True
         self._count_paired()
         self._altered(recorded.popleft(), expected.popleft())
 
@@ -203,8 +203,8 @@ class ImpactLedger:
 
     def _missing(self, expected: _Expected) -> None:
         excused = any(g.from_ns <= expected.stamp_ns <= g.to_ns for g in self._gaps)
-        if not self._heard:
-            self.unheard += 1
+        if not self._has_paired:
+            self.before_recorder += 1
         elif excused or not self._stamped:
             self._count_missing()
         else:
@@ -219,7 +219,7 @@ class ImpactLedger:
                 topic=self._topic,
                 quantity=self.what,
                 unit='',
-                recorded=recorded.shape.frame_id,
+                recorded=recorded.layout.frame_id,
                 replayed=None,
                 after=findings.after,
             )
@@ -244,12 +244,12 @@ class ImpactLedger:
     def _differing(
         self, recorded: _Recorded, expected: _Expected
     ) -> Iterator[tuple[str, str, object, object]]:
-        """Yield quantity, unit, recorded and replayed value of all that differs."""
+        """Yield the differences: quantity, unit, recorded and replayed value."""
         if recorded.stamp_ns != expected.stamp_ns:
             yield 'stamp', 'ns', recorded.stamp_ns, expected.stamp_ns
-        if recorded.shape.frame_id != expected.frame_id:
-            yield 'frame_id', '', recorded.shape.frame_id, expected.frame_id
-        there = [v for part in recorded.shape.numbers(recorded.content) for v in part]
+        if recorded.layout.frame_id != expected.frame_id:
+            yield 'frame_id', '', recorded.layout.frame_id, expected.frame_id
+        there = [v for part in recorded.layout.numbers(recorded.content) for v in part]
         here = [v for part in expected.numbers for v in part]
         names = [
             (f'{field} of {joint}', unit)
@@ -265,8 +265,8 @@ class ImpactLedger:
                 yield name, unit, a, b
 
 
-class ControlLedger(ImpactLedger):
-    """Pairs what the gap control did, as the bag and as the replay have it."""
+class ControlMatcher(ImpactMatcher):
+    """Pairs the acts of the gap control of a bag with those of its replay."""
 
     what = 'act of the gap control'
     joints = CONTROL_JOINTS
@@ -290,7 +290,7 @@ _QUANTITIES = (
     *((f'position of {joint}', 'm') for joint in JOINTS),
     *((f'velocity of {joint}', 'm/s') for joint in JOINTS),
 )
-#: Samples from which the period is learnt if the bag does not tell the rate.
+#: Samples from which the period is estimated if the rate is not known.
 _LEARNT_FROM = 50
 
 
@@ -303,17 +303,17 @@ class SampleCheck:
     topic : str
         Their topic.
     findings : Findings
-        Takes what is found.
+        Takes the findings.
     """
 
     def __init__(self, topic: str, findings: Findings) -> None:
         self._topic = topic
         self._findings = findings
-        self._shape: JointStateBytes | None = None
+        self._layout: JointStateLayout | None = None
 
     def numbers(self, content: bytes) -> tuple[tuple[float, ...], ...]:
         """Return positions and velocities of a recorded message."""
-        return self._shape_of(content).numbers(content)
+        return self._layout_of(content).numbers(content)
 
     def compare(
         self,
@@ -324,24 +324,24 @@ class SampleCheck:
         before: Sequence[_Numbers] = (),
     ) -> None:
         """Compare a recorded message with the replayed sample."""
-        shape = self._shape or self._shape_of(content)
+        layout = self._layout or self._layout_of(content)
         self._findings.samples += 1
-        if shape.filled(stamp_ns, *numbers) == content:
+        if layout.filled(stamp_ns, *numbers) == content:
             return
-        shape = self._shape_of(content)
-        if any(shape.filled(stamp_ns, *other) == content for other in before):
+        layout = self._layout_of(content)
+        if any(layout.filled(stamp_ns, *other) == content for other in before):
             return
         self._note_differences(stamp_ns, content, time, numbers)
 
-    def _shape_of(self, content: bytes) -> JointStateBytes:
-        shape = self._shape
-        if shape is None or not shape.fits(content):
-            shape = JointStateBytes(content)
-            if shape.names != JOINTS or shape.counts[:2] != (4, 4):
-                held = ', '.join(shape.names) or 'none'
+    def _layout_of(self, content: bytes) -> JointStateLayout:
+        layout = self._layout
+        if layout is None or not layout.fits(content):
+            layout = JointStateLayout(content)
+            if layout.names != JOINTS or layout.counts[:2] != (4, 4):
+                held = ', '.join(layout.names) or 'none'
                 raise CdrError(f'its joints are {held}, not {", ".join(JOINTS)}')
-            self._shape = shape
-        return shape
+            self._layout = layout
+        return layout
 
     def _note_differences(
         self, stamp_ns: int, content: bytes, time: float, numbers: _Numbers
@@ -358,14 +358,14 @@ class SampleCheck:
             if bits(a) != bits(b):
                 differing.append((name, unit, a, b))
                 values_differ = True
-        if not differing and (frame := self._shape_of(content).frame_id):
+        if not differing and (frame := self._layout_of(content).frame_id):
             findings.differ(
                 Difference(time, stamp_ns, self._topic, 'frame_id', '', frame, '', findings.after)
             )
         if not differing:
-            # Only what the message does not need to hold, such as efforts.
+            # Only optional content differs, such as efforts.
             return
-        # What differs most says more than what is first in the message.
+        # The largest difference is the most telling one.
         differences = [
             Difference(time, stamp_ns, self._topic, quantity, unit, a, b, findings.after)
             for quantity, unit, a, b in differing
@@ -373,22 +373,22 @@ class SampleCheck:
         findings.differ(max(differences, key=lambda difference: difference.ulps))
         if values_differ:
             size = max(map(abs, here[:4]))
-            findings.divergence.look(time, there[0] - here[0], there[1] - here[1], size)
+            findings.divergence.take(time, there[0] - here[0], there[1] - here[1], size)
 
 
 class SampleSpacing:
     """
-    Finds where samples are missing.
+    Finds gaps without samples.
 
     Parameters
     ----------
     findings : Findings
-        Takes what is found.
+        Takes the findings.
 
     Attributes
     ----------
     period_ns : float
-        Rig time from one sample to the next; 0 as long as it is not known.
+        Rig time from one sample to the next; 0 if not known yet.
     """
 
     def __init__(self, findings: Findings) -> None:
@@ -404,7 +404,7 @@ class SampleSpacing:
         steps = [after - before for before, after in pairwise([last_ns, *times_ns])]
         return min(steps) > 0 and max(steps) <= 1.5 * self.period_ns
 
-    def look(self, time_ns: int, stamp_ns: int) -> list[SampleGap]:
+    def take(self, time_ns: int, stamp_ns: int) -> list[SampleGap]:
         """Take the next sample."""
         last_ns = self._findings.end_ns
         self._findings.end_ns = time_ns
@@ -419,7 +419,7 @@ class SampleSpacing:
         return self.close() if self.period_ns or len(self._early) == _LEARNT_FROM else []
 
     def close(self) -> list[SampleGap]:
-        """Judge the first samples, whose period was not known, by the shortest step among them."""
+        """Check the first samples by the shortest step among them, if the period was not known."""
         steps = [after - before for before, after, _ in self._early if after > before]
         early, self._early = self._early, []
         if not self.period_ns and steps:

@@ -1,4 +1,4 @@
-"""What a replay finds: what was compared, where it differs, and how the difference grows."""
+"""The findings of a replay: counts, differences, and how they grow."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _MOST_KEPT = 20
 _KEPT_EACH = 20
 #: Differing samples after which the difference is noted.
 _MARKS = tuple(m * 10**k for k in range(8) for m in (1, 2, 5))
-#: Differences of so many units in the last place are those of another library of mathematics.
+#: Differences of so few units in the last place indicate another library of mathematics.
 _LIBRARY_ULPS = 8
-#: Such differences grow slowly: the first samples that differ do so by no more than this.
+#: Such differences grow slowly: number of the first differing samples, and their tolerance.
 _EARLY, _ROUND_OFF = 10, 1e-9
 
 
 class Verdict(Enum):
-    """What a replay comes to, and the exit code that says so."""
+    """Verdict of a replay, and the exit code."""
 
     IDENTICAL = 0
     DIFFERENT = 1
@@ -43,11 +43,11 @@ class Difference:
     stamp_ns : int
         Stamp of the message.
     topic, quantity, unit : str
-        What differs.
+        The quantity that differs.
     recorded, replayed : object
         Both values; None where there is none.
     after : str
-        What was done to the rig last before.
+        The last change or reset before.
     """
 
     time: float
@@ -76,7 +76,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class SampleGap:
-    """A stretch without samples: their stamps before and after it, and how many are missing."""
+    """A gap without samples: the stamps before and after it, and how many are missing."""
 
     time: float
     from_ns: int
@@ -87,7 +87,7 @@ class SampleGap:
 @dataclass
 class Divergence:
     """
-    How the joint states part.
+    How replayed and recorded joint states diverge.
 
     Attributes
     ----------
@@ -111,8 +111,8 @@ class Divergence:
     marks: list[tuple[int, float, float, float]] = field(default_factory=list)
     early: float = 0.0
 
-    def look(self, time: float, x: float, z: float, size: float) -> None:
-        """Take a sample that differs, by `x` and `z`, of positions of some size, m."""
+    def take(self, time: float, x: float, z: float, size: float) -> None:
+        """Take a sample that differs by `x` and `z`, of positions of some size, m."""
         if not self.samples:
             self.first = time
         self.samples += 1
@@ -129,7 +129,7 @@ class Divergence:
 @dataclass
 class Findings:
     """
-    What a replay compared and found.
+    The findings of a replay.
 
     Attributes
     ----------
@@ -138,9 +138,9 @@ class Findings:
     recorded_impacts : int
         How many the bag holds, from its start on.
     control, recorded_control, missing_control : int
-        The same, and `missing_impacts`, for what the gap control did.
+        The same, and `missing_impacts`, for acts of the gap control.
     changes, resets, pauses, slips, snapshots : int
-        What else happened.
+        Other counts.
     start_ns, end_ns : int or None
         Rig times of the first and last sample, in nanoseconds.
     differences : list of Difference
@@ -154,17 +154,17 @@ class Findings:
     divergence : Divergence
         Of the joint states.
     gaps : list of SampleGap
-        The first stretches without samples.
+        The first gaps without samples.
     missing_samples, gap_count : int
         Samples missing in all of them, and their number.
     missing_impacts : int
         Impacts of the replay that are not in the bag, where the recorder has dropped messages.
     remarks : list of str
-        What else is to be known, such as initial conditions taken from a snapshot.
+        Remarks, such as on initial conditions taken from a snapshot.
     faults : list of str
-        Why the bag cannot be compared wholly.
+        Why only a part of the bag could be compared.
     after : str
-        What was done to the rig last.
+        The last change or reset.
     offset_ns : int
         Present stamp at rig time 0, in nanoseconds.
     """
@@ -200,7 +200,7 @@ class Findings:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether all that was recorded comes out again."""
+        """Whether everything recorded is reproduced."""
         if self.difference_count:
             return Verdict.DIFFERENT
         return Verdict.PARTIAL if self.faults else Verdict.IDENTICAL
@@ -212,7 +212,7 @@ class Findings:
 
     @property
     def by_another_library(self) -> bool:
-        """Whether it looks as if the bag was recorded with another library of mathematics."""
+        """Whether the differences indicate another library of mathematics."""
         return (
             self.first is not None
             and self.first.ulps <= _LIBRARY_ULPS
@@ -222,7 +222,7 @@ class Findings:
         )
 
     def differ(self, difference: Difference) -> None:
-        """Take in a difference."""
+        """Add a difference."""
         self.difference_count += 1
         topic = difference.topic
         self.by_topic[topic] = self.by_topic.get(topic, 0) + 1
@@ -236,17 +236,17 @@ class Findings:
             self.differences.append(difference)
 
     def fault(self, text: str) -> None:
-        """Take in a reason why the bag cannot be compared wholly."""
+        """Add a reason why only a part of the bag can be compared."""
         if len(self.faults) < _MOST_KEPT:
             self.faults.append(text)
 
     def remark(self, text: str) -> None:
-        """Take in what is to be known besides."""
+        """Add a remark."""
         if len(self.remarks) < _MOST_KEPT:
             self.remarks.append(text)
 
     def miss(self, gap: SampleGap) -> None:
-        """Take in a stretch without samples."""
+        """Add a gap without samples."""
         self.gap_count += 1
         self.missing_samples += gap.missing
         if len(self.gaps) < _MOST_KEPT:

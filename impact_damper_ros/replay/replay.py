@@ -1,12 +1,12 @@
 """
-Replaying a run from its log: every recorded sample and impact is computed anew and compared.
+The replay of a run from its log: every recorded sample and impact is computed anew and compared.
 
-Only whether all of them come out bit for bit is found out here; what differs, and where, is left
-to `replay`, which goes through them one by one.
+The rig is restored from the first snapshot, and all changes and resets are repeated at the same
+instants. The simulator's motion does not depend on how it is divided, so that every message must
+be as recorded, to the last bit.
 
-The rig is restored from the first snapshot, and what was done to it is done again at the same
-instants. The simulator's motion does not depend on how it is cut into pieces, so that everything
-must come out as recorded, to the last bit.
+Where nothing is done to the rig, many messages are replayed at once. This only shows whether all
+of them are reproduced; if not, they are replayed one by one to find the differences.
 """
 
 from __future__ import annotations
@@ -18,32 +18,30 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.bag.errors import RecordingError
-from impact_damper_ros.bag.messages import CdrError
-from impact_damper_ros.bag.rig_messages import JointStateColumns
-from impact_damper_ros.bag.run_history import Change, Item, RunHistory, SnapshotRecord, StateRecord
+from impact_damper_ros.bag import Record, RecordingError
+from impact_damper_ros.bag.messages import CdrError, JointStateColumns
+from impact_damper_ros.bag.rig_topics import (
+    IMPACT_JOINTS,
+    JOINTS,
+    impact_numbers,
+    state_numbers,
+)
 from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample, Simulator
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, has_numba
-from impact_damper_ros.rig.published import IMPACT_JOINTS, JOINTS, impact_numbers, state_numbers
 from impact_damper_ros.rig.simulator import ARITHMETIC, Snapshot
 
-from .checks import ControlLedger, ImpactLedger, SampleCheck, SampleSpacing
+from .checks import ControlMatcher, ImpactMatcher, SampleCheck, SampleSpacing
 from .findings import Difference, Findings, SampleGap
+from .recorded_run import RecordedChange, RecordedRun
+from .recorded_snapshot import RecordedSnapshot
 from .replayed_rig import Batch, ReplayedRig, Step
 
-__all__ = ['BatchReplay', 'Recorded', 'Replay', 'Tick']
+__all__ = ['BatchReplay', 'Replay', 'Tick']
 
 
 _Ints = NDArray[np.int64]
-
-
-class Recorded(NamedTuple):
-    """Serialised messages of one topic, and the stamp of each, ns."""
-
-    stamps_ns: list[int]
-    contents: list[bytes]
 
 
 class BatchReplay:
@@ -53,7 +51,7 @@ class BatchReplay:
     Parameters
     ----------
     version : int
-        Format of the messages, see `rig.published.FORMAT`.
+        Format of the messages, see `bag.rig_topics.FORMAT`.
     compiled : bool
         Whether to run compiled code, which takes some seconds to load or longer to compile.
     """
@@ -65,10 +63,14 @@ class BatchReplay:
         self._impacts = JointStateColumns(IMPACT_JOINTS, (2, 2, 2))
 
     def reproduces(
-        self, state: Snapshot, offset_ns: int, states: Recorded, impacts: Recorded | None
+        self,
+        state: Snapshot,
+        offset_ns: int,
+        states: Sequence[Record],
+        impacts: Sequence[Record] | None,
     ) -> Simulator | None:
-        """Run a rig through recorded joint states."""
-        stamps_ns = np.array(states.stamps_ns, dtype=np.int64)
+        """Return a rig after recorded messages; None if it does not reproduce each bit."""
+        stamps_ns = np.array([record.stamp_ns for record in states], dtype=np.int64)
         instants = (stamps_ns - offset_ns) / 1e9
         if not (np.diff(stamps_ns) > 0).all() or instants[0] <= state.time:
             return None
@@ -82,19 +84,23 @@ class BatchReplay:
         numbers = np.column_stack([column for part in parts for column in part])
         if not _all_equal(self._states, states, ('',), stamps_ns, numbers):
             return None
-        if impacts is not None and not self._hit(stretch.impacts(), impacts, offset_ns, rest):
+        if impacts is not None and not self._same_impacts(
+            stretch.impacts(), impacts, offset_ns, rest
+        ):
             return None
         return run.simulator()
 
-    def _hit(self, rows: Events, impacts: Recorded, offset_ns: int, rest: float) -> bool:
+    def _same_impacts(
+        self, rows: Events, impacts: Sequence[Record], offset_ns: int, rest: float
+    ) -> bool:
         """Return whether the impacts are those recorded."""
         events = [_event(row) for row in rows]
-        if len(events) != len(impacts.contents):
+        if len(events) != len(impacts):
             return False
         if not events:
             return True
         stamps_ns = np.array([offset_ns + round(e.time * 1e9) for e in events], dtype=np.int64)
-        if stamps_ns.tolist() != impacts.stamps_ns:
+        if stamps_ns.tolist() != [record.stamp_ns for record in impacts]:
             return False
         numbers = np.array(
             [sum(impact_numbers(event, rest, self._version), ()) for event in events]
@@ -110,13 +116,13 @@ def _event(row: np.void) -> Event:
 
 def _all_equal(
     columns: JointStateColumns,
-    recorded: Recorded,
+    recorded: Sequence[Record],
     frames: Sequence[str],
     stamps_ns: _Ints,
     numbers: NDArray[np.float64],
 ) -> bool:
     """Return whether messages hold these frames, one or one each, stamps and numbers."""
-    table = columns.read(recorded.contents)
+    table = columns.read([record.content for record in recorded])
     if table.unreadable or not np.array_equal(table.stamps_ns, stamps_ns):
         return False
     found = [columns.frames[number] for number in table.frames]
@@ -126,22 +132,22 @@ def _all_equal(
     return np.array_equal(table.numbers.view(np.int64), numbers.view(np.int64))
 
 
-#: A stretch without samples longer than this is taken for a wrong stamp.
+#: A longer time without samples is taken for a wrong stamp.
 _LONGEST_GAP_NS = 6 * 3600 * 10**9
-#: The same from the snapshot that a recorder gets when it joins.
+#: The same after the snapshot that a recorder gets when it joins.
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
-#: Joint states that are held against `state_rate`, and by how many ns they may be off.
+#: Joint states that are checked against `state_rate`, and their tolerance, ns.
 _LOOKED_AT, _OFF_GRID_NS = 100, 2
-#: Messages replayed at once, at most and at least.
-_BATCH, _LEAST_BATCH = 8192, 64
-#: Joint states for which compiled code is worth its loading.
+#: Fewer messages than that are replayed one by one.
+_LEAST_BATCH = 64
+#: Joint states from which on compiled code is worth its loading time.
 _COMPILED_FROM = 100_000
 _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it'
 
 
 class Tick(NamedTuple):
     """
-    A recorded sample, and what happened since the one before.
+    A recorded sample, with the events since the one before.
 
     Attributes
     ----------
@@ -154,10 +160,10 @@ class Tick(NamedTuple):
     events : list of Event
         Of the replay, since the sample before.
     steps : list of (int, Step)
-        What was done to the rig since the last sample, with its rig time.
+        Changes and resets since the last sample, each with its rig time.
     begun : float
-        Rig time, s, from which on things were recorded. What is before has only led there from
-        the snapshot that a recorder gets when it joins.
+        Rig time, s, of the first recorded message. The motion before only leads there from the
+        snapshot that a recorder gets when it joins.
     """
 
     time_ns: int
@@ -175,20 +181,20 @@ class Replay:
 
     Parameters
     ----------
-    history : RunHistory
+    recorded : RecordedRun
         The run.
     adopt : bool, optional
-        Whether to go on from each snapshot that is not as replayed, so that a difference does not
-        outlast the next change.
+        Whether to go on from each snapshot that differs from the replay, so that a difference
+        ends at the next change.
 
     Attributes
     ----------
-    history : RunHistory
+    recorded : RecordedRun
         As given.
     findings : Findings
-        What was found, so far.
+        The findings so far.
     replayed : ReplayedRig
-        The rig, where it now stands.
+        The rig at the present instant.
 
     Raises
     ------
@@ -196,57 +202,61 @@ class Replay:
         If the first snapshot cannot be restored.
     """
 
-    def __init__(self, history: RunHistory, *, adopt: bool = False) -> None:
-        self.history = history
+    def __init__(self, recorded: RecordedRun, *, adopt: bool = False) -> None:
+        self.recorded = recorded
         self._adopts = adopt
         # Whether the parameter events of this node are recorded
-        self._hears = False
-        self.findings = Findings(offset_ns=history.start.offset_ns)
+        self._has_events = False
+        self.findings = Findings(offset_ns=recorded.start.offset_ns)
         try:
-            self.replayed = ReplayedRig(history.start)
+            self.replayed = ReplayedRig(recorded.start)
         except ValueError as error:
             cause = f'its first snapshot cannot be restored: {error}'
-            raise RecordingError('replay', history.reader.path, cause, _REMEDY) from error
-        if history.start.arithmetic != ARITHMETIC:
+            raise RecordingError('replay', recorded.reader.path, cause, _REMEDY) from error
+        if recorded.start.arithmetic != ARITHMETIC:
             self.findings.remarks.append(
-                f'recorded with arithmetic {history.start.arithmetic}, this version has '
+                f'recorded with arithmetic {recorded.start.arithmetic}, this version has '
                 f'{ARITHMETIC}: differences of round-off, and what grows from them, are due to '
                 f'that; {_REMEDY}'
             )
-        self._time_ns = history.start.time_ns
-        self._pending: list[Change] = []
+        self._time_ns = recorded.start.time_ns
+        self._pending: list[RecordedChange] = []
         self._steps: list[tuple[int, Step]] = []
         self._events: list[Event] = []
-        # What a joint state of an instant may hold that changes came after, with the instant
+        # Joint states of an instant before each of its changes, with the instant
         self._before: list[tuple[float, tuple[tuple[float, ...], ...]]] = []
         self._left_out = 0
         self._begun = -inf
         # Joint states per second as listed, and how many are known to lie on that grid
         self._rate, self._on_grid = 0.0, 0
-        topics = history.topics
-        count = history.reader.topics[topics.joint_states].message_count
-        self._batch = BatchReplay(
-            history.start.version, compiled=count >= _COMPILED_FROM and has_numba()
+        topics = recorded.topics
+        count = recorded.reader.topics[topics.joint_states].message_count
+        self._batches = BatchReplay(
+            recorded.start.version, compiled=count >= _COMPILED_FROM and has_numba()
         )
         self._check = SampleCheck(topics.joint_states, self.findings)
         self._spacing = SampleSpacing(self.findings)
-        stamped = history.stamped
-        self._ledger = ImpactLedger(topics.impacts, self.findings, stamped=stamped)
-        self._control = ControlLedger(topics.gap_control, self.findings, stamped=stamped)
-        self._ledgers = {topics.impacts: self._ledger, topics.gap_control: self._control}
-        self._check_stops(history.start)
+        stamped = recorded.stamped
+        self._impacts = ImpactMatcher(topics.impacts, self.findings, stamped=stamped)
+        self._control = ControlMatcher(topics.gap_control, self.findings, stamped=stamped)
+        self._matchers = {topics.impacts: self._impacts, topics.gap_control: self._control}
+        self._check_stops(recorded.start)
 
     def ticks(self) -> Iterator[Tick]:
         """Replay, sample by sample; the findings name those that cannot be read."""
-        for item in self.history.items():
-            tick = self._take(item)
-            if tick is not None:
-                yield tick
+        for item in self.recorded.walk():
+            if isinstance(item, list):
+                for record in item:
+                    tick = self._take(record)
+                    if tick is not None:
+                        yield tick
+            else:
+                self._act(item)
         self._finish()
 
     def run(self, progress: Callable[[float], object] = float) -> Findings:
         """
-        Replay as `ticks` does, many samples at once where nothing is done to the rig.
+        Replay as `ticks` does, but many samples at once where possible.
 
         Parameters
         ----------
@@ -256,47 +266,42 @@ class Replay:
         Returns
         -------
         Findings
-            All that was found.
+            The findings.
         """
-        waiting: list[StateRecord] = []
-        for item in self.history.items():
-            if isinstance(item, StateRecord):
-                waiting.append(item)
-                if len(waiting) < _BATCH:
-                    continue
-            self._take_many(waiting)
-            waiting = []
-            if not isinstance(item, StateRecord):
-                self._take(item)
+        for item in self.recorded.walk():
+            if isinstance(item, list):
+                self._take_many(item)
+            else:
+                self._act(item)
             progress(self._time_ns / 1e9)
-        self._take_many(waiting)
         self._finish()
         return self.findings
 
-    def _take(self, item: Item) -> Tick | None:
-        if isinstance(item, StateRecord):
-            try:
-                if (ledger := self._ledgers.get(item.topic)) is not None:
-                    ledger.take(item.content)
-                elif self._reach(item.stamp_ns):
-                    return self._look(item)
-            except CdrError as error:
-                self._note_unreadable(item, error)
-        elif isinstance(item, Change):
+    def _take(self, record: Record) -> Tick | None:
+        try:
+            if (matcher := self._matchers.get(record.topic)) is not None:
+                matcher.take(record.content)
+            elif self._reach(record.stamp_ns):
+                return self._look(record)
+        except CdrError as error:
+            self._note_unreadable(record, error)
+        return None
+
+    def _act(self, item: RecordedChange | RecordedSnapshot) -> None:
+        if isinstance(item, RecordedChange):
             self._take_change(item)
         else:
             self._take_snapshot(item)
-        return None
 
-    def _take_many(self, records: list[StateRecord]) -> None:
-        """Take messages of the rig, all at once if they come out bit for bit."""
-        topic, place = self.history.topics.joint_states, 0
-        # The first ones one by one: of an instant that the rig has reached, say
+    def _take_many(self, records: list[Record]) -> None:
+        """Take messages of the rig, all at once if they are reproduced bit for bit."""
+        topic, place = self.recorded.topics.joint_states, 0
+        # One by one where something is to be decided first
         while place < len(records) and (
             self.findings.end_ns is None
-            or (self._rate and self.history.stamped and self._on_grid < _LOOKED_AT)
+            or (self._rate and self.recorded.stamped and self._on_grid < _LOOKED_AT)
             or self._steps
-            or not self._ledger.even
+            or not self._impacts.even
             or records[place].stamp_ns - self.findings.offset_ns <= self._time_ns
         ):
             self._take(records[place])
@@ -308,8 +313,8 @@ class Replay:
         for record in records[place:]:
             self._take(record)
 
-    def _all_as_replayed(self, records: list[StateRecord]) -> bool:
-        findings, topics = self.findings, self.history.topics
+    def _all_as_replayed(self, records: list[Record]) -> bool:
+        findings, topics = self.findings, self.recorded.topics
         state = self.replayed.rig.plain
         if state is None or self._pending:
             return False
@@ -319,25 +324,24 @@ class Replay:
         }
         if sum(map(len, parts.values())) < len(records):
             return False
-        states, impacts = (
-            Recorded([r.stamp_ns for r in part], [r.content for r in part])
-            for part in (parts[topics.joint_states], parts[topics.impacts])
-        )
+        states, impacts = parts[topics.joint_states], parts[topics.impacts]
         offset_ns = findings.offset_ns
-        times_ns = [stamp_ns - offset_ns for stamp_ns in states.stamps_ns]
+        times_ns = [record.stamp_ns - offset_ns for record in states]
         if not self._spacing.even(times_ns):
             return False
-        rig = self._batch.reproduces(state, offset_ns, states, impacts if topics.impacts else None)
+        rig = self._batches.reproduces(
+            state, offset_ns, states, impacts if topics.impacts else None
+        )
         if rig is None:
             return False
         self.replayed.rig.gone_on(rig)
         self._time_ns = findings.end_ns = times_ns[-1]
         self._before = []
         findings.samples += len(times_ns)
-        self._ledger.paired(len(impacts.contents))
+        self._impacts.paired(len(impacts))
         return True
 
-    def _check_stops(self, snapshot: SnapshotRecord) -> None:
+    def _check_stops(self, snapshot: RecordedSnapshot) -> None:
         """Note a snapshot in which the stops that no control moves are not at the gap."""
         control = snapshot.state['gap_control']
         if control['parameters']['gap_control'] != 'off' or control['state']['returning']:
@@ -349,84 +353,84 @@ class Replay:
             ('target_2', origin['target_2'], -half),
         ):
             if recorded != expected and not snapshot.state['parameters']['one_sided']:
-                topic = self.history.topics.snapshot
+                topic = self.recorded.topics.snapshot
                 self._differ(snapshot.stamp_ns, topic, f'origin.{name}', recorded, expected)
 
     # Samples and impacts
 
     def _reach(self, stamp_ns: int) -> bool:
-        """Go on to the stamp of a sample; false if that cannot be."""
+        """Go on to the stamp of a sample; false if the stamp is impossible."""
         time_ns = stamp_ns - self.findings.offset_ns
         self._flush(time_ns)
         ahead_ns = time_ns - self._time_ns
-        first = self.findings.end_ns is None and not self.history.stamped
+        first = self.findings.end_ns is None and not self.recorded.stamped
         if not 0 <= ahead_ns <= (_LONGEST_WAIT_NS if first else _LONGEST_GAP_NS):
             self._left_out += 1
             return False
         self._time_ns = time_ns
         return True
 
-    def _look(self, record: StateRecord) -> Tick:
+    def _look(self, record: Record) -> Tick:
         """Compare a sample."""
         stamp_ns, content, time_ns = record.stamp_ns, record.content, self._time_ns
         positions, velocities, *_ = self._check.numbers(content)
         self._check_rate(record.stamp_ns)
         self._advance()
         if self.findings.end_ns is None:
-            # A recorder that joins late gets the latched snapshot, and nothing of what happened
-            # between it and the first sample.
-            first_ns = min(ledger.begin(stamp_ns) for ledger in self._ledgers.values())
-            if not self.history.stamped:
+            # A recorder that joins late gets the latched snapshot, and no message from between it
+            # and the first sample.
+            first_ns = min(matcher.begin(stamp_ns) for matcher in self._matchers.values())
+            if not self.recorded.stamped:
                 self._begun = (first_ns - self.findings.offset_ns) / 1e9
                 self._events = [e for e in self._events if e.time >= self._begun]
-        self._excuse(self._spacing.look(time_ns, stamp_ns))
+        self._excuse(self._spacing.take(time_ns, stamp_ns))
         sample, numbers = self._sampled()
         self._before = [before for before in self._before if before[0] == sample.time]
         others = [before[1] for before in self._before]
         self._check.compare(stamp_ns, content, sample.time, numbers, others)
-        for ledger in self._ledgers.values():
-            ledger.settle()
+        for matcher in self._matchers.values():
+            matcher.settle()
         events, self._events = self._events, []
         steps, self._steps = self._steps, []
         x = sample.x + (positions[0] - numbers[0][0])
         return Tick(time_ns, x, velocities[0], sample, events, steps, self._begun)
 
     def _check_rate(self, stamp_ns: int) -> None:
-        """Hold the first joint states against the rate that the parameters name."""
-        if not self._rate or not self.history.stamped or self._on_grid >= _LOOKED_AT:
+        """Check the first joint states against the rate among the parameters."""
+        if not self._rate or not self.recorded.stamped or self._on_grid >= _LOOKED_AT:
             return
         self._on_grid += 1
         tick = round(self._time_ns * self._rate / 1e9)
-        # Of stamps on whole nanoseconds there are no more than that.
+        # Stamps are whole nanoseconds.
         wrong = self._rate > 1e9
         if wrong or abs(round(tick * 1e9 / self._rate) - self._time_ns) > _OFF_GRID_NS:
-            topic = self.history.topics.parameter_events
+            topic = self.recorded.topics.parameter_events
             self._differ(stamp_ns, topic, 'state_rate', self._rate, None)
             self._on_grid = _LOOKED_AT
 
     def _sampled(self) -> tuple[Sample, tuple[tuple[float, ...], ...]]:
         """Return the present motion, and the numbers of its joint states as published."""
-        rig, version = self.replayed.rig, self.history.start.version
+        rig, version = self.replayed.rig, self.recorded.start.version
         sample = rig.sample()
         return sample, state_numbers(sample, rig.parameters.static_deflection, version)
 
     def _advance(self) -> None:
-        # Once to each instant, as the node does: a change may leave an event due at once, which
-        # the rig would take at a second time.
+        # Once to each instant, as the node does: an event that a change leaves due at once would
+        # happen at a second call.
         rig, time = self.replayed.rig, self._time_ns / 1e9
         if time > rig.time:
             try:
                 events = rig.advance(time)
             except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
                 cause = f'the rig cannot be run on to rig time {time:.9g} s: {error}'
-                path = self.history.reader.path
+                path = self.recorded.reader.path
                 raise RecordingError('replay', path, cause, _REMEDY) from error
             self._take_events(events, rig.records, rig.parameters)
 
     def _excuse(self, gaps: list[SampleGap]) -> None:
         for gap in gaps:
-            for ledger in self._ledgers.values():
-                ledger.excuse(gap)
+            for matcher in self._matchers.values():
+                matcher.excuse(gap)
 
     def _take_events(
         self,
@@ -435,32 +439,32 @@ class Replay:
         parameters: RigParameters,
         offset_ns: int | None = None,
     ) -> None:
-        """Take what the rig did; the stamps may have another offset than the present one."""
+        """Take events and acts of the rig, whose stamps may have another offset."""
         self._events += events
-        topics = self.history.topics
+        topics = self.recorded.topics
         if offset_ns is None:
             offset_ns = self.findings.offset_ns
-        version = self.history.start.version
+        version = self.recorded.start.version
         for event in events if topics.impacts else ():
             if event.kind is EventKind.IMPACT:
                 stamp_ns = offset_ns + round(event.time * 1e9)
                 numbers = impact_numbers(event, parameters.static_deflection, version)
-                self._ledger.expect(stamp_ns, event.time, event.stop, numbers)
+                self._impacts.expect(stamp_ns, event.time, event.stop, numbers)
         for record in records if topics.gap_control else ():
             self._control.expect_record(offset_ns + round(record.time * 1e9), record)
 
-    def _note_unreadable(self, record: StateRecord, error: CdrError) -> None:
-        topics = self.history.topics
+    def _note_unreadable(self, record: Record, error: CdrError) -> None:
+        topics = self.recorded.topics
         topic = record.topic
         if not self.findings.samples and topic == topics.joint_states:
             cause = f'the first message of {topic} is not of a rig: {error}'
-            raise RecordingError('replay', self.history.reader.path, cause)
+            raise RecordingError('replay', self.recorded.reader.path, cause)
         self._differ(record.stamp_ns, topic, 'message', str(error), 'a readable one')
 
-    # What was done to the rig
+    # Changes and resets
 
-    def _take_change(self, change: Change) -> None:
-        self._hears = True
+    def _take_change(self, change: RecordedChange) -> None:
+        self._has_events = True
         rate = change.values.get('state_rate')
         if isinstance(rate, float) and rate > 0.0:
             self._spacing.period_ns = 1e9 / rate
@@ -475,9 +479,9 @@ class Replay:
 
     def _flush(self, time_ns: int, resumed_ns: int | None = None) -> None:
         """
-        Carry out changes of earlier instants than `time_ns`, which no snapshot followed.
+        Carry out the changes before `time_ns`, which no snapshot followed.
 
-        A change made just after a resumption is stamped with its new offset, `resumed_ns`.
+        A change just after a resumption is stamped with the new offset, `resumed_ns`.
         """
         while self._pending:
             stamp_ns, _, exact, _ = self._pending[0]
@@ -491,18 +495,18 @@ class Replay:
             self._carry_out(batch, None)
             self._pending = later
 
-    def _take_snapshot(self, snapshot: SnapshotRecord) -> None:
+    def _take_snapshot(self, snapshot: RecordedSnapshot) -> None:
         findings = self.findings
         self._flush(snapshot.time_ns, snapshot.offset_ns)
         if snapshot.time_ns < self._time_ns:
-            topic, disorder = self.history.topics.snapshot, self.history.disorder
+            topic, disorder = self.recorded.topics.snapshot, self.recorded.disorder
             disorder.note(disorder.late, topic, snapshot.stamp_ns)
             return
         findings.snapshots += 1
         self._time_ns = snapshot.time_ns
-        start = self.history.start
+        start = self.recorded.start
         if snapshot.arithmetic != start.arithmetic:
-            topic = self.history.topics.snapshot
+            topic = self.recorded.topics.snapshot
             self._differ(
                 snapshot.stamp_ns, topic, 'arithmetic', snapshot.arithmetic, start.arithmetic
             )
@@ -513,10 +517,10 @@ class Replay:
             findings.pauses += 1
         findings.offset_ns = snapshot.offset_ns
 
-    def _carry_out(self, changes: list[Change], snapshot: SnapshotRecord | None) -> None:
-        """Do what was done to the rig at one instant."""
+    def _carry_out(self, changes: list[RecordedChange], snapshot: RecordedSnapshot | None) -> None:
+        """Repeat the changes and resets of one instant."""
         self._advance()
-        if not self.history.stamped:
+        if not self.recorded.stamped:
             # A sample of this instant may come from before the change, or from after it.
             now, numbers = self._sampled()
             before = [entry for entry in self._before if entry[0] == now.time]
@@ -539,7 +543,7 @@ class Replay:
         self.findings.resets += batch.resets
         self.findings.changes += len(batch.steps) - batch.resets
         for change, events, records, parameters in batch.effects:
-            # It may have come just after a resumption, and be stamped with its new offset.
+            # A change just after a resumption is stamped with the new offset.
             offset_ns = None
             if change is not None and change.exact:
                 offset_ns = change.stamp_ns - self._time_ns
@@ -547,24 +551,24 @@ class Replay:
         if snapshot is not None:
             self._judge(batch, snapshot, known)
 
-    def _described(self, batch: Batch, changes: list[Change]) -> str:
+    def _described(self, batch: Batch, changes: list[RecordedChange]) -> str:
         values = [pair for change in changes[: batch.used] for pair in change.values.items()]
         parts = [f'{name} = {value!r}' for name, value in [*values, *batch.unlogged.items()]]
         parts += ['reset'] * batch.resets
         return f'{", ".join(parts) or "a change"} at {self._time_ns * 1e-9:.9g} s'
 
     def _contradict(self, stamp_ns: int, found: Sequence[tuple[str, Any, Any]]) -> None:
-        """Note parameter events that contradict the snapshots, in the node's own bag."""
-        # Others may lack events, or have them in another order.
-        if self.history.stamped:
+        """Note parameter events of the node's own bag that contradict its snapshots."""
+        # Other bags may lack events, or have them in another order.
+        if self.recorded.stamped:
             for name, recorded, replayed in found:
                 self._differ(
-                    stamp_ns, self.history.topics.parameter_events, name, recorded, replayed
+                    stamp_ns, self.recorded.topics.parameter_events, name, recorded, replayed
                 )
 
-    def _judge(self, batch: Batch, snapshot: SnapshotRecord, known: bool) -> None:
-        topics = self.history.topics
-        if self._hears:
+    def _judge(self, batch: Batch, snapshot: RecordedSnapshot, known: bool) -> None:
+        topics = self.recorded.topics
+        if self._has_events:
             unlogged = [(name, None, value) for name, value in batch.unlogged.items()]
             self._contradict(snapshot.stamp_ns, unlogged)
         self._contradict(snapshot.stamp_ns, batch.contradicted)
@@ -574,7 +578,7 @@ class Replay:
                 'from its snapshot: no parameter event tells them'
             )
             return
-        if not batch.agrees and not self.history.stamped and not self.findings.difference_count:
+        if not batch.agrees and not self.recorded.stamped and not self.findings.difference_count:
             self.replayed.adopt(snapshot)
             self.findings.fault(
                 f'what was done at rig time {self._time_ns * 1e-9:.9g} s cannot be retraced: not '
@@ -584,8 +588,8 @@ class Replay:
         for name, recorded, replayed in batch.differences[:1]:
             self._differ(snapshot.stamp_ns, topics.snapshot, name, recorded, replayed)
         if self._adopts and not batch.agrees and not batch.adopted:
-            for ledger in self._ledgers.values():
-                ledger.settle(final=True)
+            for matcher in self._matchers.values():
+                matcher.settle(final=True)
             self.replayed.adopt(snapshot)
 
     def _differ(
@@ -599,49 +603,49 @@ class Replay:
     # The end
 
     def _finish(self) -> None:
-        """Compare what came after the last sample, and say what is wrong with the bag."""
-        findings, history = self.findings, self.history
+        """Compare the messages after the last sample, and report the faults of the bag."""
+        findings, recorded = self.findings, self.recorded
         self._excuse(self._spacing.close())
         end_ns = findings.offset_ns + self._time_ns
-        for ledger in self._ledgers.values():
-            if end_ns < ledger.last_ns <= end_ns + _LONGEST_GAP_NS:
+        for matcher in self._matchers.values():
+            if end_ns < matcher.last_ns <= end_ns + _LONGEST_GAP_NS:
                 # A cut bag may end with the impacts of a tick whose sample is lost.
-                self._time_ns = max(self._time_ns, ledger.last_ns - findings.offset_ns + 1)
+                self._time_ns = max(self._time_ns, matcher.last_ns - findings.offset_ns + 1)
         self._advance()
-        for ledger in self._ledgers.values():
-            # Of a tick that is cut off, each topic may have come to another end.
-            ledger.drop_after(max(ledger.last_ns, end_ns))
-            ledger.settle(final=True)
+        for matcher in self._matchers.values():
+            # In a tick that is cut off, each topic may end elsewhere.
+            matcher.drop_after(max(matcher.last_ns, end_ns))
+            matcher.settle(final=True)
         self._judge_losses(end_ns)
         if self._left_out:
             findings.fault(f'joint states left out because of impossible stamps: {self._left_out}')
-        for fault in history.faults():
+        for fault in recorded.faults():
             findings.fault(fault)
-        for remark in history.remarks():
+        for remark in recorded.remarks():
             findings.remark(remark)
-        if history.early:
-            findings.remark(f'messages from before the first snapshot, left out: {history.early}')
+        if recorded.early:
+            findings.remark(f'messages from before the first snapshot, left out: {recorded.early}')
 
     def _judge_losses(self, end_ns: int) -> None:
-        """Say what is missing: the node records all that it does not note as dropped."""
-        findings, history = self.findings, self.history
-        for topic, ledger in self._ledgers.items():
-            if ledger.unheard:
+        """Report missing messages: the node records all that it does not note as dropped."""
+        findings, recorded = self.findings, self.recorded
+        for topic, matcher in self._matchers.items():
+            if matcher.before_recorder:
                 findings.remark(
-                    f'{ledger.unheard} messages of {topic} are from before the first one that '
-                    'the recorder got'
+                    f'{matcher.before_recorder} messages of {topic} are from before the first one '
+                    'that the recorder got'
                 )
         period_ns = self._spacing.period_ns
-        if not history.stamped or not period_ns or findings.start_ns is None:
+        if not recorded.stamped or not period_ns or findings.start_ns is None:
             return
         # Before the first sample, and after the last one while impacts go on
-        head_ns = findings.start_ns - history.start.time_ns
-        tail_ns = max(ledger.last_ns for ledger in self._ledgers.values()) - end_ns
+        head_ns = findings.start_ns - recorded.start.time_ns
+        tail_ns = max(matcher.last_ns for matcher in self._matchers.values()) - end_ns
         lost = findings.missing_samples + int(max(0, tail_ns) // period_ns)
         lost += round(head_ns / period_ns) - 1 if head_ns > 1.5 * period_ns else 0
         if not lost:
             return
-        noted = history.reader.dropped
+        noted = recorded.reader.dropped
         text = f'{lost:,} joint states are missing'
         if findings.gaps:
             text += f', the first after {findings.gaps[0].time:.9g} s'

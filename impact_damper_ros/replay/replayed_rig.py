@@ -1,9 +1,9 @@
 """
-The rig of a replay: what was done to it is found out, and checked against the snapshots.
+The rig of a replay: its changes and resets are reconstructed and checked against the snapshots.
 
-A batch of requests that the node carried out at one tick ends with one snapshot. Its parameter
-events are logged one by one, a reset only shows in the snapshot; so the reset's place among them
-is found by trying, and right is what leads to the recorded state, bit for bit.
+The requests that the node carried out at one tick end with one snapshot. Parameter events are
+logged one by one, but a reset is seen in the snapshot only; so the place of a reset among them is
+found by trying: the right one leads to the recorded state, bit for bit.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from impact_damper_ros.bag.run_history import Change, SnapshotRecord
 from impact_damper_ros.control import (
     GAP_CONTROL_SPECS,
     ControlledRig,
@@ -30,6 +29,9 @@ from impact_damper_ros.rig import (
     ParameterError,
     RigParameters,
 )
+
+from .recorded_run import RecordedChange
+from .recorded_snapshot import RecordedSnapshot
 
 __all__ = [
     'Batch',
@@ -76,30 +78,30 @@ def setting_of(state: Mapping[str, Any]) -> Setting:
     )
 
 
-#: Something done to the rig: changed to parameters, or reset to initial conditions.
+#: A change to parameters, or a reset to initial conditions.
 Step = Setting | InitialConditions
 
-#: Longest batch in which a reset is looked for at every place.
+#: Longest batch in which a reset is tried at every place.
 _LONGEST_SEARCH = 50
 
 
 class Effect(NamedTuple):
     """
-    What a change caused at once.
+    The immediate effects of a change.
 
     Attributes
     ----------
-    change : Change or None
+    change : RecordedChange or None
         The parameter event, if there is one.
     events : list of Event
         Impacts, among others.
     records : list of ControlRecord
-        What the gap control did.
+        Acts of the gap control.
     parameters : RigParameters
         The rig after it.
     """
 
-    change: Change | None
+    change: RecordedChange | None
     events: list[Event]
     records: list[ControlRecord]
     parameters: RigParameters
@@ -108,25 +110,25 @@ class Effect(NamedTuple):
 @dataclass
 class Batch:
     """
-    What was done to the rig at one instant.
+    The changes and resets of one instant.
 
     Attributes
     ----------
     steps : list of Step
-        What was done, in order.
+        The changes and resets, in order.
     effects : list of Effect
-        What each of them caused at once.
+        The immediate effects of each change.
     agrees : bool
-        Whether it leads to the state of the snapshot, if there is one.
+        Whether they lead to the state of the snapshot, if there is one.
     unlogged : dict
-        Parameters that the snapshot shows changed and no parameter event names.
+        Parameters that changed in the snapshot without a parameter event.
     contradicted : list of (str, object, object)
-        Parameters that have another value in the snapshot than in the last parameter event that
-        names them: name, value of the event and value of the snapshot.
+        Parameters whose last parameter event contradicts the snapshot: name, value of the event
+        and value of the snapshot.
     adopted : bool
         Whether a reset's initial conditions had to be taken from the snapshot.
     differences : list of (str, object, object)
-        Where the snapshot differs from the replay: name, recorded and replayed value.
+        Differences between snapshot and replay: name, recorded and replayed value.
     used : int
         How many of the changes were carried out.
     """
@@ -159,7 +161,7 @@ def _plain(state: Mapping[str, Any]) -> dict[str, Any]:
 def state_differences(
     recorded: Mapping[str, Any], replayed: Mapping[str, Any], path: str = ''
 ) -> list[tuple[str, Any, Any]]:
-    """Return name, recorded and replayed value of all that differs between two snapshots."""
+    """Return the differences between two snapshots: name, recorded and replayed value."""
     found: list[tuple[str, Any, Any]] = []
     for name in [*replayed, *(n for n in recorded if n not in replayed)]:
         there, here = recorded.get(name), replayed.get(name)
@@ -170,11 +172,11 @@ def state_differences(
     return found
 
 
-def initial_of(snapshot: SnapshotRecord) -> InitialConditions:
+def initial_of(snapshot: RecordedSnapshot) -> InitialConditions:
     """
     Read initial conditions back from the snapshot of a reset.
 
-    They are exact but for the last digit of what the snapshot holds as a sum or difference.
+    They are exact except for the last digit of a sum or difference.
     """
     return _initial(snapshot.state['origin'])
 
@@ -195,11 +197,11 @@ def _initial(origin: Mapping[str, Any]) -> InitialConditions:
 
 class ReplayedRig:
     """
-    A rig run by its history.
+    A rig to which a recorded run is repeated.
 
     Parameters
     ----------
-    start : SnapshotRecord
+    start : RecordedSnapshot
         Where it begins.
 
     Attributes
@@ -207,7 +209,7 @@ class ReplayedRig:
     rig : ControlledRig
         The rig.
     initial : InitialConditions or None
-        What the next reset leads to; None as long as no message has told.
+        Initial conditions of the next reset; None if not known yet.
     first_initial : InitialConditions or None
         The same at the start.
 
@@ -217,17 +219,17 @@ class ReplayedRig:
         If the snapshot is of another format or not complete.
     """
 
-    def __init__(self, start: SnapshotRecord) -> None:
+    def __init__(self, start: RecordedSnapshot) -> None:
         self.rig = ControlledRig.restore(start.state)
         self.initial: InitialConditions | None = None
         self.first_initial: InitialConditions | None = None
 
     def take_dump(self, values: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
-        """Learn the initial conditions from a list of all parameters."""
+        """Take the initial conditions from a list of all parameters; return its contradictions."""
         found = _contradictions(values, _setting(self.rig).as_dict())
         state = self.rig.snapshot()
         if state['time'] == state['origin']['time'] == 0.0 and not state['unreported']:
-            # They are sums and differences of what the snapshot holds.
+            # They are sums and differences of entries of the snapshot.
             small = 1e-12 * self.rig.parameters.gap
             found += [
                 (name, values[name], here)
@@ -239,12 +241,14 @@ class ReplayedRig:
             self.first_initial = self.first_initial or self.initial
         return found
 
-    def adopt(self, snapshot: SnapshotRecord) -> None:
-        """Go on from a snapshot, whatever the state was."""
+    def adopt(self, snapshot: RecordedSnapshot) -> None:
+        """Go on from a snapshot."""
         self.rig = ControlledRig.restore(snapshot.state)
 
-    def carry_out(self, changes: Sequence[Change], snapshot: SnapshotRecord | None) -> Batch:
-        """Do to the rig what was done to it at the present instant."""
+    def carry_out(
+        self, changes: Sequence[RecordedChange], snapshot: RecordedSnapshot | None
+    ) -> Batch:
+        """Repeat the changes and resets of the present instant."""
         if snapshot is None:
             self.rig, self.initial, batch = self._tried(changes)
             return batch
@@ -260,15 +264,15 @@ class ReplayedRig:
             assert best is not None
             self.rig, self.initial, batch = best
             self._disagree(batch, snapshot)
-        told = {name for change in changes for name in change.values}
+        named = {name for change in changes for name in change.values}
         after = _setting(self.rig).as_dict()
-        batch.unlogged = {n: v for n, v in after.items() if v != before[n] and n not in told}
+        batch.unlogged = {n: v for n, v in after.items() if v != before[n] and n not in named}
         stated = {name: v for change in changes[: batch.used] for name, v in change.values.items()}
         batch.contradicted = _contradictions(stated, after)
         return batch
 
-    def _disagree(self, batch: Batch, snapshot: SnapshotRecord) -> None:
-        """Note how the snapshot differs, and go on with what has to be taken from it."""
+    def _disagree(self, batch: Batch, snapshot: RecordedSnapshot) -> None:
+        """Note how the snapshot differs, and take over its parameters or its reset."""
         batch.agrees = False
         batch.differences = state_differences(snapshot.state, _plain(self.rig.snapshot()))
         if _is_reset(snapshot):
@@ -278,8 +282,10 @@ class ReplayedRig:
             return
         _change(self.rig, setting_of(snapshot.state), None, batch)
 
-    def _attempts(self, changes: Sequence[Change], snapshot: SnapshotRecord) -> Iterator[_Attempt]:
-        """Yield rigs to which that was done which the snapshot may show, the likely ones first."""
+    def _attempts(
+        self, changes: Sequence[RecordedChange], snapshot: RecordedSnapshot
+    ) -> Iterator[_Attempt]:
+        """Yield rigs after possible orders of changes and a reset, the likely ones first."""
         count = len(changes)
         # Some of the changes may belong to later batches.
         places = range(count, -1, -1) if count <= _LONGEST_SEARCH else (count,)
@@ -287,7 +293,7 @@ class ReplayedRig:
         exact = sum(change.exact for change in changes)
         if exact and all(change.exact for change in changes[:exact]):
             yield self._tried(changes)
-            # They may contradict the snapshot.
+            # The events may contradict the snapshot.
             rig, initial, batch = self._tried((), last=target)
             batch.used = exact
             yield rig, initial, batch
@@ -301,7 +307,7 @@ class ReplayedRig:
 
     def _tried(
         self,
-        changes: Sequence[Change],
+        changes: Sequence[RecordedChange],
         *,
         reset_at: int | None = None,
         last: Setting | None = None,
@@ -311,7 +317,7 @@ class ReplayedRig:
         initial, batch = self.initial, Batch(used=len(changes))
         for number in range(len(changes) + 1):
             if number == reset_at and initial is not None:
-                # The node refused what the rig refuses.
+                # What the rig refuses, the node has refused, too.
                 with suppress(ParameterError):
                     rig.reset(initial)
                     batch.steps.append(initial)
@@ -331,7 +337,9 @@ def _setting(rig: ControlledRig) -> Setting:
     return Setting(rig.parameters, rig.control)
 
 
-def _change(rig: ControlledRig, setting: Setting, change: Change | None, batch: Batch) -> None:
+def _change(
+    rig: ControlledRig, setting: Setting, change: RecordedChange | None, batch: Batch
+) -> None:
     if setting != _setting(rig):
         events = rig.change(*setting)
         batch.effects.append(Effect(change, events, rig.records, rig.parameters))
@@ -348,12 +356,12 @@ def _updated(
     return InitialConditions(**{**known, **given})
 
 
-def _is_reset(snapshot: SnapshotRecord) -> bool:
+def _is_reset(snapshot: RecordedSnapshot) -> bool:
     """Return whether the snapshot may be that of a reset: motion and force have just begun."""
     if snapshot.reason in ('reset', 'start', 'record'):
-        # The last two announce a rig to which nothing was done.
+        # The last two announce an unchanged rig.
         return snapshot.reason == 'reset'
-    # A reset and a resumption at the same tick are announced as the latter.
+    # A reset and a resumption at the same tick are announced as a resumption.
     origin = snapshot.state['origin']
     return origin['time'] == snapshot.state['time'] and not any(origin['angles'])
 
@@ -361,7 +369,7 @@ def _is_reset(snapshot: SnapshotRecord) -> bool:
 def _contradictions(
     stated: Mapping[str, Any], here: Mapping[str, Any]
 ) -> list[tuple[str, Any, Any]]:
-    """Return name, stated value and value of the rig of what does not agree."""
+    """Return the parameters that disagree: name, stated value and value of the rig."""
     return [
         (name, value, here[name])
         for name, value in stated.items()

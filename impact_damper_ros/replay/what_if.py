@@ -1,8 +1,8 @@
 """
-What if: another rig on the history of a recorded one.
+What if: another rig in the place of the recorded one.
 
-The other rig starts as the recorded one did, gets the same force, and everything that was done to
-the recorded one is done to it, too; but some parameters are held at other values all the time.
+The other rig starts as the recorded one did, with the same force and the same changes and resets,
+but some parameters are held at other values all the time.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from impact_damper_ros.bag.run_history import SnapshotRecord
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.rig import Event, InitialConditions, ParameterError, Sample
 
+from .recorded_snapshot import RecordedSnapshot
 from .replay import Replay, Tick
 from .replayed_rig import Setting, Step, setting_of
 
@@ -30,14 +30,14 @@ _MOST_VALUES = 100
 
 class WhatIf:
     """
-    A rig with some parameters held, on a recorded history.
+    A rig with some parameters held, in a recorded run.
 
     Parameters
     ----------
-    start : SnapshotRecord
-        Where the history begins.
+    start : RecordedSnapshot
+        Where the run begins.
     initial : InitialConditions or None
-        The recorded rig's at that time, as far as they are known.
+        Those of the recorded rig; None if they are not known.
     held : mapping
         Parameters of the rig and of its gap control, and their values.
     held_initial : mapping, optional
@@ -57,12 +57,12 @@ class WhatIf:
     ParameterError
         If the values are not admissible.
     ValueError
-        If initial conditions are held and the history does not begin with them.
+        If initial conditions are held and the run does not begin with them.
     """
 
     def __init__(
         self,
-        start: SnapshotRecord,
+        start: RecordedSnapshot,
         initial: InitialConditions | None,
         held: Mapping[str, Any],
         held_initial: Mapping[str, Any] | None = None,
@@ -85,7 +85,7 @@ class WhatIf:
         self.rig = rig
 
     def copied(self) -> WhatIf:
-        """Return another one that goes on from here."""
+        """Return a copy, which goes on from here."""
         other = copy.copy(self)
         other.rig = ControlledRig.restore(self.rig.snapshot())
         return other
@@ -99,12 +99,12 @@ class WhatIf:
         sample : Sample
             The motion there.
         events : list of Event
-            What happened on the way.
+            The events on the way.
 
         Raises
         ------
         ParameterError
-            If what was done to the recorded rig cannot be done to this one.
+            If a change or reset of the recorded rig is not admissible here.
         """
         events, self.early_events = self.early_events, []
         for time_ns, step in tick.steps:
@@ -114,18 +114,18 @@ class WhatIf:
         return self.rig.sample(), [event for event in events if event.time >= tick.begun]
 
     def advance(self, time_ns: int) -> list[Event]:
-        """Go on to an instant; once only, as the node does."""
+        """Go on to an instant, in one call as the node does."""
         time = time_ns / 1e9
         return self.rig.advance(time) if time > self.rig.time else []
 
     def carry_out(self, step: Step) -> list[Event]:
         """
-        Do what was done to the recorded rig, with the held values.
+        Repeat a change or reset of the recorded rig, with the held values.
 
         Raises
         ------
         ParameterError
-            If that cannot be.
+            If it is not admissible.
         """
         rig = self.rig
         if isinstance(step, Setting):
@@ -144,13 +144,13 @@ class WhatIf:
 
 
 def _from_initial(
-    start: SnapshotRecord,
+    start: RecordedSnapshot,
     logged: Setting,
     initial: InitialConditions | None,
     setting: Setting,
     held_initial: Mapping[str, Any],
 ) -> ControlledRig | None:
-    """Return a rig at its initial conditions, if the history begins at those of the logged one."""
+    """Return a rig at its initial conditions, if the run begins at those of the logged one."""
     if initial is None or start.time_ns != 0:
         return None
     try:
@@ -166,21 +166,21 @@ def _from_initial(
 
 class RecordedValues:
     """
-    What a parameter that is held was in the recorded run.
+    The values of a held parameter in the recorded run.
 
     Parameters
     ----------
     value : object
-        At first; None if it is not known.
+        The first one; None if it is not known.
 
     Attributes
     ----------
     first : list of (float, object)
-        The first values after that one, each with the rig time from which on it held, s.
+        The first values after that one, each with the rig time of its change, s.
     count : int
         How many there are after that one.
     last_time : float
-        Rig time from which on the last one held, s.
+        Rig time of the last change, s.
     range : tuple of float, or None
         The smallest and the largest of all; None if they are no numbers.
     """
@@ -194,7 +194,7 @@ class RecordedValues:
         self.range = (value, value) if number else None
 
     def take(self, time: float, value: Any) -> None:
-        """Take the value from an instant on, s; one that is no other is left out."""
+        """Take the value from an instant on, s, if it differs from the last one."""
         if value == self._last:
             return
         self._last = value
@@ -207,14 +207,14 @@ class RecordedValues:
 
     def described(self, shown: Callable[[Any], str], most: int) -> str:
         """
-        Return them in words.
+        Return the values as text.
 
         Parameters
         ----------
         shown : callable
             Returns the text of a value.
         most : int
-            How many are listed with their times; of the others number and range are given.
+            How many are listed with their times; the others by number and range.
         """
         listed = self.first[:most]
         parts = [shown(self.value), *(f'{shown(v)} from {t:.9g} s' for t, v in listed)]
@@ -225,7 +225,7 @@ class RecordedValues:
         return ', '.join(parts)
 
     def as_json(self) -> dict[str, Any]:
-        """Return them as what JSON can hold; times in s."""
+        """Return the values for JSON; times in s."""
         return {
             'at_first': self.value,
             'changes': [list(entry) for entry in self.first],
@@ -244,16 +244,16 @@ class Trace:
 
 class Ending:
     """
-    The last moments of a replay and of its what-if, to be looked at closely afterwards.
+    The end of a replay and of its what-if, kept to be sampled closely afterwards.
 
     Parameters
     ----------
     replay : Replay
         The replay.
     other : WhatIf
-        Runs along with it.
+        The what-if, which runs along with it.
     span : float
-        How much of the end is kept, s of rig time.
+        Length of the end, s of rig time.
     """
 
     def __init__(self, replay: Replay, other: WhatIf, span: float) -> None:
@@ -265,7 +265,7 @@ class Ending:
         self._time_ns = 0
 
     def look(self, tick: Tick) -> None:
-        """Take the next sample, at which both rigs stand."""
+        """Take the next sample, which both rigs have reached."""
         now_ns = self._time_ns = tick.time_ns
         self._steps.extend(tick.steps)
         kept = self._kept
@@ -286,7 +286,7 @@ class Ending:
         instants = [
             start_ns + (self._time_ns - start_ns) * k // max(1, points - 1) for k in range(points)
         ]
-        # Those at the very first instant had been done when it was kept.
+        # Steps of the very first instant were done before it was kept.
         steps = [step for step in self._steps if step[0] > from_ns]
         plain = other.copied()
         plain.rig, plain._held, plain._held_initial = ControlledRig.restore(rig.snapshot()), {}, {}
@@ -294,7 +294,7 @@ class Ending:
 
 
 def trace(rig: WhatIf, steps: Sequence[tuple[int, Step]], instants: Sequence[int]) -> Trace:
-    """Run a rig through what is done to it, and sample it at instants in nanoseconds."""
+    """Run a rig through changes and resets, and sample it at instants in nanoseconds."""
     samples, events = [], []
     waiting = deque(steps)
     for instant in instants:

@@ -1,1 +1,48 @@
-"""The report of a comparison: page, charts, tables and text."""
+"""
+The report of a comparison or a replay: text, JSON, tables, figures and the HTML page.
+
+Names are imported from their modules on first use, so that a command which writes only a table
+does not load the rest.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .drawing import blank_figure, finish_panel, save_figure
+    from .html_report import report_page, write_report
+    from .replay_report import findings_json, findings_text
+    from .run_figures import Closeup, Motion, draw_motion
+    from .text_report import comparison_text
+    from .what_if_report import WhatIfReport
+
+__all__ = [
+    'Closeup',
+    'Motion',
+    'WhatIfReport',
+    'blank_figure',
+    'comparison_text',
+    'draw_motion',
+    'findings_json',
+    'findings_text',
+    'finish_panel',
+    'report_page',
+    'save_figure',
+    'write_report',
+]
+
+_MODULES = {
+    'drawing': ('blank_figure', 'finish_panel', 'save_figure'),
+    'html_report': ('report_page', 'write_report'),
+    'replay_report': ('findings_json', 'findings_text'),
+    'run_figures': ('Closeup', 'Motion', 'draw_motion'),
+    'text_report': ('comparison_text',),
+    'what_if_report': ('WhatIfReport',),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f'{__name__}.{module}'), name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

@@ -1,19 +1,57 @@
-"""The style of all figures for print: colours, fonts, panels, and files written whole."""
+"""The style of all figures: colours, the style of print and that of the page, files."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impact_damper_ros.outputs import whole
+
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.figure import Figure
 
-__all__ = ['BLUE', 'GREEN', 'ORANGE', 'PURPLE', 'blank_figure', 'finish_panel', 'save_figure']
+__all__ = [
+    'BLUE',
+    'COLORS',
+    'DASHED',
+    'DOTTED',
+    'GREEN',
+    'ORANGE',
+    'PURPLE',
+    'blank_figure',
+    'draw_stop',
+    'finish_panel',
+    'legend_handles',
+    'page_style',
+    'save_figure',
+]
 
 
-# Okabe and Ito's colours, told apart with any kind of colour vision
-BLUE, ORANGE, GREEN, PURPLE = '#0072B2', '#D55E00', '#009E73', '#AA4499'
-_FONT = {
+# Of Okabe and Ito: distinguished with any kind of colour vision
+BLUE, ORANGE, GREEN, PURPLE = '#0072b2', '#d55e00', '#009e73', '#aa4499'
+
+#: Colours by what they stand for. The page has a variable of each name, with another value in a
+#: dark scheme. The theory is in ink, over the measurement.
+COLORS = {
+    'ink': '#1b1f24',
+    'quiet': '#5c6570',
+    'grid': '#dfe3e8',
+    'stop': '#98a2ae',
+    'primary': BLUE,
+    'damper': ORANGE,
+    'theory': '#0b0d10',
+    'special': PURPLE,
+}
+
+DASHED, DOTTED = (0, (3.2, 2.2)), (0, (1, 1.8))
+
+_PRINT = {
     'font.size': 9,
     'axes.labelsize': 9,
     'axes.titlesize': 9,
@@ -21,19 +59,63 @@ _FONT = {
     'mathtext.fontset': 'dejavusans',
     'svg.hashsalt': 'impact_damper_ros',
 }
+_PAGE = {
+    'axes.axisbelow': True,
+    'axes.edgecolor': COLORS['quiet'],
+    'axes.facecolor': 'none',
+    'axes.formatter.useoffset': False,
+    'axes.grid': True,
+    'axes.labelcolor': COLORS['ink'],
+    'axes.labelsize': 9.5,
+    'axes.linewidth': 0.8,
+    'axes.spines.right': False,
+    'axes.spines.top': False,
+    'axes.titlesize': 9.5,
+    'figure.dpi': 72,
+    'figure.facecolor': 'none',
+    'font.family': 'sans-serif',
+    'font.size': 9.5,
+    'grid.color': COLORS['grid'],
+    'grid.linewidth': 0.7,
+    'legend.fontsize': 8.5,
+    'legend.frameon': False,
+    'legend.labelcolor': COLORS['ink'],
+    'path.simplify_threshold': 0.25,
+    'savefig.facecolor': 'none',
+    'svg.fonttype': 'none',
+    'svg.hashsalt': 'impact_damper_ros',
+    'text.color': COLORS['ink'],
+    'text.parse_math': False,
+    'xtick.color': COLORS['quiet'],
+    'xtick.labelcolor': COLORS['ink'],
+    'xtick.labelsize': 8.5,
+    'ytick.color': COLORS['quiet'],
+    'ytick.labelcolor': COLORS['ink'],
+    'ytick.labelsize': 8.5,
+}
+
+
+@contextmanager
+def page_style() -> Iterator[None]:
+    """Draw in the style of the page, whatever matplotlibrc says; its settings come back after."""
+    import matplotlib as mpl
+
+    settings = {**mpl.rcParamsDefault, 'backend': mpl.rcParams['backend'], **_PAGE}
+    with mpl.rc_context(settings):
+        yield
 
 
 def blank_figure(width: float, height: float) -> Figure:
-    """Return an empty figure, its size in inches."""
+    """Return an empty figure for print, its size in inches."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    mpl.rcParams.update(_FONT)
+    mpl.rcParams.update(_PRINT)
     return Figure(figsize=(width, height), layout='constrained', dpi=180)
 
 
 def finish_panel(axes: Any, panel: str, x_label: str, y_label: str) -> None:
-    """Label a panel: its letter, axes, a light grid."""
+    """Label a panel for print: its letter, axes, a light grid."""
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
     # Marks are drawn whole at the frame, but not beyond it
@@ -59,13 +141,38 @@ def save_figure(figure: Figure, path: Path) -> None:
     figure : matplotlib.figure.Figure
         The figure.
     path : Path
-        The file; its suffix is the format, png, svg or pdf.
+        The file; its suffix is the format: png, svg or pdf.
     """
-    part = path.with_name(f'.{path.name}.part')
     kind = path.suffix.lower().lstrip('.')
     dated = {'png': 'Software', 'svg': 'Date', 'pdf': 'CreationDate'}[kind]
-    try:
-        figure.savefig(part, format=kind, metadata={dated: None})
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with whole(path) as draft:
+        figure.savefig(draft, format=kind, metadata={dated: None})
+
+
+def draw_stop(axes: Any, time: ArrayLike, place: ArrayLike, depth: float) -> None:
+    """Draw a stop over time, as a wall of some depth on its outer side."""
+    outer = np.asarray(place) + depth
+    axes.fill_between(time, place, outer, color=COLORS['stop'], alpha=0.35, linewidth=0)
+    axes.plot(time, place, color=COLORS['stop'], linewidth=1.0)
+
+
+def legend_handles(entries: Sequence[tuple[str, str, str]]) -> list[Any]:
+    """Return the handles of a legend from look (a line, 'patch' or marker), colour and label."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    lines: dict[str, Any] = {'line': '-', 'dashed': DASHED, 'dotted': DOTTED}
+    handles: list[Any] = []
+    for look, name, label in entries:
+        color = COLORS.get(name, name)
+        if look == 'patch':
+            handles.append(Patch(facecolor=color, alpha=0.5, label=label))
+        elif look in lines:
+            style: dict[str, Any] = {'linewidth': 1.8, 'linestyle': lines[look]}
+            handles.append(Line2D([], [], color=color, label=label, **style))
+        else:
+            face = 'none' if look in 'oD' else color
+            style = {'markeredgecolor': color, 'markerfacecolor': face, 'marker': look}
+            size = 8 if look == '*' else 6.5
+            handles.append(Line2D([], [], ls='none', ms=size, label=label, **style))
+    return handles

@@ -1,35 +1,14 @@
-"""
-Pieces of the report's page: text that is safe to show, tables, lists, and figures as inline SVG.
-
-matplotlib's SVG is a document of its own. Several of them in one page would share their ids, and
-their colours would not follow a dark scheme; here it becomes a part of the page.
-"""
+"""Pieces of the report's page: text that is safe to show, lists and tables."""
 
 from __future__ import annotations
 
-import io
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from html import escape
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 from unicodedata import category
-from xml.etree import ElementTree
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = [
-    'BOTH',
-    'COLORS',
-    'Column',
-    'Html',
-    'drawing_style',
-    'inline_svg',
-    'listed',
-    'safe',
-    'table',
-]
+__all__ = ['Column', 'Html', 'element', 'joined', 'listed', 'safe', 'table']
 
 
 #: Columns of a table that a phone has room for.
@@ -59,32 +38,38 @@ def safe(text: str) -> Html:
     return Html(escape(''.join(c if _may_stand(c) else '\N{REPLACEMENT CHARACTER}' for c in text)))
 
 
-class Column(NamedTuple):
-    """
-    A column of a table.
+def element(tag: str, *content: str, **attributes: str) -> Html:
+    """Return an element of texts that are made `safe`; an attribute that is empty is left out."""
+    given = ''.join(
+        f' {name.rstrip("_").replace("_", "-")}="{safe(value)}"'
+        for name, value in attributes.items()
+        if value
+    )
+    return Html(f'<{tag}{given}>{"".join(map(safe, content))}</{tag}>')
 
-    Attributes
-    ----------
-    title : str
-        Its head.
-    kind : str
-        'text', 'number' or 'bars'.
-    """
+
+def joined(*parts: str) -> Html:
+    """Return texts, made `safe`, one after another."""
+    return Html(''.join(map(safe, parts)))
+
+
+def listed(entries: Iterable[str]) -> Html:
+    """Return a list of texts."""
+    return element('ul', *(element('li', entry) for entry in entries))
+
+
+class Column(NamedTuple):
+    """Head of a column of a table, and its kind: 'text', 'number', 'span' or 'bars'."""
 
     title: str
     kind: str = 'number'
 
 
-def _cell(tag: str, content: str, **attributes: str) -> str:
-    given = ''.join(f' {name}="{value}"' for name, value in attributes.items() if value)
-    return f'<{tag}{given}>{safe(content)}</{tag}>'
-
-
-def _row(cells: Sequence[str], columns: Sequence[Column], *, marked: bool) -> str:
-    head = _cell('th', cells[0], scope='row')
+def _row(cells: Sequence[str], columns: Sequence[Column], *, marked: bool) -> Html:
+    head = element('th', cells[0], scope='row')
     pairs = zip(columns[1:], cells[1:], strict=True)
-    rest = ''.join(_cell('td', cell, **{'class': column.kind}) for column, cell in pairs)
-    return f'<tr class="changed">{head}{rest}</tr>' if marked else f'<tr>{head}{rest}</tr>'
+    rest = (element('td', cell, class_=column.kind) for column, cell in pairs)
+    return element('tr', head, *rest, class_='changed' if marked else '')
 
 
 def table(
@@ -95,236 +80,36 @@ def table(
     note: str = '',
     marked: Iterable[str] = (),
 ) -> Html:
-    """Return a table that scrolls by itself where the page is too narrow."""
-    kinds = ['' if column.kind == 'number' else 'text' for column in columns]
-    heads = [
-        _cell('th', column.title, scope='col', **{'class': kind})
-        for column, kind in zip(columns, kinds, strict=True)
-    ]
+    """
+    Return a table that scrolls by itself where the page is too narrow.
+
+    The rows come in groups with titles, which may be empty. Rows whose first cell is among the
+    `marked` ones are highlighted.
+    """
     chosen = set(marked)
     bodies = []
     for title, rows in groups:
         lines = [_row(row, columns, marked=row[0] in chosen) for row in rows]
         if title and lines:
-            place = {'class': 'group', 'scope': 'rowgroup', 'colspan': str(len(columns))}
-            lines.insert(0, f'<tr>{_cell("th", title, **place)}</tr>')
+            span = str(len(columns))
+            head = element('th', title, class_='group', scope='rowgroup', colspan=span)
+            lines.insert(0, element('tr', head))
         if lines:
-            bodies.append(f'<tbody>{"".join(lines)}</tbody>')
-    small = f'<small>{safe(note)}</small>' if note else ''
-    hint, focus = '', ''
-    if len(columns) > _NARROW_COLUMNS:
-        hint = f'<p class="hint">{len(columns)} columns, scrolls sideways →</p>'
-        focus = f' tabindex="0" role="group" aria-label="{_TAG.sub("", safe(caption))}"'
-    return Html(
-        f'{hint}<div class="scroll"{focus}><table><caption>{safe(caption)}{small}</caption>'
-        f'<thead><tr>{"".join(heads)}</tr></thead>{"".join(bodies)}</table></div>'
+            bodies.append(element('tbody', *lines))
+    heads = (
+        element('th', title, scope='col', class_='' if kind == 'number' else 'text')
+        for title, kind in columns
     )
-
-
-def listed(entries: Iterable[str]) -> Html:
-    """Return a list of texts."""
-    return Html(f'<ul>{"".join(f"<li>{safe(entry)}</li>" for entry in entries)}</ul>')
-
-
-#: Colours of the figures by the name of the page's variable, which has another value in a dark
-#: scheme. Blue and vermilion are Okabe and Ito's, told apart with any kind of colour vision; the
-#: theory is in ink, over both.
-COLORS = {
-    'ink': '#1b1f24',
-    'quiet': '#5c6570',
-    'grid': '#dfe3e8',
-    'stop': '#98a2ae',
-    'primary': '#0072b2',
-    'damper': '#d55e00',
-    'theory': '#0b0d10',
-    'special': '#aa4499',
-}
-#: Colours that stand out on a light and on a dark page, for what is drawn as pixels.
-BOTH = {'primary': '#2b83c4', 'damper': '#d0661c'}
-
-_SVG = '{http://www.w3.org/2000/svg}'
-_LINK = '{http://www.w3.org/1999/xlink}href'
-_VARIABLE = {color: f'var(--{name})' for name, color in COLORS.items()}
-_COLOR = re.compile('|'.join(COLORS.values()))
-_NUMBER = re.compile(r'-?\d+\.\d+')
-_REFERENCE = re.compile(r'url\(#([^)]+)\)')
-_NO_ROTATION = re.compile(r'rotate\(-?0(\.0)? [^)]*\)')
-# The page's own font is used. Older matplotlib writes `font: 9px 'A', ...`, newer `font-family:`.
-_FONT = re.compile(r"font-family:[^;]*|font:\s*(?P<size>[\d.]+px)\s*'[^;]*")
-_NUMERIC = ('d', 'x', 'y', 'width', 'height', 'transform', 'viewBox')
-
-
-@contextmanager
-def drawing_style() -> Iterator[None]:
-    """Draw in the style of the page; matplotlib's own settings come back afterwards."""
-    import matplotlib as mpl
-
-    ink, quiet = COLORS['ink'], COLORS['quiet']
-    style = {
-        'axes.axisbelow': True,
-        'axes.edgecolor': quiet,
-        'axes.facecolor': 'none',
-        'axes.formatter.useoffset': False,
-        'axes.grid': True,
-        'axes.labelcolor': ink,
-        'axes.labelsize': 9.5,
-        'axes.linewidth': 0.8,
-        'axes.spines.right': False,
-        'axes.spines.top': False,
-        'axes.titlesize': 9.5,
-        'figure.dpi': 72,
-        'figure.facecolor': 'none',
-        'font.family': 'sans-serif',
-        'font.size': 9.5,
-        'grid.color': COLORS['grid'],
-        'grid.linewidth': 0.7,
-        'legend.fontsize': 8.5,
-        'legend.frameon': False,
-        'legend.labelcolor': ink,
-        'path.simplify_threshold': 0.25,
-        'savefig.facecolor': 'none',
-        'svg.fonttype': 'none',
-        'svg.hashsalt': 'impact_damper_ros',
-        'text.color': ink,
-        'text.parse_math': False,
-        'xtick.color': quiet,
-        'xtick.labelcolor': ink,
-        'xtick.labelsize': 8.5,
-        'ytick.color': quiet,
-        'ytick.labelcolor': ink,
-        'ytick.labelsize': 8.5,
-    }
-    # Not what a matplotlibrc of the reader's says: the page is the same everywhere.
-    with mpl.rc_context({**mpl.rcParamsDefault, 'backend': mpl.rcParams['backend'], **style}):
-        yield
-
-
-def _rounded(match: re.Match[str]) -> str:
-    """Return a number with two decimals, without zeros that say nothing."""
-    text = f'{float(match[0]):.2f}'.rstrip('0').rstrip('.')
-    return '0' if text in ('-0', '') else text
-
-
-def _without_document(root: ElementTree.Element) -> None:
-    """Remove what belongs to a file of its own, and the names of namespaces."""
-    for parent in root.iter():
-        for child in list(parent):
-            if child.tag in (f'{_SVG}metadata', f'{_SVG}style'):
-                parent.remove(child)
-    for element in root.iter():
-        element.tag = element.tag.rpartition('}')[2]
-        if _LINK in element.attrib:
-            element.set('href', element.attrib.pop(_LINK).replace('\n', ''))
-        element.text = (element.text or '').strip() or None
-        element.tail = None
-    for name in ('width', 'height', 'version'):
-        root.attrib.pop(name, None)
-
-
-def _own_ids(root: ElementTree.Element, key: str) -> None:
-    """Keep the ids that something refers to, and make them the figure's own."""
-    wanted: set[str] = set()
-    for element in root.iter():
-        link = element.get('href', '')
-        if link.startswith('#'):
-            wanted.add(link[1:])
-        for value in element.attrib.values():
-            wanted.update(_REFERENCE.findall(value))
-    names: dict[str, str] = {}
-    for element in root.iter():
-        name = element.attrib.pop('id', None)
-        if name in wanted and name not in names:
-            names[name] = f'{key}-{len(names)}'
-            element.set('id', names[name])
-    for element in root.iter():
-        for attribute, value in element.attrib.items():
-            if attribute == 'href' and value.startswith('#'):
-                element.set(attribute, f'#{names[value[1:]]}')
-            elif 'url(#' in value:
-                element.set(attribute, _REFERENCE.sub(lambda m: f'url(#{names[m[1]]})', value))
-
-
-def _short(hundredths: int) -> str:
-    """Return a number as short as it goes."""
-    sign, size = '-' if hundredths < 0 else '', abs(hundredths)
-    tail = f'.{size % 100:02d}'.rstrip('0').rstrip('.')
-    return f'{sign}{size // 100 or ("" if tail else 0)}{tail}'
-
-
-def _short_path(path: str) -> str:
-    """Return a path of lines with its points counted from one another."""
-    if not set('MLz') >= {c for c in path if c.isalpha()}:
-        return path
-    words: list[str] = []
-    x = y = 0
-    tokens = iter(path.split())
-    for command in tokens:
-        if command == 'z':
-            words.append('z')
-            continue
-        to_x, to_y = (round(100.0 * float(next(tokens))) for _ in range(2))
-        if command == 'M':
-            words.append(f'M{_short(to_x)} {_short(to_y)}l')
-        else:
-            step = f'{_short(to_x - x)} {_short(to_y - y)}'.replace(' -', '-')
-            words.append(step if words[-1][-1] == 'l' or step[0] == '-' else f' {step}')
-        x, y = to_x, to_y
-    return ''.join(words).replace('lz', 'z').replace('lM', 'M').removesuffix('l')
-
-
-def _set(element: ElementTree.Element, name: str, value: str) -> None:
-    if value:
-        element.set(name, value)
-    else:
-        element.attrib.pop(name, None)
-
-
-def _slim(root: ElementTree.Element) -> None:
-    """Shorten numbers and styles."""
-    for element in root.iter():
-        for name in _NUMERIC:
-            if name in element.attrib:
-                value = _NO_ROTATION.sub('', element.attrib[name])
-                value = ' '.join(_NUMBER.sub(_rounded, value).split())
-                _set(element, name, _short_path(value) if name == 'd' else value)
-        style = element.get('style')
-        if style is not None:
-            style = _FONT.sub(lambda m: f'font-size: {m["size"]}' if m['size'] else '', style)
-            style = _COLOR.sub(lambda m: _VARIABLE[m[0]], style)
-            parts = [part.strip().replace(': ', ':') for part in style.split(';')]
-            _set(element, 'style', ';'.join(part for part in parts if part))
-    for group in root.iter('g'):
-        styles = {child.get('style') for child in group if child.tag == 'use'}
-        alike = len(styles) == 1 and all(child.tag == 'use' for child in group)
-        if alike and len(group) > 1 and 'style' not in group.attrib:
-            _set(group, 'style', styles.pop() or '')
-            for mark in group:
-                mark.attrib.pop('style', None)
-
-
-def _prune(parent: ElementTree.Element) -> None:
-    """Remove what draws nothing, and groups that say nothing."""
-    kept: list[ElementTree.Element] = []
-    for child in parent:
-        _prune(child)
-        invisible = child.tag == 'path' and child.get('style') == 'fill:none'
-        empty = child.tag in ('defs', 'g') and not len(child)
-        if child.tag == 'g' and not child.attrib:
-            kept.extend(child)
-        elif not invisible and not empty:
-            kept.append(child)
-    parent[:] = kept
-
-
-def inline_svg(figure: Figure, key: str, label: str) -> str:
-    """Return a figure as an element of an HTML page."""
-    content = io.BytesIO()
-    nothing = dict.fromkeys(('Date', 'Creator', 'Format', 'Type'))
-    figure.savefig(content, format='svg', metadata=nothing, dpi=144)
-    root = ElementTree.fromstring(content.getvalue())
-    _without_document(root)
-    _own_ids(root, key)
-    _slim(root)
-    _prune(root)
-    root.attrib.update({'class': 'plot', 'role': 'img', 'aria-label': label})
-    return ElementTree.tostring(root, encoding='unicode')
+    small = element('small', note) if note else ''
+    whole = element(
+        'table',
+        element('caption', caption, small),
+        element('thead', element('tr', *heads)),
+        *bodies,
+    )
+    if len(columns) <= _NARROW_COLUMNS:
+        return element('div', whole, class_='scroll')
+    hint = element('p', f'{len(columns)} columns, scrolls sideways →', class_='hint')
+    label = Html(_TAG.sub('', safe(caption)))
+    scroll = {'class_': 'scroll', 'tabindex': '0', 'role': 'group', 'aria_label': label}
+    return joined(hint, element('div', whole, **scroll))

@@ -1,4 +1,4 @@
-"""Pictures of a run, and of a run beside what it would have been with other parameters."""
+"""Figures of a run: its stages close up, and a recorded run beside its what-if."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .replay_report import Envelope
+from .drawing import COLORS, DASHED, blank_figure, draw_stop, finish_panel, legend_handles
+from .formatting import Unit, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,6 +19,14 @@ __all__ = ['Closeup', 'Motion', 'Side', 'draw_motion', 'draw_what_if']
 
 
 Array = NDArray[np.float64]
+
+#: Impacts, and the part of the run that is shown close up; no mass has one of these colours.
+_IMPACT, _BAND = '#ffd700', '#e69f00'
+_BAND_ALPHA = 0.5
+#: Depth of a stop in the figure, as a share of the gap.
+_DEPTH = 0.15
+#: Changes that are written out; more of them are only marked.
+_MOST_LABELS = 6
 
 
 @dataclass(frozen=True)
@@ -33,8 +42,6 @@ class Motion:
         Instants of the impacts, s, and where m then is, m.
     impact_stop : ndarray of shape (k,)
         The stops hit, 1 or 2.
-    impact_impulse : ndarray of shape (k,)
-        Impulses, N s.
     """
 
     time: Array
@@ -45,83 +52,89 @@ class Motion:
     impact_time: Array
     impact_position: Array
     impact_stop: NDArray[np.int64]
-    impact_impulse: Array
-
-
-PRIMARY = '#0b3c5d'
-DAMPER = '#d1495b'
-STOP = '#8d99ae'
-#: The bands of what is shown close up; not the colour of a mass.
-CLOSE = '#e09f00'
-_FAINT = 0.45
-MILLI = 1e3
 
 
 class Closeup(NamedTuple):
-    """A stretch to be drawn close up, s, without its end, and what to write above it."""
+    """A part of a run to be shown close up, s, without its end, and its title."""
 
     start: float
     end: float
     title: str
 
 
-def _overview(axes: Any, motion: Motion, closeups: Sequence[Closeup]) -> None:
-    axes.plot(motion.time, MILLI * motion.x, color=PRIMARY, linewidth=0.5)
-    for closeup in closeups:
-        axes.axvspan(closeup.start, closeup.end, color=CLOSE, alpha=_FAINT, linewidth=0)
-    axes.set_xlim(motion.time[0], motion.time[-1])
-    axes.set_xlabel('time [s]')
-    axes.set_ylabel('X [mm]')
-    axes.margins(y=0.25)
+class Side(NamedTuple):
+    """
+    One of two runs that are compared: the title of its end, and that end close up.
+
+    `time` is the start of consecutive pieces of the run, s, `low` and `high` the least and
+    greatest X in each, m.
+    """
+
+    title: str
+    time: Array
+    low: Array
+    high: Array
+    closeup: Motion
 
 
-def _close(axes: Any, motion: Motion, closeup: Closeup) -> None:
-    inside = (motion.time >= closeup.start) & (motion.time < closeup.end)
+def _draw_closeup(
+    axes: Any, motion: Motion, start: float, end: float, unit: Unit, primary: str, damper: str
+) -> None:
+    """Draw both masses, stops and impacts from `start` to before `end`."""
+    inside = (motion.time >= start) & (motion.time < end)
     time = motion.time[inside]
-    stop_1, stop_2 = MILLI * motion.stop_1[inside], MILLI * motion.stop_2[inside]
-    reach = 0.18 * float((stop_1 - stop_2).max())
-    for edge, outer in ((stop_1, stop_1 + reach), (stop_2, stop_2 - reach)):
-        axes.fill_between(time, edge, outer, color=STOP, alpha=0.35, linewidth=0)
-        axes.plot(time, edge, color=STOP, linewidth=1.0)
-    axes.plot(time, MILLI * motion.x[inside], color=PRIMARY, linewidth=1.8)
-    axes.plot(time, MILLI * motion.z[inside], color=DAMPER, linewidth=1.3)
-    hits = (motion.impact_time >= closeup.start) & (motion.impact_time < closeup.end)
+    stop_1, stop_2 = (unit.factor * stop[inside] for stop in (motion.stop_1, motion.stop_2))
+    depth = _DEPTH * float((stop_1 - stop_2).max(initial=0.0))
+    draw_stop(axes, time, stop_1, depth)
+    draw_stop(axes, time, stop_2, -depth)
+    axes.plot(time, unit.factor * motion.x[inside], color=primary, linewidth=1.9)
+    axes.plot(time, unit.factor * motion.z[inside], color=damper, linewidth=1.2)
+    hits = (motion.impact_time >= start) & (motion.impact_time < end)
     for stop, marker in ((1, '^'), (2, 'v')):
         chosen = hits & (motion.impact_stop == stop)
         axes.plot(
             motion.impact_time[chosen],
-            MILLI * motion.impact_position[chosen],
+            unit.factor * motion.impact_position[chosen],
             linestyle='none',
             marker=marker,
-            markersize=7,
+            markersize=6.5,
             markeredgecolor='black',
-            markerfacecolor='gold',
+            markerfacecolor=_IMPACT,
             zorder=5,
         )
-    axes.set_title(closeup.title, fontsize=10)
-    axes.set_xlabel('time [s]')
-    axes.set_xlim(closeup.start, closeup.end)
+    if end > start:
+        axes.set_xlim(start, end)
 
 
-def _legend(figure: Figure, *, closeups: bool) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
+def _mark_changes(axes: Any, changes: Sequence[tuple[float, str]], most: int) -> None:
+    """Mark the instants of changes; write them out if there are not too many."""
+    start, end = axes.get_xlim()
+    for number, (instant, text) in enumerate(changes):
+        axes.axvline(instant, color='black', linewidth=0.7, linestyle='--', alpha=0.7)
+        if len(changes) <= most:
+            late = instant > start + 0.8 * (end - start)
+            axes.annotate(
+                text,
+                (instant, 1.0),
+                xycoords=('data', 'axes fraction'),
+                xytext=(-4 if late else 4, -11 - 11 * (number % 2)),
+                textcoords='offset points',
+                ha='right' if late else 'left',
+            )
 
-    mark: dict[str, Any] = {
-        'linestyle': 'none',
-        'markeredgecolor': 'black',
-        'markerfacecolor': 'gold',
-    }
-    handles = [
-        Line2D([], [], color=PRIMARY, linewidth=1.8, label='X, primary mass'),
-        Line2D([], [], color=DAMPER, linewidth=1.3, label='Z, damper mass'),
-        Patch(facecolor=STOP, alpha=0.5, label='stops'),
-        Line2D([], [], marker='^', label='impact on stop 1', **mark),
-        Line2D([], [], marker='v', label='impact on stop 2', **mark),
-    ]
-    if closeups:
-        band = Patch(facecolor=CLOSE, alpha=_FAINT, label='close up below')
-        handles.append(band)
+
+def _band(axes: Any, start: float, end: float) -> None:
+    axes.axvspan(start, end, color=_BAND, alpha=_BAND_ALPHA, linewidth=0, zorder=0)
+
+
+def _legend(figure: Figure, lines: Sequence[tuple[str, str, str]], *, band: bool) -> None:
+    entries = [*lines, ('patch', 'stop', 'stops')]
+    entries += [(m, _IMPACT, f'impact on stop {stop}') for stop, m in ((1, '^'), (2, 'v'))]
+    handles = legend_handles(
+        [*entries, ('patch', _BAND, 'close up below')][: None if band else -1]
+    )
+    for mark in handles[len(lines) + 1 : len(lines) + 3]:
+        mark.set_markeredgecolor('black')
     figure.legend(handles=handles, loc='outside lower center', ncols=len(handles), frameon=False)
 
 
@@ -132,208 +145,14 @@ def draw_motion(
     title: str = '',
 ) -> Figure:
     """
-    Draw a run.
+    Draw a run: X over all of it, and parts of it close up.
 
     Parameters
     ----------
     motion : Motion
         The run.
     closeups : sequence of Closeup
-        Stretches to show close up, one panel each.
-    changes : sequence of (float, str), optional
-        Instants, s, at which something was changed, and what.
-    title : str, optional
-        Title of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure; positions in mm, time in s.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 7), layout='constrained')
-    grid = figure.add_gridspec(2, len(closeups), height_ratios=(1, 1.5))
-    overview = figure.add_subplot(grid[0, :])
-    _overview(overview, motion, closeups)
-    top = float(np.abs(MILLI * motion.x).max())
-    for instant, text in changes:
-        overview.axvline(instant, color='black', linewidth=0.8, linestyle='--')
-        overview.annotate(
-            text, (instant, 1.12 * top), xytext=(4, 0), textcoords='offset points', fontsize=9
-        )
-    first = None
-    for column, closeup in enumerate(closeups):
-        axes = figure.add_subplot(grid[1, column], sharey=first)
-        _close(axes, motion, closeup)
-        if first is None:
-            first = axes
-            axes.set_ylabel('position along the axis [mm]')
-    _legend(figure, closeups=bool(closeups))
-    if title:
-        figure.suptitle(title, fontsize=12)
-    return figure
-
-
-RECORDED = '#0b3c5d'
-WHAT_IF = '#d1495b'
-REPLAY_DAMPER = '#6d6875'
-IMPACT = 'gold'
-#: Changes that are written out; more of them are only marked.
-_MOST_LABELS = 6
-
-
-class Side(NamedTuple):
-    """
-    One of the two runs.
-
-    Attributes
-    ----------
-    label : str
-        For the legend and the title of its close-up.
-    envelope : Envelope
-        X over the whole run, m over s.
-    closeup : Motion
-        Its end.
-    """
-
-    label: str
-    envelope: Envelope
-    closeup: Motion
-
-
-def _scale(sides: Sequence[Side]) -> tuple[float, str]:
-    """Return factor and unit in which the motion is a handy number."""
-    largest = max(
-        (float(np.abs(part).max()) for side in sides for part in side.envelope.arrays()[1:]),
-        default=1.0,
-    )
-    for factor, unit in ((1.0, 'm'), (1e3, 'mm')):
-        if largest * factor >= 0.5:
-            return factor, unit
-    return 1e6, 'µm'
-
-
-def _replay_overview(
-    axes: Any,
-    sides: Sequence[Side],
-    changes: Sequence[tuple[float, str]],
-    scale: tuple[float, str],
-) -> None:
-    factor, unit = scale
-    largest = 0.0
-    ends = [0.0, 1.0]
-    pairs = list(zip(sides, (RECORDED, WHAT_IF), strict=True))
-    # The larger motion goes behind.
-    pairs.sort(key=lambda pair: -float(np.square(pair[0].envelope.arrays()[2]).sum()))
-    for (side, color), alpha in zip(pairs, (0.5, 0.75), strict=True):
-        time, low, high = side.envelope.arrays()
-        if not len(time):
-            continue
-        ends = [time[0], max(time[-1], time[0] + 1e-9)]
-        largest = max(largest, float(np.abs(factor * np.concatenate([low, high])).max()))
-        if np.array_equal(low, high):
-            axes.plot(time, factor * low, color=color, alpha=0.85, linewidth=0.7)
-        else:
-            axes.fill_between(
-                time, factor * low, factor * high, color=color, alpha=alpha, linewidth=0
-            )
-            for edge in (low, high):
-                axes.plot(time, factor * edge, color=color, linewidth=0.9)
-    closeup = sides[0].closeup.time
-    if len(closeup) and closeup[0] > ends[0]:
-        axes.axvspan(closeup[0], closeup[-1], color=IMPACT, alpha=0.6, linewidth=0, zorder=0)
-    for number, (instant, text) in enumerate(changes):
-        axes.axvline(instant, color='black', linewidth=0.7, linestyle='--', alpha=0.6)
-        if len(changes) <= _MOST_LABELS:
-            late = instant > ends[0] + 0.8 * (ends[1] - ends[0])
-            axes.annotate(
-                text,
-                (instant, 1.0),
-                xycoords=('data', 'axes fraction'),
-                xytext=(-3 if late else 3, -10 - 10 * (number % 2)),
-                textcoords='offset points',
-                ha='right' if late else 'left',
-                fontsize=8,
-            )
-    axes.set_xlim(*ends)
-    axes.set_ylim(-1.15 * largest or -1.0, (1.45 if changes else 1.15) * largest or 1.0)
-    axes.set_xlabel('rig time [s]')
-    axes.set_ylabel(f'X [{unit}]')
-
-
-def _closeup(axes: Any, side: Side, other: Side, color: str, scale: tuple[float, str]) -> None:
-    factor, _ = scale
-    motion = side.closeup
-    stop_1, stop_2 = factor * motion.stop_1, factor * motion.stop_2
-    reach = 0.12 * float((stop_1 - stop_2).max(initial=0.0))
-    for edge, outer in ((stop_1, stop_1 + reach), (stop_2, stop_2 - reach)):
-        axes.fill_between(motion.time, edge, outer, color=STOP, alpha=0.35, linewidth=0)
-        axes.plot(motion.time, edge, color=STOP, linewidth=1.0)
-    axes.plot(
-        other.closeup.time,
-        factor * other.closeup.x,
-        color=WHAT_IF if color == RECORDED else RECORDED,
-        linewidth=1.0,
-        linestyle=(0, (4, 2)),
-        alpha=0.8,
-    )
-    axes.plot(motion.time, factor * motion.x, color=color, linewidth=1.9)
-    axes.plot(motion.time, factor * motion.z, color=REPLAY_DAMPER, linewidth=1.2)
-    for stop, marker in ((1, '^'), (2, 'v')):
-        chosen = motion.impact_stop == stop
-        axes.plot(
-            motion.impact_time[chosen],
-            factor * motion.impact_position[chosen],
-            linestyle='none',
-            marker=marker,
-            markersize=6,
-            markeredgecolor='black',
-            markeredgewidth=0.7,
-            markerfacecolor=IMPACT,
-            zorder=5,
-        )
-    axes.set_title(side.label, fontsize=10, color=color)
-    axes.set_xlabel('rig time [s]')
-    axes.locator_params(axis='x', nbins=6)
-    axes.ticklabel_format(axis='x', useOffset=False)
-    if len(motion.time) > 1:
-        axes.set_xlim(motion.time[0], motion.time[-1])
-
-
-def _replay_legend(figure: Figure) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    mark: dict[str, Any] = {
-        'linestyle': 'none',
-        'markerfacecolor': IMPACT,
-        'markeredgecolor': 'black',
-    }
-    handles = [
-        Line2D([], [], color=RECORDED, linewidth=1.9, label='X recorded'),
-        Line2D([], [], color=WHAT_IF, linewidth=1.9, label='X what if'),
-        Line2D([], [], color=REPLAY_DAMPER, linewidth=1.2, label='loose mass Z'),
-        Patch(facecolor=STOP, alpha=0.5, label='stops'),
-        Line2D([], [], marker='^', label='impact on stop 1', **mark),
-        Line2D([], [], marker='v', label='impact on stop 2', **mark),
-    ]
-    figure.legend(handles=handles, loc='outside lower center', ncols=6, frameon=False, fontsize=9)
-
-
-def draw_what_if(
-    recorded: Side,
-    what_if: Side,
-    changes: Sequence[tuple[float, str]] = (),
-    title: str = '',
-) -> Figure:
-    """
-    Draw both runs: the whole time history over each other, and the end of each close up.
-
-    Parameters
-    ----------
-    recorded, what_if : Side
-        The runs.
+        The parts to show close up, one panel each.
     changes : sequence of (float, str), optional
         Instants, s, at which something was changed, and what.
     title : str, optional
@@ -344,20 +163,97 @@ def draw_what_if(
     matplotlib.figure.Figure
         The figure.
     """
-    from matplotlib.figure import Figure
+    figure = blank_figure(11, 7)
+    grid = figure.add_gridspec(2, max(1, len(closeups)), height_ratios=(1, 1.5))
+    unit = unit_for('m', motion.x)
+    overview = figure.add_subplot(grid[0, :])
+    overview.plot(motion.time, unit.factor * motion.x, color=COLORS['primary'], linewidth=0.5)
+    for closeup in closeups:
+        _band(overview, closeup.start, closeup.end)
+    overview.set_xlim(motion.time[0], motion.time[-1])
+    overview.margins(y=0.3)
+    _mark_changes(overview, changes, len(changes))
+    finish_panel(overview, '', 'time [s]', f'X [{unit.name}]')
+    first = None
+    for column, closeup in enumerate(closeups):
+        axes = figure.add_subplot(grid[1, column], sharey=first)
+        colors = COLORS['primary'], COLORS['damper']
+        _draw_closeup(axes, motion, closeup.start, closeup.end, unit, *colors)
+        label = '' if first else f'position along the axis [{unit.name}]'
+        finish_panel(axes, '', 'time [s]', label)
+        axes.set_title(closeup.title)
+        first = first or axes
+    lines = [('line', 'primary', 'X, primary mass'), ('line', 'damper', 'Z, loose mass')]
+    _legend(figure, lines, band=bool(closeups))
+    if title:
+        figure.suptitle(title, fontsize=11)
+    return figure
 
-    sides = (recorded, what_if)
-    scale = _scale(sides)
-    figure = Figure(figsize=(11, 7.2), layout='constrained')
+
+def _draw_envelopes(axes: Any, sides: Sequence[Side], unit: Unit) -> None:
+    """Draw X of two runs over each other, the larger motion behind."""
+    largest = 0.0
+    pairs = list(zip(sides, (COLORS['primary'], COLORS['damper']), strict=True))
+    pairs.sort(key=lambda pair: -float(np.square(pair[0].high).sum()))
+    for (side, color), alpha in zip(pairs, (0.5, 0.75), strict=True):
+        if not len(side.time):
+            continue
+        low, high = unit.factor * side.low, unit.factor * side.high
+        axes.set_xlim(side.time[0], max(side.time[-1], side.time[0] + 1e-9))
+        largest = max(largest, float(np.abs(np.concatenate([low, high])).max()))
+        if np.array_equal(low, high):
+            axes.plot(side.time, low, color=color, alpha=0.85, linewidth=0.7)
+        else:
+            axes.fill_between(side.time, low, high, color=color, alpha=alpha, linewidth=0)
+            for edge in (low, high):
+                axes.plot(side.time, edge, color=color, linewidth=0.9)
+    axes.set_ylim(-1.15 * largest or -1.0, 1.45 * largest or 1.0)
+
+
+def draw_what_if(
+    recorded: Side,
+    what_if: Side,
+    changes: Sequence[tuple[float, str]] = (),
+    title: str = '',
+) -> Figure:
+    """Draw two runs: all of both over each other, and the end of each close up."""
+    figure = blank_figure(11, 7.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.5))
-    _replay_overview(figure.add_subplot(grid[0, :]), sides, changes, scale)
+    sides = (recorded, what_if)
+    unit = unit_for('m', *(edge for side in sides for edge in (side.low, side.high)))
+    overview = figure.add_subplot(grid[0, :])
+    _draw_envelopes(overview, sides, unit)
+    end = recorded.closeup.time
+    if len(end) and end[0] > overview.get_xlim()[0]:
+        _band(overview, end[0], end[-1])
+    _mark_changes(overview, changes, _MOST_LABELS)
+    finish_panel(overview, '', 'rig time [s]', f'X [{unit.name}]')
     left = figure.add_subplot(grid[1, 0])
     right = figure.add_subplot(grid[1, 1], sharey=left)
-    _closeup(left, recorded, what_if, RECORDED, scale)
-    _closeup(right, what_if, recorded, WHAT_IF, scale)
-    left.set_ylabel(f'position along the axis [{scale[1]}]')
+    colors = COLORS['primary'], COLORS['damper']
+    for axes, side, other, color, others in (
+        (left, recorded, what_if, *colors),
+        (right, what_if, recorded, *colors[::-1]),
+    ):
+        motion, shadow = side.closeup, other.closeup
+        style: dict[str, Any] = {'color': others, 'linestyle': DASHED, 'alpha': 0.8}
+        axes.plot(shadow.time, unit.factor * shadow.x, linewidth=1.0, **style)
+        start, last = (motion.time[0], motion.time[-1]) if len(motion.time) else (0.0, 0.0)
+        _draw_closeup(
+            axes, motion, start, np.nextafter(last, np.inf), unit, color, COLORS['quiet']
+        )
+        axes.locator_params(axis='x', nbins=6)
+        axes.ticklabel_format(axis='x', useOffset=False)
+        finish_panel(axes, '', 'rig time [s]', '')
+        axes.set_title(side.title, color=color)
+    left.set_ylabel(f'position along the axis [{unit.name}]')
     right.tick_params(labelleft=False)
-    _replay_legend(figure)
+    lines = [
+        ('line', 'primary', 'X recorded'),
+        ('line', 'damper', 'X what if'),
+        ('line', 'quiet', 'Z, loose mass'),
+    ]
+    _legend(figure, lines, band=bool(len(end)))
     if title:
-        figure.suptitle(title, fontsize=12)
+        figure.suptitle(title, fontsize=11)
     return figure

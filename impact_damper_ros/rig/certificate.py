@@ -14,15 +14,12 @@ from math import sqrt
 
 from .kernels import kernel
 
-__all__ = ['ROUND_OFF', 'least_step', 'look_ahead', 'look_past', 'safe_step']
-
-
 _EPSILON = 2.220446049250313e-16
 _STEP_TOLERANCE = 1e-12
 _LEAST_STEP = 1e-9
 _COARSE = 1.0 / 64.0
 
-#: A sum this small compared with its terms cannot be told from zero.
+#: A sum this small compared with its terms is zero to round-off.
 ROUND_OFF = 16.0 * _EPSILON
 
 
@@ -95,7 +92,7 @@ def safe_step(h_0: float, h_1: float, h_2: float, bound: float, horizon: float) 
     value_left = h_0 + left * (h_1 + left * (half - left * sixth))
     if value_left <= 0.0:
         return left if left > 0.0 and value_left == 0.0 else 0.0
-    # Come down to the scale of the root: from far off the tangents would take ever so long.
+    # First reduce the interval to the scale of the root: tangents converge slowly from far away.
     trial = _COARSE * right
     while trial > left:
         value = h_0 + trial * (h_1 + trial * (half - trial * sixth))
@@ -116,7 +113,7 @@ def safe_step(h_0: float, h_1: float, h_2: float, bound: float, horizon: float) 
         slope = h_1 + right * (h_2 - 0.5 * right * bound)
         tangent = right - value_right / slope if slope < 0.0 else right
         if tangent >= right:
-            # The right end is the root to round-off, and a left end far from it is of no use.
+            # The right end is the root to round-off: bring the left end up to it.
             left = max(left, right * (1.0 - _STEP_TOLERANCE))
             break
         if left < tangent:
@@ -141,8 +138,8 @@ def look_ahead(
     """
     Return the safe step of one watched function, and whether it ends on the root.
 
-    It does if the root is then known to the last digit of the time: the cubic with +bound has
-    its own root no later than that.
+    It ends on the root if the cubic with +bound, which has a root no later than the function, has
+    its root within the last digit of the time.
     """
     step = safe_step(h_0, h_1, h_2, bound, horizon)
     if step >= horizon:
@@ -158,7 +155,7 @@ def look_ahead(
 
 @kernel
 def least_step(horizon: float) -> float:
-    """Return the step after which a function that cannot be told from zero is looked at again."""
+    """Return the step beyond a point at which a function is zero to round-off."""
     return _LEAST_STEP * horizon
 
 
@@ -167,10 +164,10 @@ def look_past(
     h_0: float, h_1: float, h_2: float, bound: float, horizon: float, tau: float, scale: float
 ) -> tuple[float, bool]:
     """
-    Look ahead as `look_ahead` does, but not stay where a function touches zero.
+    Return a step as `look_ahead` does, but do not stall where a function touches zero.
 
-    There it is zero to the round-off of its terms, which are of size `scale`, and no step is
-    safe; the least step then leads on by no more than that round-off.
+    There it is zero to the round-off of its terms, which are of size `scale`, and no step is safe.
+    The least step then passes over no more than that round-off.
     """
     step, root = look_ahead(h_0, h_1, h_2, bound, horizon, tau)
     least = least_step(horizon)

@@ -1,9 +1,8 @@
 """
-Changes in flight: what a parameter change or a command to the stops makes of the state.
+Changes in flight: the state after a parameter change or a command to the stops.
 
-A stop moves relative to M at constant speed towards its target. It never does work: where it and m
-meet it stays, at rest relative to M, before m may hit it. So the velocity of a stop does not enter
-any impact, and the energy of M and m is that of a rig with standing stops.
+A stop moves relative to M at constant speed towards its target. It never does work: where it meets
+m it stops, at rest relative to M, before m may hit it. Its velocity therefore enters no impact.
 """
 
 from __future__ import annotations
@@ -11,41 +10,39 @@ from __future__ import annotations
 from enum import IntEnum
 from math import inf, isinf, isnan
 
-from .mode import Machine
+from .mode import RigConstants
 from .origin import Origin, locked, offset_of
-from .parameters import ParameterError
-
-__all__ = ['Outcome', 'changed', 'check_command', 'commanded', 'kept_angles', 'supports']
+from .parameter_spec import ParameterError
 
 
-def regapped(here: Origin, machine: Machine) -> Origin:
+def regapped(here: Origin, rig: RigConstants) -> Origin:
     """
-    Return the state with both stops sent to the places that the machine has for them, at once.
+    Return the state with both stops moved to half the gap of the rig, at once.
 
-    A stop that would pass m comes up to it, and follows it inwards from then on.
+    A stop that would pass m is placed at m and follows it inwards from then on.
     """
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
-    stop_1 = max(machine.stop, offset)
-    stop_2 = -machine.stop if machine.one_sided else min(-machine.stop, offset)
-    # Clearances move by what the stops move, so that the tiny ones keep their digits.
+    stop_1 = max(rig.stop, offset)
+    stop_2 = -rig.stop if rig.one_sided else min(-rig.stop, offset)
+    # Clearances change by what the stops move, so that small ones keep their digits.
     clearance_1 = max(0.0, here.clearance_1 + (stop_1 - here.stop_1))
-    if stop_1 == offset and stop_1 > machine.stop:
+    if stop_1 == offset and stop_1 > rig.stop:
         clearance_1 = 0.0
-    if machine.one_sided:
+    if rig.one_sided:
         clearance_2 = inf
     elif here.clearance_2 == inf:
         clearance_2 = max(0.0, offset - stop_2)
     else:
         clearance_2 = max(0.0, here.clearance_2 - (stop_2 - here.stop_2))
-    if stop_2 == offset and stop_2 < -machine.stop and not machine.one_sided:
+    if stop_2 == offset and stop_2 < -rig.stop and not rig.one_sided:
         clearance_2 = 0.0
     return here._replace(
         stop_1=stop_1,
         stop_2=stop_2,
         clearance_1=clearance_1,
         clearance_2=clearance_2,
-        target_1=machine.stop,
-        target_2=-machine.stop,
+        target_1=rig.stop,
+        target_2=-rig.stop,
         stop_velocity_1=0.0,
         stop_velocity_2=0.0,
     )
@@ -55,10 +52,10 @@ def kept_angles(
     angles: tuple[float, ...], own: tuple[int, int], lines: tuple[int, int]
 ) -> tuple[float, ...]:
     """
-    Return the angles that harmonics have turned, once their numbers have changed.
+    Return the angles turned by the harmonics after their number has changed.
 
-    Each keeps its own by its place, in the force arrays or among the lines of the multisine; added
-    ones have turned none.
+    A harmonic keeps its angle by its index, in the force arrays or among the lines of the
+    multisine; an added one begins with zero.
     """
     first = (angles[: own[0]] + (0.0,) * own[1])[: own[1]]
     others = (angles[own[0] :] + (0.0,) * lines[1])[: lines[1]]
@@ -66,11 +63,11 @@ def kept_angles(
 
 
 def changed(
-    here: Origin, before: Machine, machine: Machine, shift: float, angles: tuple[float, ...]
+    here: Origin, before: RigConstants, rig: RigConstants, shift: float, angles: tuple[float, ...]
 ) -> Origin:
-    """Return the state just after a change, before m hits a stop that has come up to it."""
-    if before.stop != machine.stop or before.one_sided != machine.one_sided:
-        here = regapped(here, machine)
+    """Return the state just after a change, before m hits a stop that has been placed at m."""
+    if before.stop != rig.stop or before.one_sided != rig.one_sided:
+        here = regapped(here, rig)
     return here._replace(x=here.x + shift, angles=angles)
 
 
@@ -78,14 +75,14 @@ _FARTHEST = 1e9
 _SLOWEST = 1e-9
 
 
-class Outcome(IntEnum):
-    """What a command does to a stop at its instant."""
+class StopOutcome(IntEnum):
+    """State of a stop just after a command."""
 
-    #: It is on its way.
+    #: It moves towards its target.
     MOVING = 0
-    #: It is where it should be.
+    #: It is at its target.
     ARRIVED = 1
-    #: m is in its way already.
+    #: It touches m and cannot move further.
     TOUCHED = 2
 
 
@@ -111,7 +108,7 @@ def check_command(one_sided: bool, stop: int, target: float, speed: float) -> No
 
 
 def supports(origin: Origin) -> tuple[bool, bool]:
-    """Return whether m is on stop 1, and on stop 2, and that stands."""
+    """Return whether m is on stop 1, and on stop 2, while that stop stands."""
     return (
         origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0,
         origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0,
@@ -120,8 +117,8 @@ def supports(origin: Origin) -> tuple[bool, bool]:
 
 def commanded(
     one_sided: bool, here: Origin, stop: int, target: float, speed: float
-) -> tuple[Origin, Outcome]:
-    """Return the state just after a stop has been told to move, mode and velocities unchanged."""
+) -> tuple[Origin, StopOutcome]:
+    """Return the state just after a command to a stop, mode and velocities unchanged."""
     outwards = 1.0 if stop == 1 else -1.0
     place = here.stop_1 if stop == 1 else here.stop_2
     clearance = here.clearance_1 if stop == 1 else here.clearance_2
@@ -133,15 +130,15 @@ def commanded(
     if velocity != 0.0:
         closing = outwards * (here.relative_velocity - velocity)
         if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
-            return locked(one_sided, moved, stop), Outcome.TOUCHED
-        return moved, Outcome.MOVING
+            return locked(one_sided, moved, stop), StopOutcome.TOUCHED
+        return moved, StopOutcome.MOVING
     if way == 0.0:
-        return moved, Outcome.ARRIVED
+        return moved, StopOutcome.ARRIVED
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
     if outwards * way < 0.0 and outwards * (target - offset) <= 0.0:
-        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), Outcome.TOUCHED
-    # Clearances move by what the stop moves, so that tiny ones keep their digits.
-    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), Outcome.ARRIVED
+        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), StopOutcome.TOUCHED
+    # The clearance changes by what the stop moves, so that a small one keeps its digits.
+    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), StopOutcome.ARRIVED
 
 
 def _set_off(here: Origin, stop: int, target: float, velocity: float) -> Origin:

@@ -1,22 +1,17 @@
 """
-The certified first event of a flight: the quick search along a grid, and the certificate.
+The certified first event of a flight.
 
-Between two nodes of a grid (`grid`) a function and its first derivative are known at both ends,
-and its fourth derivative is bounded. So it lies within bound step^4/384 of the Hermite cubic, and
-far closer near the nodes, which tells whether m has just left a stop or comes back to it. As long
-as that leaves no doubt of what happens between the nodes, the search goes on; where a function
-falls to zero for the first time, it does not matter how its root is found. In doubt the search
-says so, and certified steps take over (`contact`).
+A flight watches a few functions: clearances, the relative speed, the remaining support. The search
+goes along a grid first. Between two points a function and its first derivative are known at both
+ends and its fourth derivative is bounded, so that it lies within bound step^4/384 of the Hermite
+cubic. As long as this excludes an event, the search goes on to the next point. Where it does not,
+certified steps take over (`certificate`): the flight advances by the least of the steps of all
+watched functions until a step ends on a root. Grazing contacts and double roots are thus found,
+and a flight without events is known to have none.
 
-Each flight watches a few functions: clearances, the relative speed, the support that is left. A
-stop that moves adds a constant to the first derivative of its clearance, and nothing else.
-From node to node it steps by the least of their certified steps (`certificate`), until the step
-ends on a root. So the first event is found, grazing and double roots included; a flight in which
-nothing happens is known to have no event.
-
-This module is also the only place that knows about "just left the stop": a flight that begins on
-a stop has exactly zero clearance and a positive rate there, which the certified step takes as it
-is. A flight that begins with a release has neither, and is led by its jerk.
+"Just left the stop" is handled here only. A flight that begins on a stop has exactly zero
+clearance and a positive rate there, which a certified step accepts. A flight that begins with a
+release has neither; its jerk leads it away.
 """
 
 from __future__ import annotations
@@ -24,7 +19,7 @@ from __future__ import annotations
 from math import copysign, inf
 
 from .certificate import ROUND_OFF, least_step, look_ahead, look_past, safe_step
-from .event import (
+from .flight import (
     ARRIVAL,
     CONTACT_1,
     CONTACT_2,
@@ -32,48 +27,31 @@ from .event import (
     RELEASE_DOWN,
     RELEASE_UP,
     REVERSAL,
-    STOP_ARRIVED_1,
-    STOP_ARRIVED_2,
+    Flight,
+    FlightEnd,
+    Motion,
+    end_at,
+    motion_at,
+    unfinished,
 )
-from .flight import Flight, FlightEnd, Motion, end_at, motion_at, unfinished
 from .kernels import kernel
 from .oscillator import Oscillator, derivative_bound
 from .roots import (
-    Node,
+    GridPoint,
     Relative,
     acceleration_of,
-    base_node,
+    base_point,
     contact_root,
     falling_root,
     jerk_of,
-    next_node,
+    next_point,
     polished,
 )
 
-__all__ = [
-    'ARRIVAL',
-    'CONTACT_1',
-    'CONTACT_2',
-    'NO_EVENT',
-    'RELEASE_DOWN',
-    'RELEASE_UP',
-    'REVERSAL',
-    'STOP_ARRIVED_1',
-    'STOP_ARRIVED_2',
-    'chatter_end',
-    'first_event',
-    'flight_end',
-    'keeps_sign',
-    'search_contact',
-    'search_release',
-]
+#: Error of positions, velocities and accelerations at the grid points, relative to their terms.
+_GRID_ERROR = 1e-13
 
-
-#: What positions, velocities and accelerations at the nodes may be wrong by, as a part of their
-#: terms.
-_NODE_ERROR = 1e-13
-
-# What `_in_doubt` has found
+# Results of `_in_doubt`
 _CLOSING, _CLEAR, _ENDED = range(3)
 
 
@@ -82,7 +60,7 @@ def keeps_sign(
     f_a: float, d_a: float, f_b: float, d_b: float, step: float, bound: float, error: float
 ) -> bool:
     """
-    Return whether a function is certain to be positive between two nodes.
+    Return whether a function is certain to be positive between two grid points.
 
     Notes
     -----
@@ -104,7 +82,7 @@ def keeps_sign(
 def _turn(
     flight: Flight,
     side: float,
-    node: Node,
+    point: GridPoint,
     start: Relative,
     rate: float,
     t_b: float,
@@ -113,7 +91,7 @@ def _turn(
     bound_5: float,
     error: float,
 ) -> FlightEnd:
-    """Return the reversal between two nodes, or the contact that comes before it."""
+    """Return the reversal between two grid points, or the contact that comes before it."""
     t_a = start.tau
     speed_a = side * start.speed
     rate_a = side * rate
@@ -123,32 +101,32 @@ def _turn(
     end: FlightEnd = polished(flight, REVERSAL, int(side), t_a + guess, t_a, t_b)
     if end.kind == NO_EVENT:
         return end
-    # Backwards from there the speed only grows from zero: it is the first reversal.
+    # Backwards from there the speed only grows: it is the first reversal.
     span = end.tau - t_a
     if not keeps_sign(0.0, -end.slope, speed_a, -rate_a, span, bound_5, error):
         return unfinished(NO_EVENT, t_a)
     clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
     left = clearance - side * end.travel
-    if left > _NODE_ERROR * (abs(end.x) + abs(flight.x) + abs(end.travel)):
+    if left > _GRID_ERROR * (abs(end.x) + abs(flight.x) + abs(end.travel)):
         return end
     if left >= 0.0:
         return unfinished(NO_EVENT, t_a)
     guess = falling_root(clearance - side * start.travel, -speed_a, left, 0.0, span)
-    return contact_root(flight, side, node, start, rate, guess, t_a, end.tau)
+    return contact_root(flight, side, point, start, rate, guess, t_a, end.tau)
 
 
 @kernel
 def _in_doubt(
     flight: Flight,
     motion: Motion,
-    node_a: Node,
+    point_a: GridPoint,
     a: Relative,
     rate_a: float,
-    node_b: Node,
+    point_b: GridPoint,
     b: Relative,
     error: float,
 ) -> tuple[int, float, FlightEnd]:
-    """Look closer at a step in which the speeds alone do not tell that m closes in on a stop."""
+    """Examine a step in which the speeds alone do not show that m approaches a stop."""
     oscillator = flight.oscillator
     step = oscillator.grid.step
     fall = flight.relative_acceleration + flight.acceleration
@@ -156,7 +134,7 @@ def _in_doubt(
     if side == 0.0:
         side = 1.0 if a.speed > 0.0 or (a.speed == 0.0 and rate_a > 0.0) else -1.0
     bound_5 = derivative_bound(oscillator, motion.x_5, motion.x_6, oscillator.grid.bound_5)
-    rate_b = fall - acceleration_of(oscillator, node_b)
+    rate_b = fall - acceleration_of(oscillator, point_b)
     if keeps_sign(
         side * a.speed, side * rate_a, side * b.speed, side * rate_b, step, bound_5, error
     ):
@@ -164,10 +142,10 @@ def _in_doubt(
     if flight.direction != 0:
         speed_b = side * b.speed
         end: FlightEnd = _turn(
-            flight, side, node_a, a, rate_a, b.tau, speed_b, side * rate_b, bound_5, error
+            flight, side, point_a, a, rate_a, b.tau, speed_b, side * rate_b, bound_5, error
         )
         return _ENDED, side, end
-    error = _NODE_ERROR * (abs(b.x) + abs(flight.x) + abs(a.travel) + abs(b.travel))
+    error = _GRID_ERROR * (abs(b.x) + abs(flight.x) + abs(a.travel) + abs(b.travel))
     bound_4 = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.grid.bound_4)
     for side in (1.0, -1.0):
         clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
@@ -189,20 +167,22 @@ def _relative(
     first: Relative,
     rest: float,
     step: float,
-    node: Node,
+    point: GridPoint,
     reached: float,
     travel: float,
     speed: float,
 ) -> Relative:
-    """Put together what is known of a node, which is so many steps from the first one."""
-    x = first.x if reached == 0.0 else rest + node.offset
+    """Return the relative motion at a grid point, `reached` steps after the first one."""
+    x = first.x if reached == 0.0 else rest + point.offset
     return Relative(first.tau + step * reached, x, travel, speed)
 
 
 @kernel(inline=True)
-def _rate(oscillator: Oscillator, first: float, fall: float, node: Node, reached: float) -> float:
-    """Return the relative acceleration at a node, as known already at the first one."""
-    return first if reached == 0.0 else fall - acceleration_of(oscillator, node)
+def _rate(
+    oscillator: Oscillator, first: float, fall: float, point: GridPoint, reached: float
+) -> float:
+    """Return the relative acceleration at a grid point, as known already at the first one."""
+    return first if reached == 0.0 else fall - acceleration_of(oscillator, point)
 
 
 @kernel(inline=True)
@@ -215,30 +195,30 @@ def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
     # The damper mass alone
     fall = flight.relative_acceleration + flight.acceleration
     launched = flight.relative_velocity + flight.velocity
-    # How far the speed may fall below both its values at two nodes
+    # How far the speed may fall below its values at both points
     bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, grid.bound_3)
     sag = 0.125 * step * step * bound_3
     leading = float(flight.direction)
-    node_a: Node = base_node(flight, tau, motion)
+    point_a: GridPoint = base_point(flight, tau, motion)
     first = Relative(tau, motion.x, motion.travel, motion.relative_velocity)
     travel_a = first.travel
     speed_a = first.speed
     reached = 0.0
-    while reached < grid.nodes:
-        node_b: Node = next_node(oscillator, node_a)
+    while reached < grid.points:
+        point_b: GridPoint = next_point(oscillator, point_a)
         t_b = tau + step * (reached + 1.0)
-        x_b = rest + node_b.offset
+        x_b = rest + point_b.offset
         travel_b = t_b * (launched + 0.5 * fall * t_b) - (x_b - flight.x)
-        speed_b = launched + fall * t_b - node_b.velocity
-        # The stop that m closes in on, as long as the speeds leave no doubt of it
+        speed_b = launched + fall * t_b - point_b.velocity
+        # The stop that m approaches, as long as the speeds are clear
         side = leading if leading != 0.0 else copysign(1.0, speed_a)
-        error = _NODE_ERROR * (abs(node_b.velocity) + abs(speed_b) + abs(speed_a))
+        error = _GRID_ERROR * (abs(point_b.velocity) + abs(speed_b) + abs(speed_a))
         clear = False
         if not min(side * speed_a, side * speed_b) > sag + error:
-            a = _relative(first, rest, step, node_a, reached, travel_a, speed_a)
-            rate = _rate(oscillator, motion.relative_2, fall, node_a, reached)
+            a = _relative(first, rest, step, point_a, reached, travel_a, speed_a)
+            rate = _rate(oscillator, motion.relative_2, fall, point_a, reached)
             b = Relative(t_b, x_b, travel_b, speed_b)
-            verdict, side, end = _in_doubt(flight, motion, node_a, a, rate, node_b, b, error)
+            verdict, side, end = _in_doubt(flight, motion, point_a, a, rate, point_b, b, error)
             if verdict == _ENDED:
                 return end
             clear = verdict == _CLEAR
@@ -250,15 +230,15 @@ def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
             )
             low = tau + step * reached
             if guess > 0.5 * step:
-                node_a = node_b
+                point_a = point_b
                 travel_a = travel_b
                 speed_a = speed_b
                 reached += 1.0
                 guess -= step
-            a = _relative(first, rest, step, node_a, reached, travel_a, speed_a)
-            rate = _rate(oscillator, motion.relative_2, fall, node_a, reached)
-            return contact_root(flight, side, node_a, a, rate, guess, low, t_b)
-        node_a = node_b
+            a = _relative(first, rest, step, point_a, reached, travel_a, speed_a)
+            rate = _rate(oscillator, motion.relative_2, fall, point_a, reached)
+            return contact_root(flight, side, point_a, a, rate, guess, low, t_b)
+        point_a = point_b
         travel_a = travel_b
         speed_a = speed_b
         reached += 1.0
@@ -270,25 +250,25 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
     """Search joint motion along the grid for the support to give way."""
     oscillator = flight.oscillator
     grid = oscillator.grid
-    node = base_node(flight, tau, motion)
+    point = base_point(flight, tau, motion)
     drive_5 = 0.0
-    for j in range(len(node.sines)):
+    for j in range(len(point.sines)):
         frequency = oscillator.frequencies[j]
         square = frequency * frequency
-        drive_5 += oscillator.forces[j] * (square * square * frequency) * node.cosines[j]
+        drive_5 += oscillator.forces[j] * (square * square * frequency) * point.cosines[j]
     x_7 = drive_5 - 2.0 * oscillator.decay * motion.x_6 - oscillator.omega_squared * motion.x_5
     bound_6 = derivative_bound(oscillator, motion.x_6, x_7, grid.bound_6)
     t_a = tau
     x_2 = motion.x_2
     x_3 = motion.x_3
-    for k in range(grid.nodes):
-        node = next_node(oscillator, node)
+    for k in range(grid.points):
+        point = next_point(oscillator, point)
         t_b = tau + grid.step * (k + 1)
-        x_2_b = acceleration_of(oscillator, node)
-        x_3_b = jerk_of(oscillator, node, x_2_b)
-        error = _NODE_ERROR * (
-            oscillator.omega_squared * abs(node.offset)
-            + abs(node.velocity * oscillator.decay)
+        x_2_b = acceleration_of(oscillator, point)
+        x_3_b = jerk_of(oscillator, point, x_2_b)
+        error = _GRID_ERROR * (
+            oscillator.omega_squared * abs(point.offset)
+            + abs(point.velocity * oscillator.decay)
             + abs(x_2_b)
             + abs(flight.constant)
             + abs(flight.slope)
@@ -317,7 +297,7 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
             guess = falling_root(left_a, -failing * x_3, left_b, -failing * x_3_b, grid.step)
             kind = RELEASE_UP if failing > 0 else RELEASE_DOWN
             end: FlightEnd = polished(flight, kind, failing, t_a + guess, t_a, t_b)
-            # Backwards from there what is left only grows from zero: it is the first release.
+            # Backwards from there the remaining support only grows: it is the first release.
             if end.kind != NO_EVENT and keeps_sign(
                 0.0, -end.slope, left_a, failing * x_3, end.tau - t_a, bound_6, error
             ):
@@ -357,14 +337,14 @@ def _leave_support(flight: Flight, motion: Motion) -> float:
         return -1.0
     bound = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.bound_4)
     if jerk <= ROUND_OFF * terms:
-        # Its sign says nothing yet; m does not move by a round-off of its path meanwhile.
+        # The sign of the jerk is round-off; within this step m moves by less than round-off.
         jerk = max(jerk, 0.0)
         step = least_step(horizon)
     elif 1.5 * jerk < bound * horizon:
         step = 1.5 * jerk / bound
     else:
         step = horizon
-    # The stop ahead, or the place to which one follows, must not be reached within that step.
+    # Neither the stop ahead nor the target of a following stop may be reached in that step.
     jerk_bound = jerk + bound * horizon
     if flight.arrival < inf:
         step = min(step, safe_step(flight.arrival, 0.0, 0.0, jerk_bound, horizon))
@@ -392,9 +372,8 @@ def _approach(
     """
     Look ahead for contact with the stop on one side, +1 for stop 1 and -1 for stop 2.
 
-    `closing` is the rate at which m comes up to it. While m recedes from it, it cannot hit it;
-    just after a release that reaches further than the clearance does, when both have hardly begun
-    to grow.
+    `closing` is the rate at which m approaches it. As long as m recedes, it cannot hit it; just
+    after a release this gives a longer step than the clearance, which is still tiny.
     """
     horizon = oscillator.horizon
     closing_1 = side * motion.relative_2
@@ -427,7 +406,7 @@ def _first_in_motion(flight: Flight, tau: float, limit: float, most: int) -> Fli
         if tau < 0.0:
             return unfinished(REVERSAL, 0.0)
         motion = motion_at(flight, tau)
-    # The stop that m leaves is watched if it comes after m.
+    # The stop that m leaves is watched only if it moves after m.
     watched_1 = direction >= 0 or velocity_1 < 0.0
     watched_2 = direction <= 0 or velocity_2 > 0.0
     quick = flight.arrival == inf and velocity_1 == 0.0 and velocity_2 == 0.0
@@ -552,30 +531,30 @@ def _first_in_joint(flight: Flight, tau: float, limit: float, most: int) -> Flig
 
 
 @kernel(inline=True)
-def flight_end(flight: Flight, node: float, limit: float, most: int = _ALL_STEPS) -> FlightEnd:
+def flight_end(flight: Flight, searched: float, limit: float, most: int = _ALL_STEPS) -> FlightEnd:
     """
     Find the end of a flight: its first event, and the motion there.
 
     Parameters
     ----------
-    flight, node, limit : Flight, float, float
+    flight, searched, limit : Flight, float, float
         As for `first_event`.
     most : int, optional
-        Stop searching after so many steps. The nodes do not depend on it.
+        Most steps to search. The times searched do not depend on it.
 
     Returns
     -------
     FlightEnd
-        The event, or with kind `NO_EVENT` the node reached; not beyond the limit, if that took all
-        the steps.
+        The event, or with kind `NO_EVENT` the time searched; not beyond the limit if all steps
+        were used.
     """
-    if node > limit:
-        return unfinished(NO_EVENT, node)
+    if searched > limit:
+        return unfinished(NO_EVENT, searched)
     until = min(limit, flight.deadline)
     if flight.joint:
-        end = _first_in_joint(flight, node, until, most)
+        end = _first_in_joint(flight, searched, until, most)
     else:
-        end = _first_in_motion(flight, node, until, most)
+        end = _first_in_motion(flight, searched, until, most)
     if end.tau > flight.deadline:
         end = unfinished(flight.deadline_kind, flight.deadline)
     if end.kind != NO_EVENT and not end.finished:
@@ -594,19 +573,19 @@ def chatter_end(flight: Flight, left: float) -> FlightEnd:
 
 
 @kernel
-def first_event(flight: Flight, node: float, limit: float) -> tuple[int, float]:
+def first_event(flight: Flight, searched: float, limit: float) -> tuple[int, float]:
     """
-    Find the first event of a flight after a node that it is known to pass.
+    Find the first event of a flight after a time that it is known to pass.
 
     Parameters
     ----------
     flight : Flight
         The flight, with what it watches.
-    node : float
+    searched : float
         Time since the flight's origin up to which there is no event: 0, or what an earlier call
-        returned with `NO_EVENT`. The nodes do not depend on the limits asked for.
+        returned with `NO_EVENT`. The times searched do not depend on the limits.
     limit : float
-        Stop searching once the node is beyond this time.
+        Stop searching once the search is beyond this time.
 
     Returns
     -------
@@ -615,7 +594,7 @@ def first_event(flight: Flight, node: float, limit: float) -> tuple[int, float]:
         `STOP_ARRIVED_1` or `STOP_ARRIVED_2`; or `NO_EVENT`, if there is none up to the returned
         time. It may be beyond the limit.
     tau : float
-        The event's time since the origin, or the node reached.
+        The event's time since the origin, or the time searched.
     """
-    end: FlightEnd = flight_end(flight, node, limit)
+    end: FlightEnd = flight_end(flight, searched, limit)
     return end.kind, end.tau

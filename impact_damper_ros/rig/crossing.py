@@ -1,13 +1,10 @@
 """
-Passages of X through zero, certified, on the side: watching for them leaves the motion alone.
+Certified passages of X through zero; watching for them does not change the motion.
 
-Within a flight X obeys the oscillator's equation, so that its third derivative is bounded as that
-of a clearance is, and certified steps (`certificate`) cannot miss a passage. A passage counts once
-X is on the other side by more than its round-off; a touch of zero is none.
-
-A flight's passages are counted from its origin, whenever one begins to watch, and each has one
-instant, a float. So they do not depend on how a run is cut up. A flight that begins where X cannot
-be told from zero takes over the side on which the one before has left it (`Origin.side`).
+Certified steps (`certificate`) cannot miss a passage. It counts once X is on the other side by
+more than its round-off; a touch of zero does not. The passages of a flight are counted from its
+origin, so that they do not depend on how a run is cut into pieces. A flight that begins where X is
+zero to round-off takes over the side of X from the flight before (`Origin.side`).
 """
 
 from __future__ import annotations
@@ -18,32 +15,21 @@ from math import inf, nextafter
 from .certificate import ROUND_OFF, least_step, safe_step
 from .flight import Flight, Motion, motion_at
 from .kernels import kernel
-from .origin import Origin, with_side
+from .origin import Origin, advance_time
 from .oscillator import Oscillator, derivative_bound
-from .phase import advance_time
-
-__all__ = [
-    'CrossingWatch',
-    'SearchInterruptedError',
-    'first_crossing',
-    'has_side',
-    'sided',
-    'starting_side',
-]
-
 
 _EPSILON = 2.220446049250313e-16
-# Where X is smaller than this part of its scale, it is left to the watch to tell its side.
+# Where X is smaller than this part of its scale, its side comes from the flight before.
 _NEAR_ZERO = 1e-9
-# A search goes on beyond its limit while X is within round-off of zero; by this part of the
-# horizon at most.
+# A search goes beyond its limit while X is zero to round-off, by at most this part of the
+# horizon.
 _OVERTIME = 1e-3
-#: Searched at a stretch between two questions whether to go on, in horizons.
+#: Time that is searched between two calls of `interrupted`, in horizons.
 _STRETCH = 16.0
 
 
 class SearchInterruptedError(Exception):
-    """A search was interrupted; it goes on from where it is when it is called again."""
+    """A search was interrupted; the next call continues it."""
 
 
 @kernel
@@ -83,15 +69,15 @@ def _root_of_x(flight: Flight, side: int, low: float, high: float) -> float:
 
 @kernel
 def first_crossing(
-    flight: Flight, side: int, node: float, limit: float
+    flight: Flight, side: int, searched: float, limit: float
 ) -> tuple[bool, float, float]:
-    """Find the first passage of X through zero after a node."""
+    """Find the first passage of X through zero after a time searched."""
     oscillator: Oscillator = flight.oscillator
     horizon = oscillator.horizon
-    above = node
-    tau = node
+    above = searched
+    tau = searched
     # A flight that begins at a passage may have its rest before it, by the round-off of its time.
-    arriving = node == 0.0
+    arriving = searched == 0.0
     while True:
         motion: Motion = motion_at(flight, tau)
         height = side * motion.x
@@ -143,9 +129,9 @@ def _side_at(origin: Origin, flight: Flight, instant: float) -> int:
         return side
     # At least one float more than the instant
     limit = (instant - origin.time) - origin.time_low + 2.0 * _EPSILON * abs(instant)
-    node = 0.0
-    while node <= limit + _OVERTIME * flight.oscillator.horizon:
-        found, tau, node = first_crossing(flight, side, node, limit)
+    searched = 0.0
+    while searched <= limit + _OVERTIME * flight.oscillator.horizon:
+        found, tau, searched = first_crossing(flight, side, searched, limit)
         if not found or advance_time(origin.time, origin.time_low, tau)[0] > instant:
             break
         side = -side
@@ -154,7 +140,7 @@ def _side_at(origin: Origin, flight: Flight, instant: float) -> int:
 
 @kernel(inline=True)
 def has_side(oscillator: Oscillator, origin: Origin) -> bool:
-    """Return whether X tells its own side; see `sided`."""
+    """Return whether X is large enough to have a side of its own."""
     scale = abs(origin.velocity) * oscillator.horizon
     for j in range(len(oscillator.forces)):
         scale += abs(oscillator.forces[j]) / oscillator.omega_squared
@@ -163,29 +149,22 @@ def has_side(oscillator: Oscillator, origin: Origin) -> bool:
 
 @kernel
 def sided(oscillator: Oscillator, before: Origin, flight: Flight, origin: Origin) -> Origin:
-    """Return the origin of the next flight, with the side of X if X is too small to tell it."""
+    """Return the origin of the next flight, with the side of X if X is zero to round-off."""
     if has_side(oscillator, origin):
         return origin
-    return with_side(origin, _side_at(before, flight, origin.time))
+    return origin._replace(side=_side_at(before, flight, origin.time))
 
 
 class CrossingWatch:
-    """
-    The passages of one flight through X = 0, in order.
-
-    Parameters
-    ----------
-    origin, flight : Origin, Flight
-        The flight with its origin.
-    """
+    """The passages of one flight through X = 0, in order."""
 
     def __init__(self, origin: Origin, flight: Flight) -> None:
         """Begin at the origin."""
         self._origin = origin
         self._flight = flight
         self._side = starting_side(flight, origin.side)
-        self._node = 0.0
-        # A passage at the origin itself belongs to this flight, and comes after it.
+        self._searched = 0.0
+        # A passage at the origin belongs to this flight and comes after it.
         self._earliest = nextafter(origin.time, inf)
         self._next: float | None = None
 
@@ -196,13 +175,15 @@ class CrossingWatch:
         origin = self._origin
         limit = (nextafter(until, inf) - origin.time) - origin.time_low
         horizon = self._flight.oscillator.horizon
-        if self._node > limit + _OVERTIME * horizon:
+        if self._searched > limit + _OVERTIME * horizon:
             return
         while True:
             ahead = limit
             if interrupted is not None:
-                ahead = min(limit, self._node + _STRETCH * horizon)
-            found, tau, self._node = first_crossing(self._flight, self._side, self._node, ahead)
+                ahead = min(limit, self._searched + _STRETCH * horizon)
+            found, tau, self._searched = first_crossing(
+                self._flight, self._side, self._searched, ahead
+            )
             if found or ahead == limit:
                 break
             if interrupted is not None and interrupted():

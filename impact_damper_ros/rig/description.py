@@ -1,8 +1,7 @@
 """
 Descriptions of the rig: a line of text for people, and the robot description (URDF) for viewers.
 
-Everything is drawn in proportion to the gap and to how far M moves; nothing here enters the
-motion.
+Everything is drawn in proportion to the gap and to the displacement of M.
 """
 
 from __future__ import annotations
@@ -15,10 +14,7 @@ import yaml
 
 from .parameters import RigParameters
 
-__all__ = ['described', 'frequency_hint', 'picture_size', 'robot_description', 'rviz_setup']
-
-
-#: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be a slip of unit.
+#: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be in the wrong unit.
 _NEAR = 1.25
 
 
@@ -49,14 +45,9 @@ it; gap 37 m; level'
 
 def frequency_hint(rig: RigParameters, varied: tuple[float, float] | None = None) -> str:
     """
-    Say that frequencies of the force look as if they were given in Hz, or return an empty text.
+    Return a hint if frequencies of the force look as if they were given in Hz; else nothing.
 
-    Parameters
-    ----------
-    rig : RigParameters
-        The rig.
-    varied : tuple of float, optional
-        Lowest and highest frequency, rad/s, if that of the first harmonic is varied.
+    If the frequency of the first harmonic is varied, `varied` is its range, rad/s.
     """
     for name, low, high in _bands(rig, varied):
         if low <= rig.omega <= high:
@@ -101,7 +92,7 @@ def _share(rig: RigParameters, *frequencies: float) -> str:
 
 
 def _force(rig: RigParameters) -> Iterator[str]:
-    """Yield what drives the rig."""
+    """Yield descriptions of the forces."""
     drives = [
         (amplitude, frequency)
         for amplitude, frequency in zip(rig.force_amplitudes, rig.force_frequencies, strict=True)
@@ -133,7 +124,7 @@ def _force(rig: RigParameters) -> Iterator[str]:
 def _bands(
     rig: RigParameters, varied: tuple[float, float] | None
 ) -> Iterator[tuple[str, float, float]]:
-    """Yield name, lowest and highest frequency of what drives the rig, without zeros."""
+    """Yield name, lowest and highest frequency of each force, without zeros."""
     own = rig.force_frequencies[0]
     if rig.sweep_mode != 'off':
         yield 'sweep_low and sweep_high', rig.sweep_low, rig.sweep_high
@@ -147,9 +138,9 @@ def _bands(
 
 #: Largest magnification at resonance that is drawn: a damped rig comes to less, without impacts.
 _MAGNIFICATION = 100.0
-#: Part of the swing of M that the damper measures at least, so that it is seen.
+#: Least length of the damper, in amplitudes of M, so that it is visible.
 _DAMPER_PER_SWING = 0.25
-#: Gaps up to which the deck goes, if the control may open the stops farther.
+#: Longest deck in gaps, however far the control may open the stops.
 _MOST_GAPS = 8.0
 #: Distance of the eye, in half lengths of the rail.
 _DISTANCE = 3.2
@@ -249,20 +240,8 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
     Its joints are those of the topic joint_states: absolute positions along the axis, so each
     hangs from the base and none from another. The primary is at 0 while its spring is unloaded. A
     stop's joint stands where the middle of the damper is when they touch, so the stops' blocks
-    begin half a damper further out.
-
-    Parameters
-    ----------
-    rig : RigParameters
-        The rig.
-    gap_max : float, optional
-        Largest gap of its gap control, m, if that is on; the deck is long enough for it, up to
-        eight times the gap.
-
-    Returns
-    -------
-    str
-        The XML, the same for the same rig.
+    begin half a damper further out. The deck is long enough for `gap_max`, the largest gap of the
+    control, up to eight times the gap.
     """
     size = picture_size(rig, gap_max)
     unit = size.damper

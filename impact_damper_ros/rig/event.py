@@ -1,59 +1,47 @@
-"""Events and samples: what a run of the rig consists of."""
+"""Events and samples: what a run of the rig consists of, and the rows that kernels write."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
+from operator import itemgetter
+from typing import Any, NamedTuple
 
-__all__ = [
-    'ARRIVAL',
-    'CONTACT_1',
-    'CONTACT_2',
-    'NO_EVENT',
-    'RELEASE_DOWN',
-    'RELEASE_UP',
-    'REVERSAL',
-    'STOP_ARRIVED_1',
-    'STOP_ARRIVED_2',
-    'Event',
-    'EventKind',
-    'Sample',
-]
-
-
-NO_EVENT = 0
-CONTACT_1 = 1
-CONTACT_2 = 2
-REVERSAL = 3
-#: A stop that follows m is where it should be.
-ARRIVAL = 4
-#: The support gives way, and m moves upwards.
-RELEASE_UP = 5
-RELEASE_DOWN = 6
-STOP_ARRIVED_1 = 7
-STOP_ARRIVED_2 = 8
+from .flight import (
+    ARRIVAL,
+    CONTACT_1,
+    CONTACT_2,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    REVERSAL,
+    STOP_ARRIVED_1,
+    STOP_ARRIVED_2,
+)
+from .kernels import kernel
+from .mode import CHATTER_1, CHATTER_2, REST_1, REST_2, STICK, RigConstants
+from .origin import Origin, offset_of
+from .transition import Transition, impulse_of
 
 
 class EventKind(IntEnum):
-    """What happened."""
+    """Kind of an event."""
 
     #: m hit a stop.
     IMPACT = 1
-    #: m has come to rest on a stop: a chatter accumulated, or the last impact was plastic.
+    #: m came to rest on a stop: a chatter accumulated, or the last impact was plastic.
     REST = 2
-    #: m has come to rest in the gap, held by friction.
+    #: m came to rest in the gap, held by friction.
     STICK = 3
     #: m left its rest or sticking.
     RELEASE = 4
     #: The relative velocity changed sign within the gap, and with it friction.
     REVERSAL = 5
-    #: A stop that moved, or had to follow m, has reached the position asked for.
+    #: A stop reached its target.
     STOP_ARRIVED = 6
-    #: X passed through zero; only reported where it is asked for.
+    #: X passed through zero; reported by `advance_to_crossing` only.
     CROSSING = 7
-    #: A moving stop and m have met: the stop stays there until it is moved again.
+    #: A moving stop and m met: the stop stays there until its next command.
     STOP_TOUCHED = 8
-    #: A sweep went on to its next frequency.
+    #: A stepped sine went on to its next frequency.
     FREQUENCY_STEP = 9
 
 
@@ -109,3 +97,215 @@ class Sample(NamedTuple):
     stop_2: float
     stop_1_velocity: float
     stop_2_velocity: float
+
+
+#: Rows that one transition may take.
+MOST_ROWS = 3
+IMPACT = int(EventKind.IMPACT)
+_REST = int(EventKind.REST)
+_STICK = int(EventKind.STICK)
+_RELEASE = int(EventKind.RELEASE)
+_REVERSAL = int(EventKind.REVERSAL)
+_STOP_ARRIVED = int(EventKind.STOP_ARRIVED)
+_STOP_TOUCHED = int(EventKind.STOP_TOUCHED)
+
+
+@kernel(inline=True)
+def write_event(
+    numbers: Any,
+    codes: Any,
+    row: int,
+    kind: int,
+    stop: int,
+    origin: Origin,
+    before: float,
+    after: float,
+    damper_before: float,
+    damper_after: float,
+    push: float,
+) -> int:
+    """Write one event into a row of the table; return the next row."""
+    numbers[row, 0] = origin.time
+    numbers[row, 1] = origin.x
+    numbers[row, 2] = offset_of(
+        origin.clearance_1, origin.clearance_2, origin.stop_1, origin.stop_2
+    )
+    numbers[row, 3] = before
+    numbers[row, 4] = after
+    numbers[row, 5] = damper_before
+    numbers[row, 6] = damper_after
+    numbers[row, 7] = push
+    codes[row, 8] = kind
+    codes[row, 9] = stop
+    codes[row, 10] = origin.mode
+    return row + 1
+
+
+@kernel(inline=True)
+def stop_under(mode: int) -> int:
+    """Return the stop on which m rests or ends its chatter; 0 for none."""
+    if mode in (REST_1, CHATTER_1):
+        return 1
+    return 2 if mode in (REST_2, CHATTER_2) else 0
+
+
+@kernel(inline=True)
+def support_code(mode_before: int, mode: int) -> int:
+    """Return the kind of event as which a change of support is reported; 0 for none."""
+    if mode_before >= STICK > mode:
+        return _RELEASE
+    if mode in (REST_1, REST_2) and (mode_before < STICK or mode_before >= CHATTER_1):
+        return _REST
+    return 0
+
+
+@kernel(inline=True)
+def write_transition(
+    rig: RigConstants,
+    damper_mass: float,
+    kind: int,
+    ended: Origin,
+    transition: Transition,
+    numbers: Any,
+    codes: Any,
+    row: int,
+) -> int:
+    """Write the events that a transition is reported as, up to three; return the next row."""
+    origin = transition.origin
+    mode = origin.mode
+    before = transition.velocity_before
+    after = transition.velocity_after
+    damper_before = before + transition.relative_velocity_before
+    damper_after = after + transition.relative_velocity_after
+    code = 0
+    stop = 0
+    push = 0.0
+    if kind in (CONTACT_1, CONTACT_2):
+        stop = transition.stop
+        outward = transition.relative_velocity_before * (1.0 if stop == 1 else -1.0) > 0.0
+        code = IMPACT
+        if (ended.stop_velocity_1 if stop == 1 else ended.stop_velocity_2) != 0.0:
+            row = write_event(
+                numbers,
+                codes,
+                row,
+                _STOP_TOUCHED,
+                stop,
+                origin,
+                before,
+                before,
+                damper_before,
+                damper_before,
+                0.0,
+            )
+            if not outward:
+                code = support_code(ended.mode, mode)
+                if code == 0:
+                    return row
+                stop = stop_under(mode if code == _REST else ended.mode)
+        push = impulse_of(rig, damper_mass, transition)
+    elif kind == ARRIVAL:
+        code = _STOP_ARRIVED
+        stop = 1 if origin.clearance_1 == 0.0 else 2
+    elif kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
+        code = _STOP_ARRIVED
+        stop = 1 if kind == STOP_ARRIVED_1 else 2
+    elif kind in (RELEASE_UP, RELEASE_DOWN):
+        code = _RELEASE
+        stop = stop_under(ended.mode)
+    elif mode in (REST_1, REST_2):
+        code = _REST
+        stop = 1 if mode == REST_1 else 2
+    elif mode == STICK:
+        code = _STICK
+    elif kind == REVERSAL:
+        code = _REVERSAL
+    if code == 0:
+        return row
+    row = write_event(
+        numbers,
+        codes,
+        row,
+        code,
+        stop,
+        origin,
+        before,
+        after,
+        damper_before,
+        damper_after,
+        push,
+    )
+    if code == IMPACT and mode in (REST_1, REST_2):
+        row = write_event(
+            numbers, codes, row, _REST, stop, origin, after, after, after, damper_after, 0.0
+        )
+    return row
+
+
+# The table that the kernels write into, by row and column: floats and codes together
+_Table = dict[tuple[int, int], Any]
+# The fields of `Event` in a row
+_ROWS = [
+    itemgetter(*[(row, column) for column in (0, 8, 9, 1, 2, 3, 4, 5, 6, 7)])
+    for row in range(MOST_ROWS)
+]
+_KINDS = {int(kind): kind for kind in EventKind}
+
+
+def _event(table: _Table, row: int) -> Event:
+    """Return a row of the table as an event."""
+    time, kind, *others = _ROWS[row](table)
+    return Event(time, _KINDS[kind], *others)
+
+
+def quiet(origin: Origin, stop: int = 0) -> Transition:
+    """Return a transition that leaves all velocities as they are."""
+    velocity, relative_velocity = origin.velocity, origin.relative_velocity
+    return Transition(origin, stop, velocity, relative_velocity, velocity, relative_velocity)
+
+
+def make_event(kind: EventKind, stop: int, transition: Transition) -> Event:
+    """Return an event without impulse, of a transition."""
+    table: _Table = {}
+    before, after = transition.velocity_before, transition.velocity_after
+    write_event(
+        table,
+        table,
+        0,
+        kind,
+        stop,
+        transition.origin,
+        before,
+        after,
+        before + transition.relative_velocity_before,
+        after + transition.relative_velocity_after,
+        0.0,
+    )
+    return _event(table, 0)
+
+
+def impact_events(rig: RigConstants, damper_mass: float, transition: Transition) -> list[Event]:
+    """Return the events of an impact on a standing stop: with rest, if it is plastic."""
+    standing = transition.origin._replace(stop_velocity_1=0.0, stop_velocity_2=0.0)
+    kind = CONTACT_1 if transition.stop == 1 else CONTACT_2
+    return transition_events(rig, damper_mass, kind, standing, transition)
+
+
+def support_events(mode_before: int, transition: Transition) -> list[Event]:
+    """Return the rest or release that a command to a stop causes, if any."""
+    mode = transition.origin.mode
+    code = support_code(mode_before, mode)
+    if code == 0:
+        return []
+    kind = EventKind(code)
+    rested = mode if kind is EventKind.REST else mode_before
+    return [make_event(kind, stop_under(rested), transition)]
+
+
+def transition_events(
+    rig: RigConstants, damper_mass: float, kind: int, before: Origin, transition: Transition
+) -> list[Event]:
+    """Return the events as which the end of a flight is reported."""
+    table: _Table = {}
+    rows = write_transition(rig, damper_mass, kind, before, transition, table, table, 0)
+    return [_event(table, row) for row in range(rows)]

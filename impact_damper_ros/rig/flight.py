@@ -1,5 +1,5 @@
 """
-Closed-form flights: the motion between two events.
+Flights: the motion between two events in closed form.
 
 The primary mass is a damped oscillator under a constant and harmonic accelerations,
 
@@ -7,15 +7,9 @@ The primary mass is a damped oscillator under a constant and harmonic accelerati
 
 with time tau counted from the flight's origin; the damper mass has constant acceleration, so that
 the relative acceleration is Y'' = Z'' - X''. Bapat (1995), equations (1)-(5), in a form without
-cancellation:
-
-- The response to a harmonic *from rest* is the divided difference of exp over the two
-  eigenvalues and iW. Its factor (exp(iW tau) - exp(l tau))/(iW - l) is written with expm1 and
-  half angles, so that nothing cancels at resonance, where the particular and the homogeneous
-  part of the textbook form do. Far above resonance that form is the better one, and is used.
-- For short times the displacement relative to the tangent parabola is summed from its Taylor
-  series, so that flights of any smallness keep their relative accuracy.
-- Relative position and velocity are carried themselves, not as a difference of absolute ones.
+cancellation: the response from rest is that of `oscillator`; short flights are summed as Taylor
+series about the tangent parabola, so that they keep their relative accuracy; relative position and
+velocity are variables of their own, not differences of absolute ones.
 """
 
 from __future__ import annotations
@@ -26,36 +20,38 @@ from typing import NamedTuple
 from .kernels import kernel
 from .oscillator import Driven, Free, Oscillator, driven_response, free_response
 
-__all__ = [
-    'Flight',
-    'FlightEnd',
-    'Motion',
-    'end_at',
-    'motion_at',
-    'starting_motion',
-    'unfinished',
-]
-
+#: What ends a flight.
+NO_EVENT = 0
+CONTACT_1 = 1
+CONTACT_2 = 2
+REVERSAL = 3
+#: A stop that follows m is where it should be.
+ARRIVAL = 4
+#: The support gives way, and m moves upwards.
+RELEASE_UP = 5
+RELEASE_DOWN = 6
+STOP_ARRIVED_1 = 7
+STOP_ARRIVED_2 = 8
 
 _TAYLOR_TERMS = 17
 
 
 class Flight(NamedTuple):
     """
-    One flight: everything that the motion after its origin depends on.
+    One flight: all that the motion after its origin depends on.
 
-    Positions and velocities are those at the origin, *after* whatever event began the flight.
+    Positions and velocities are those at the origin, *after* the event that began the flight.
     `relative_acceleration` is the relative acceleration there, exactly zero for a release.
     `clearance_1` and `clearance_2` are the distances of m from stop 1 and stop 2, infinite for a
     stop that is not there. What ends the flight:
 
     - `joint` false: contact with a stop. With `direction` +1 (m moves down relative to M) or -1,
-      also the reversal of the relative velocity, and, with `arrival` finite, m having moved that
-      far (the stop that follows it is then where it should be). `direction` 0 is free flight.
+      also the reversal of the relative velocity and, with `arrival` finite, that displacement of
+      m (the stop that follows it is then at its target). `direction` 0 is free flight.
     - `joint` true, M and m move as one: the acceleration m needs from its support, X'' - `slope`,
       leaves the interval from `support_low` to `support_high`.
-    - In both cases, no later than after `deadline` s, what `deadline_kind` names: a moving stop
-      arrives, or comes up to m that does not move relative to M.
+    - In both cases, after `deadline` s at the latest, what `deadline_kind` names: a moving stop
+      reaches its target, or m that does not move relative to M.
 
     `stop_velocity_1` and `stop_velocity_2` are the velocities of the stops relative to M.
     """
@@ -116,7 +112,7 @@ class FlightEnd(NamedTuple):
     x, velocity, travel, relative_velocity : float
         As in `Motion`, just before the event.
     slope : float
-        Rate of the function whose root it is; of no meaning for events not found by a root.
+        Rate of the function whose root it is; meaningless for an event that is no root.
     finished : bool
         Whether all of these have been evaluated.
     """
@@ -338,21 +334,9 @@ def motion_at(flight: Flight, tau: float) -> Motion:
     """
     Evaluate the closed form.
 
-    Parameters
-    ----------
-    flight : Flight
-        The flight.
-    tau : float
-        Time since its origin, s; not negative.
-
-    Returns
-    -------
-    Motion
-        Positions, velocities and higher derivatives at that instant.
-
     Notes
     -----
-    Bapat (1995), equations (3)-(5), rewritten as the module says.
+    Bapat (1995), equations (3)-(5), in the form that the module describes.
     """
     if tau == 0.0:
         return starting_motion(flight)
@@ -363,7 +347,7 @@ def motion_at(flight: Flight, tau: float) -> Motion:
 
 @kernel
 def end_at(flight: Flight, kind: int, tau: float) -> FlightEnd:
-    """Return the end of a flight at a time, whatever ends it."""
+    """Return the end of a flight at a given time."""
     motion: Motion = motion_at(flight, tau)
     return FlightEnd(
         kind, tau, motion.x, motion.velocity, motion.travel, motion.relative_velocity, 0.0, True

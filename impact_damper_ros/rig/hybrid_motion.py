@@ -1,8 +1,8 @@
 """
-The hybrid motion: flight, event, next flight, for as long as asked.
+The hybrid motion: flight, event, next flight.
 
-A flight is never re-originated to sample it, to watch it or to pause. Hence the motion does not
-depend on the sampling rate or on how a run is cut into pieces, to the last bit.
+A flight is never re-originated to sample, watch or pause it. Hence the motion does not depend on
+the sampling rate or on how a run is cut into pieces, to the last bit.
 """
 
 from __future__ import annotations
@@ -13,27 +13,22 @@ from math import inf, nextafter, ulp
 from typing import Any
 
 from .changes import supports
-from .contact import NO_EVENT, chatter_end, flight_end
+from .contact import chatter_end, flight_end
 from .crossing import CrossingWatch, SearchInterruptedError, sided
-from .event import Event, EventKind, Sample
-from .event_rows import impact_events, make_event, quiet, transition_events
-from .flight import FlightEnd, end_at, motion_at
-from .mode import CHATTER_1, Machine, Mode, launch, make_machine
-from .origin import Origin, carried, offset_of, placed, stop_rates
+from .event import Event, EventKind, Sample, impact_events, make_event, quiet, transition_events
+from .flight import NO_EVENT, Flight, FlightEnd, end_at, motion_at
+from .forcing import SteppedSine, frequency_at
+from .mode import CHATTER_1, Mode, RigConstants, launch, rig_constants
+from .origin import Origin, advance_time, carried, offset_of, placed, stop_rates
 from .parameters import RigParameters
-from .phase import advance_time
-from .stepped_sine import Sweep, frequency_at, origin_at_step, step_event
 from .transition import at_rest, moving_mode, resolve, struck
 
-__all__ = ['HybridMotion', 'RunawayError']
-
-
-# Far more events than any chatter has, in this part of a radian of the natural vibration.
+# More events than any chatter has, within this part of a radian of the natural vibration.
 _MOST_EVENTS_AT_ONCE = 10_000
 _AT_ONCE = 1e-9
-#: Steps of a search between two questions whether to go on. Few flights take more.
+#: Steps of a search between two calls of `interrupted`; few flights take more.
 _STEPS_AT_A_STRETCH = 8
-#: From so many on, each sample takes long.
+#: From this number of harmonics on, a sample takes long.
 _MANY_HARMONICS = 32
 _REMEDY = 'give a wider gap, a restitution below 1, or a slower start'
 
@@ -48,29 +43,41 @@ class RunawayError(RuntimeError):
         )
 
 
+def origin_at_step(rig: RigConstants, origin: Origin, flight: Flight, instant: float) -> Origin:
+    """Return the origin of the first flight after a step."""
+    tau = max(0.0, (instant - origin.time) - origin.time_low)
+    there = carried(origin, flight, end_at(flight, NO_EVENT, tau))
+    return sided(rig.free, origin, flight, there._replace(time=instant, time_low=0.0))
+
+
+def step_event(origin: Origin) -> Event:
+    """Return the event as which a step is reported."""
+    return make_event(EventKind.FREQUENCY_STEP, 0, quiet(origin))
+
+
 class HybridMotion:
     """
-    The motion of one rig whose parameters and stops nobody touches.
+    The motion of one rig between changes of its parameters and stops.
 
-    A subclass sets the rig up, and does to it what is to be done between two advances.
+    A subclass sets the rig up and changes it between two advances.
     """
 
     _parameters: RigParameters
-    _machine: Machine
+    _constants: RigConstants
     _time: float
     _unreported: list[Event]
-    _sweep: Sweep
+    _sweep: SteppedSine
     _step_due: float
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what the rig's future depends on."""
+        """Return all that the rig's future depends on."""
         raise NotImplementedError
 
     def _begin(self, origin: Origin) -> None:
-        """Make an origin the present one."""
+        """Begin the flight of an origin."""
         self._origin = origin
-        self._flight = launch(self._machine, origin)
-        self._node = 0.0
+        self._flight = launch(self._constants, origin)
+        self._searched = 0.0
         self._clear = -inf
         self._due = inf
         self._watch: CrossingWatch | None = None
@@ -83,23 +90,23 @@ class HybridMotion:
         self._due = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
 
     def _begin_all(self, origin: Origin) -> list[Event]:
-        """Begin from a state of unknown mode; m may be about to hit the stop it is on."""
+        """Begin from a state of unknown mode, with the impact of m that moves into its stop."""
         if origin.relative_velocity == 0.0:
-            self._begin(at_rest(self._machine, origin))
+            self._begin(at_rest(self._constants, origin))
             return []
         on_1, on_2 = supports(origin)
         if (on_1 and origin.relative_velocity > 0.0) or (on_2 and origin.relative_velocity < 0.0):
             stop = 1 if origin.relative_velocity > 0.0 else 2
-            transition = struck(self._machine, origin, stop)
+            transition = struck(self._constants, origin, stop)
             self._begin(transition.origin)
-            return impact_events(self._machine, self._parameters.damper_mass, transition)
-        mode = moving_mode(self._machine, origin.relative_velocity)
+            return impact_events(self._constants, self._parameters.damper_mass, transition)
+        mode = moving_mode(self._constants, origin.relative_velocity)
         self._begin(origin._replace(mode=mode, chatter_left=0.0))
         return []
 
     def _sided(self, origin: Origin) -> Origin:
-        """Return the next origin, with the side of X if X is too small to tell."""
-        return sided(self._machine.free, self._origin, self._flight, origin)
+        """Return the next origin, with the side of X if X is zero to round-off."""
+        return sided(self._constants.free, self._origin, self._flight, origin)
 
     def _crossings(self) -> CrossingWatch:
         """Return the present flight's passages through X = 0."""
@@ -125,7 +132,7 @@ class HybridMotion:
     @property
     def force_frequency(self) -> float:
         """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
-        return self._machine.free.frequencies[0]
+        return self._constants.free.frequencies[0]
 
     @property
     def stops(self) -> tuple[float, float]:
@@ -138,11 +145,6 @@ class HybridMotion:
         """Present velocities of stop 1 and stop 2 relative to M, m/s."""
         return stop_rates(self._origin, self._flight, self._here().relative_velocity)
 
-    @property
-    def stop_targets(self) -> tuple[float, float]:
-        """Positions Y to which stop 1 and stop 2 go, or at which they are, m."""
-        return self._origin.target_1, self._origin.target_2
-
     def _tau(self, time: float) -> float:
         return (time - self._origin.time) - self._origin.time_low
 
@@ -152,9 +154,9 @@ class HybridMotion:
         return carried(self._origin, self._flight, end_at(self._flight, NO_EVENT, tau))
 
     def mark(self) -> dict[str, Any]:
-        """Return what `go_back` takes the rig back to; far cheaper than a snapshot."""
+        """Return a mark for `go_back`; far cheaper than a snapshot."""
         state = self.__dict__.copy()
-        # Everything in it is immutable, but for these two.
+        # All the rest of it is immutable.
         state['_unreported'] = self._unreported.copy()
         if self._watch is not None:
             state['_watch'] = copy(self._watch)
@@ -170,7 +172,31 @@ class HybridMotion:
         most_events: float = inf,
         interrupted: Callable[[], bool] | None = None,
     ) -> list[Event]:
-        """Let the rig run to a later time."""
+        """
+        Let the rig run to a later time.
+
+        Parameters
+        ----------
+        time : float
+            Time to reach, s; not before the present one.
+        most_events : float, optional
+            After so many events the rig stops, at an event, if more are due before that time; it
+            may go on from there.
+        interrupted : callable, optional
+            Called now and then; once it returns true, the rig stops.
+
+        Returns
+        -------
+        list of Event
+            All events after the present time up to and including the new one.
+
+        Raises
+        ------
+        ValueError
+            If the time is before the present one or not finite.
+        RunawayError
+            If the rig has events without end at one instant; `go_back` undoes the advance.
+        """
         return self._run(time, most_events, interrupted, watch=False)
 
     def advance_to_crossing(
@@ -180,13 +206,13 @@ class HybridMotion:
         interrupted: Callable[[], bool] | None = None,
     ) -> list[Event]:
         """
-        Let the rig run until X passes through zero, or to a later time.
+        Let the rig run until X passes through zero, or to a later time; as `advance` otherwise.
 
         Notes
         -----
-        The motion is to the last bit what `advance` makes of it. X has to change its sign: a touch
-        of zero, or an excursion beyond it within round-off, is not a passage; neither is a change
-        of parameters that moves the static equilibrium, from which X is measured.
+        The motion is that of `advance`, to the last bit. X has to change its sign: a touch of
+        zero, or an excursion beyond it within round-off, is no passage; neither is a change of
+        parameters that moves the static equilibrium, from which X is measured.
         """
         return self._run(time, most_events, interrupted, watch=True)
 
@@ -217,7 +243,7 @@ class HybridMotion:
                 if there < until:
                     until = there
                     break
-                # An instant that the rig has come to is gone through with.
+                # All events of an instant that has been reached belong to it.
                 interrupted = None
                 continue
             due = self._due if self._due <= self._step_due else self._step_due
@@ -232,7 +258,7 @@ class HybridMotion:
                     interrupted = None
                     continue
                 if crossing is not None:
-                    # What else happens at that instant comes first.
+                    # Other events of that instant come first.
                     until, passing, interrupted = crossing, True, None
             if due > until:
                 break
@@ -240,7 +266,7 @@ class HybridMotion:
                 until = max(self._time, self._origin.time)
                 break
             events += self._pass_event() if self._due <= due else self._step_frequency()
-            if self._origin.time > instant + _AT_ONCE / self._machine.joint.frequency:
+            if self._origin.time > instant + _AT_ONCE / self._constants.joint.frequency:
                 instant, at_once = self._origin.time, 0
             at_once += 1
             if at_once > _MOST_EVENTS_AT_ONCE:
@@ -256,23 +282,19 @@ class HybridMotion:
         return events
 
     def _search(self, time: float, interrupted: Callable[[], bool] | None = None) -> bool:
-        """
-        Look for the event that ends the flight, up to a time at least; false if interrupted.
-
-        What was searched is not searched again.
-        """
-        # An event that rounds to the time asked for belongs to it.
+        """Search for the event that ends the flight up to a time; false if interrupted."""
+        # An event that rounds to that time belongs to it.
         limit = self._tau(nextafter(time, inf))
         while True:
             if interrupted is None:
-                end = flight_end(self._flight, self._node, limit)
+                end = flight_end(self._flight, self._searched, limit)
             else:
-                end = flight_end(self._flight, self._node, limit, _STEPS_AT_A_STRETCH)
+                end = flight_end(self._flight, self._searched, limit, _STEPS_AT_A_STRETCH)
             if end.kind != NO_EVENT:
                 self._expect(end)
                 return True
-            self._node = end.tau
-            # Up to here, and a digit less, there is no need to ask again.
+            self._searched = end.tau
+            # No event up to here, less a digit
             reached = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
             self._clear = reached - 4.0 * ulp(reached)
             if interrupted is None or not end.tau <= limit:
@@ -281,22 +303,22 @@ class HybridMotion:
                 return False
 
     def _step_frequency(self) -> list[Event]:
-        """Let the sweep go on to its next frequency, at an exact instant."""
-        there = origin_at_step(self._machine, self._origin, self._flight, self._step_due)
-        self._sweep = Sweep(self._sweep.start, self._sweep.step + 1)
+        """Go on to the next frequency of the stepped sine, at an exact instant."""
+        there = origin_at_step(self._constants, self._origin, self._flight, self._step_due)
+        self._sweep = SteppedSine(self._sweep.start, self._sweep.step + 1)
         self._step_due = self._sweep.due(self._parameters)
         frequency = frequency_at(self._parameters, self._sweep.step)
-        self._machine = make_machine(self._parameters, frequency)
+        self._constants = rig_constants(self._parameters, frequency)
         self._begin(there)
         return [step_event(there)]
 
     def _pass_event(self) -> list[Event]:
-        """Let the event that ends the flight happen."""
+        """Resolve the event that ends the flight, and begin the next flight."""
         kind, before = self._end.kind, self._origin
-        transition = resolve(self._machine, before, self._flight, self._end)
+        transition = resolve(self._constants, before, self._flight, self._end)
         self._begin(self._sided(transition.origin))
         mass = self._parameters.damper_mass
-        return transition_events(self._machine, mass, kind, before, transition)
+        return transition_events(self._constants, mass, kind, before, transition)
 
     def sample(self) -> Sample:
         """Return the motion at the present time, after any event at that instant."""
@@ -313,7 +335,7 @@ class HybridMotion:
             until = min(self._due, self._step_due)
             if not decided:
                 until = min(until, self._clear)
-        if interrupted is None or len(self._machine.phases) < _MANY_HARMONICS:
+        if interrupted is None or len(self._constants.phases) < _MANY_HARMONICS:
             return [self._sample_at(time) for time in times if time < until]
         samples = []
         for time in times:

@@ -1,19 +1,16 @@
 """
 Registry of the scalar kernels: functions of floats and named tuples that numba can compile.
 
-numba keeps compiled code beside the source file of a function and knows that it is stale by that
-one file. A kernel calls others in other files; so all of them get one stamp file of their own for
-a source, in a directory named by a digest of everything that compiled code depends on. Different
-versions of the package then live side by side, and nothing is ever written beside the sources,
-which may be read-only.
+A kernel runs as plain Python, so that a program starts without waiting for a compiler. `compiled`
+returns the same functions compiled; both forms do the same floating-point operations in the same
+order. Where a kernel takes a tuple with an entry for each harmonic, the compiled one also takes an
+array, and is then the same code for any number of harmonics.
 
-Compiled code is loaded as it is found, and runs with the rights of whoever loads it. So a
-directory that belongs to somebody else, or that holds a file of somebody else, is not used.
-
-A kernel runs as plain Python, so that a program starts without waiting for a compiler.
-`compiled` returns the same functions compiled; both forms do the same floating-point operations
-in the same order. Where a kernel takes a tuple with an entry for each harmonic, the compiled one
-also takes an array, and is then the same code for any number of them.
+numba caches compiled code by the source file of a function, but a kernel calls kernels of other
+files. All of them therefore share one stamp file in place of their sources, in a directory named
+by a digest of everything that compiled code depends on; the sources may be read-only. Compiled
+code runs with the rights of the user who loads it, so that a directory which belongs to another
+user, or holds a file of another user, is not used.
 """
 
 from __future__ import annotations
@@ -33,23 +30,12 @@ from math import cos, sin
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
-__all__ = [
-    'compiled',
-    'compiling_alone',
-    'elementwise',
-    'kernel',
-    'sine_and_cosine',
-    'stamp',
-    'stamp_file',
-]
-
-
 _STAMP = 'kernels.py'
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def _digest() -> str:
-    """Return a digest of all sources of this subpackage and of the versions of the compiler."""
+    """Return a digest of all sources of this folder and of the versions of the compiler."""
     digest = hashlib.sha256()
     for text in (sys.version, version('numba'), version('llvmlite')):
         digest.update(text.encode() + b'\0')
@@ -59,7 +45,7 @@ def _digest() -> str:
 
 
 def _bases() -> Iterator[Path]:
-    """Yield the directories for caches that a user may have, the preferred one first."""
+    """Yield the cache directories of the user, the preferred one first."""
     if named := os.environ.get('NUMBA_CACHE_DIR'):
         yield Path(named)
     if named := os.environ.get('XDG_CACHE_HOME'):
@@ -71,7 +57,7 @@ def _bases() -> Iterator[Path]:
 
 
 def _write_stamp(path: Path) -> None:
-    """Write the stamp file at once, with a fixed time, however many processes do so."""
+    """Write the stamp file atomically, with a fixed time: many processes may write it."""
     handle, name = tempfile.mkstemp(dir=path.parent, suffix='.part')
     try:
         with os.fdopen(handle, 'w', encoding='utf-8') as stamp:
@@ -84,16 +70,16 @@ def _write_stamp(path: Path) -> None:
 
 
 def _is_own(path: Path) -> bool:
-    """Return whether a file or directory is one's own, and a link to it too, or gone."""
+    """Return whether a file or directory, and a link to it, is the user's own; or gone."""
     user = os.geteuid()
     try:
         return path.lstat().st_uid == user and path.stat().st_uid == user
     except FileNotFoundError:
-        return True  # the draft of another process
+        return True  # another process has renamed it
 
 
 def _made_own(path: Path) -> bool:
-    """Make a directory for oneself alone; return whether it is so, with all that is in it."""
+    """Make a directory that only the user writes to; return whether it is, with its files."""
     path.mkdir(mode=0o700, exist_ok=True)
     if not _is_own(path):
         return False
@@ -104,13 +90,13 @@ def _made_own(path: Path) -> bool:
 
 
 def _is_open_to_all(path: Path) -> bool:
-    """Return whether anybody may put another directory in the place of one's own."""
+    """Return whether any user may replace a directory in it."""
     mode = path.stat().st_mode
     return bool(mode & stat.S_IWOTH) and not mode & stat.S_ISVTX
 
 
 def stamp_file() -> Path | None:
-    """Return the file, beside which numba keeps its code, that stands for the kernels."""
+    """Return the stamp file, beside which numba caches compiled kernels; None without a place."""
     try:
         folder = f'kernels-{_digest()}'
     except (OSError, PackageNotFoundError):
@@ -123,7 +109,7 @@ def stamp_file() -> Path | None:
                 _made_own(place) for place in (path.parent.parent, path.parent)
             ):
                 continue
-            # numba's own files go here too: it must be writable now, not only have been once.
+            # numba's own files go here too: it must be writable now.
             _write_stamp(path)
         except OSError:
             continue
@@ -133,7 +119,7 @@ def stamp_file() -> Path | None:
 
 @contextmanager
 def compiling_alone(stamp: Path | None) -> Iterator[None]:
-    """Let one process compile at a time; the others find its result."""
+    """Let one process compile at a time; the others load its result."""
     if stamp is None:
         yield
         return
@@ -146,7 +132,7 @@ def compiling_alone(stamp: Path | None) -> Iterator[None]:
         return
     try:
         with suppress(OSError):
-            # Gone with its process, however that ends.
+            # The lock ends with its process.
             fcntl.flock(lock, fcntl.LOCK_EX)
         yield
     finally:
@@ -159,6 +145,16 @@ _KERNELS: dict[str, Callable[..., Any]] = {}
 _INLINE: set[str] = set()
 #: Scalar functions and how many numbers they return.
 _ELEMENTWISE: dict[str, tuple[Callable[..., Any], int]] = {}
+
+
+_RECORDS: list[Any] = []
+C = TypeVar('C', bound=type)
+
+
+def record(cls: C) -> C:
+    """Mark a named tuple so that kernels can call its `_replace`, and return it unchanged."""
+    _RECORDS.append(cls)
+    return cls
 
 
 def _register(name: str) -> None:
@@ -292,7 +288,7 @@ def _compile_elementwise(scalar: Any, results: int) -> Any:
 
 
 def sine_and_cosine(angle: float) -> tuple[float, float]:
-    """Return the sine and the cosine of an angle; compiled, in one go where libm can do that."""
+    """Return the sine and the cosine of an angle; compiled, by one call of libm if it can."""
     return sin(angle), cos(angle)
 
 
@@ -326,13 +322,39 @@ def _compiled_sine_and_cosine() -> Any:
 
 
 @cache
+def _compile_replace() -> None:
+    """Let compiled code call `_replace` of the named tuples marked by `record`."""
+    import numba
+    from numba import types as nb
+
+    names = dict.fromkeys(name for record in _RECORDS for name in record._fields)
+    given = ', '.join(f'{name}=None' for name in names)
+
+    def made(record: Any, values: dict[str, Any]) -> Any:
+        kept = {n for n, kind in values.items() if kind is None or isinstance(kind, nb.Omitted)}
+        fields = [f'record.{n}' if n in kept else n for n in record.fields]
+        scope: dict[str, Any] = {'make': record.instance_class}
+        exec(f'def replace(record, {given}):\n    return make({", ".join(fields)})', scope)
+        return scope['replace']
+
+    scope: dict[str, Any] = {'made': made}
+    exec(f'def replace(record, {given}):\n    return made(record, locals())', scope)
+    method = numba.extending.overload_method(
+        nb.BaseNamedTuple,
+        '_replace',
+        jit_options={'forceinline': True},
+    )
+    method(scope['replace'])
+
+
+@cache
 def stamp() -> Path | None:
-    """Return the stamp file of the cache of compiled kernels; see `kernel_cache.stamp_file`."""
+    """Return the stamp file of this process."""
     return stamp_file()
 
 
 def _share(function: types.FunctionType, namespace: dict[str, Any]) -> None:
-    """Put what a kernel refers to into the namespace of all of them."""
+    """Add the globals that a kernel refers to to the namespace of all kernels."""
     for name in function.__code__.co_names:
         if name in function.__globals__:
             value = function.__globals__[name]
@@ -347,6 +369,7 @@ def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
     """Compile every kernel imported so far with numba."""
     import numba
 
+    _compile_replace()
     namespace: dict[str, Any] = {}
     for function in _KERNELS.values():
         assert isinstance(function, types.FunctionType)

@@ -1,8 +1,8 @@
 """
-Long runs of one rig, in compiled code if there is any: samples and events as arrays.
+Long runs of one rig, compiled where numba is installed: samples and events as arrays.
 
-`LongRun` is to `Simulator` what a drive is to a walk: the same way, to the last bit, without the
-stops. Both begin and end with the same snapshots, so that one can take over from the other.
+`LongRun` gives the motion of `Simulator`, to the last bit. Both begin and end with the same
+snapshots, so that one can continue the other.
 """
 
 from __future__ import annotations
@@ -17,30 +17,16 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from .event import Event, EventKind, Sample
-from .event_rows import MOST_ROWS
+from .event import MOST_ROWS, Event, EventKind, Sample
+from .forcing import SteppedSine, frequency_at
+from .hybrid_motion import origin_at_step, step_event
 from .kernels import compiled as compile_kernels
 from .kernels import compiling_alone, stamp
-from .mode import Machine, Mode, launch, make_machine
+from .mode import Mode, RigConstants, launch, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
 from .run_loop import DONE, FULL, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator, Snapshot
-from .stepped_sine import Sweep, frequency_at, origin_at_step, step_event
-
-__all__ = [
-    'EVENT_TYPE',
-    'SAMPLE_TYPE',
-    'EventTable',
-    'Events',
-    'LongRun',
-    'Loop',
-    'Outcome',
-    'Stretch',
-    'event_table',
-    'has_numba',
-]
-
 
 #: One event, as `Event`, and the mode after it.
 EVENT_TYPE = np.dtype(
@@ -60,9 +46,9 @@ EVENT_TYPE = np.dtype(
 )
 #: One sample, as `Sample`.
 SAMPLE_TYPE = np.dtype([(name, 'f8') for name in Sample._fields])
-#: Rows that the table of events begins with.
+#: Initial rows of the table of events.
 _ROWS = 512
-#: Rows that it may be given beyond its double; memory that nothing is written to takes none.
+#: Most rows allotted beyond twice the size; pages that are not written to take no memory.
 _MOST_AHEAD = 1_000_000
 
 Events = npt.NDArray[np.void]
@@ -71,26 +57,15 @@ Events = npt.NDArray[np.void]
 class Outcome(IntEnum):
     """How an advance ended."""
 
-    #: The time asked for was reached.
+    #: The requested time was reached.
     COMPLETE = DONE
-    #: The rig had as many events as it was allowed; it may go on.
+    #: The rig had as many events as allowed; it may go on.
     TOO_MANY_EVENTS = SPENT
     #: The rig has events without end at one instant, and cannot go on.
     RUNAWAY = RUNAWAY
 
     def reason(self, happened: int, since: float, time: float, mode: str) -> str:
-        """
-        Return why an advance ended before its time, and what helps; empty if it did not.
-
-        Parameters
-        ----------
-        happened : int
-            Events on the way.
-        since, time : float
-            Where it began and where it ended, s.
-        mode : str
-            The mode of the rig then.
-        """
+        """Return why an advance ended before its time, and the remedy; empty if it did not."""
         if self is Outcome.COMPLETE:
             return ''
         if self is Outcome.TOO_MANY_EVENTS:
@@ -104,25 +79,24 @@ class Outcome(IntEnum):
         )
 
 
-class Stretch(NamedTuple):
+class RunResult(NamedTuple):
     """
-    What happened in one advance.
+    Result of one advance.
 
     Attributes
     ----------
     outcome : Outcome
-        Whether the time asked for was reached.
+        Whether the requested time was reached.
     reason : str
-        If not, why not and what helps; else empty.
+        If not, why, and the remedy; else empty.
     time : float
         Time reached, s.
     samples : ndarray of SAMPLE_TYPE
-        Motion at each of the instants asked for, as far as they were reached.
+        Motion at each of the requested instants that were reached.
     events : ndarray of EVENT_TYPE
-        Events in order; empty if they were not to be recorded.
+        Events in order; empty if they were not recorded.
     event_count : int
-        How many times the motion changed, recorded or not; an impact that ends in rest counts
-        once.
+        Number of transitions, recorded or not; an impact that ends in rest is one.
     time_in_mode : ndarray of float, shape (8,)
         Time spent in each `Mode`, s.
     """
@@ -142,7 +116,7 @@ class Stretch(NamedTuple):
             wanted &= self.events['stop'] == stop
         if wanted.all():
             return self.events
-        # A tenth of the time that an index by booleans takes with rows of this size
+        # Ten times as fast as an index by booleans, with rows of this size
         found: Events = self.events.take(np.flatnonzero(wanted))
         return found
 
@@ -157,14 +131,7 @@ def event_table(events: Sequence[Event], modes: Iterable[int]) -> Events:
 
 
 class EventTable:
-    """
-    The events of a run while it goes on.
-
-    Parameters
-    ----------
-    record : bool
-        Whether events are kept at all.
-    """
+    """The events of a run while it goes on."""
 
     def __init__(self, *, record: bool) -> None:
         self._record = record
@@ -177,7 +144,7 @@ class EventTable:
         return self._table[: self._written]
 
     def add(self, events: Sequence[Event], mode: int) -> None:
-        """Write events, after which the rig is in a mode."""
+        """Add events, all of them followed by one mode."""
         if not self._record or not events:
             return
         rows = self._rows(len(events), 0.0)
@@ -185,11 +152,11 @@ class EventTable:
         self._written += len(events)
 
     def room(self, done: float) -> Events:
-        """Return rows to write to, enough for one transition at least; none if nothing is kept."""
+        """Return rows for one transition at least; none if events are not kept."""
         return self._rows(MOST_ROWS, done) if self._record else self._table
 
     def wrote(self, count: int) -> None:
-        """Take note of rows that have been written."""
+        """Count rows that have been written."""
         self._written += count
 
     def _rows(self, least: int, done: float) -> Events:
@@ -214,50 +181,34 @@ def _compiled_loop() -> Any:
     return compile_kernels(cached=('run_through',))['run_through']
 
 
-#: Kinds of rigs, with arrays or without, for which the loop is compiled in this process.
+#: Forms of the loop, with arrays or without, that are compiled in this process.
 _READY: set[bool] = set()
 
 
 class Loop:
-    """
-    The run loop.
+    """The run loop."""
 
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    damper_mass : float
-        Mass m, kg.
-    compiled : bool
-        Whether to run compiled code.
-
-    Raises
-    ------
-    ImportError
-        If compiled code is asked for without numba.
-    """
-
-    def __init__(self, machine: Machine, damper_mass: float, *, compiled: bool) -> None:
-        self.machine = machine
+    def __init__(self, constants: RigConstants, damper_mass: float, *, compiled: bool) -> None:
+        self.constants = constants
         self.compiled = compiled
         self._damper_mass = damper_mass
         self._loop = _compiled_loop() if compiled else run_through
-        # One harmonic is compiled as such; any other number of them as arrays, once for all.
-        self._arrays = compiled and len(machine.phases) != 1
-        self._packed_machine = _with_arrays(machine) if self._arrays else machine
+        # One harmonic is compiled as a tuple, any other number of them as arrays.
+        self._arrays = compiled and len(constants.phases) != 1
+        self._packed = _with_arrays(constants) if self._arrays else constants
 
-    def turned_to(self, machine: Machine) -> Self:
+    def turned_to(self, constants: RigConstants) -> Self:
         """Return the loop of the same rig at other frequencies."""
-        return type(self)(machine, self._damper_mass, compiled=self.compiled)
+        return type(self)(constants, self._damper_mass, compiled=self.compiled)
 
     def packed(self, origin: Origin) -> Any:
-        """Return an origin as the loop takes it."""
+        """Return an origin in the form of the loop."""
         angles: Any = np.array(origin.angles)
         return origin._replace(angles=angles) if self._arrays else origin
 
     @staticmethod
     def unpacked(origin: Any) -> Origin:
-        """Return an origin that the loop has returned as anything else takes it."""
+        """Return an origin of the loop in the form of all other code."""
         plain: Origin = origin._replace(angles=tuple(map(float, origin.angles)))
         return plain
 
@@ -271,25 +222,10 @@ class Loop:
         most: int,
         in_mode: Any,
     ) -> Progress:
-        """
-        Go on until the end, or until something stops the loop; see `run_through`.
-
-        Parameters
-        ----------
-        progress : Progress
-            Origin and time to go on from, and how many samples are taken.
-        end : float
-            Time to reach, s.
-        instants, samples, table : ndarray
-            When to sample; rows for the samples, and for the events.
-        most : int
-            How many transitions may be made.
-        in_mode : ndarray of float, shape (8,)
-            Time spent in each mode is added to it, s.
-        """
+        """Run until the end or until the loop stops; see `run_through`."""
         shape = len(table), len(EVENT_TYPE.names or ())
         arguments = (
-            self._packed_machine,
+            self._packed,
             self._damper_mass,
             progress.origin,
             progress.time,
@@ -344,7 +280,7 @@ class LongRun:
     ParameterError
         If m would not start between the stops.
     ImportError
-        If compiled code is asked for without numba (extra ``compiled``).
+        If `compiled` without numba (extra ``compiled``).
 
     Examples
     --------
@@ -369,8 +305,8 @@ class LongRun:
 
     def _take(self, state: Snapshot) -> None:
         self._state = state
-        machine = _machine_of(state.parameters, state.sweep)
-        self._loop = Loop(machine, state.parameters.damper_mass, compiled=self._compiled)
+        constants = _constants_at(state.parameters, state.sweep)
+        self._loop = Loop(constants, state.parameters.damper_mass, compiled=self._compiled)
 
     @classmethod
     def restore(cls, snapshot: dict[str, Any], *, compiled: bool | None = None) -> LongRun:
@@ -388,7 +324,7 @@ class LongRun:
         return run
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what the rig's future depends on, as `Simulator.snapshot` does."""
+        """Return all that the rig's future depends on, as `Simulator.snapshot` does."""
         return self._state.as_dict()
 
     def simulator(self) -> Simulator:
@@ -413,7 +349,7 @@ class LongRun:
     @property
     def force_frequency(self) -> float:
         """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
-        return self._loop.machine.free.frequencies[0]
+        return self._loop.constants.free.frequencies[0]
 
     @property
     def compiled(self) -> bool:
@@ -441,7 +377,7 @@ class LongRun:
         *,
         record: bool = True,
         most_events: int = 1_000_000,
-    ) -> Stretch:
+    ) -> RunResult:
         """
         Let the rig run to a later time.
 
@@ -454,13 +390,12 @@ class LongRun:
         record : bool, optional
             Whether to return the events.
         most_events : int, optional
-            How many events the rig may have on the way, the steps of a sweep among them. Elastic
-            stops to which m is pressed can have any number of them; then this ends the advance,
-            and the outcome says so.
+            Most events, the steps of a stepped sine among them. With elastic stops to which m is
+            pressed they may have no end; the advance then ends here, as the outcome says.
 
         Returns
         -------
-        Stretch
+        RunResult
             Samples and events, and whether the time was reached.
 
         Raises
@@ -513,15 +448,15 @@ class LongRun:
                 status = SPENT
             if status != DONE or due > time:
                 break
-            origin = origin_at_step(loop.machine, origin, launch(loop.machine, origin), due)
-            sweep = Sweep(sweep.start, sweep.step + 1)
-            loop = loop.turned_to(_machine_of(state.parameters, sweep))
+            origin = origin_at_step(loop.constants, origin, launch(loop.constants, origin), due)
+            sweep = SteppedSine(sweep.start, sweep.step + 1)
+            loop = loop.turned_to(_constants_at(state.parameters, sweep))
             table.add([step_event(origin)], origin.mode)
             happened += 1
-        # At once: an exception from a signal leaves the rig where it was
+        # In one statement: an exception from a signal leaves the rig as it was
         self._state, self._loop = Snapshot(state.parameters, origin, reached, (), sweep), loop
         outcome = Outcome(status)
-        return Stretch(
+        return RunResult(
             outcome,
             outcome.reason(happened, state.time, reached, self.mode.name.lower()),
             reached,
@@ -532,6 +467,6 @@ class LongRun:
         )
 
 
-def _machine_of(parameters: RigParameters, sweep: Sweep) -> Machine:
+def _constants_at(parameters: RigParameters, sweep: SteppedSine) -> RigConstants:
     """Return the rig at its present frequency."""
-    return make_machine(parameters, frequency_at(parameters, sweep.step))
+    return rig_constants(parameters, frequency_at(parameters, sweep.step))

@@ -1,9 +1,9 @@
 """
-Modes of the hybrid motion, and the flight that each of them is.
+Modes of the hybrid motion, and the flight of each.
 
-The friction force, the air force and the supports are constant within a mode, so that each mode
-is one closed-form flight. Design: Bapat (1995), equations (1)-(2), for sliding; joint motion of
-both masses for sticking in the gap and for rest on a stop.
+Friction, air force and supports are constant within a mode, so that a mode is one closed-form
+flight: Bapat (1995), equations (1)-(2), for sliding; joint motion of both masses for sticking in
+the gap and for rest on a stop.
 """
 
 from __future__ import annotations
@@ -12,34 +12,12 @@ from enum import IntEnum
 from math import cos, inf, sin
 from typing import NamedTuple
 
-from .contact import CONTACT_1, CONTACT_2, NO_EVENT, STOP_ARRIVED_1, STOP_ARRIVED_2
-from .flight import Flight
+from .flight import CONTACT_1, CONTACT_2, NO_EVENT, STOP_ARRIVED_1, STOP_ARRIVED_2, Flight
+from .forcing import sines_and_cosines_of
 from .kernels import kernel
 from .origin import Origin
 from .oscillator import Oscillator, acceleration_at, make_oscillator
 from .parameters import RigParameters
-from .phase import sines_and_cosines_of
-
-__all__ = [
-    'CHATTER_1',
-    'CHATTER_2',
-    'FREE',
-    'REST_1',
-    'REST_2',
-    'SLIDE_DOWN',
-    'SLIDE_UP',
-    'STICK',
-    'Machine',
-    'Mode',
-    'Origin',
-    'air_acceleration',
-    'launch',
-    'make_machine',
-    'mode_at_rest',
-    'moving_flight',
-    'support_need',
-]
-
 
 FREE = 0
 SLIDE_DOWN = 1
@@ -66,13 +44,13 @@ class Mode(IntEnum):
     REST_1 = REST_1
     #: Resting on stop 2.
     REST_2 = REST_2
-    #: In the last, unresolved bounces on stop 1 before rest.
+    #: In the last bounces on stop 1 before rest, which are not resolved.
     CHATTER_1 = CHATTER_1
-    #: In the last, unresolved bounces on stop 2 before rest.
+    #: In the last bounces on stop 2 before rest, which are not resolved.
     CHATTER_2 = CHATTER_2
 
 
-class Machine(NamedTuple):
+class RigConstants(NamedTuple):
     """
     Constants of a rig, as the kernels need them.
 
@@ -85,7 +63,7 @@ class Machine(NamedTuple):
     slope, grip, air : float
         Accelerations g sin(angle), friction g cos(angle) and air_force/m, m/s^2.
     push : float
-        Bound of the relative acceleration at rest, but for spring and dashpot, m/s^2.
+        Bound of the relative acceleration at rest, without spring and dashpot, m/s^2.
     stop : float
         Distance of each stop from the middle, half the gap, m.
     one_sided : bool
@@ -108,24 +86,15 @@ class Machine(NamedTuple):
     phases: tuple[float, ...]
 
 
-def make_machine(parameters: RigParameters, frequency: float | None = None) -> Machine:
-    """
-    Return the kernels' constants of a rig.
-
-    Parameters
-    ----------
-    parameters : RigParameters
-        The rig; being validated, it is admissible.
-    frequency : float, optional
-        Circular frequency of the first harmonic, rad/s, if a sweep has another than the rig's.
-    """
+def rig_constants(parameters: RigParameters, frequency: float | None = None) -> RigConstants:
+    """Return the kernels' constants of a rig."""
     amplitudes, frequencies, phases = parameters.harmonics
     if frequency is not None:
         frequencies = (frequency, *frequencies[1:])
     drive = (amplitudes, frequencies)
     spring = (parameters.stiffness, parameters.damping)
     together = parameters.primary_mass + parameters.damper_mass
-    # At 90 degrees, typed as 1.5708 or rounded by pi/2, there is no normal force.
+    # At 90 degrees, as 1.5708 or as pi/2 rounded, there is no normal force.
     cosine = cos(parameters.angle)
     if cosine < 1e-5:
         cosine = 0.0
@@ -134,7 +103,7 @@ def make_machine(parameters: RigParameters, frequency: float | None = None) -> M
     grip = parameters.friction * parameters.gravity * cosine
     air = parameters.air_force / parameters.damper_mass
     forces = sum(map(abs, amplitudes)) / together
-    return Machine(
+    return RigConstants(
         free=make_oscillator(parameters.primary_mass, *spring, *drive),
         joint=make_oscillator(together, *spring, *drive),
         mass_ratio=mass_ratio,
@@ -151,27 +120,27 @@ def make_machine(parameters: RigParameters, frequency: float | None = None) -> M
 
 
 @kernel(inline=True)
-def air_acceleration(machine: Machine, origin: Origin) -> float:
+def air_acceleration(rig: RigConstants, origin: Origin) -> float:
     """Return the acceleration of m by the air force, away from the stop hit last."""
     if origin.last_stop == 1:
-        return -machine.air
+        return -rig.air
     if origin.last_stop == 2:
-        return machine.air
+        return rig.air
     return 0.0
 
 
 @kernel(inline=True)
 def support_need(
-    machine: Machine, origin: Origin, sines: tuple[float, ...], velocity: float
+    rig: RigConstants, origin: Origin, sines: tuple[float, ...], velocity: float
 ) -> float:
     """Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops."""
-    share = machine.mass_ratio / (1.0 + machine.mass_ratio)
-    together = acceleration_at(machine.joint, share * machine.slope, sines, origin.x, velocity)
-    return together - machine.slope - air_acceleration(machine, origin)
+    share = rig.mass_ratio / (1.0 + rig.mass_ratio)
+    together = acceleration_at(rig.joint, share * rig.slope, sines, origin.x, velocity)
+    return together - rig.slope - air_acceleration(rig, origin)
 
 
 @kernel
-def mode_at_rest(machine: Machine, origin: Origin, sines: tuple[float, ...]) -> int:
+def mode_at_rest(rig: RigConstants, origin: Origin, sines: tuple[float, ...]) -> int:
     """
     Return the mode that follows when m has no velocity relative to M.
 
@@ -179,8 +148,8 @@ def mode_at_rest(machine: Machine, origin: Origin, sines: tuple[float, ...]) -> 
     |n| <= grip, and otherwise leaves in the direction in which its support fails. A stop that
     moves is no support.
     """
-    need = support_need(machine, origin, sines, origin.velocity)
-    grip = machine.grip
+    need = support_need(rig, origin, sines, origin.velocity)
+    grip = rig.grip
     if origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0 and need <= grip:
         return REST_1
     if origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0 and need >= -grip:
@@ -197,10 +166,10 @@ def mode_at_rest(machine: Machine, origin: Origin, sines: tuple[float, ...]) -> 
 @kernel
 def _stop_deadline(origin: Origin) -> tuple[int, float]:
     """
-    Return what a moving stop does at a time that is known beforehand, and when.
+    Return the event of a moving stop whose time is known beforehand, and that time.
 
-    It arrives at its target; or comes up to m, if m does not move relative to M. If both happen at
-    once, it is the latter.
+    The stop arrives at its target, or at m if m does not move relative to M; at m if both happen
+    at once.
     """
     velocity_1 = origin.stop_velocity_1
     velocity_2 = origin.stop_velocity_2
@@ -227,21 +196,23 @@ def _stop_deadline(origin: Origin) -> tuple[int, float]:
 
 
 @kernel(inline=True)
-def _joint_flight(machine: Machine, origin: Origin, deadline_kind: int, deadline: float) -> Flight:
+def _joint_flight(
+    rig: RigConstants, origin: Origin, deadline_kind: int, deadline: float
+) -> Flight:
     """Build a flight of both masses as one; see `launch`."""
-    sines, cosines = sines_and_cosines_of(machine.phases, origin.angles)
+    sines, cosines = sines_and_cosines_of(rig.phases, origin.angles)
     standing_1 = origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0
     standing_2 = origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0
-    share = machine.mass_ratio / (1.0 + machine.mass_ratio)
-    constant = share * machine.slope
+    share = rig.mass_ratio / (1.0 + rig.mass_ratio)
+    constant = share * rig.slope
     return Flight(
-        machine.joint,
+        rig.joint,
         constant,
         sines,
         cosines,
         origin.x,
         origin.velocity,
-        acceleration_at(machine.joint, constant, sines, origin.x, origin.velocity),
+        acceleration_at(rig.joint, constant, sines, origin.x, origin.velocity),
         0.0,
         0.0,
         origin.clearance_1,
@@ -249,10 +220,10 @@ def _joint_flight(machine: Machine, origin: Origin, deadline_kind: int, deadline
         True,
         0,
         inf,
-        machine.slope + air_acceleration(machine, origin),
-        # Between two stops that have both come up to it, m cannot move at all.
-        -inf if origin.mode == REST_1 or standing_1 else -machine.grip,
-        inf if origin.mode == REST_2 or standing_2 else machine.grip,
+        rig.slope + air_acceleration(rig, origin),
+        # Between two stops that both touch it, m cannot move at all.
+        -inf if origin.mode == REST_1 or standing_1 else -rig.grip,
+        inf if origin.mode == REST_2 or standing_2 else rig.grip,
         origin.stop_velocity_1,
         origin.stop_velocity_2,
         deadline,
@@ -262,22 +233,22 @@ def _joint_flight(machine: Machine, origin: Origin, deadline_kind: int, deadline
 
 @kernel(inline=True)
 def moving_flight(
-    machine: Machine, origin: Origin, deadline_kind: int = NO_EVENT, deadline: float = inf
+    rig: RigConstants, origin: Origin, deadline_kind: int = NO_EVENT, deadline: float = inf
 ) -> Flight:
     """Build a flight in which m moves relative to M."""
-    sines, cosines = sines_and_cosines_of(machine.phases, origin.angles)
+    sines, cosines = sines_and_cosines_of(rig.phases, origin.angles)
     mode = origin.mode
     standing_1 = origin.clearance_1 == 0.0 and origin.stop_velocity_1 == 0.0
     standing_2 = origin.clearance_2 == 0.0 and origin.stop_velocity_2 == 0.0
-    air = air_acceleration(machine, origin)
+    air = air_acceleration(rig, origin)
     direction = 0
     if mode == SLIDE_DOWN:
         direction = 1
     elif mode == SLIDE_UP:
         direction = -1
-    constant = machine.mass_ratio * (direction * machine.grip - air)
-    acceleration = acceleration_at(machine.free, constant, sines, origin.x, origin.velocity)
-    relative = (machine.slope - direction * machine.grip + air) - acceleration
+    constant = rig.mass_ratio * (direction * rig.grip - air)
+    acceleration = acceleration_at(rig.free, constant, sines, origin.x, origin.velocity)
+    relative = (rig.slope - direction * rig.grip + air) - acceleration
     if origin.released:
         relative = 0.0
     elif origin.relative_velocity == 0.0 and (
@@ -285,9 +256,9 @@ def moving_flight(
         or (mode == FREE and standing_1 and relative > 0.0)
         or (mode == FREE and standing_2 and relative < 0.0)
     ):
-        # `mode_at_rest` found m to leave the other way: the balance is exact to round-off.
+        # `mode_at_rest` found m to leave the other way: the forces balance to round-off.
         relative = 0.0
-    # A stop held back by m follows it inwards until it is where it should be.
+    # A stop held back by m follows it inwards until it is at its target.
     arrival = inf
     inwards = origin.relative_velocity
     if inwards == 0.0:
@@ -299,7 +270,7 @@ def moving_flight(
         arrival = origin.target_2 - origin.stop_2
         direction = 1
     return Flight(
-        machine.free,
+        rig.free,
         constant,
         sines,
         cosines,
@@ -324,26 +295,12 @@ def moving_flight(
 
 
 @kernel(inline=True)
-def launch(machine: Machine, origin: Origin) -> Flight:
-    """
-    Build the flight that begins at an origin.
-
-    Parameters
-    ----------
-    machine : Machine
-        The rig.
-    origin : Origin
-        State after the event that begins the flight.
-
-    Returns
-    -------
-    Flight
-        The closed form and what ends it.
-    """
+def launch(rig: RigConstants, origin: Origin) -> Flight:
+    """Build the flight that begins at an origin."""
     deadline_kind = NO_EVENT
     deadline = inf
     if origin.stop_velocity_1 != 0.0 or origin.stop_velocity_2 != 0.0:
         deadline_kind, deadline = _stop_deadline(origin)
     if origin.mode >= STICK:
-        return _joint_flight(machine, origin, deadline_kind, deadline)
-    return moving_flight(machine, origin, deadline_kind, deadline)
+        return _joint_flight(rig, origin, deadline_kind, deadline)
+    return moving_flight(rig, origin, deadline_kind, deadline)

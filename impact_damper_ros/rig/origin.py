@@ -1,8 +1,4 @@
-"""
-Origins: the state of the rig at the beginning of a flight, and how one comes from another.
-
-An origin is never changed; kernels can build it only as a whole, which is done here.
-"""
+"""Origins: the state of the rig at the beginning of a flight, and how one comes from another."""
 
 from __future__ import annotations
 
@@ -10,23 +6,11 @@ from math import inf
 from typing import NamedTuple
 
 from .flight import Flight, FlightEnd
-from .kernels import kernel
-from .phase import advance_time, turned_angles
-
-__all__ = [
-    'Origin',
-    'carried',
-    'locked',
-    'offset_of',
-    'on_stop',
-    'placed',
-    'stop_rates',
-    'stopped',
-    'with_motion',
-    'with_side',
-]
+from .forcing import turned_angles
+from .kernels import kernel, record
 
 
+@record
 class Origin(NamedTuple):
     """
     State at the origin of a flight, *after* the event that began it.
@@ -42,8 +26,8 @@ class Origin(NamedTuple):
     clearance_1, clearance_2 : float
         Distance of m from each stop, m; infinite for a stop that is not there.
     stop_1, stop_2 : float
-        Position Y of each stop, m; beyond its target where m holds a stop back that has been
-        asked to close.
+        Position Y of each stop, m; beyond its target where m holds back a stop that is to
+        close.
     angles : tuple of float
         Angle turned by each harmonic since it was switched on, without its phase, mod 2 pi.
     last_stop : int
@@ -55,10 +39,10 @@ class Origin(NamedTuple):
     target_1, target_2 : float
         Position Y at which each stop is to be, m.
     stop_velocity_1, stop_velocity_2 : float
-        Velocity relative to M of each stop that is on its way to its target, m/s. One at rest
-        that is not there follows m inwards.
+        Velocity relative to M of each stop that moves to its target, m/s. A stop at rest away
+        from its target follows m inwards.
     side : int
-        Sign of X just after the instant, +1 or -1, where X is too small to tell; else 0.
+        Sign of X just after the instant, +1 or -1, where X is zero to round-off; else 0.
     """
 
     time: float
@@ -83,6 +67,16 @@ class Origin(NamedTuple):
 
 
 @kernel(inline=True)
+def advance_time(time: float, time_low: float, tau: float) -> tuple[float, float]:
+    """Add a duration to an instant held as an unevaluated sum."""
+    total = time + tau
+    back = total - time
+    low = time_low + ((time - (total - back)) + (tau - back))
+    rounded = total + low
+    return rounded, low - (rounded - total)
+
+
+@kernel(inline=True)
 def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: float) -> float:
     """Return Y from the clearances and positions of the stops, by the nearer one, m."""
     return stop_1 - clearance_1 if clearance_1 <= clearance_2 else stop_2 + clearance_2
@@ -92,13 +86,13 @@ def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: flo
 def placed(
     origin: Origin, flight: Flight, tau: float, travel: float
 ) -> tuple[float, float, float, float]:
-    """Return where m and the stops are, once m has travelled relative to M."""
+    """Return clearances and stops after a time and a displacement of m relative to M."""
     clearance_1 = origin.clearance_1
     clearance_2 = origin.clearance_2
     stop_1 = origin.stop_1
     stop_2 = origin.stop_2
     if flight.deadline < inf:
-        # A stop that stands moves by nothing.
+        # The velocity of a standing stop is zero.
         stop_1 += origin.stop_velocity_1 * tau
         clearance_1 += origin.stop_velocity_1 * tau
         stop_2 += origin.stop_velocity_2 * tau
@@ -131,21 +125,7 @@ def stop_rates(origin: Origin, flight: Flight, relative_velocity: float) -> tupl
 
 @kernel(inline=True)
 def carried(origin: Origin, flight: Flight, end: FlightEnd) -> Origin:
-    """
-    Return the state that a flight reaches, as the origin of another one.
-
-    Parameters
-    ----------
-    origin, flight : Origin, Flight
-        The flight with its origin.
-    end : FlightEnd
-        When, and the motion then.
-
-    Returns
-    -------
-    Origin
-        State just *before* whatever happens at that instant, mode unchanged.
-    """
+    """Return the state that a flight reaches, as the origin of another one."""
     tau = end.tau
     time, time_low = advance_time(origin.time, origin.time_low, tau)
     angles = turned_angles(origin.angles, flight.oscillator.frequencies, tau)
@@ -175,129 +155,28 @@ def carried(origin: Origin, flight: Flight, end: FlightEnd) -> Origin:
 
 
 @kernel(inline=True)
-def with_motion(
-    origin: Origin,
-    mode: int,
-    velocity: float,
-    relative_velocity: float,
-    last_stop: int,
-    released: bool,
-    chatter_left: float,
-) -> Origin:
-    """Return an origin with another mode and other velocities."""
-    return Origin(
-        origin.time,
-        origin.time_low,
-        mode,
-        origin.x,
-        velocity,
-        relative_velocity,
-        origin.clearance_1,
-        origin.clearance_2,
-        origin.stop_1,
-        origin.stop_2,
-        origin.angles,
-        last_stop,
-        released,
-        chatter_left,
-        origin.target_1,
-        origin.target_2,
-        origin.stop_velocity_1,
-        origin.stop_velocity_2,
-        origin.side,
-    )
-
-
-@kernel
-def with_side(origin: Origin, side: int) -> Origin:
-    """Return an origin with the side of X just after it."""
-    return Origin(
-        origin.time,
-        origin.time_low,
-        origin.mode,
-        origin.x,
-        origin.velocity,
-        origin.relative_velocity,
-        origin.clearance_1,
-        origin.clearance_2,
-        origin.stop_1,
-        origin.stop_2,
-        origin.angles,
-        origin.last_stop,
-        origin.released,
-        origin.chatter_left,
-        origin.target_1,
-        origin.target_2,
-        origin.stop_velocity_1,
-        origin.stop_velocity_2,
-        side,
-    )
-
-
-@kernel(inline=True)
 def on_stop(one_sided: bool, origin: Origin, stop: int, stop_1: float, stop_2: float) -> Origin:
     """Return an origin with m exactly on a stop, and the stops placed."""
     across = inf if one_sided else max(0.0, stop_1 - stop_2)
-    return Origin(
-        origin.time,
-        origin.time_low,
-        origin.mode,
-        origin.x,
-        origin.velocity,
-        origin.relative_velocity,
-        0.0 if stop == 1 else across,
-        across if stop == 1 else 0.0,
-        stop_1,
-        stop_2,
-        origin.angles,
-        origin.last_stop,
-        False,
-        0.0,
-        origin.target_1,
-        origin.target_2,
-        origin.stop_velocity_1,
-        origin.stop_velocity_2,
-        origin.side,
-    )
-
-
-@kernel
-def stopped(
-    origin: Origin, stop: int, stop_1: float, stop_2: float, target_1: float, target_2: float
-) -> Origin:
-    """Return an origin with a moving stop at rest, and the stops placed."""
-    return Origin(
-        origin.time,
-        origin.time_low,
-        origin.mode,
-        origin.x,
-        origin.velocity,
-        origin.relative_velocity,
-        origin.clearance_1,
-        origin.clearance_2,
-        stop_1,
-        stop_2,
-        origin.angles,
-        origin.last_stop,
-        origin.released,
-        origin.chatter_left,
-        target_1,
-        target_2,
-        0.0 if stop == 1 else origin.stop_velocity_1,
-        0.0 if stop == 2 else origin.stop_velocity_2,
-        origin.side,
+    return origin._replace(
+        clearance_1=0.0 if stop == 1 else across,
+        clearance_2=across if stop == 1 else 0.0,
+        stop_1=stop_1,
+        stop_2=stop_2,
+        released=False,
+        chatter_left=0.0,
     )
 
 
 @kernel
 def locked(one_sided: bool, origin: Origin, stop: int) -> Origin:
-    """Return the state once a moving stop has come up to m and stays there."""
+    """Return the state after a moving stop has met m and stays there."""
     stop_1 = origin.stop_1
     stop_2 = origin.stop_2
     target_1 = origin.target_1
     target_2 = origin.target_2
     if stop == 1:
-        # The stops are as far apart as m on the other one shows, and never cross.
+        # The stops never cross; with m on both there is no room between them.
         if origin.clearance_2 == 0.0 or (not one_sided and stop_1 < stop_2):
             stop_1 = stop_2
         target_1 = stop_1
@@ -305,9 +184,11 @@ def locked(one_sided: bool, origin: Origin, stop: int) -> Origin:
         if origin.clearance_1 == 0.0 or stop_2 > stop_1:
             stop_2 = stop_1
         target_2 = stop_2
-    there = stopped(origin, stop, stop_1, stop_2, target_1, target_2)
-    left = there.chatter_left
-    there = on_stop(one_sided, there, stop, stop_1, stop_2)
-    return with_motion(
-        there, there.mode, there.velocity, there.relative_velocity, there.last_stop, False, left
+    there = origin._replace(
+        target_1=target_1,
+        target_2=target_2,
+        stop_velocity_1=0.0 if stop == 1 else origin.stop_velocity_1,
+        stop_velocity_2=0.0 if stop == 2 else origin.stop_velocity_2,
     )
+    there = on_stop(one_sided, there, stop, stop_1, stop_2)
+    return there._replace(chatter_left=origin.chatter_left)

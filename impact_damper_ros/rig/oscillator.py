@@ -1,18 +1,15 @@
 """
-The primary mass as a driven damped oscillator: response, constants, grid of steps.
-
-    X'' + 2 a X' + w^2 X = sin(W tau) or cos(W tau),     l = -a + i b,  w^2 = a^2 + b^2
-
-The response *from rest* is the divided difference of exp over the two eigenvalues and iW. Its
-factor (exp(iW tau) - exp(l tau))/(iW - l) is written with expm1 and half angles, so that nothing
-cancels at resonance, where the particular and the homogeneous part of the textbook form do. Far
-above resonance that form is the better one, and is used.
-
-From one node to the next X, X' and the drive go by constants, without a sine.
+The primary mass as a driven damped oscillator: its response, its constants, its grid of steps.
 
     X'' + 2 a X' + w^2 X = c + sum_j f_j sin(phase_j + W_j tau),     a = zeta w,  b = eta w
 
-`frequency` is the damped natural circular frequency b.
+`frequency` is the damped natural circular frequency b. The response *from rest* to exp(iW tau) is
+the divided difference of exp over the eigenvalues l = -a + ib and conj(l), and iW. Its factor
+(exp(iW tau) - exp(l tau))/(iW - l) is computed with expm1 and half angles, so that nothing cancels
+at resonance, where the particular and the homogeneous part of the textbook form do. Far above
+resonance the textbook form is more accurate and is used.
+
+From one point of the grid to the next, X, X' and the drive are multiplied by constants.
 """
 
 from __future__ import annotations
@@ -24,29 +21,13 @@ from typing import NamedTuple
 
 from .kernels import kernel
 
-__all__ = [
-    'Driven',
-    'Free',
-    'Grid',
-    'Harmonic',
-    'Oscillator',
-    'acceleration_at',
-    'derivative_bound',
-    'drive_bound',
-    'driven_response',
-    'free_response',
-    'make_grid',
-    'make_harmonic',
-    'make_oscillator',
-]
-
 
 class Free(NamedTuple):
     """
     Free vibration at one instant.
 
     `step` and `impulse` are X from unit X and from unit X' at the start, `rate` is X' from unit
-    X'; `envelope` is exp(-a tau), `less` what it lacks to 1, with full relative accuracy.
+    X'; `envelope` is exp(-a tau), `less` is exp(-a tau) - 1 with full relative accuracy.
     """
 
     sine: float
@@ -188,8 +169,8 @@ def driven_response(
 
 #: Length of a step, as a phase of the fastest of spring and harmonics, rad.
 _STEP = 1.2
-#: Nodes reached from one base. The bounds grow with their number, round-off with its square root.
-_NODES = 5
+#: Points reached from one base. The bounds grow with their number, round-off with its square root.
+_POINTS = 5
 
 
 class Grid(NamedTuple):
@@ -199,9 +180,9 @@ class Grid(NamedTuple):
     Attributes
     ----------
     step, inverse : float
-        Time from node to node, s, and its inverse.
-    nodes : int
-        Number of nodes for which the bounds hold.
+        Time from point to point, s, and its inverse.
+    points : int
+        Number of points for which the bounds hold.
     x_x, v_x, x_v, v_v : float
         X and X' after a step from unit X, and from unit X', without drive.
     x_cosine, x_sine, v_cosine, v_sine : tuple of float
@@ -210,7 +191,7 @@ class Grid(NamedTuple):
     turn_cosine, turn_sine : tuple of float
         Cosine and sine of the angle that each harmonic turns.
     bound_3, bound_4, bound_5, bound_6 : float
-        As the oscillator's bounds, over all nodes.
+        As the oscillator's bounds, over all points.
     spring, dashpot : float
         Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
     pushes, turns : tuple of float
@@ -219,7 +200,7 @@ class Grid(NamedTuple):
 
     step: float
     inverse: float
-    nodes: int
+    points: int
     x_x: float
     v_x: float
     x_v: float
@@ -281,11 +262,11 @@ def make_grid(
         for (_, circular), harmonic in zip(drive, harmonics, strict=True)
     ]
     scaled = [(force, r) for (force, _), r in zip(drive, responses, strict=True)]
-    bounds = [drive_bound(omega, decay, drive, order, _NODES * step) for order in (3, 4, 5, 6)]
+    bounds = [drive_bound(omega, decay, drive, order, _POINTS * step) for order in (3, 4, 5, 6)]
     return Grid(
         step=step,
         inverse=1.0 / step,
-        nodes=_NODES,
+        points=_POINTS,
         x_x=free.step,
         v_x=-(omega * omega) * free.impulse,
         x_v=free.impulse,
@@ -328,10 +309,10 @@ class Oscillator(NamedTuple):
     taylor_limit : float
         Longest time for which the Taylor series is summed.
     horizon : float
-        The longest time for which `bound_3`, `bound_4` and `bound_5` hold: these bound what the
-        drive adds to the third to fifth time derivative of X beyond their free vibration.
+        Longest time for which the bounds hold, s.
     bound_3, bound_4, bound_5 : float
-        See there.
+        Bounds of what the drive adds to the third to fifth time derivative of X, beyond the free
+        vibration, over the horizon.
     grid : Grid
         Steps of the quick search.
     """
@@ -414,15 +395,6 @@ def derivative_bound(
 ) -> float:
     """
     Return a bound of a derivative of X over the oscillator's horizon.
-
-    Parameters
-    ----------
-    oscillator : Oscillator
-        The moving mass.
-    derivative, next_derivative : float
-        The n-th and (n+1)-th time derivative of X now.
-    drive_bound : float
-        The oscillator's bound of order n.
 
     Notes
     -----

@@ -1,283 +1,27 @@
 """
-Parameters of the rig: names, units, ranges, defaults and derived quantities.
+All parameters: of the rig, where it starts, its gap control, and the node that runs it.
 
-A frozen dataclass declares its parameters with the field makers of this module and calls
-`check_fields` in its `__post_init__`; `specs_of` then gives the table from which ROS descriptors,
-parameters files, error messages and the documentation are made.
-
-The phases come from SplitMix64 (Steele, Lea and Flood, 2014, OOPSLA, "Fast splittable pseudorandom
-number generators"), which is a few lines in any language: the same seed gives the same force on
-every machine and with every version.
-
-The field names are the ROS parameter names. `PARAMETER_SPECS` and `INITIAL_SPECS` are the only
-place where descriptions, units and ranges stand; ROS descriptors, the parameters-file reader and
-the documentation take them from here.
+This is the only place that says their names, units, ranges, defaults and descriptions; the field
+names are the ROS parameter names.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
-from itertools import islice
-from math import isfinite, sqrt, tau
-from typing import Any, Literal, NamedTuple, TypeAlias, cast
+from dataclasses import dataclass
 
-from .shown import shown
-
-__all__ = [
-    'INITIAL_SPECS',
-    'MAX_HARMONICS',
-    'MOST_STEPS',
-    'NUMBER_KINDS',
-    'PARAMETER_SPECS',
-    'SWEEP_MODES',
-    'InitialConditions',
-    'ParameterError',
-    'ParameterSpec',
-    'RigParameters',
-    'Value',
-    'array_field',
-    'bool_field',
-    'check_fields',
-    'double_field',
-    'integer_field',
-    'multisine',
-    'specs_of',
-    'split_mix',
-    'string_field',
-]
-
-
-Value: TypeAlias = float | bool | int | str | tuple[float, ...]
-Kind: TypeAlias = Literal['double', 'bool', 'double_array', 'integer', 'string']
-
-#: Kinds whose values are numbers, with a range.
-NUMBER_KINDS = ('double', 'double_array', 'integer')
-#: Most harmonics the force may have.
-MAX_HARMONICS = 1024
-
-
-class ParameterError(ValueError):
-    """
-    A parameter value that the rig cannot take.
-
-    Attributes
-    ----------
-    name : str
-        Name of the offending parameter.
-    """
-
-    def __init__(self, name: str, message: str) -> None:
-        """Keep the name apart, so that callers can point at the parameter."""
-        super().__init__(message)
-        self.name = name
-
-
-class ParameterSpec(NamedTuple):
-    """
-    What a parameter is: its meaning, unit and closed range.
-
-    `low` and `high` are finite for a number, and None for a bool or a text; for an array they hold
-    for each entry. `choices` are the texts that a string may be; without any it may be every text
-    but an empty one.
-    """
-
-    name: str
-    description: str
-    unit: str
-    low: float | None
-    high: float | None
-    kind: Kind
-    default: Value
-    choices: tuple[str, ...] = ()
-
-    @property
-    def label(self) -> str:
-        """Name with unit, for messages, tables and plots."""
-        return f'{self.name} [{self.unit}]' if self.unit else self.name
-
-    @property
-    def span(self) -> str:
-        """What values it may have, in words."""
-        if self.kind == 'bool':
-            return 'true, false'
-        if self.kind == 'string':
-            return ', '.join(self.choices) or 'a text'
-        if self.kind == 'integer' and self.low is not None and self.high is not None:
-            return f'{int(self.low)} to {int(self.high)}'
-        return f'{self.low:g} to {self.high:g}'
-
-    def checked(self, value: Any) -> Value:
-        """
-        Return the value as the kind asks: a float, a bool, an int, a text or a tuple of floats.
-
-        Parameters
-        ----------
-        value : Any
-            A number, a bool, a text or a sequence of numbers. Integers become floats for a
-            double, and whole floats integers for an integer.
-
-        Returns
-        -------
-        Value
-            The value, of the type that the kind names.
-
-        Raises
-        ------
-        ParameterError
-            If the type is wrong, or a number is outside the range, NaN or infinite.
-        """
-        if self.kind == 'bool':
-            if not isinstance(value, bool):
-                raise ParameterError(
-                    self.name, f'{self.name} is {shown(value)}: give true or false'
-                )
-            return value
-        if self.kind == 'string':
-            return self._text(value)
-        if self.kind == 'integer':
-            number = self._number(value, self.name)
-            if number != int(number):
-                raise ParameterError(self.name, f'{self.name} is {number!r}: {self._remedy}')
-            return int(number)
-        if self.kind == 'double':
-            return self._number(value, self.name)
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            value = (value,)
-        if isinstance(value, str | bytes) or not hasattr(value, '__iter__'):
-            raise ParameterError(
-                self.name, f'{self.name} is {shown(value)}: give a list of numbers, such as [1.0]'
-            )
-        entries = tuple(value)
-        if not 1 <= len(entries) <= MAX_HARMONICS:
-            raise ParameterError(
-                self.name,
-                f'{self.name} has {len(entries)} entries: give 1 to {MAX_HARMONICS}, one for each '
-                'harmonic (amplitude 0 switches the force off)',
-            )
-        return tuple(self._number(v, f'{self.name}[{i}]') for i, v in enumerate(entries))
-
-    @property
-    def _remedy(self) -> str:
-        unit = f' {self.unit}' if self.unit else ''
-        number = 'a whole number' if self.kind == 'integer' else 'a number'
-        degrees = ' (10° = 0.1745 rad)' if self.unit == 'rad' else ''
-        return f'give {number} from {self.span}{unit}{degrees}'
-
-    def _text(self, value: Any) -> str:
-        if isinstance(value, bool):
-            # YAML 1.1 takes an unquoted off for false.
-            value = {False: 'off', True: 'on'}[value] if self.choices else value
-        if not isinstance(value, str) or not value.strip():
-            remedy = f'give one of {self.span}' if self.choices else 'give a text'
-            raise ParameterError(self.name, f'{self.name} is {shown(value)}: {remedy}')
-        if self.choices and value not in self.choices:
-            raise ParameterError(
-                self.name, f'{self.name} is {shown(value)}: give one of {", ".join(self.choices)}'
-            )
-        return value
-
-    def _number(self, value: Any, where: str) -> float:
-        assert self.low is not None
-        assert self.high is not None
-        unit = f' {self.unit}' if self.unit else ''
-        if isinstance(value, bool) or not hasattr(value, '__float__'):
-            raise ParameterError(self.name, f'{where} is {shown(value)}: {self._remedy}')
-        try:
-            number = float(value)
-        except (TypeError, ValueError, OverflowError):
-            raise ParameterError(self.name, f'{where} is {shown(value)}: {self._remedy}') from None
-        if not isfinite(number) or not self.low <= number <= self.high:
-            raise ParameterError(self.name, f'{where} is {number!r}{unit}: {self._remedy}')
-        return number
-
-
-def double_field(default: float, low: float, high: float, unit: str, description: str) -> Any:
-    """Declare a number."""
-    return field(
-        default=default,
-        metadata={'spec': (description, unit, low, high, 'double', default)},
-    )
-
-
-def integer_field(default: int, low: int, high: int, unit: str, description: str) -> Any:
-    """Declare a whole number."""
-    return field(
-        default=default,
-        metadata={'spec': (description, unit, low, high, 'integer', default)},
-    )
-
-
-def bool_field(default: bool, description: str) -> Any:
-    """Declare a yes or no."""
-    return field(
-        default=default, metadata={'spec': (description, '', None, None, 'bool', default)}
-    )
-
-
-def string_field(default: str, choices: tuple[str, ...], description: str) -> Any:
-    """Declare a choice between texts."""
-    return field(
-        default=default,
-        metadata={'spec': (description, '', None, None, 'string', default, choices)},
-    )
-
-
-def array_field(default: float, low: float, high: float, unit: str, description: str) -> Any:
-    """Declare a list of numbers; by default it has one."""
-    return field(
-        default=(default,),
-        metadata={'spec': (description, unit, low, high, 'double_array', (default,))},
-    )
-
-
-def specs_of(cls: type) -> dict[str, ParameterSpec]:
-    """Return the parameters that a dataclass declares, by name."""
-    return {f.name: ParameterSpec(f.name, *f.metadata['spec']) for f in fields(cls)}
-
-
-def check_fields(instance: Any, specs: dict[str, ParameterSpec]) -> None:
-    """
-    Replace every field of a frozen dataclass by its checked value, in its `__post_init__`.
-
-    Raises
-    ------
-    ParameterError
-        If a value is not admissible.
-    """
-    for name, spec in specs.items():
-        object.__setattr__(instance, name, spec.checked(getattr(instance, name)))
-
-
-_MASK = (1 << 64) - 1
-
-
-def split_mix(seed: int) -> Iterator[int]:
-    """Yield the endless sequence of SplitMix64, whole numbers of 64 bits."""
-    state = seed & _MASK
-    while True:
-        state = (state + 0x9E3779B97F4A7C15) & _MASK
-        mixed = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
-        mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) & _MASK
-        yield mixed ^ (mixed >> 31)
-
-
-@lru_cache(maxsize=64)
-def multisine(
-    level: float, low: float, high: float, lines: int, seed: int
-) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
-    """Return the harmonics of a random-phase multisine."""
-    amplitude = level * sqrt(2.0 / lines)
-    if lines == 1:
-        frequencies: tuple[float, ...] = (0.5 * (low + high),)
-    else:
-        spacing = (high - low) / (lines - 1)
-        frequencies = (*(low + j * spacing for j in range(lines - 1)), high)
-    phases = tuple(tau * ((bits >> 11) * 2.0**-53) for bits in islice(split_mix(seed), lines))
-    return (amplitude,) * lines, frequencies, phases
-
+from .forcing import multisine
+from .parameter_spec import (
+    ParameterError,
+    ParameterSpec,
+    ParameterTable,
+    array_field,
+    bool_field,
+    double_field,
+    integer_field,
+    specs_of,
+    string_field,
+)
 
 SWEEP_MODES = ('off', 'up', 'down', 'up_down')
 #: Most steps that a sweep may have from one end to the other.
@@ -285,7 +29,7 @@ MOST_STEPS = 100_000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class RigParameters:
+class RigParameters(ParameterTable):
     """
     One rig: a primary mass on spring and dashpot, a loose mass in its gap, and the force.
 
@@ -298,6 +42,8 @@ class RigParameters:
         If a value is out of range, the force arrays differ in length, or the rig is not
         underdamped. `PARAMETER_SPECS` has the ranges.
     """
+
+    _owner = 'the rig'
 
     primary_mass: float = double_field(1.0, 1e-6, 1e9, 'kg', 'Primary mass M.')
     stiffness: float = double_field(1.0, 1e-6, 1e15, 'N/m', 'Stiffness K of the spring under M.')
@@ -378,8 +124,8 @@ class RigParameters:
     )
 
     def __post_init__(self) -> None:
-        """Promote and check every field, then what holds between them."""
-        check_fields(self, PARAMETER_SPECS)
+        """Check every value, then what holds between them."""
+        ParameterTable.__post_init__(self)
         count = len(self.force_amplitudes)
         for name in ('force_frequencies', 'force_phases'):
             length = len(getattr(self, name))
@@ -418,24 +164,6 @@ class RigParameters:
                 f'{name}_low is {low!r} rad/s and {name}_high {high!r} rad/s: give {name}_high '
                 f'more than {low:g} rad/s or {name}_low less than {high:g} rad/s, or both at once',
             )
-
-    def replace(self, **changes: Any) -> RigParameters:
-        """
-        Return the rig with some parameters changed, all at once.
-
-        Raises
-        ------
-        ParameterError
-            If a name is unknown or the changed rig is not admissible.
-        """
-        for name in changes:
-            if name not in PARAMETER_SPECS:
-                raise ParameterError(name, f'{name} is not a parameter of the rig')
-        return replace(self, **changes)
-
-    def as_dict(self) -> dict[str, Value]:
-        """Return name and value of every parameter."""
-        return {name: cast(Value, getattr(self, name)) for name in PARAMETER_SPECS}
 
     @property
     def harmonics(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
@@ -509,19 +237,13 @@ class RigParameters:
         return static / denominator
 
     @property
-    def response_phase(self) -> float:
-        """Phase lag psi of M behind the first harmonic without impacts, rad."""
-        r = self.frequency_ratio
-        return math.atan2(2.0 * self.zeta * r, (1.0 - r) * (1.0 + r))
-
-    @property
     def static_deflection(self) -> float:
         """Deflection M g sin(angle)/K of M by its own weight along the axis, m."""
         return self.primary_mass * self.gravity * math.sin(self.angle) / self.stiffness
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class InitialConditions:
+class InitialConditions(ParameterTable):
     """
     Where the rig starts, and where a reset puts it.
 
@@ -531,30 +253,33 @@ class InitialConditions:
         If a value is out of range; `INITIAL_SPECS` has the ranges.
     """
 
+    _owner = 'the initial conditions'
+
     initial_primary_position: float = double_field(
-        0.0, -1e9, 1e9, 'm', 'Initial displacement X of M from its static equilibrium.'
+        0.0,
+        -1e9,
+        1e9,
+        'm',
+        'Initial displacement X of M from its static equilibrium.',
+        effect='next reset',
     )
-    initial_primary_velocity: float = double_field(0.0, -1e9, 1e9, 'm/s', 'Initial velocity of M.')
+    initial_primary_velocity: float = double_field(
+        0.0, -1e9, 1e9, 'm/s', 'Initial velocity of M.', effect='next reset'
+    )
     initial_damper_offset: float = double_field(
-        0.0, -1e9, 1e9, 'm', 'Initial position Y of m relative to M, within the gap.'
+        0.0,
+        -1e9,
+        1e9,
+        'm',
+        'Initial position Y of m relative to M, within the gap.',
+        effect='next reset',
     )
     initial_damper_velocity: float = double_field(
-        0.0, -1e9, 1e9, 'm/s', 'Initial absolute velocity of m.'
+        0.0, -1e9, 1e9, 'm/s', 'Initial absolute velocity of m.', effect='next reset'
     )
 
-    def __post_init__(self) -> None:
-        """Promote and check every field."""
-        check_fields(self, INITIAL_SPECS)
-
     def check_within(self, parameters: RigParameters) -> None:
-        """
-        Check that m starts between the stops.
-
-        Raises
-        ------
-        ParameterError
-            If it does not.
-        """
+        """Check that m starts between the stops."""
         offset, half = self.initial_damper_offset, parameters.gap / 2.0
         low = -1e9 if parameters.one_sided else -half
         if not low <= offset <= half:
@@ -564,10 +289,194 @@ class InitialConditions:
                 f'number from {low:g} to {half:g} m (half the gap of {parameters.gap:g} m)',
             )
 
-    def as_dict(self) -> dict[str, float]:
-        """Return name and value of every initial condition."""
-        return {name: cast(float, getattr(self, name)) for name in INITIAL_SPECS}
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GapControlParameters(ParameterTable):
+    """
+    How the stops are moved, or that they are not.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of range, or `gap_min` is not below `gap_max`.
+    """
+
+    _owner = 'the gap control'
+
+    gap_control: str = string_field(
+        'off',
+        ('off', 'amplitude', 'timed'),
+        'Law that moves the stops: off holds them at the gap, amplitude follows the vibration, '
+        'timed closes a stop on m where M is fastest.',
+    )
+    gap_control_stops: str = string_field(
+        'independent',
+        ('symmetric', 'independent'),
+        'Stops placed symmetrically by the amplitude alone, or each by what is measured at it.',
+    )
+    gap_control_gain: float = double_field(
+        0.8,
+        1e-3,
+        1e3,
+        '',
+        'Gap of the amplitude law with symmetric stops, over the optimal gap of that amplitude.',
+    )
+    gap_control_park: float = double_field(
+        1.5,
+        1e-3,
+        1e3,
+        '',
+        'Gap at which the timed law parks the stops, over the optimal gap of that amplitude.',
+    )
+    gap_control_lead: float = double_field(
+        0.05,
+        0.0,
+        0.5,
+        '',
+        'How early before the passage of X through zero the amplitude law with independent stops '
+        'wants each impact, in half cycles.',
+    )
+    gap_control_timing_gain: float = double_field(
+        0.1,
+        0.0,
+        2.0,
+        '',
+        'Part of the way to that instant by which a stop is moved at each impact.',
+    )
+    gap_control_smoothing: float = double_field(
+        0.3, 1e-3, 1.0, '', 'Weight of the last half cycle in the estimate of the amplitude of X.'
+    )
+    gap_control_threshold: float = double_field(
+        0.0, 0.0, 1e9, 'm', 'Amplitude of X up to which the stops stay at the gap.'
+    )
+    gap_min: float = double_field(
+        1e-3, 1e-9, 1e9, 'm', 'Smallest gap to which the control moves the stops.'
+    )
+    gap_max: float = double_field(
+        1e3, 1e-9, 1e9, 'm', 'Largest gap; no stop moves farther from the middle than half of it.'
+    )
+    gap_control_rate: float = double_field(
+        100.0, 1e-3, 1e5, 'Hz', 'Rate at which the control samples X, Y and their velocities.'
+    )
+    gap_control_noise_position: float = double_field(
+        0.0, 0.0, 1e9, 'm', 'Standard deviation of the noise on the sampled X and Y.'
+    )
+    gap_control_noise_velocity: float = double_field(
+        0.0, 0.0, 1e9, 'm/s', 'Standard deviation of the noise on their sampled velocities.'
+    )
+    gap_control_seed: int = integer_field(0, 0, 2**31 - 1, '', 'Seed of that noise.')
+    actuator_delay: float = double_field(
+        0.0, 0.0, 1e6, 's', 'Time from a command to the start of the stop.'
+    )
+    actuator_speed: float = double_field(
+        0.0,
+        0.0,
+        1e9,
+        'm/s',
+        'Speed of a moving stop relative to M; 0 moves it at once.',
+        least=1e-6,
+        zero='at once',
+    )
+    actuator_mass: float = double_field(
+        0.01, 0.0, 1e9, 'kg', 'Moving mass of one stop, for the account of the energy spent on it.'
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value, then what holds between them."""
+        ParameterTable.__post_init__(self)
+        if not self.gap_min < self.gap_max:
+            raise ParameterError(
+                'gap_min',
+                f'gap_min is {self.gap_min!r} m and gap_max {self.gap_max!r} m: give a gap_min '
+                'below gap_max (set both at once to move the range)',
+            )
+
+    @property
+    def active(self) -> bool:
+        """Whether a law moves the stops."""
+        return self.gap_control != 'off'
+
+    @property
+    def widest_gap(self) -> float:
+        """Largest gap to which a law may open the stops, m; 0 if none moves them."""
+        return self.gap_max if self.active else 0.0
+
+    @property
+    def independent(self) -> bool:
+        """Whether each stop has a place of its own."""
+        return self.gap_control_stops == 'independent'
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NodeSettings(ParameterTable):
+    """How the node runs a rig, publishes and records it."""
+
+    _owner = 'the node'
+
+    state_rate: float = double_field(
+        200.0, 1.0, 2000.0, 'Hz', 'Joint states per second of rig time.', effect='start'
+    )
+    real_time_factor: float = double_field(
+        1.0,
+        0.0,
+        1000.0,
+        '',
+        'Rig seconds per wall second; 0 runs as fast as possible.',
+        least=1e-3,
+        zero='as fast as possible',
+        effect='start',
+    )
+    publish_clock: bool = bool_field(
+        False,
+        'Publish /clock, and count stamps from 0 instead of from the system time. So it is in '
+        'any case if real_time_factor is not 1.',
+        effect='start',
+    )
+    real_time_priority: int = integer_field(
+        2,
+        0,
+        99,
+        '',
+        'Real-time priority of the thread that moves the rig, where the system permits it; '
+        'that of the others is one less. 0 for ordinary scheduling.',
+        effect='start',
+    )
+    predict_motion: bool = bool_field(
+        True, 'Predict the periodic motion, in a process of its own, for the diagnostics.'
+    )
+    record: bool = bool_field(False, 'Record the run to MCAP.')
+    bag_directory: str = string_field(
+        'runs',
+        (),
+        'Directory in which every recording makes its own; ~ is the home directory.',
+        effect='next recording',
+    )
+    # The least of both are those of `RunWriter`.
+    max_bag_size: int = integer_field(
+        0,
+        0,
+        10**15,
+        'B',
+        'Size of a file at which a recording goes on to the next one; 0 for no limit.',
+        least=100_000,
+        zero='no limit',
+        effect='next recording',
+    )
+    max_bag_duration: float = double_field(
+        0.0,
+        0.0,
+        1e9,
+        's',
+        'Time after which a recording goes on to the next file; 0 for no limit.',
+        least=1.0,
+        zero='no limit',
+        effect='next recording',
+    )
 
 
 PARAMETER_SPECS: dict[str, ParameterSpec] = specs_of(RigParameters)
 INITIAL_SPECS: dict[str, ParameterSpec] = specs_of(InitialConditions)
+GAP_CONTROL_SPECS: dict[str, ParameterSpec] = specs_of(GapControlParameters)
+SETTING_SPECS: dict[str, ParameterSpec] = specs_of(NodeSettings)
+#: All parameters that a parameters file may hold, in this order in documents and lists.
+ALL_SPECS = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS, **SETTING_SPECS}

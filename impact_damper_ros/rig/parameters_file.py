@@ -1,11 +1,9 @@
 """
 Parameters files: the ROS 2 YAML that ``--params-file`` takes, read without ROS and within limits.
 
-They are the parameters files in config/, which ament, colcon and pip install as
-share/impact_damper_ros/config below the prefix of the package.
-
-A few lines of YAML can stand for a tree of any size (an alias names what stands elsewhere), and a
-loader takes long or fails on what is nested deeply. Neither has a place in a parameters file.
+A preset is a file of config/, which is installed as share/impact_damper_ros/config. Aliases let a
+few lines of YAML stand for a tree of any size, and deep nesting makes a loader slow or fail; both
+are refused.
 """
 
 from __future__ import annotations
@@ -21,36 +19,18 @@ from typing import Any
 
 import yaml
 
-from .parameters import (
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-    InitialConditions,
-    ParameterError,
-    RigParameters,
-)
-from .shown import named, shown
-
-__all__ = [
-    'Block',
-    'ParametersFileError',
-    'YamlError',
-    'check_yaml',
-    'guarded_yaml',
-    'guarded_yaml_text',
-    'load_parameters',
-    'preset_file',
-    'presets',
-]
-
+from .parameter_spec import ParameterError
+from .parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, RigParameters
+from .quoting import named, shown
 
 _NAME = 'impact_damper_ros'
 _PACKAGE = Path(__file__).parents[1]
 
 
 def _folders() -> Iterator[Path]:
-    """Yield where the files may be, the likeliest first."""
+    """Yield the folders in which the presets may be, the most likely first."""
     for package in dict.fromkeys((_PACKAGE, _PACKAGE.resolve())):
-        # Sources, as they are: a linked installation has no share directory of its own
+        # The source tree: a linked installation has no share directory of its own
         if (package.parent / 'resource' / _NAME).is_file():
             yield package.parent / 'config'
         for above in package.parents:
@@ -83,12 +63,12 @@ _Base: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 class YamlError(ValueError):
-    """A file that cannot be taken as YAML; the message names line, cause and remedy."""
+    """A file that cannot be read as YAML; the message names line, cause and remedy."""
 
 
 class Block(dict[Any, Any]):
     """
-    A mapping that knows where its keys stand.
+    A mapping with the lines of its keys.
 
     Attributes
     ----------
@@ -97,7 +77,7 @@ class Block(dict[Any, Any]):
     """
 
     def __init__(self) -> None:
-        """Hold nothing."""
+        """Begin empty."""
         super().__init__()
         self.lines: dict[Any, int] = {}
 
@@ -149,7 +129,7 @@ def _line(node: Any) -> int:
 
 
 def _text(path: Path) -> str:
-    """Return what a file holds; a named pipe that nobody writes to is empty."""
+    """Return the text of a file; a named pipe without a writer is empty."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     with open(descriptor, 'rb') as stream:  # noqa: PTH123 - of a descriptor
         os.set_blocking(descriptor, True)
@@ -181,7 +161,7 @@ class _Level:
         self.key_is_next = True
 
     def take(self, event: Any) -> None:
-        """Take what stands in it next: in a mapping a key, then its value."""
+        """Take the next entry: in a mapping a key, then its value."""
         if self.names is None:
             return
         if self.key_is_next:
@@ -210,7 +190,7 @@ _MAPPING = yaml.MappingStartEvent
 
 
 def _check(text: str) -> None:
-    """Look through the parts of a text, before anything is made of them."""
+    """Check size, depth and names of a text before it is loaded."""
     entries = documents = 0
     levels: list[_Level] = []
     for event in yaml.parse(text, Loader=_Loader):
@@ -246,16 +226,7 @@ def _check(text: str) -> None:
 
 
 def check_yaml(path: Path) -> None:
-    """
-    Check size, depth and names of a YAML file, and nothing of its values.
-
-    Raises
-    ------
-    YamlError
-        As `guarded_yaml`, but for values.
-    OSError
-        If it cannot be read.
-    """
+    """Check size, depth and names of a YAML file, but not its values."""
     text = _text(path)
     with _in_words():
         _check(text)
@@ -263,7 +234,7 @@ def check_yaml(path: Path) -> None:
 
 @contextmanager
 def _in_words() -> Iterator[None]:
-    """Make one kind of error of all that a loader may end with."""
+    """Turn every error of a loader into a `YamlError`."""
     try:
         yield
     except yaml.MarkedYAMLError as error:
@@ -278,31 +249,12 @@ def _in_words() -> Iterator[None]:
 
 
 def guarded_yaml(path: Path) -> Any:
-    """
-    Read a YAML file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    object
-        What it holds; mappings are `Block`.
-
-    Raises
-    ------
-    YamlError
-        If it is not YAML, has aliases, merges or a name twice, or is larger than is sensible.
-    OSError
-        If it cannot be read.
-    """
+    """Read a YAML file."""
     return guarded_yaml_text(_text(path))
 
 
 def guarded_yaml_text(text: str) -> Any:
-    """Do the same for a text."""
+    """Read a YAML text as `guarded_yaml` reads a file."""
     with _in_words():
         _check(text)
         loader = _Loader(text)
@@ -312,38 +264,8 @@ def guarded_yaml_text(text: str) -> Any:
             loader.dispose()
 
 
-# Other parameters that may stand in the same file: of the node, which ROS itself adds to, and of
-# the gap control. Both are layers above; tests compare the names with theirs.
-_OTHER_NAMES = (
-    'state_rate',
-    'real_time_factor',
-    'publish_clock',
-    'real_time_priority',
-    'predict_motion',
-    'record',
-    'bag_directory',
-    'max_bag_size',
-    'max_bag_duration',
-    'use_sim_time',
-    'start_type_description_service',
-    'gap_control',
-    'gap_control_stops',
-    'gap_control_gain',
-    'gap_control_park',
-    'gap_control_lead',
-    'gap_control_timing_gain',
-    'gap_control_smoothing',
-    'gap_control_threshold',
-    'gap_min',
-    'gap_max',
-    'gap_control_rate',
-    'gap_control_noise_position',
-    'gap_control_noise_velocity',
-    'gap_control_seed',
-    'actuator_delay',
-    'actuator_speed',
-    'actuator_mass',
-)
+# Parameters that ROS itself gives every node
+_ROS_NAMES = ('use_sim_time', 'start_type_description_service')
 
 
 class ParametersFileError(ValueError):
@@ -362,8 +284,8 @@ def _flattened(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any
 
 
 def _is_of(key: str, node: str) -> bool:
-    """Return whether ROS gives an entry to a node: /* is any one part of its name, /** any."""
-    # As rclpy has it. Its other signs are letters, digits and _.
+    """Return whether an entry applies to a node: /* is one part of its name, /** any number."""
+    # As in rclpy. Other characters of a name are letters, digits and _.
     parts = re.split(r'(/\*\*|/\*)', key if key.startswith('/') else f'/{key}')
     wild = {'/*': r'(/\w+)', '/**': r'(/\w+)*'}
     return re.fullmatch(''.join(wild.get(p) or re.escape(p) for p in parts), node) is not None
@@ -371,10 +293,10 @@ def _is_of(key: str, node: str) -> bool:
 
 def _parameter_blocks(tree: Block, path: Path, node: str) -> Block:
     """
-    Merge the blocks that apply to the node, in the order in which they count.
+    Merge the blocks that apply to the node; later ones take precedence.
 
-    ROS takes them as they stand in the file. Without a name of the node, any sim_node will do, and
-    the more specific blocks come last.
+    ROS takes them in the order of the file. Without a name of the node, the blocks of any sim_node
+    apply, the more specific ones last.
     """
     found = Block()
     blocks: list[tuple[int, str, dict[str, Any]]] = []
@@ -414,7 +336,7 @@ def _names(tree: Block) -> str:
 
 
 def load_parameters(
-    path: str | PathLike[str], known: tuple[str, ...] = (), node: str = ''
+    path: str | PathLike[str], node: str = ''
 ) -> tuple[RigParameters, InitialConditions, dict[str, Any]]:
     """
     Read a rig from a ROS 2 parameters file.
@@ -424,11 +346,9 @@ def load_parameters(
     path : str or path
         YAML file with ``/**: ros__parameters:`` or the same for ``sim_node``; or the name of a
         preset, such as ``bench_rig``, if there is no such file.
-    known : tuple of str, optional
-        Names of other parameters that are allowed, besides those of node and gap control.
     node : str, optional
-        Full name of a node, such as ``/rig1/sim_node``: the entries of the file that ROS gives to
-        it are read, and no others. Without it, those of any `sim_node`.
+        Full name of a node, such as ``/rig1/sim_node``: only the entries that ROS applies to it
+        are read. Without it, those of any `sim_node`.
 
     Returns
     -------
@@ -437,7 +357,7 @@ def load_parameters(
     initial : InitialConditions
         Where it starts.
     other : dict
-        The parameters that do not describe the rig, such as `state_rate`, unchecked.
+        All other parameters, such as `state_rate`, unchecked.
 
     Raises
     ------
@@ -464,7 +384,7 @@ def load_parameters(
             '"ros__parameters:"'
         )
     values = _parameter_blocks(tree, path, node)
-    allowed = [*PARAMETER_SPECS, *INITIAL_SPECS, *_OTHER_NAMES, *known]
+    allowed = [*ALL_SPECS, *_ROS_NAMES]
     for name in values:
         base = str(name).split('.')[0]
         if base not in allowed and base != 'qos_overrides':

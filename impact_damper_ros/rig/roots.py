@@ -1,11 +1,8 @@
 """
-Roots of the watched functions of a flight, to the last digit.
+Points of the grid, and the roots of the watched functions between them, to the last digit.
 
-A last step by the Taylor series, short enough for it to be complete, spares an evaluation: it
-leads to the root and carries the motion there.
-
-Half a step of the grid is short enough for the series to be complete. So the root needs neither a
-sine nor the closed form, and brings the motion there with it.
+Half a step of the grid is short enough for a Taylor series about a point to be complete, so that a
+root and the motion there need neither a sine nor the closed form.
 """
 
 from __future__ import annotations
@@ -13,28 +10,24 @@ from __future__ import annotations
 from math import cos, nan, sin
 from typing import NamedTuple
 
-from .event import CONTACT_1, CONTACT_2, NO_EVENT, REVERSAL
-from .flight import Flight, FlightEnd, Motion, motion_at, unfinished
+from .flight import (
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    REVERSAL,
+    Flight,
+    FlightEnd,
+    Motion,
+    motion_at,
+    unfinished,
+)
 from .kernels import elementwise, kernel
 from .oscillator import Grid, Oscillator, acceleration_at
 
-__all__ = [
-    'Node',
-    'Relative',
-    'acceleration_of',
-    'base_node',
-    'contact_root',
-    'falling_root',
-    'jerk_of',
-    'last_step',
-    'next_node',
-    'polished',
-]
 
-
-class Node(NamedTuple):
+class GridPoint(NamedTuple):
     """
-    Motion of M at one node.
+    Motion of M at one point of the grid.
 
     Attributes
     ----------
@@ -77,8 +70,8 @@ def _next_cosines(sine: float, cosine: float, turn_cosine: float, turn_sine: flo
 
 
 @kernel(inline=True)
-def base_node(flight: Flight, tau: float, motion: Motion) -> Node:
-    """Return the node from which the others are reached."""
+def base_point(flight: Flight, tau: float, motion: Motion) -> GridPoint:
+    """Return the grid point from which the others are reached."""
     sines = flight.sines
     cosines = flight.cosines
     if tau > 0.0:
@@ -86,60 +79,60 @@ def base_node(flight: Flight, tau: float, motion: Motion) -> Node:
         sines = _sines_at(flight.sines, flight.cosines, frequencies, tau)
         cosines = _cosines_at(flight.sines, flight.cosines, frequencies, tau)
     offset = motion.x - flight.constant / flight.oscillator.omega_squared
-    return Node(offset, motion.velocity, sines, cosines)
+    return GridPoint(offset, motion.velocity, sines, cosines)
 
 
 @kernel(inline=True)
-def next_node(oscillator: Oscillator, node: Node) -> Node:
-    """Return the node a step later."""
+def next_point(oscillator: Oscillator, point: GridPoint) -> GridPoint:
+    """Return the grid point a step later."""
     grid = oscillator.grid
     # Negative zero is what adds nothing, which a compiler makes use of.
     pushed = -0.0
     speeded = -0.0
-    for j in range(len(node.sines)):
-        sine = node.sines[j]
-        cosine = node.cosines[j]
+    for j in range(len(point.sines)):
+        sine = point.sines[j]
+        cosine = point.cosines[j]
         pushed += cosine * grid.x_cosine[j] + sine * grid.x_sine[j]
         speeded += cosine * grid.v_cosine[j] + sine * grid.v_sine[j]
-    # What is known first comes first: each node waits for the one before.
-    offset = (pushed + node.offset * grid.x_x) + node.velocity * grid.x_v
-    velocity = (speeded + node.offset * grid.v_x) + node.velocity * grid.v_v
-    sines = _next_sines(node.sines, node.cosines, grid.turn_cosine, grid.turn_sine)
-    cosines = _next_cosines(node.sines, node.cosines, grid.turn_cosine, grid.turn_sine)
-    return Node(offset, velocity, sines, cosines)
+    # Terms that are known early come first: each point waits for the one before.
+    offset = (pushed + point.offset * grid.x_x) + point.velocity * grid.x_v
+    velocity = (speeded + point.offset * grid.v_x) + point.velocity * grid.v_v
+    sines = _next_sines(point.sines, point.cosines, grid.turn_cosine, grid.turn_sine)
+    cosines = _next_cosines(point.sines, point.cosines, grid.turn_cosine, grid.turn_sine)
+    return GridPoint(offset, velocity, sines, cosines)
 
 
 @kernel(inline=True)
-def acceleration_of(oscillator: Oscillator, node: Node) -> float:
-    """Return X'' at a node."""
-    return acceleration_at(oscillator, 0.0, node.sines, node.offset, node.velocity)
+def acceleration_of(oscillator: Oscillator, point: GridPoint) -> float:
+    """Return X'' at a grid point."""
+    return acceleration_at(oscillator, 0.0, point.sines, point.offset, point.velocity)
 
 
 @kernel(inline=True)
-def jerk_of(oscillator: Oscillator, node: Node, x_2: float) -> float:
-    """Return X''' at a node, from X'' there."""
-    jerk = -2.0 * oscillator.decay * x_2 - oscillator.omega_squared * node.velocity
-    for j in range(len(node.cosines)):
-        jerk += oscillator.forces[j] * oscillator.frequencies[j] * node.cosines[j]
+def jerk_of(oscillator: Oscillator, point: GridPoint, x_2: float) -> float:
+    """Return X''' at a grid point, from X'' there."""
+    jerk = -2.0 * oscillator.decay * x_2 - oscillator.omega_squared * point.velocity
+    for j in range(len(point.cosines)):
+        jerk += oscillator.forces[j] * oscillator.frequencies[j] * point.cosines[j]
     return jerk
 
 
-#: A last step this long, as a phase of what is fastest, leaves the series complete. For a support
-#: there is a derivative less.
+#: Longest last step for which the series is complete, as a phase of the fastest of spring and
+#: harmonics. A support has one derivative less.
 _LAST_STEP = 1.0 / 128.0
 _LAST_STEP_OF_SUPPORT = 1.0 / 512.0
 #: The same as a part of the length on which the slope changes: with Newton's step, and without.
 _BENT = 1.0 / 32.0
 _REVERTED = 1.0 / 2048.0
 _EVALUATIONS = 6
-#: Where slopes differ by more than this factor, the inverse function is no good guess.
+#: Where slopes differ by more than this factor, the inverse function is a poor guess.
 _UNEVEN = 0.2
 _GUESS = 1e-4
 
 
 @kernel(inline=True)
 def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) -> float:
-    """Return about where a falling function is zero between two nodes."""
+    """Return a guess of where a falling function is zero between two grid points."""
     change = f_b - f_a
     part = -f_a / change
     if d_a < _UNEVEN * d_b and d_b < _UNEVEN * d_a:
@@ -184,7 +177,7 @@ def last_step(
     longest: float,
 ) -> tuple[float, bool]:
     """
-    Return the way to the root of a falling function, and whether it is as exact as can be.
+    Return the step to the root of a falling function, and whether it is exact to round-off.
 
     Notes
     -----
@@ -277,7 +270,7 @@ def polished(
     return unfinished(NO_EVENT, low)
 
 
-#: The series is complete this far from its node, in steps; half a step is what it takes.
+#: The series is complete this far from its point, in steps; half a step is what it takes.
 _REACH = 0.6
 #: A last step this long, in steps of the grid and relative to the time since the flight's origin,
 #: leaves nothing behind.
@@ -287,7 +280,7 @@ _MORE_STEPS = 5
 
 class Relative(NamedTuple):
     """
-    Where and when a node is, and the motion of m relative to M there.
+    Where and when a grid point is, and the motion of m relative to M there.
 
     Attributes
     ----------
@@ -306,7 +299,7 @@ class Relative(NamedTuple):
 
 
 class _Series(NamedTuple):
-    """X'' at a node, and the coefficients of the second to fifteenth power in the series of X'."""
+    """X'' at a point, and the coefficients of the second to fifteenth power in that of X'."""
 
     x_2: float
     b_3: float
@@ -326,8 +319,8 @@ class _Series(NamedTuple):
 
 
 @kernel(inline=True)
-def _series_at(oscillator: Oscillator, node: Node) -> _Series:
-    """Return the series around a node: each derivative from the two before it and the drive."""
+def _series_at(oscillator: Oscillator, point: GridPoint) -> _Series:
+    """Return the series around a point: each derivative from the two before it and the drive."""
     grid = oscillator.grid
     # Negative zero is what adds nothing, which a compiler makes use of.
     f_0 = -0.0
@@ -345,9 +338,9 @@ def _series_at(oscillator: Oscillator, node: Node) -> _Series:
     f_12 = -0.0
     f_13 = -0.0
     f_14 = -0.0
-    for j in range(len(node.sines)):
-        even = grid.pushes[j] * node.sines[j]
-        odd = grid.pushes[j] * grid.turns[j] * node.cosines[j]
+    for j in range(len(point.sines)):
+        even = grid.pushes[j] * point.sines[j]
+        odd = grid.pushes[j] * grid.turns[j] * point.cosines[j]
         turned = -grid.turns[j] * grid.turns[j]
         f_0 += even
         f_1 += odd
@@ -379,8 +372,8 @@ def _series_at(oscillator: Oscillator, node: Node) -> _Series:
         f_14 += even
     spring = grid.spring
     dashpot = grid.dashpot
-    d_0 = node.offset
-    d_1 = node.velocity * grid.step
+    d_0 = point.offset
+    d_1 = point.velocity * grid.step
     d_2 = (f_0 - spring * d_0) - dashpot * d_1
     d_3 = (f_1 - spring * d_1) - dashpot * d_2
     d_4 = (f_2 - spring * d_2) - dashpot * d_3
@@ -471,7 +464,7 @@ def _tail(series: _Series, s: float) -> tuple[float, float, float]:
 @kernel(inline=True)
 def _step(
     side: float,
-    node: Node,
+    point: GridPoint,
     there: Relative,
     rate: float,
     left: float,
@@ -485,7 +478,7 @@ def _step(
     step = grid.step
     speed = there.speed * step
     scaled = rate * step * step
-    velocity = node.velocity * step
+    velocity = point.velocity * step
     x_2 = series.x_2
     bend, bend_1, bend_2 = _tail(series, s)
     travel = s * (speed + 0.5 * s * scaled) - bend
@@ -510,7 +503,7 @@ def _step(
             + bend
             + u * (velocity + s * x_2 + bend_1 + 0.5 * u * (x_2 + bend_2))
         ),
-        node.velocity + (s * x_2 + bend_1 + u * (x_2 + bend_2)) * grid.inverse,
+        point.velocity + (s * x_2 + bend_1 + u * (x_2 + bend_2)) * grid.inverse,
         there.travel + (travel + u * (closing + 0.5 * u * closing_1)),
         there.speed + (s * scaled - bend_1 + u * closing_1) * grid.inverse,
         f_1 * grid.inverse,
@@ -522,7 +515,7 @@ def _step(
 def _by_steps(
     flight: Flight,
     side: float,
-    node: Node,
+    point: GridPoint,
     there: Relative,
     rate: float,
     left: float,
@@ -532,12 +525,12 @@ def _by_steps(
 ) -> FlightEnd:
     """Go on step by step where the first one is too long; the parameters are those of `_step`."""
     grid = flight.oscillator.grid
-    series: _Series = _series_at(flight.oscillator, node)
+    series: _Series = _series_at(flight.oscillator, point)
     end: FlightEnd = unfinished(NO_EVENT, low)
     for _ in range(_MORE_STEPS):
         if not abs(s) <= _REACH:
             break
-        u, end = _step(side, node, there, rate, left, series, grid, s, low, high)
+        u, end = _step(side, point, there, rate, left, series, grid, s, low, high)
         if end.finished:
             break
         s += u
@@ -548,7 +541,7 @@ def _by_steps(
 def contact_root(
     flight: Flight,
     side: float,
-    node: Node,
+    point: GridPoint,
     there: Relative,
     rate: float,
     guess: float,
@@ -562,7 +555,7 @@ def contact_root(
     left = clearance - side * there.travel
     speed = there.speed * step
     scaled = rate * step * step
-    series: _Series = _series_at(flight.oscillator, node)
+    series: _Series = _series_at(flight.oscillator, point)
     s = guess * grid.inverse
     # First to within a last step of the root, by most of the series
     bend, bend_1, bend_2, bend_3 = _coarse_tail(series, s)
@@ -576,7 +569,7 @@ def contact_root(
     s += u + u * (v_2 + (2.0 * v_2 * v_2 + v_3))
     if not abs(s) <= _REACH:
         return unfinished(NO_EVENT, low)
-    u, end = _step(side, node, there, rate, left, series, grid, s, low, high)
+    u, end = _step(side, point, there, rate, left, series, grid, s, low, high)
     if not end.finished:
-        return _by_steps(flight, side, node, there, rate, left, s + u, low, high)
+        return _by_steps(flight, side, point, there, rate, left, s + u, low, high)
     return end

@@ -1,13 +1,11 @@
 """
 The run loop as a kernel: from flight to flight through a series of instants.
 
-What `contact`, `transition` and `mode` do with any flight and event comes down to little here. The
-kernels are theirs and so are all the digits; it only takes a fraction of the time. Whatever is not
-plain, or might not be, is left to them.
-
-It goes the way of `Simulator.advance`, writes samples and events into arrays, and stops where an
-array is full or the rig has had as many events as it may. What it reaches depends on the origin
-alone, so that it may stop and be called again anywhere.
+It makes the motion of `Simulator.advance`, writes samples and events into arrays, and stops where
+an array is full or the rig has had its most events. The result depends on the origin alone, so
+that the loop may stop and be called again anywhere. Impacts between standing stops take a shorter
+path, with the same kernels and digits; all other flights and events are left to `contact` and
+`transition`.
 """
 
 from __future__ import annotations
@@ -16,32 +14,37 @@ from math import inf
 from typing import Any, NamedTuple
 
 from .certificate import least_step
-from .contact import NO_EVENT, chatter_end, flight_end, search_contact
+from .contact import chatter_end, flight_end, search_contact
 from .crossing import has_side, sided
-from .event import CONTACT_1, CONTACT_2
-from .event_rows import IMPACT, MOST_ROWS, write_event, write_transition
-from .flight import Flight, FlightEnd, Motion, motion_at, starting_motion, unfinished
+from .event import IMPACT, MOST_ROWS, write_event, write_transition
+from .flight import (
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    Flight,
+    FlightEnd,
+    Motion,
+    motion_at,
+    starting_motion,
+    unfinished,
+)
 from .kernels import kernel
-from .mode import CHATTER_1, STICK, Machine, launch, moving_flight
-from .origin import Origin, carried, offset_of, on_stop, placed, stop_rates, with_motion
-from .phase import advance_time
+from .mode import CHATTER_1, STICK, RigConstants, launch, moving_flight
+from .origin import (
+    Origin,
+    advance_time,
+    carried,
+    offset_of,
+    on_stop,
+    placed,
+    stop_rates,
+)
 from .transition import Transition, impulse, is_no_chatter, moving_mode, rebounded, resolve
-
-__all__ = [
-    'DONE',
-    'FULL',
-    'RUNAWAY',
-    'SPENT',
-    'Progress',
-    'flies_plainly',
-    'plain_impacts',
-    'run_through',
-]
 
 
 @kernel(inline=True)
 def flies_plainly(origin: Origin) -> bool:
-    """Return whether m moves between two stops that stand where they should be."""
+    """Return whether m moves between two stops that stand at their targets."""
     return (
         origin.mode < STICK
         and not origin.released
@@ -55,7 +58,7 @@ def flies_plainly(origin: Origin) -> bool:
 
 @kernel(inline=True)
 def plain_impacts(
-    machine: Machine,
+    rig: RigConstants,
     damper_mass: float,
     origin: Origin,
     begun: float,
@@ -69,11 +72,11 @@ def plain_impacts(
     instant: float,
     span: float,
 ) -> tuple[Origin, float, int, int, FlightEnd]:
-    """Go from impact to impact as long as they are plain."""
+    """Go from impact to impact as long as nothing else happens."""
     writing = len(codes) > 0
     ending: FlightEnd = unfinished(NO_EVENT, 0.0)
     while happened < most and not (writing and written + MOST_ROWS > len(codes)):
-        flight: Flight = moving_flight(machine, origin)
+        flight: Flight = moving_flight(rig, origin)
         motion: Motion = starting_motion(flight)
         ending = search_contact(flight, 0.0, motion)
         if ending.kind not in (CONTACT_1, CONTACT_2):
@@ -82,20 +85,23 @@ def plain_impacts(
         there = carried(origin, flight, ending)
         if there.time > target or there.time <= instant + span:
             break
-        there = on_stop(machine.one_sided, there, stop, there.stop_1, there.stop_2)
-        restitution, relative_before, after, relative_after = rebounded(machine, there, stop)
-        hit = with_motion(
-            there, moving_mode(machine, relative_after), after, relative_after, stop, False, 0.0
+        there = on_stop(rig.one_sided, there, stop, there.stop_1, there.stop_2)
+        restitution, relative_before, after, relative_after = rebounded(rig, there, stop)
+        hit = there._replace(
+            mode=moving_mode(rig, relative_after),
+            velocity=after,
+            relative_velocity=relative_after,
+            last_stop=stop,
         )
         if (
             relative_after == 0.0
-            or not is_no_chatter(machine, hit, stop)
-            or not has_side(machine.free, hit)
+            or not is_no_chatter(rig, hit, stop)
+            or not has_side(rig.free, hit)
         ):
             break
         in_mode[origin.mode] += ending.tau - begun
         if writing:
-            push = impulse(damper_mass, machine.mass_ratio, restitution, relative_before)
+            push = impulse(damper_mass, rig.mass_ratio, restitution, relative_before)
             before = there.velocity
             written = write_event(
                 numbers,
@@ -122,9 +128,9 @@ def plain_impacts(
 DONE = 0
 #: The array of events is full.
 FULL = 1
-#: The rig has had as many events as it may.
+#: The rig has had its most events.
 SPENT = 2
-#: The rig has an endless number of events at one instant.
+#: The rig has events without end at one instant.
 RUNAWAY = 3
 
 _MOST_AT_ONCE = 10_000
@@ -134,7 +140,7 @@ _NEXT = 4.440892098500626e-16
 
 class Progress(NamedTuple):
     """
-    How far the run loop has come.
+    State of the run loop.
 
     Attributes
     ----------
@@ -145,7 +151,7 @@ class Progress(NamedTuple):
     time : float
         Time reached, s; the instant of the last sample or event, or the end.
     sampled, written, happened : int
-        Samples and events written, and transitions made, written or not.
+        Number of samples and events written, and of transitions, written or not.
     """
 
     status: int
@@ -178,7 +184,7 @@ def _write_sample(
 
 @kernel
 def run_through(
-    machine: Machine,
+    rig: RigConstants,
     damper_mass: float,
     origin: Origin,
     time: float,
@@ -193,26 +199,26 @@ def run_through(
 ) -> tuple[int, tuple[Any, ...], float, int, int, int]:
     """Let a rig run to a later time."""
     writing = len(codes) > 0
-    flight: Flight = launch(machine, origin)
-    node = 0.0
+    flight: Flight = launch(rig, origin)
+    searched = 0.0
     known = False
     written = 0
     happened = 0
     instant = -inf
     at_once = 0
     count = len(instants)
-    # Of the present flight, what belongs to the time before
+    # The part of the present flight before the present time
     begun = (time - origin.time) - origin.time_low
     ending: FlightEnd = unfinished(NO_EVENT, 0.0)
-    at_once_span = least_step(machine.joint.horizon) * 0.5
+    at_once_span = least_step(rig.joint.horizon) * 0.5
     while True:
         target = end
         if sampled < count:
             target = float(instants[sampled])
-        if not known and node == 0.0 and flies_plainly(origin):
+        if not known and searched == 0.0 and flies_plainly(origin):
             before = happened
             origin, instant, written, happened, ending = plain_impacts(
-                machine,
+                rig,
                 damper_mass,
                 origin,
                 begun,
@@ -227,9 +233,9 @@ def run_through(
                 at_once_span,
             )
             known = ending.kind != NO_EVENT
-            node = ending.tau
+            searched = ending.tau
             if happened > before:
-                flight = launch(machine, origin)
+                flight = launch(rig, origin)
                 begun = 0.0
                 at_once = 1
         since = (target - origin.time) - origin.time_low
@@ -237,9 +243,9 @@ def run_through(
             ending = chatter_end(flight, origin.chatter_left)
             known = True
         elif not known:
-            ending = flight_end(flight, node, since + _NEXT * abs(target))
+            ending = flight_end(flight, searched, since + _NEXT * abs(target))
             known = ending.kind != NO_EVENT
-            node = ending.tau
+            searched = ending.tau
         if not known or advance_time(origin.time, origin.time_low, ending.tau)[0] > target:
             time = target
             if sampled == count:
@@ -261,18 +267,18 @@ def run_through(
             return status, origin[:], time, sampled, written, happened
         in_mode[origin.mode] += ending.tau - begun
         ended = origin
-        transition: Transition = resolve(machine, ended, flight, ending)
-        origin = sided(machine.free, ended, flight, transition.origin)
+        transition: Transition = resolve(rig, ended, flight, ending)
+        origin = sided(rig.free, ended, flight, transition.origin)
         happened += 1
         if writing:
             written = write_transition(
-                machine, damper_mass, ending.kind, ended, transition, numbers, codes, written
+                rig, damper_mass, ending.kind, ended, transition, numbers, codes, written
             )
         if origin.time > instant + at_once_span:
             instant = origin.time
             at_once = 0
         at_once += 1
-        flight = launch(machine, origin)
-        node = 0.0
+        flight = launch(rig, origin)
+        searched = 0.0
         begun = 0.0
         known = False

@@ -1,28 +1,24 @@
-"""The exact simulator: a rig in motion, its snapshots, and what can be done to it."""
+"""The simulator: a rig in motion, its snapshots, and changes to it."""
 
 from __future__ import annotations
 
 from math import inf
 from typing import Any, NamedTuple, Self
 
-from .changes import Outcome, changed, check_command, commanded, kept_angles, supports
-from .event import Event, EventKind
-from .event_rows import make_event, quiet, support_events
+from .changes import StopOutcome, changed, check_command, commanded, kept_angles, supports
+from .event import Event, EventKind, make_event, quiet, support_events
+from .forcing import SWEEP_FIELDS, SteppedSine, frequency_at
 from .hybrid_motion import HybridMotion
-from .mode import STICK, Machine, make_machine
+from .mode import STICK, RigConstants, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
-from .stepped_sine import SWEEP_FIELDS, Sweep, frequency_at
-
-__all__ = ['ARITHMETIC', 'FORMATS', 'Simulator', 'Snapshot', 'upgraded']
-
 
 _FORMAT = 2
-#: Formats that can be read. The first knew neither stops that move nor sweeps.
+#: Formats that can be read. The first had neither moving stops nor a stepped sine.
 FORMATS = (1, 2)
-#: Counts up when the same motion gets other last bits: older runs then go on alike to round-off
-#: only. 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter
-#: however high its bounces were.
+#: Raised when the same motion gets other last bits: older runs then agree to round-off only.
+#: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
+#: high its bounces were.
 ARITHMETIC = 4
 
 
@@ -39,16 +35,16 @@ class Snapshot(NamedTuple):
     time : float
         Time reached, s; the flight's origin may be earlier.
     unreported : tuple of Event
-        Events of the very start that have not been reported yet.
-    sweep : Sweep
-        How far the sweep has come.
+        Events at the start that have not been reported yet.
+    sweep : SteppedSine
+        State of the stepped sine.
     """
 
     parameters: RigParameters
     origin: Origin
     time: float
     unreported: tuple[Event, ...]
-    sweep: Sweep
+    sweep: SteppedSine
 
     def as_dict(self) -> dict[str, Any]:
         """Return the snapshot as numbers, texts, lists and dictionaries."""
@@ -72,7 +68,7 @@ class Snapshot(NamedTuple):
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> Snapshot:
         """
-        Read what `as_dict` has written.
+        Read a snapshot written by `as_dict`.
 
         Raises
         ------
@@ -99,8 +95,8 @@ class Snapshot(NamedTuple):
                     Event(event[0], EventKind(event[1]), *event[2:])
                     for event in stored.get('unreported', [])
                 ),
-                # The first format knew no sweep; nor does one that is off begin anywhere.
-                sweep=Sweep(**stored.get('sweep', {'start': 0.0})),
+                # The first format had no stepped sine; one that is off starts at 0.
+                sweep=SteppedSine(**stored.get('sweep', {'start': 0.0})),
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f'snapshot is not complete: {error}') from error
@@ -108,7 +104,7 @@ class Snapshot(NamedTuple):
 
 def upgraded(stored: dict[str, Any]) -> dict[str, Any]:
     """
-    Return a stored snapshot as this version would have written it, and what else it holds.
+    Return a stored snapshot in the present format, with whatever else it holds.
 
     Raises
     ------
@@ -151,18 +147,18 @@ class Simulator(HybridMotion):
         time: float = 0.0,
     ) -> None:
         """Start the rig."""
-        machine = make_machine(parameters, frequency_at(parameters, 0))
-        self._start(parameters, machine, initial or InitialConditions(), time)
+        constants = rig_constants(parameters, frequency_at(parameters, 0))
+        self._start(parameters, constants, initial or InitialConditions(), time)
 
     def _start(
         self,
         parameters: RigParameters,
-        machine: Machine,
+        constants: RigConstants,
         initial: InitialConditions,
         time: float,
     ) -> None:
         initial.check_within(parameters)
-        half = machine.stop
+        half = constants.stop
         offset = initial.initial_damper_offset
         origin = Origin(
             time=time,
@@ -172,10 +168,10 @@ class Simulator(HybridMotion):
             velocity=initial.initial_primary_velocity,
             relative_velocity=initial.initial_damper_velocity - initial.initial_primary_velocity,
             clearance_1=half - offset,
-            clearance_2=inf if machine.one_sided else half + offset,
+            clearance_2=inf if constants.one_sided else half + offset,
             stop_1=half,
             stop_2=-half,
-            angles=(0.0,) * len(machine.phases),
+            angles=(0.0,) * len(constants.phases),
             last_stop=0,
             released=False,
             chatter_left=0.0,
@@ -183,9 +179,9 @@ class Simulator(HybridMotion):
             target_2=-half,
         )
         self._parameters = parameters
-        self._machine = machine
+        self._constants = constants
         self._time = time
-        self._sweep = Sweep.begun(parameters, time)
+        self._sweep = SteppedSine.begun(parameters, time)
         self._step_due = self._sweep.due(parameters)
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported = self._begin_all(origin)
@@ -207,32 +203,32 @@ class Simulator(HybridMotion):
         Notes
         -----
         The angle turned by each harmonic is continuous, so that a change of frequency does not
-        jump the force; an added harmonic starts at its phase. A change of the sweep's parameters
-        starts it anew, any other leaves it where it is. The position of M in the laboratory
-        is continuous where its static deflection changes.
+        jump the force; an added harmonic starts at its phase. A change of a parameter of the
+        stepped sine starts it anew, any other change leaves it alone. The position of M in the
+        laboratory is continuous where its static deflection changes.
 
-        Another `gap` or `one_sided` sends both stops to half the gap from the middle, at once, and
-        ends what `move_stops` has begun. A stop that would pass m comes up to it instead, is hit
-        if m moves outwards, and follows if m moves inwards.
+        Another `gap` or `one_sided` places both stops at half the gap from the middle, at once,
+        and ends their movements. A stop that would pass m is placed at m instead; m hits it if m
+        moves outwards, and the stop follows if m moves inwards.
         """
         if parameters == self._parameters:
             return []
         before = self._parameters
         if any(getattr(parameters, name) != getattr(before, name) for name in SWEEP_FIELDS):
-            self._sweep = Sweep.begun(parameters, self._time)
-        machine = make_machine(parameters, frequency_at(parameters, self._sweep.step))
+            self._sweep = SteppedSine.begun(parameters, self._time)
+        constants = rig_constants(parameters, frequency_at(parameters, self._sweep.step))
         shift = before.static_deflection - parameters.static_deflection
         here = self._here()
         if shift == 0.0:
             here = self._sided(here)
         own = len(before.force_phases), len(parameters.force_phases)
-        lines = len(self._machine.phases) - own[0], len(machine.phases) - own[1]
+        lines = len(self._constants.phases) - own[0], len(constants.phases) - own[1]
         angles = kept_angles(here.angles, own, lines)
-        # An impact that the last reset began with is reported later; X counts from here then.
+        # An impact of the last reset is reported later, with X from the new equilibrium.
         self._unreported = [event._replace(x=event.x + shift) for event in self._unreported]
-        origin = changed(here, self._machine, machine, shift, angles)
+        origin = changed(here, self._constants, constants, shift, angles)
         self._parameters = parameters
-        self._machine = machine
+        self._constants = constants
         self._step_due = self._sweep.due(parameters)
         return self._begin_all(origin)
 
@@ -240,20 +236,20 @@ class Simulator(HybridMotion):
         self, stop_1: float | None, stop_2: float | None, speed: float = inf
     ) -> list[Event]:
         """
-        Let stops move to other places in M, from the present time on.
+        Move stops to other places in M, from the present time on.
 
         Parameters
         ----------
         stop_1, stop_2 : float or None
-            Position Y to which each stop is to go, m; None leaves it as it is, or on its way.
+            Target Y of each stop, m; None leaves the stop as it is, or moving.
         speed : float, optional
-            Speed relative to M, m/s. Infinite, they are there at once.
+            Speed relative to M, m/s; if infinite, the stops are there at once.
 
         Returns
         -------
         list of Event
-            What happens at once. Sooner or later each movement ends with one event, unless
-            another command comes before: `STOP_ARRIVED` at its target, or `STOP_TOUCHED`.
+            Events at the present time. Each movement ends with one event, now or later, unless
+            another command comes before: `STOP_ARRIVED` at its target, or `STOP_TOUCHED` at m.
 
         Raises
         ------
@@ -262,23 +258,26 @@ class Simulator(HybridMotion):
 
         Notes
         -----
-        A moving stop never does work. Where it meets m, either may have come up to the other, it
-        stays for good, until its next command (`STOP_TOUCHED`); if m moves outwards, towards it,
-        m then hits the standing stop (`IMPACT`). One that is to be beyond m at once goes up to m.
-        A stop that moves away from m at rest on it leaves m without support: friction holds m, or
-        m leaves (`RELEASE`) and may catch up with the stop. Where both stops have come up to m, m
-        cannot move in M, and the impact that ends its motion there is a plastic one.
+        A moving stop never does work. Where it meets m it stays until its next command
+        (`STOP_TOUCHED`); if m moves outwards, m then hits the standing stop (`IMPACT`). A stop
+        whose target is beyond m and that moves at once is placed at m. A stop that moves away
+        from m at rest on it leaves m without support: friction holds m, or m leaves (`RELEASE`)
+        and may catch up with the stop. Between two stops that both touch it, m cannot move in M,
+        and the impact that ends its motion there is plastic.
         """
-        machine = self._machine
+        constants = self._constants
         targets = [(n, t) for n, t in ((1, stop_1), (2, stop_2)) if t is not None]
         for stop, target in targets:
-            check_command(machine.one_sided, stop, target, speed)
+            check_command(constants.one_sided, stop, target, speed)
         before = self._here()
         here, outcomes = self._sided(before), []
         for stop, target in targets:
-            here, outcome = commanded(machine.one_sided, here, stop, float(target), float(speed))
+            here, outcome = commanded(constants.one_sided, here, stop, float(target), float(speed))
             outcomes.append((stop, outcome))
-        kinds = {Outcome.ARRIVED: EventKind.STOP_ARRIVED, Outcome.TOUCHED: EventKind.STOP_TOUCHED}
+        kinds = {
+            StopOutcome.ARRIVED: EventKind.STOP_ARRIVED,
+            StopOutcome.TOUCHED: EventKind.STOP_TOUCHED,
+        }
         events = [
             make_event(kinds[outcome], stop, quiet(here))
             for stop, outcome in outcomes
@@ -293,7 +292,7 @@ class Simulator(HybridMotion):
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """
-        Put the rig back to its initial conditions; force and sweep start anew, time goes on.
+        Put the rig back to its initial conditions; the force starts anew, time goes on.
 
         Raises
         ------
@@ -301,29 +300,29 @@ class Simulator(HybridMotion):
             If m would not start between the stops; the rig then runs on as before.
         """
         parameters = self._parameters
-        machine = make_machine(parameters, frequency_at(parameters, 0))
-        self._start(parameters, machine, initial or InitialConditions(), self._time)
+        constants = rig_constants(parameters, frequency_at(parameters, 0))
+        self._start(parameters, constants, initial or InitialConditions(), self._time)
 
     def snapshot(self) -> dict[str, Any]:
         """
-        Return what the rig's future depends on.
+        Return all that the rig's future depends on.
 
         Returns
         -------
         dict
-            The origin of the present flight, the parameters and the time reached; it goes
-            through JSON without loss.
+            The origin of the present flight, the parameters and the time reached; JSON keeps it
+            exactly.
         """
         return self.state().as_dict()
 
     def state(self) -> Snapshot:
-        """Return the same by its fields."""
+        """Return the snapshot as a record."""
         return Snapshot(
             self._parameters, self._origin, self._time, tuple(self._unreported), self._sweep
         )
 
     def state_here(self) -> Snapshot:
-        """Return it as of a flight that begins now: the same motion, to round-off."""
+        """Return the snapshot with a flight that begins now: the same motion, to round-off."""
         return self.state()._replace(origin=self._here())
 
     @classmethod
@@ -340,13 +339,13 @@ class Simulator(HybridMotion):
 
     @classmethod
     def resume(cls, state: Snapshot) -> Self:
-        """Continue from what `state` has returned, bit for bit."""
+        """Continue from a result of `state`, bit for bit."""
         rig = cls.__new__(cls)
         rig._parameters = state.parameters
         rig._sweep = state.sweep
         rig._step_due = state.sweep.due(state.parameters)
         frequency = frequency_at(state.parameters, state.sweep.step)
-        rig._machine = make_machine(state.parameters, frequency)
+        rig._constants = rig_constants(state.parameters, frequency)
         rig._time = state.time
         rig._unreported = list(state.unreported)
         rig._begin(state.origin)

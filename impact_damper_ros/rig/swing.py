@@ -1,13 +1,11 @@
-"""How far the primary mass swings."""
+"""Displacement of the primary mass: its turning points between samples, and largest |X|."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-from impact_damper_ros.rig import Event, Sample
-
-__all__ = ['Swing', 'extremes', 'turning_point']
+from .event import Event, Sample
 
 
 def turning_point(
@@ -16,8 +14,8 @@ def turning_point(
     """
     Return X where M turns between two instants at which its velocities have opposite signs.
 
-    X is taken as the cubic through both with their velocities, so that the error falls with the
-    fourth power of the time between them.
+    X is the cubic through both with their velocities; the error falls with the fourth power of
+    the time between them.
     """
     step = time_1 - time_0
     if step <= 0.0:
@@ -31,16 +29,7 @@ def turning_point(
 
 
 def extremes(last: Sample, events: Sequence[Event], sample: Sample) -> list[float]:
-    """
-    Return X at all events between two samples, and wherever M turns.
-
-    Parameters
-    ----------
-    last, sample : Sample
-        Two samples in a row.
-    events : sequence of Event
-        All events between them.
-    """
+    """Return X at all events between two samples, and wherever M turns."""
     found = []
     time, x, velocity = last.time, last.x, last.primary_velocity
     for event in events:

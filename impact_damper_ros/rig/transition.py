@@ -1,5 +1,5 @@
 """
-Transitions: impacts, and what any event makes of the state, from before it to after it.
+Transitions: impacts and all other events, from the state before to the state after.
 
 Bapat (1995), equations (10)-(11); for complete chatter Budd and Dux (1994), Phil. Trans. R. Soc.
 Lond. A 347, and Nordmark and Piiroinen (2009), Nonlinear Dynamics 58.
@@ -13,7 +13,7 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 from .certificate import least_step
-from .contact import (
+from .flight import (
     ARRIVAL,
     CONTACT_1,
     CONTACT_2,
@@ -21,8 +21,12 @@ from .contact import (
     REVERSAL,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
+    Flight,
+    FlightEnd,
+    Motion,
+    starting_motion,
 )
-from .flight import Flight, FlightEnd, Motion, starting_motion
+from .forcing import sines_of
 from .kernels import kernel
 from .mode import (
     CHATTER_1,
@@ -33,38 +37,13 @@ from .mode import (
     SLIDE_DOWN,
     SLIDE_UP,
     STICK,
-    Machine,
+    RigConstants,
     launch,
     mode_at_rest,
     support_need,
 )
-from .origin import Origin, carried, locked, on_stop, placed, stopped, with_motion
+from .origin import Origin, carried, locked, on_stop
 from .oscillator import derivative_bound
-from .phase import sines_of
-
-__all__ = [
-    'CHATTER_HEIGHT',
-    'CHATTER_INSTANT_TOLERANCE',
-    'CHATTER_SPAN',
-    'CHATTER_TOLERANCE',
-    'Transition',
-    'at_rest',
-    'bounce_duration',
-    'carried',
-    'chatter_duration',
-    'impulse',
-    'impulse_of',
-    'is_no_chatter',
-    'may_chatter',
-    'may_complete',
-    'moving_mode',
-    'placed',
-    'rebound',
-    'rebounded',
-    'resolve',
-    'struck',
-]
-
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
 #: by at most this fraction until its end, and
@@ -111,7 +90,7 @@ def bounce_duration(speed: float, press: float, grip: float) -> float:
 @kernel(inline=True)
 def may_chatter(speed: float, push: float, jerk_bound: float, shortest: float) -> bool:
     """
-    Return whether a chatter may be complete, or a bounce too short to be told, for all one knows.
+    Return whether a chatter may be complete, or a bounce too short to be resolved.
 
     Notes
     -----
@@ -156,7 +135,7 @@ def may_complete(
 
 class Transition(NamedTuple):
     """
-    What an event did.
+    State and velocities before and after an event.
 
     Attributes
     ----------
@@ -179,172 +158,138 @@ class Transition(NamedTuple):
 
 
 @kernel(inline=True)
-def impulse_of(machine: Machine, damper_mass: float, transition: Transition) -> float:
-    """Return the impulse of the impact that a transition is, N s."""
-    restitution = machine.restitution_1 if transition.stop == 1 else machine.restitution_2
+def impulse_of(rig: RigConstants, damper_mass: float, transition: Transition) -> float:
+    """Return the impulse of an impact, N s, from its transition."""
+    restitution = rig.restitution_1 if transition.stop == 1 else rig.restitution_2
     if transition.relative_velocity_after == 0.0:
         restitution = 0.0
-    return impulse(
-        damper_mass, machine.mass_ratio, restitution, transition.relative_velocity_before
-    )
+    return impulse(damper_mass, rig.mass_ratio, restitution, transition.relative_velocity_before)
 
 
 @kernel(inline=True)
-def moving_mode(machine: Machine, relative_velocity: float) -> int:
-    """Return the mode of a relative motion that is under way."""
-    if machine.grip == 0.0:
+def moving_mode(rig: RigConstants, relative_velocity: float) -> int:
+    """Return the mode of m that moves relative to M."""
+    if rig.grip == 0.0:
         return FREE
     return SLIDE_DOWN if relative_velocity > 0.0 else SLIDE_UP
 
 
 @kernel
-def at_rest(machine: Machine, origin: Origin) -> Origin:
+def at_rest(rig: RigConstants, origin: Origin) -> Origin:
     """Return the state that follows when the relative velocity has become zero."""
-    still = with_motion(origin, origin.mode, origin.velocity, 0.0, origin.last_stop, False, 0.0)
-    mode = mode_at_rest(machine, still, sines_of(machine.phases, still.angles))
-    return with_motion(still, mode, still.velocity, 0.0, still.last_stop, False, 0.0)
+    still = origin._replace(relative_velocity=0.0, released=False, chatter_left=0.0)
+    return still._replace(mode=mode_at_rest(rig, still, sines_of(rig.phases, still.angles)))
 
 
 @kernel(inline=True)
-def is_no_chatter(machine: Machine, hit: Origin, stop: int) -> bool:
-    """Return whether an impact belongs to no chatter, as far as one can tell without a sine."""
-    push = machine.push + (1.0 + machine.mass_ratio) * (
-        machine.joint.omega_squared * abs(hit.x)
-        + 2.0 * machine.joint.decay * abs(_common_velocity(machine, hit))
+def is_no_chatter(rig: RigConstants, hit: Origin, stop: int) -> bool:
+    """Return whether an impact certainly belongs to no chatter; evaluates no sine."""
+    push = rig.push + (1.0 + rig.mass_ratio) * (
+        rig.joint.omega_squared * abs(hit.x)
+        + 2.0 * rig.joint.decay * abs(_common_velocity(rig, hit))
     )
     speed = hit.relative_velocity if stop == 2 else -hit.relative_velocity
-    shortest = least_step(machine.free.horizon)
-    return not may_chatter(speed, push, machine.free.bound_3, shortest)
+    shortest = least_step(rig.free.horizon)
+    return not may_chatter(speed, push, rig.free.bound_3, shortest)
 
 
 @kernel(inline=True)
-def _common_velocity(machine: Machine, hit: Origin) -> float:
+def _common_velocity(rig: RigConstants, hit: Origin) -> float:
     """Return the velocity that M and m would have together."""
-    share = machine.mass_ratio / (1.0 + machine.mass_ratio)
+    share = rig.mass_ratio / (1.0 + rig.mass_ratio)
     return hit.velocity + share * hit.relative_velocity
 
 
 @kernel
-def _last_bounces(machine: Machine, hit: Origin, stop: int, restitution: float) -> Origin:
+def _last_bounces(rig: RigConstants, hit: Origin, stop: int, restitution: float) -> Origin:
     """Return the state just after an impact, in the chatter that it belongs to if it does."""
-    common = _common_velocity(machine, hit)
+    common = _common_velocity(rig, hit)
     away = 1.0 if stop == 2 else -1.0
     speed = away * hit.relative_velocity
-    need = support_need(machine, hit, sines_of(machine.phases, hit.angles), common)
-    press = (1.0 + machine.mass_ratio) * away * need
-    grip = (1.0 + machine.mass_ratio) * machine.grip
+    need = support_need(rig, hit, sines_of(rig.phases, hit.angles), common)
+    press = (1.0 + rig.mass_ratio) * away * need
+    grip = (1.0 + rig.mass_ratio) * rig.grip
     left = chatter_duration(speed, press, grip, restitution)
     bounce = bounce_duration(speed, press, grip)
-    if bounce < least_step(machine.free.horizon):
-        # Bounces too short to be resolved. On an elastic stop they go on for ever, without energy.
+    if bounce < least_step(rig.free.horizon):
+        # Bounces too short to be resolved. On an elastic stop they have no end, and no energy.
         left = left if left < inf else 0.0
     elif left < inf:
-        omega = sqrt(machine.free.omega_squared)
-        gap = 2.0 * machine.stop
-        # The least that the bound of the jerk can be rules most of these out.
-        jerk = machine.free.bound_3
+        omega = sqrt(rig.free.omega_squared)
+        gap = 2.0 * rig.stop
+        # The smallest possible bound of the jerk excludes most of the others.
+        jerk = rig.free.bound_3
         if not may_complete(left, speed, press, grip, jerk, omega, gap):
             return hit
-        motion: Motion = starting_motion(launch(machine, hit))
-        jerk = derivative_bound(machine.free, motion.x_3, motion.x_4, jerk)
+        motion: Motion = starting_motion(launch(rig, hit))
+        jerk = derivative_bound(rig.free, motion.x_3, motion.x_4, jerk)
         if not may_complete(left, speed, press, grip, jerk, omega, gap):
             return hit
     else:
         return hit
     mode = CHATTER_1 if stop == 1 else CHATTER_2
-    return with_motion(hit, mode, common, 0.0, stop, False, left)
+    return hit._replace(mode=mode, velocity=common, relative_velocity=0.0, chatter_left=left)
 
 
 @kernel(inline=True)
-def rebounded(machine: Machine, origin: Origin, stop: int) -> tuple[float, float, float, float]:
+def rebounded(rig: RigConstants, origin: Origin, stop: int) -> tuple[float, float, float, float]:
     """Return the velocities at an impact."""
     relative_before = origin.relative_velocity
-    # Towards stop 1 is positive; round-off must not turn a grazing contact into a push.
+    # Towards stop 1 is positive; round-off must not give a grazing contact a negative speed.
     if stop == 1:
         relative_before = max(relative_before, 0.0)
-        restitution = machine.restitution_1
+        restitution = rig.restitution_1
     else:
         relative_before = min(relative_before, 0.0)
-        restitution = machine.restitution_2
+        restitution = rig.restitution_2
     if origin.clearance_1 == 0.0 and origin.clearance_2 == 0.0:
-        # With no room between the stops the impacts on both have no end before m is at rest.
+        # With no room between the stops, impacts on both follow without end until m is at rest.
         restitution = 0.0
-    after, relative_after = rebound(
-        origin.velocity, relative_before, restitution, machine.mass_ratio
-    )
+    after, relative_after = rebound(origin.velocity, relative_before, restitution, rig.mass_ratio)
     return restitution, relative_before, after, relative_after
 
 
 @kernel(inline=True)
-def struck(machine: Machine, origin: Origin, stop: int) -> Transition:
-    """
-    Resolve an impact.
-
-    Parameters
-    ----------
-    machine, origin, stop : Machine, Origin, int
-        As for `rebounded`.
-
-    Returns
-    -------
-    Transition
-        The state just after: moving away, or at rest, or in the last bounces of a chatter.
-    """
+def struck(rig: RigConstants, origin: Origin, stop: int) -> Transition:
+    """Resolve an impact."""
     before = origin.velocity
-    restitution, relative_before, after, relative_after = rebounded(machine, origin, stop)
+    restitution, relative_before, after, relative_after = rebounded(rig, origin, stop)
     if relative_after == 0.0:
         # -0.0 would be taken for a direction
         relative_after = 0.0
-        hit = with_motion(origin, origin.mode, after, 0.0, stop, False, 0.0)
-        return Transition(
-            at_rest(machine, hit), stop, before, relative_before, after, relative_after
-        )
-    hit = with_motion(
-        origin,
-        moving_mode(machine, relative_after),
-        after,
-        relative_after,
-        stop,
-        False,
-        0.0,
+        hit = origin._replace(velocity=after, relative_velocity=0.0, last_stop=stop)
+        return Transition(at_rest(rig, hit), stop, before, relative_before, after, relative_after)
+    hit = origin._replace(
+        mode=moving_mode(rig, relative_after),
+        velocity=after,
+        relative_velocity=relative_after,
+        last_stop=stop,
+        released=False,
+        chatter_left=0.0,
     )
     held = hit.stop_1 > hit.target_1 if stop == 1 else hit.stop_2 < hit.target_2
-    if not held and not is_no_chatter(machine, hit, stop):
-        hit = _last_bounces(machine, hit, stop, restitution)
+    if not held and not is_no_chatter(rig, hit, stop):
+        hit = _last_bounces(rig, hit, stop, restitution)
     return Transition(hit, stop, before, relative_before, after, relative_after)
 
 
 @kernel
-def _touched(machine: Machine, there: Origin, stop: int) -> Transition:
-    """Resolve the meeting of m with a moving stop: it stays where it is, and m may hit it."""
+def _touched(rig: RigConstants, there: Origin, stop: int) -> Transition:
+    """Resolve the contact of m with a moving stop, which stays there; m may hit it."""
     before = there.velocity
     relative_before = there.relative_velocity
-    there = locked(machine.one_sided, there, stop)
+    there = locked(rig.one_sided, there, stop)
     outward = relative_before > 0.0 if stop == 1 else relative_before < 0.0
     if outward:
-        return struck(machine, there, stop)
+        return struck(rig, there, stop)
     if relative_before == 0.0:
-        there = at_rest(machine, there)
+        there = at_rest(rig, there)
     return Transition(there, stop, before, relative_before, before, relative_before)
 
 
 @kernel(inline=True)
-def resolve(machine: Machine, origin: Origin, flight: Flight, end: FlightEnd) -> Transition:
-    """
-    Resolve the event that ends a flight.
-
-    Parameters
-    ----------
-    machine, origin, flight : Machine, Origin, Flight
-        The rig, and the flight with its origin.
-    end : FlightEnd
-        The event, as `contact.flight_end` names it; `NO_EVENT` ends a chatter.
-
-    Returns
-    -------
-    Transition
-        Velocities before and after, and the origin of the next flight.
-    """
+def resolve(rig: RigConstants, origin: Origin, flight: Flight, end: FlightEnd) -> Transition:
+    """Resolve the event that ends a flight."""
     kind = end.kind
     there = carried(origin, flight, end)
     before = there.velocity
@@ -353,36 +298,39 @@ def resolve(machine: Machine, origin: Origin, flight: Flight, end: FlightEnd) ->
         stop = 1 if kind == CONTACT_1 else 2
         velocity = there.stop_velocity_1 if stop == 1 else there.stop_velocity_2
         if velocity != 0.0:
-            return _touched(machine, there, stop)
-        there = on_stop(machine.one_sided, there, stop, there.stop_1, there.stop_2)
-        return struck(machine, there, stop)
+            return _touched(rig, there, stop)
+        there = on_stop(rig.one_sided, there, stop, there.stop_1, there.stop_2)
+        return struck(rig, there, stop)
     if kind == ARRIVAL:
         if flight.direction < 0:
-            there = on_stop(machine.one_sided, there, 1, there.target_1, there.stop_2)
+            there = on_stop(rig.one_sided, there, 1, there.target_1, there.stop_2)
         else:
-            there = on_stop(machine.one_sided, there, 2, there.stop_1, there.target_2)
+            there = on_stop(rig.one_sided, there, 2, there.stop_1, there.target_2)
         return Transition(there, 0, before, relative_before, before, relative_before)
     if kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
         stop = 1 if kind == STOP_ARRIVED_1 else 2
-        stop_1 = there.target_1 if stop == 1 else there.stop_1
-        stop_2 = there.target_2 if stop == 2 else there.stop_2
-        there = stopped(there, stop, stop_1, stop_2, there.target_1, there.target_2)
+        there = there._replace(
+            stop_1=there.target_1 if stop == 1 else there.stop_1,
+            stop_2=there.target_2 if stop == 2 else there.stop_2,
+            stop_velocity_1=0.0 if stop == 1 else there.stop_velocity_1,
+            stop_velocity_2=0.0 if stop == 2 else there.stop_velocity_2,
+        )
         return Transition(there, 0, before, relative_before, before, relative_before)
     if kind == REVERSAL and end.tau == 0.0:
-        # m was about to leave its support and does not: the support holds to round-off.
+        # m does not leave its support after all: the forces balance to round-off.
         mode = STICK
         if there.clearance_1 == 0.0 and there.stop_velocity_1 == 0.0:
             mode = REST_1
         elif there.clearance_2 == 0.0 and there.stop_velocity_2 == 0.0:
             mode = REST_2
-        there = with_motion(there, mode, before, 0.0, there.last_stop, False, 0.0)
+        there = there._replace(mode=mode, relative_velocity=0.0, released=False, chatter_left=0.0)
         return Transition(there, 0, before, relative_before, before, 0.0)
     if kind == REVERSAL or origin.mode >= CHATTER_1:
-        there = at_rest(machine, there)
+        there = at_rest(rig, there)
         return Transition(there, 0, before, relative_before, before, 0.0)
-    # A support gives way; which direction it fails in was the event's kind.
+    # A support gives way, in the direction that the event names.
     mode = FREE
-    if machine.grip > 0.0:
+    if rig.grip > 0.0:
         mode = SLIDE_UP if kind == RELEASE_UP else SLIDE_DOWN
-    there = with_motion(there, mode, before, 0.0, there.last_stop, True, 0.0)
+    there = there._replace(mode=mode, relative_velocity=0.0, released=True, chatter_left=0.0)
     return Transition(there, 0, before, 0.0, before, 0.0)

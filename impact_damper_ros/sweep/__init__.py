@@ -1,1 +1,58 @@
-"""Steady states of a rig over any of its parameters."""
+"""
+Parameter studies: a rig run for many values of its parameters, each until its motion has settled.
+
+A `SweepPlan` is the grid of rigs, `run_sweep` runs them on any executor and keeps the rows in a
+`Journal`, `write_table` makes the table of it, and `SweepTable` reads that again.
+"""
+
+from .execution import (
+    DaskWorkers,
+    Here,
+    LocalWorkers,
+    ProcessPool,
+    SweepExecutor,
+    Workers,
+    WorkersError,
+    run_sweep,
+)
+from .figures import draw_sweep
+from .journal import Journal, JournalError, journal_path
+from .optimum import Best, Nearby, Optimum, find_optimum
+from .plan import Axis, AxisError, Follow, SweepPlan, axis_from_mapping, axis_from_text
+from .steady_state import SteadyState, TimeShares, steady_state
+from .summary import summary_of, summary_text
+from .table import MEASURES, MetadataError, SweepTable, write_table
+
+__all__ = [
+    'MEASURES',
+    'Axis',
+    'AxisError',
+    'Best',
+    'DaskWorkers',
+    'Follow',
+    'Here',
+    'Journal',
+    'JournalError',
+    'LocalWorkers',
+    'MetadataError',
+    'Nearby',
+    'Optimum',
+    'ProcessPool',
+    'SteadyState',
+    'SweepExecutor',
+    'SweepPlan',
+    'SweepTable',
+    'TimeShares',
+    'Workers',
+    'WorkersError',
+    'axis_from_mapping',
+    'axis_from_text',
+    'draw_sweep',
+    'find_optimum',
+    'journal_path',
+    'run_sweep',
+    'steady_state',
+    'summary_of',
+    'summary_text',
+    'write_table',
+]

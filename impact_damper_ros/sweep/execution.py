@@ -1,38 +1,142 @@
-"""The execution of a sweep: in this process, in processes here, or on a Dask cluster."""
+"""
+The execution of a sweep: rigs in blocks, run in this process, in local processes, or on Dask.
+
+A block holds rigs that one worker runs one after another. The rows do not depend on the workers,
+their number, or the order in which they finish.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import queue
 import signal
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import connection, get_context, parent_process
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Protocol, Self
 
 import impact_damper_ros
+from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.orbits.settling import EndlessEventsError
+from impact_damper_ros.rig import ParameterError, RigParameters
+from impact_damper_ros.rig.long_run import LongRun
 
-from .plan import Follow, SweepPlan
-from .work import Block, Done, Journal, Snapshot, run_block
+from .journal import Done, Journal
+from .plan import Follow, RigSetup, Settings, SweepPlan
+from .steady_state import steady_state
+from .table import Row, failed_row, row_of
 
 __all__ = [
+    'Block',
     'DaskWorkers',
-    'FutureLike',
     'Here',
     'LocalWorkers',
     'ProcessPool',
     'SweepExecutor',
     'Workers',
     'WorkersError',
+    'rig_row',
+    'run_block',
     'run_sweep',
 ]
 
 
+#: What a run depends on from here on, as its `snapshot` gives it.
+_State = dict[str, Any]
+
+
+def _continued(state: _State, parameters: RigParameters) -> LongRun:
+    """Return a rig that takes over the state of another one; its time begins anew."""
+    run = LongRun.restore(state)
+    run.change(parameters)
+    snapshot = run.snapshot()
+    origin = dict(snapshot['origin'])
+    # A flight begins at the change of the parameters
+    origin['time'] -= snapshot['time']
+    return LongRun.restore({**snapshot, 'time': 0.0, 'origin': origin})
+
+
+def _controlled(setup: RigSetup, state: _State | None) -> ControlledRun:
+    """Return a rig under control; one that takes over a state goes on in its time."""
+    if state is None:
+        return ControlledRun(setup.parameters, setup.initial, setup.control)
+    run = ControlledRun.restore(state)
+    run.change(setup.parameters, setup.control)
+    return run
+
+
+def rig_row(
+    setup: RigSetup, settings: Settings, state: _State | None = None
+) -> tuple[Row, _State | None]:
+    """Run one rig of a sweep, from a state if given; return its columns and last state."""
+    try:
+        varied = setup.varied(settings)
+        rig, controlled = varied.parameters, varied.control.active
+        run: LongRun | ControlledRun
+        if controlled:
+            run = _controlled(varied, state)
+        else:
+            run = LongRun(rig, varied.initial) if state is None else _continued(state, rig)
+        row, last = row_of(steady_state(run, setup.settling), rig), run.snapshot()
+        if controlled:
+            # The section holds nothing of the control
+            row['state'] = json.dumps(last, separators=(',', ':'))
+        return row, last
+    except (ParameterError, EndlessEventsError) as error:
+        return failed_row(str(error)), None
+    except (ArithmeticError, ValueError, RuntimeError, AssertionError) as error:
+        # A fault in one rig must not end the sweep
+        return failed_row(f'{type(error).__name__}: {error}'), None
+
+
+class _WrongVersionError(RuntimeError):
+    """A worker has another version of the package than the process that planned the sweep."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rigs that one worker runs one after another."""
+
+    #: Version of the package that planned it.
+    version: str
+    setup: RigSetup
+    #: Number and settings of each rig.
+    rigs: tuple[tuple[int, Settings], ...]
+    #: Whether each rig starts from the last state of the one before.
+    followed: bool
+    #: The last state before the first rig, if there is one.
+    state: _State | None
+    #: After this time, s, no further rig is begun.
+    seconds: float
+
+
+def run_block(block: Block) -> list[Done]:
+    """Run rigs until all are done or the time is up; at least one."""
+    if block.version != impact_damper_ros.__version__:
+        raise _WrongVersionError(
+            f'a worker has version {impact_damper_ros.__version__} of impact_damper_ros, the '
+            f'sweep is of version {block.version}: install the same version everywhere'
+        )
+    until = time.monotonic() + block.seconds
+    done: list[Done] = []
+    state = block.state
+    for point, settings in block.rigs:
+        row, last = rig_row(block.setup, settings, state)
+        if block.followed and last is not None:
+            state = last
+        done.append(Done(point, row, state if block.followed else None))
+        if time.monotonic() >= until:
+            break
+    return done
+
+
 def _begin_worker() -> None:
-    """Leave Ctrl-C to the parent, and do not outlive it."""
+    """Leave Ctrl-C to the parent process, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
@@ -46,27 +150,27 @@ def _begin_worker() -> None:
 
 class ProcessPool(ProcessPoolExecutor):
     """
-    Processes that leave Ctrl-C to this one, and do not outlive it.
+    A pool of processes that ignore Ctrl-C and end with this process.
 
-    As a context manager it waits at the end for what is under way, but not after an exception.
+    On leaving its ``with`` block it waits for calls that are under way, except after an exception.
 
     Parameters
     ----------
     jobs : int
-        How many.
+        Number of processes.
     """
 
     def __init__(self, jobs: int) -> None:
         super().__init__(jobs, get_context('spawn'), initializer=_begin_worker)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **keywords: Any) -> Future[Any]:
-        """Have a function called in a process."""
-        # A process that begins now must not hear a Ctrl-C before it knows to ignore it
-        heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        """Call a function in one of the processes."""
+        # A process that starts now must not receive Ctrl-C before it ignores it
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return super().submit(fn, *args, **keywords)
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, heard)
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is not None:
@@ -75,10 +179,9 @@ class ProcessPool(ProcessPoolExecutor):
         self.shutdown(wait=True, cancel_futures=True)
 
 
-T = TypeVar('T')
 #: Blocks under way for each worker, so that none waits for the next one.
 _AHEAD = 2
-#: For the scheduler, and then for one of its workers, to be there.
+#: Time allowed for the scheduler, and then for one of its workers, to answer.
 _CONNECT_SECONDS = 15.0
 _WORKERS_SECONDS = 15.0
 
@@ -87,49 +190,19 @@ class WorkersError(RuntimeError):
     """The workers cannot do the work; the message says why."""
 
 
-class FutureLike(Protocol):
-    """What a sweep needs of the futures of an executor."""
-
-    def add_done_callback(self, fn: Callable[[Any], object], /) -> None:
-        """Call a function with the future once it is done."""
-
-    def result(self) -> Any:
-        """Return the result, or raise what went wrong."""
-
-    def cancel(self) -> object:
-        """Give up what has not begun."""
-
-
 class SweepExecutor(Protocol):
-    """What a sweep needs of an executor: any of the kind of `concurrent.futures` has it."""
+    """What a sweep needs of an executor; those of `concurrent.futures` have it."""
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any) -> FutureLike:
-        """Have a function called somewhere."""
-
-
-class Workers(Protocol):
-    """An executor, and what else is known of it."""
-
-    @property
-    def losses(self) -> tuple[type[BaseException], ...]:
-        """What a future raises if its worker died."""
-
-    @property
-    def at_once(self) -> int:
-        """How many blocks to have under way, 0 if there are no workers now."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any) -> FutureLike:
-        """Have a function called somewhere."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, kind: object, *_: object) -> None: ...
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
+        """Call a function on a worker."""
 
 
 class Here:
-    """Run everything in this process, at once."""
+    """An executor that runs everything in this process, at once."""
 
+    #: What a future raises if its worker died.
     losses: tuple[type[BaseException], ...] = ()
+    #: Number of blocks to have under way.
     at_once = 1
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
@@ -145,7 +218,7 @@ class Here:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        """Nothing is left to end."""
+        """Do nothing; every call is complete."""
 
 
 class LocalWorkers:
@@ -155,7 +228,7 @@ class LocalWorkers:
     Parameters
     ----------
     jobs : int
-        How many.
+        Number of processes.
     """
 
     losses: tuple[type[BaseException], ...] = (BrokenExecutor,)
@@ -166,11 +239,11 @@ class LocalWorkers:
 
     @property
     def at_once(self) -> int:
-        """How many blocks to have under way."""
+        """Number of blocks to have under way."""
         return _AHEAD * self._jobs
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
-        """Have a function called in a process."""
+        """Call a function in one of the processes."""
         try:
             return self._pool.submit(fn, *args)
         except BrokenExecutor:
@@ -182,7 +255,6 @@ class LocalWorkers:
         return self
 
     def __exit__(self, kind: object, *rest: object) -> None:
-        # Those under way need not be waited for after an exception: they are run again
         self._pool.__exit__(kind, *rest)
 
 
@@ -200,7 +272,7 @@ class DaskWorkers:
     ImportError
         If dask.distributed is not installed; the message says how to install it.
     OSError
-        If there is no scheduler at the address, or it has no workers.
+        If no scheduler answers at the address, or it has no workers.
     """
 
     def __init__(self, address: str) -> None:
@@ -231,16 +303,16 @@ class DaskWorkers:
 
     @property
     def at_once(self) -> int:
-        """How many blocks to have under way; workers may come and go, 0 if there are none."""
+        """Number of blocks to have under way; 0 while there are no workers."""
         try:
             threads: dict[str, int] = self._client.nthreads()
         except OSError as error:
             raise WorkersError(f'the scheduler cannot be reached any more ({error})') from error
         return _AHEAD * sum(threads.values())
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any) -> FutureLike:
-        """Have a function called on a worker."""
-        future: FutureLike = self._executor.submit(fn, *args)
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
+        """Call a function on a worker."""
+        future: Future[Any] = self._executor.submit(fn, *args)
         return future
 
     def __enter__(self) -> Self:
@@ -251,22 +323,25 @@ class DaskWorkers:
         self._client.close(timeout=5)
 
 
-#: Most rigs in one block, and for how long a worker goes on with one, s.
-_MOST_POINTS = 256
+#: Any of the kinds of workers that the command offers.
+Workers = Here | LocalWorkers | DaskWorkers
+
+#: Most rigs in one block, and the time after which a worker begins no other one of it, s.
+_MOST_RIGS = 256
 _SECONDS = 0.25
-#: How often a block is handed out again whose worker died.
+#: Workers that may die with one block.
 _TRIES = 5
-#: For how long nothing may come back while there are no workers, s.
+#: Time after which a sweep without workers ends, s.
 _PATIENCE = 120.0
 
 
 @dataclass
-class _Line:
-    """Rigs that have to be run in a row, and how far that is done."""
+class _Chain:
+    """Rigs of which each starts from the one before, and how far they are done."""
 
     rows: Sequence[int]
     place: int = 0
-    state: Snapshot | None = None
+    state: _State | None = None
 
 
 @dataclass
@@ -274,70 +349,64 @@ class _Sent:
     """A block that is under way."""
 
     block: Block
-    line: _Line | None
+    chain: _Chain | None
     tries: int = 1
 
 
-class _Work:
-    """What is left to do of a sweep."""
+class _Queue:
+    """The rigs of a sweep that are not under way and not done."""
 
     def __init__(self, plan: SweepPlan, journal: Journal) -> None:
         self.plan = plan
-        self.followed = plan.follow is not Follow.NONE
-        self.left = plan.size - len(journal.points)
-        self._lines: deque[_Line] = deque()
-        self._loose: deque[int] = deque()
-        if not self.followed:
-            self._loose.extend(i for i in range(plan.size) if i not in journal.points)
+        self._chains: deque[_Chain] = deque()
+        self._independent: deque[int] = deque()
+        if plan.follow is Follow.NONE:
+            self._independent.extend(i for i in range(plan.size) if i not in journal.points)
             return
         for rows in plan.chains():
-            line = _Line(rows)
+            chain = _Chain(rows)
             for place, row in enumerate(rows, 1):
                 if row not in journal.points:
                     break
-                # One can go on only from a rig whose last state is known
+                # A chain can go on only from a rig whose last state is in the journal
                 if row in journal.states:
-                    line.place, line.state = place, journal.states[row]
-            if any(row not in journal.points for row in rows[line.place :]):
-                self._lines.append(line)
+                    chain.place, chain.state = place, journal.states[row]
+            if any(row not in journal.points for row in rows[chain.place :]):
+                self._chains.append(chain)
 
-    def next(self, at_once: int) -> _Sent | None:
+    def take(self, at_once: int) -> _Sent | None:
         """Return a block to hand out, if one is ready."""
-        if self.followed:
-            if not self._lines:
-                return None
-            line = self._lines.popleft()
-            rows = line.rows[line.place : line.place + _MOST_POINTS]
-            return _Sent(self._block(rows, line.state), line)
-        count = min(_MOST_POINTS, max(1, len(self._loose) // (4 * at_once)), len(self._loose))
+        if self._chains:
+            chain = self._chains.popleft()
+            rows = chain.rows[chain.place : chain.place + _MOST_RIGS]
+            return _Sent(self._block(rows, chain), chain)
+        left = len(self._independent)
+        count = min(_MOST_RIGS, max(1, left // (4 * at_once)), left)
         if not count:
             return None
-        return _Sent(self._block([self._loose.popleft() for _ in range(count)], None), None)
+        return _Sent(self._block([self._independent.popleft() for _ in range(count)], None), None)
 
-    def _block(self, rows: Sequence[int], state: Snapshot | None) -> Block:
+    def _block(self, rows: Sequence[int], chain: _Chain | None) -> Block:
         plan = self.plan
         return Block(
             version=impact_damper_ros.__version__,
-            parameters=plan.parameters,
-            initial=plan.initial,
-            settling=plan.settling,
-            control=plan.control,
-            points=tuple((row, tuple(plan.settings(plan.point(row)))) for row in rows),
-            followed=self.followed,
-            state=state,
+            setup=plan.setup,
+            rigs=tuple((row, tuple(plan.settings(plan.point(row).values))) for row in rows),
+            followed=chain is not None,
+            state=None if chain is None else chain.state,
             seconds=_SECONDS,
         )
 
-    def returned(self, sent: _Sent, done: Sequence[Done]) -> None:
-        """Take back what a worker has left."""
-        if sent.line is None:
-            self._loose.extendleft(row for row, _ in reversed(sent.block.points[len(done) :]))
+    def put_back(self, sent: _Sent, done: Sequence[Done]) -> None:
+        """Take back the rigs that a worker has not begun."""
+        chain = sent.chain
+        if chain is None:
+            self._independent.extendleft(row for row, _ in reversed(sent.block.rigs[len(done) :]))
             return
-        line = sent.line
-        line.place += len(done)
-        line.state = done[-1].state
-        if line.place < len(line.rows):
-            self._lines.append(line)
+        chain.place += len(done)
+        chain.state = done[-1].state
+        if chain.place < len(chain.rows):
+            self._chains.append(chain)
 
 
 def run_sweep(
@@ -357,22 +426,22 @@ def run_sweep(
     plan : SweepPlan
         The sweep.
     journal : Journal
-        Its journal; each rig is on disk as soon as it is back.
+        Its journal; each row is on disk as soon as it has come back.
     executor : SweepExecutor
-        Where the rigs are run: anything with the `submit` of `concurrent.futures`, whose workers
-        can import this package. It is left running.
+        The executor that runs the rigs: any with the `submit` of `concurrent.futures` whose
+        workers can import this package. It is not shut down.
     at_once : int or callable, optional
-        How many blocks of rigs to have under way, now; 0 says that there are no workers.
+        Number of blocks of rigs to have under way, now; 0 means that there are no workers.
     losses : tuple of exception types, optional
-        What a future raises if its worker died; its rigs are then handed out again.
+        Exceptions of a future whose worker died; its rigs are then run again.
     progress : callable, optional
         Called with the number of rigs that have come back.
 
     Raises
     ------
     WorkersError
-        If the workers die again and again, all have gone, or cannot run the rigs at all, as with
-        another version of the package.
+        If workers die again and again, all have gone, or none can run the rigs, as with another
+        version of the package.
     OSError
         If the journal cannot be written.
 
@@ -380,9 +449,9 @@ def run_sweep(
     -----
     The rows do not depend on the workers, their number, or the order in which they finish.
     """
-    work = _Work(plan, journal)
-    under_way: dict[FutureLike, _Sent] = {}
-    finished: queue.SimpleQueue[FutureLike] = queue.SimpleQueue()
+    left = _Queue(plan, journal)
+    under_way: dict[Future[Any], _Sent] = {}
+    finished: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
 
     def hand_out(sent: _Sent) -> None:
         future = executor.submit(run_block, sent.block)
@@ -396,7 +465,7 @@ def run_sweep(
         while True:
             room = max(1, most())
             while len(under_way) < room:
-                sent = work.next(room)
+                sent = left.take(room)
                 if sent is None:
                     break
                 hand_out(sent)
@@ -422,7 +491,7 @@ def run_sweep(
                 ) from error
             fresh = sum(one.point not in journal.points for one in done)
             journal.add(done)
-            work.returned(sent, done)
+            left.put_back(sent, done)
             if progress is not None:
                 progress(fresh)
     finally:
@@ -431,11 +500,12 @@ def run_sweep(
 
 
 def _again(sent: _Sent, error: BaseException) -> _Sent:
+    """Return a block to hand out again after its worker died."""
     if sent.tries >= _TRIES:
-        first, last = sent.block.points[0][0], sent.block.points[-1][0]
+        first, last = sent.block.rigs[0][0], sent.block.rigs[-1][0]
         raise WorkersError(
             f'{sent.tries} workers in a row died while they ran some of the rigs {first} to '
             f'{last} ({type(error).__name__}: {error}): is there enough memory? Give fewer --jobs'
         ) from error
-    # Less at a time, in case the rigs are to blame
+    # One rig at a time, so that one that kills its worker does not take others with it
     return replace(sent, tries=sent.tries + 1, block=replace(sent.block, seconds=0.0))

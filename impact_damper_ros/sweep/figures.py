@@ -1,4 +1,4 @@
-"""The figures of a sweep: basins, bifurcation diagram, response surface."""
+"""The figures of a sweep: bifurcation diagram, response surface, basins of attraction."""
 
 from __future__ import annotations
 
@@ -9,30 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits.rhythm import MotionKind
+from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.report.drawing import BLUE, ORANGE, blank_figure, finish_panel, save_figure
 
-from .columns import FAILED, MEASURES
-from .optimum import Nearby, Optimum, attractor_text, attractors_of
+from .optimum import Nearby, Optimum
 from .plan import Axis
-from .table import SweepTable
+from .summary import attractor_text, attractors_of
+from .table import FAILED, MEASURES, SweepTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    'axis_label',
-    'basin_figure',
-    'bifurcation_figure',
-    'draw_sweep',
-    'edges',
-    'fixed_text',
-    'grid_of',
-    'measure_label',
-    'set_axis',
-    'surface_figure',
-    'times',
-]
+__all__ = ['basin_figure', 'bifurcation_figure', 'draw_sweep', 'surface_figure']
 
 
 Array = NDArray[np.float64]
@@ -72,38 +60,41 @@ _MEASURES = {
 }
 
 
-def axis_label(axis: Axis) -> str:
-    """Return what stands at an axis: what is varied, with its unit."""
+def _axis_label(axis: Axis) -> str:
+    """Return the label of an axis: the parameters that are varied, with their unit."""
     names = [
-        _SYMBOLS.get(t.name, t.name.replace('_', ' ').capitalize())
-        + (f' [{t.index + 1}]' if t.index is not None else '')
-        for t in axis.targets
+        _SYMBOLS.get(p.name, p.name.replace('_', ' ').capitalize())
+        + (f' [{p.index + 1}]' if p.index is not None else '')
+        for p in axis.parameters
     ]
     first = names[0] + ''.join(f' = {name.rsplit(" ", 1)[-1]}' for name in names[1:])
-    unit = axis.targets[0].spec.unit
+    unit = axis.parameters[0].spec.unit
     return f'{first} [{unit}]' if unit else first
 
 
-def measure_label(name: str) -> str:
-    """Return what stands at a measure, with its unit."""
+def _measure_label(name: str) -> str:
+    """Return the label of a measure, with its unit."""
     return _MEASURES.get(name, MEASURES[name].label)
 
 
-def times(nearby: Nearby) -> str:
-    """Return how much more or less a motion next to the optimum is, for a legend."""
+def _times(nearby: Nearby) -> str:
+    """Return the ratio of a motion to the optimum and its kind, for a legend."""
     ratio = f'× {nearby.ratio:.3g}, ' if 0.0 < nearby.ratio < math.inf else ''
     return f' ({ratio}{nearby.motion})'
 
 
-def set_axis(axes: Any, side: str, axis: Axis) -> None:
-    """Label the x or y axis of a panel, and scale it as the sweep does."""
-    getattr(axes, f'set_{side}label')(axis_label(axis))
-    if axis.logarithmic:
-        getattr(axes, f'set_{side}scale')('log')
+def _set_axes(axes: Any, across: Axis, up: Axis) -> None:
+    """Label both axes of a map, and scale them as the sweep does."""
+    axes.set(xlabel=_axis_label(across), ylabel=_axis_label(up))
+    if across.logarithmic:
+        axes.set_xscale('log')
+    if up.logarithmic:
+        axes.set_yscale('log')
+    axes.tick_params(direction='out')
 
 
-def edges(axis: Axis) -> Array:
-    """Return the edges of the cells whose middles are the values of an axis."""
+def _cell_edges(axis: Axis) -> Array:
+    """Return the edges of the cells that have the values of an axis in their middle."""
     values = np.array(axis.values, dtype=float)
     if len(values) == 1:
         return np.array([values[0] - 0.5, values[0] + 0.5])
@@ -116,17 +107,17 @@ def edges(axis: Axis) -> Array:
     return np.exp(ends) if axis.logarithmic else ends
 
 
-def grid_of(table: SweepTable, column: Array) -> list[tuple[str, Array]]:
+def _grid_of(table: SweepTable, column: Array) -> list[tuple[str, Array]]:
     """Return a column as a grid over the axes, for each direction that was followed."""
     plan = table.plan
-    grids = column.reshape(len(plan.follow.passes), *plan.shape)
-    return list(zip(plan.follow.passes, grids, strict=True))
+    grids = column.reshape(len(plan.follow.directions), *plan.shape)
+    return list(zip(plan.follow.directions, grids, strict=True))
 
 
-def fixed_text(table: SweepTable) -> str:
-    """Return the rig, but for what is varied, in a line or two for below a figure."""
+def _fixed_text(table: SweepTable) -> str:
+    """Return the parameters that are not varied, in two lines."""
     rig = table.plan.parameters
-    varied = {target.name for axis in table.plan.axes for target in axis.targets}
+    varied = {p.name for axis in table.plan.axes for p in axis.parameters}
     shown = [
         ('M', 'primary_mass', 'kg'),
         ('K', 'stiffness', 'N/m'),
@@ -166,7 +157,7 @@ def fixed_text(table: SweepTable) -> str:
     return ',  '.join(parts[:half]) + '\n' + ',  '.join(parts[half:])
 
 
-# Tol's light scheme, told apart with any kind of colour vision; grey is kept for what failed
+# The light scheme of Paul Tol, distinguishable with any colour vision; grey means failed
 _COLORS = (
     '#77AADD', '#EE8866', '#EEDD88', '#FFAABB', '#44BB99', '#99DDFF', '#BBCC33', '#AAAA00',
 )  # fmt: skip
@@ -174,7 +165,7 @@ _OTHERS, _NONE = '#555555', '#DDDDDD'
 
 
 def basin_figure(table: SweepTable) -> Figure:
-    """Draw the attractor that is reached from each pair of initial conditions."""
+    """Draw the attractor that each pair of initial conditions leads to."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
@@ -186,16 +177,14 @@ def basin_figure(table: SweepTable) -> Figure:
     figure = blank_figure(6.3, 6.4)
     axes: Any = figure.subplots()
     axes.pcolormesh(
-        edges(across),
-        edges(up),
+        _cell_edges(across),
+        _cell_edges(up),
         grid.T,
         cmap=colors,
         norm=BoundaryNorm(np.arange(FAILED - 0.5, len(_COLORS) + 1.0), colors.N),
         rasterized=True,
     )
-    axes.set_xlabel(axis_label(across))
-    axes.set_ylabel(axis_label(up))
-    axes.tick_params(direction='out')
+    _set_axes(axes, across, up)
     found = attractors_of(table)
     handles = [
         Patch(
@@ -212,7 +201,7 @@ def basin_figure(table: SweepTable) -> Figure:
     if (numbers == FAILED).any():
         handles.append(Patch(facecolor=_NONE, label='failed'))
     figure.legend(handles=handles, loc='outside lower center', ncols=1, frameon=False)
-    figure.suptitle(fixed_text(table), fontsize=7.5, color='0.3')
+    figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')
     return figure
 
 
@@ -224,11 +213,11 @@ _LOOKS: dict[str, dict[str, Any]] = {
 
 
 def _draw_phases(axes: Any, table: SweepTable, values: NDArray[np.float64]) -> None:
-    """Draw the phase of each impact; of motions that do not repeat as a faint cloud."""
+    """Draw the phase of each impact; fainter if the motion does not repeat."""
     phases = table.lists('impact_phase')
     rows = np.arange(len(table)).reshape(-1, len(values))
     settled = table.flags('settled')
-    for turn, direction in enumerate(table.plan.follow.passes):
+    for turn, direction in enumerate(table.plan.follow.directions):
         for repeats in (False, True):
             kept = [row for row in rows[turn] if settled[row] == repeats]
             x = np.repeat(
@@ -249,14 +238,14 @@ def _draw_phases(axes: Any, table: SweepTable, values: NDArray[np.float64]) -> N
 
 
 def _draw_surroundings(axes: Any, optimum: Optimum) -> None:
-    """Draw the edges around the optimum, and what else the best rig can do."""
+    """Draw the edges around the optimum, and other motions of the best rig."""
     for edge in optimum.edges:
         axes.axvline(
             edge.values[0],
             color='0.3',
             linewidth=0.8,
             linestyle='--',
-            label=f'edge at {edge.values[0]:.5g}{times(edge)}',
+            label=f'edge at {edge.values[0]:.5g}{_times(edge)}',
         )
     for other in optimum.coexisting:
         axes.plot(
@@ -266,13 +255,13 @@ def _draw_surroundings(axes: Any, optimum: Optimum) -> None:
             markerfacecolor='none',
             markeredgecolor='black',
             linestyle='none',
-            label=f'{other.start}{times(other)}',
+            label=f'{other.start}{_times(other)}',
             zorder=4,
         )
 
 
 def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
-    """Draw impact phases, a measure and the Lyapunov exponent, if any, over the parameter."""
+    """Draw impact phases, a measure and the Lyapunov exponent against the parameter."""
     axis = table.plan.axes[0]
     values = np.array(axis.values, dtype=float)
     cycle = table.numbers('cycle')
@@ -283,15 +272,15 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
     panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     upper, middle = panels[:2]
     _draw_phases(upper, table, values)
-    spread = grid_of(table, table.numbers('lyapunov_uncertainty') * cycle)
+    spread = _grid_of(table, table.numbers('lyapunov_uncertainty') * cycle)
     columns = (table.numbers(measure), exponent)
     for axes, column in zip(panels[1:], columns, strict=False):
-        for turn, (direction, series) in enumerate(grid_of(table, column)):
+        for turn, (direction, series) in enumerate(_grid_of(table, column)):
             axes.plot(
                 *(values, series),
                 linestyle='none',
                 marker='o',
-                # The second direction is smaller, so that the first one shows around it
+                # Smaller marks for the second direction leave the first one visible
                 markersize=1.2 if turn else 2.4,
                 markeredgewidth=0.0,
                 **_LOOKS[direction],
@@ -303,7 +292,7 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
     if exponents:
         panels[2].axhline(0.0, color='0.3', linewidth=0.7)
         finite = exponent[np.isfinite(exponent)]
-        # One that is next to superstable must not flatten all others
+        # A nearly superstable motion must not compress the others
         panels[2].set_ylim(max(finite.min(), np.quantile(finite, 0.02) - 0.2) - 0.05, None)
     if optimum is not None:
         middle.plot(
@@ -324,9 +313,9 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
             axes.set_xscale('log')
     upper.set_ylim(0.0, 1.0)
     finish_panel(upper, 'a', '', 'Phase of the impacts [cycles]')
-    finish_panel(middle, 'b', '' if exponents else axis_label(axis), measure_label(measure))
+    finish_panel(middle, 'b', '' if exponents else _axis_label(axis), _measure_label(measure))
     if exponents:
-        finish_panel(panels[2], 'c', axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
+        finish_panel(panels[2], 'c', _axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
     handles, labels = middle.get_legend_handles_labels()
     figure.legend(
         *(handles, labels),
@@ -335,12 +324,12 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
         frameon=False,
         markerscale=2.0,
     )
-    figure.suptitle(fixed_text(table), fontsize=7.5, color='0.3')
+    figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')
     return figure
 
 
 _FAILED = '0.8'
-#: A measure whose greatest value is more times its least is drawn on a logarithmic scale.
+#: A measure is drawn on a logarithmic scale if its greatest value is more times its least.
 _DECADES = 30.0
 _STAR: dict[str, Any] = {
     'marker': '*',
@@ -349,7 +338,7 @@ _STAR: dict[str, Any] = {
     'markeredgecolor': 'white',
     'linestyle': 'none',
 }
-#: Dots in the cells of motions that do not repeat.
+#: Colours of the dots in cells of motions that do not repeat.
 _DOTS = {
     'chaotic': 'black',
     'not periodic, not chaotic': '#CC3311',
@@ -357,7 +346,7 @@ _DOTS = {
 
 
 def _scale(values: NDArray[np.float64]) -> Any:
-    """Return how the measure is mapped to colours."""
+    """Return the mapping of a measure to colours."""
     from matplotlib.colors import LogNorm, Normalize
 
     finite = values[np.isfinite(values)]
@@ -370,7 +359,7 @@ def _scale(values: NDArray[np.float64]) -> Any:
 
 
 def _classes(table: SweepTable) -> dict[str, NDArray[np.float64]]:
-    """Return for each class of motions that is dotted which rows are in it."""
+    """Return the rows of each class of motions that has dots, as ones."""
     motions = table.texts('motion')
     chaotic = np.array([motion == MotionKind.CHAOTIC.value for motion in motions])
     unsettled = table.flags('ok') & ~table.flags('settled') & ~chaotic
@@ -378,23 +367,23 @@ def _classes(table: SweepTable) -> dict[str, NDArray[np.float64]]:
 
 
 def _outlined() -> list[Any]:
-    """Return what makes a white line visible on white too."""
+    """Return path effects that make a white line visible on white."""
     from matplotlib.patheffects import withStroke
 
     return [withStroke(linewidth=2.0, foreground='0.2')]
 
 
 def _draw_map(axes: Any, table: SweepTable, turn: int, values: Any, scale: Any) -> Any:
-    """Draw one direction; return what the colour bar belongs to."""
+    """Draw one direction; return its colour mesh."""
     across, up = table.plan.axes
     axes.set_facecolor(_FAILED)
-    grid = grid_of(table, values)[turn][1]
+    grid = _grid_of(table, values)[turn][1]
     colors = axes.pcolormesh(
-        edges(across), edges(up), grid.T, norm=scale, cmap='viridis', rasterized=True
+        _cell_edges(across), _cell_edges(up), grid.T, norm=scale, cmap='viridis', rasterized=True
     )
     size = max(0.5, min(2.5, 150.0 / max(table.plan.shape)))
     for name, rows in _classes(table).items():
-        i, j = np.nonzero(grid_of(table, rows)[turn][1])
+        i, j = np.nonzero(_grid_of(table, rows)[turn][1])
         axes.plot(
             np.array(across.values)[i],
             np.array(up.values)[j],
@@ -405,7 +394,7 @@ def _draw_map(axes: Any, table: SweepTable, turn: int, values: Any, scale: Any) 
             color=_DOTS[name],
             rasterized=True,
         )
-    impacts = grid_of(table, table.numbers('impacts_per_cycle'))[turn][1]
+    impacts = _grid_of(table, table.numbers('impacts_per_cycle'))[turn][1]
     if min(impacts.shape) > 1 and (impacts > 0.0).any() and (impacts == 0.0).any():
         some = np.ma.masked_invalid(np.where(np.isnan(impacts), np.nan, impacts > 0.0))
         edge = axes.contour(
@@ -416,7 +405,7 @@ def _draw_map(axes: Any, table: SweepTable, turn: int, values: Any, scale: Any) 
 
 
 def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
-    """Return an entry for each mark that there is."""
+    """Return a legend entry for each kind of mark."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -426,19 +415,19 @@ def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
         among = 'all' if table.plan.control.active else 'those that repeat'
         label = f'{optimum.best.value} of {among}: {optimum.value:.4g} at ({at})'
         handles.append(Line2D([], [], label=label, **{**_STAR, 'markersize': 10}))
-        symbols = [axis_label(axis).split(' [')[0].rsplit(' ', 1)[-1] for axis in table.plan.axes]
+        symbols = [_axis_label(axis).split(' [')[0].rsplit(' ', 1)[-1] for axis in table.plan.axes]
         blank: dict[str, Any] = {'linestyle': 'none'}
         handles += [
             Line2D(
                 *([], []),
-                label=f'edge at {symbols[i]} = {edge.values[i]:.5g}{times(edge)}',
+                label=f'edge at {symbols[i]} = {edge.values[i]:.5g}{_times(edge)}',
                 **blank,
             )
             for edge in optimum.edges
             if (i := edge.axis) is not None
         ]
         handles += [
-            Line2D([], [], label=f'the same rig {other.start}{times(other)}', **blank)
+            Line2D([], [], label=f'the same rig {other.start}{_times(other)}', **blank)
             for other in optimum.coexisting
         ]
     dot: dict[str, Any] = {'marker': 'o', 'linestyle': 'none', 'markersize': 3.0}
@@ -464,39 +453,31 @@ def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
 
 
 def surface_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> Figure:
-    """Draw a measure over two axes."""
+    """Draw a measure as colours over two axes."""
     plan = table.plan
     across, up = plan.axes
     values = np.where(np.isfinite(table.numbers(measure)), table.numbers(measure), np.nan)
     scale = _scale(values)
-    count = len(plan.follow.passes)
+    count = len(plan.follow.directions)
     figure = blank_figure(6.3 if count == 1 else 9.4, 4.9)
     panels = np.atleast_1d(figure.subplots(1, count, sharey=True))
     best = '' if optimum is None else plan.point(optimum.point).direction
     colors: Any = None
-    for turn, (axes, direction) in enumerate(zip(panels, plan.follow.passes, strict=True)):
+    for turn, (axes, direction) in enumerate(zip(panels, plan.follow.directions, strict=True)):
         colors = _draw_map(axes, table, turn, values, scale)
         if optimum is not None and direction == best:
             axes.plot(*([value] for value in optimum.values), clip_on=False, zorder=5, **_STAR)
-        _set_scales(axes, across, up)
-        axes.set_xlabel(axis_label(across))
-        axes.tick_params(direction='out')
+        _set_axes(axes, across, up)
+        if turn:
+            axes.set_ylabel('')
         if direction:
             axes.set_title(f'followed {direction}wards', loc='left')
-    panels[0].set_ylabel(axis_label(up))
-    figure.colorbar(colors, ax=list(panels), label=measure_label(measure), pad=0.015)
+    figure.colorbar(colors, ax=list(panels), label=_measure_label(measure), pad=0.015)
     handles = _legend(table, optimum)
     if handles:
         figure.legend(handles=handles, loc='outside lower center', ncols=2, frameon=False)
-    figure.suptitle(fixed_text(table), fontsize=7.5, color='0.3')
+    figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')
     return figure
-
-
-def _set_scales(axes: Any, across: Axis, up: Axis) -> None:
-    if across.logarithmic:
-        axes.set_xscale('log')
-    if up.logarithmic:
-        axes.set_yscale('log')
 
 
 def draw_sweep(table: SweepTable, measure: str, optimum: Optimum | None, path: Path) -> None:
@@ -508,7 +489,7 @@ def draw_sweep(table: SweepTable, measure: str, optimum: Optimum | None, path: P
     table : SweepTable
         The sweep.
     measure : str
-        Name of the measure that is drawn; basins of attraction need none.
+        Name of the measure that is drawn, one of `MEASURES`; basins of attraction use none.
     optimum : Optimum or None
         The rig to mark.
     path : Path

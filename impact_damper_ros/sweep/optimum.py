@@ -1,67 +1,55 @@
 """
-The best rig of a sweep, on its grid and between its values; the summary of a sweep.
+The optimum of a sweep: the best row, refined between the values of the grid.
 
-The best rig is often the last one before a motion ends, and the motion that it has need not be the
-only one. So what lies around it is found too: edges beyond which the measure is far worse, and
-other motions of the same rig.
+The best rig often lies next to the end of its branch, and may have other motions besides. So the
+surroundings are searched, too: for edges beyond which the measure is far worse, and for other
+motions of the same rig.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from enum import Enum
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from impact_damper_ros.rig import InitialConditions
 
-from .columns import FAILED, Row
-from .plan import Axis, SweepPlan, Target, varied
-from .table import SweepTable
-from .work import Snapshot, rig_row
+from .execution import rig_row
+from .plan import Axis, SweepPlan
+from .table import Row, SweepTable
 
-__all__ = [
-    'Best',
-    'Nearby',
-    'Optimum',
-    'attractor_text',
-    'attractors_of',
-    'caution_texts',
-    'find_optimum',
-    'summary_of',
-    'summary_text',
-]
+__all__ = ['Best', 'Nearby', 'Optimum', 'find_optimum']
 
 
-#: Steps at the end of the search, relative to those of the grid, of motions that repeat and of
-#: those that do not, whose measures scatter.
+_State = dict[str, Any]
+#: Relative steps at which the search ends, of motions that repeat and of those that do not, whose
+#: measures scatter.
 _FINEST, _FINEST_SCATTERED = 1e-4, 1.0 / 32.0
 _MOST_TRIALS = 400
-#: How often a measure that scatters is taken again.
-_AGAIN = 4
-#: How exact, relatively, the measures of a motion that repeats are.
+#: Times that a measure that scatters is taken again.
+_REPETITIONS = 4
+#: Relative accuracy of the measures of a motion that repeats.
 _EXACT = 1e-9
-#: What is worse by more than this part of the measure is beyond an edge.
+#: A rig is beyond an edge if its measure is worse by more than this share.
 _CLIFF = 0.5
-#: Measures that differ by more than this, relatively, are of other motions.
+#: Measures that differ by more than this share belong to different motions.
 _OTHER = 0.05
-#: Where edges are looked for, in steps of the grid and as a part of the value, and how often what
-#: lies between is halved.
+#: Distances at which edges are searched for, in steps of the grid and as a share of the value, and
+#: the bisections in between.
 _PROBES, _FAR = (1e-3, 0.1, 1.0), 0.05
-_HALVINGS = 6
-#: Kinds of parameters that can have any value in their range.
+_BISECTIONS = 6
+#: Kinds of parameters that can take any value in their range.
 _REAL = ('double', 'double_array')
 
 
 class Best(Enum):
-    """What is looked for."""
+    """Which value of a measure is best."""
 
     LEAST = 'least'
     GREATEST = 'greatest'
@@ -70,7 +58,7 @@ class Best(Enum):
 @dataclass(frozen=True)
 class Nearby:
     """
-    Another motion, of the best rig or of one next to it.
+    A different motion, of the best rig or of one next to it.
 
     Attributes
     ----------
@@ -79,17 +67,17 @@ class Nearby:
     axis : int or None
         The axis along which it differs from the best rig; None if it is the best rig.
     start : str
-        What the motion was reached from, in words.
+        How the motion was reached, in words.
     measure : float
         The measure of the motion.
     ratio : float
-        The same over that of the best rig; not finite if that is 0.
+        The measure over that of the best rig; infinite if that is 0.
     motion : str
-        What kind of motion it is.
+        Kind of motion.
     period : int or None
         Its period in cycles of the force, if it repeats.
     stops : str or None
-        Stops that it hits in a period.
+        Stops hit in a period.
     """
 
     values: tuple[float, ...]
@@ -101,46 +89,50 @@ class Nearby:
     period: int | None
     stops: str | None
 
+    @property
+    def kind(self) -> tuple[str, int | None, str | None]:
+        """Kind, period and stops of the motion."""
+        return self.motion, self.period, self.stops
+
 
 @dataclass(frozen=True)
 class Optimum:
     """
     The rig with the least or greatest measure, among those whose motion repeats.
 
-    Under gap control it is among all rigs, since no motion repeats to the last digits whose
-    samples do not.
+    Under gap control all rigs are considered, since a motion whose control samples out of step
+    does not repeat to the last digits.
 
     Attributes
     ----------
     measure : str
         Name of the measure.
     best : Best
-        What was looked for.
+        Which value is best.
     point : int
         The best row of the table.
     grid_values : tuple of float
         Its value on each axis.
     grid_measure : float
-        The measure there.
+        Its measure.
     values, value : tuple of float, float
-        The same after a search between the values of the grid, from the motion of the best row;
-        the same as there, if there is nothing to search or nothing better.
+        Values on the axes and measure after the search between the values of the grid; those of
+        the grid if there was no search or it found nothing better.
     scatter : float
-        By how much the measure of the best row differs if it is taken again later, at most; 0 of
-        a motion that repeats. What is better by less is not taken for better.
+        Largest change of the measure of the best row if it is taken again later; 0 if its motion
+        repeats. A change within the scatter is no improvement.
     at_edge : bool
-        Whether it lies at the end of a range, so that a wider one may hold a better rig.
+        Whether the rig lies at the end of a range, so that a wider one may hold a better rig.
     trials : int
         Rigs run by the search.
     edges : tuple of Nearby
-        Rigs next to it, the nearest on each side along each axis, with another motion whose
-        measure is worse by half of it or more, if it goes on from the motion of the best rig or
-        starts anew. With a search they are looked for up to the distance of the next value of the
-        grid, or 5 % of the value (under gap control, which takes long, only there); else they are
-        the next values of the grid.
+        The nearest rig on each side along each axis whose motion is different and whose measure is
+        worse by half or more, continued from the motion of the best rig or started anew. The
+        search extends to the next value of the grid or 5 % of the value; without a search, and
+        under gap control, only the next value is considered.
     coexisting : tuple of Nearby
-        Motions of the best rig with another measure, reached from its initial conditions, from
-        the other direction, or back from beyond an edge.
+        Motions of the best rig with a different measure: from its initial conditions, from the
+        other direction, or back from beyond an edge.
     """
 
     measure: str
@@ -157,17 +149,23 @@ class Optimum:
     coexisting: tuple[Nearby, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as numbers and texts."""
+        """Return all of it as JSON has it."""
         return {**asdict(self), 'best': self.best.value}
 
 
 def _step(axis: Axis, value: float) -> float:
-    """Return how far it is from a value of an axis to the next; 0 if nothing lies between."""
-    if axis.initial or not all(target.spec.kind in _REAL for target in axis.targets):
+    """Return the distance to the next value of an axis; 0 if no values lie between."""
+    if axis.initial or not all(p.spec.kind in _REAL for p in axis.parameters):
         return 0.0
     place = axis.values.index(value)
     near = axis.values[max(0, place - 1) : place + 2]
     return max((b - a for a, b in pairwise(near)), default=0.0)
+
+
+def _moved(axis: Axis, i: int, values: tuple[float, ...], distance: float) -> tuple[float, ...]:
+    """Return values moved along the i-th axis, within its range."""
+    moved = min(max(values[i] + distance, axis.values[0]), axis.values[-1])
+    return (*values[:i], moved, *values[i + 1 :])
 
 
 def find_optimum(
@@ -179,23 +177,18 @@ def find_optimum(
     progress: Callable[[], object] | None = None,
 ) -> Optimum | None:
     """
-    Find the best rig.
+    Find the best rig of a sweep.
 
     Parameters
     ----------
     table : SweepTable
         The sweep.
     measure : str
-        Name of a measure.
+        Name of a measure, one of `MEASURES`.
     best : Best, optional
-        What to look for.
+        Which value of it is best.
     refine : bool, optional
-        Whether to search between the values of the grid, along the axes of numbers of rig and
-        control; initial conditions, choices and whole numbers stay as they are in the best row.
-        The search keeps to the motion of that row: each rig takes over its last state, that of
-        the control included. It compares the measures at a step on either side along each axis,
-        goes to the best of them, or halves the steps; it needs no slope, so that it also ends
-        where the motion does.
+        Whether to search between the values of the grid.
     progress : callable, optional
         Called after each rig that the search runs.
 
@@ -203,6 +196,14 @@ def find_optimum(
     -------
     Optimum or None
         None if no motion of the sweep repeats, or under control no rig could be simulated.
+
+    Notes
+    -----
+    The search varies parameters that are real numbers; initial conditions, flags and whole numbers
+    stay as in the best row. It stays on the motion of that row: each rig takes over its last
+    state, that of the control included. It is a pattern search: the measures one step away on
+    either side along each axis are compared, then the search moves to the best of them, or halves
+    the steps. It uses no slope, so that it also ends where the motion ends.
     """
     plan = table.plan
     eligible = table.flags('ok' if plan.control.active else 'settled')
@@ -216,7 +217,7 @@ def find_optimum(
     search.progress = progress
     found, reached = at, value
     if refine and any(search.steps) and search.begin(table, row):
-        search.look_again(at, value)
+        search.measure_scatter(at, value)
         found, reached = search.refined(at, value)
         edges, coexisting = search.surroundings(table, row, found, reached)
     else:
@@ -236,13 +237,9 @@ def _is_worse(measure: float, value: float, sign: float) -> bool:
     return sign * (measure - value) > _CLIFF * abs(value)
 
 
-def _kind(nearby: Nearby) -> tuple[str, int | None, str | None]:
-    return nearby.motion, nearby.period, nearby.stops
-
-
 def _is_same(one: Nearby, other: Nearby) -> bool:
-    """Return whether two motions of a rig are one; those that do not repeat scatter."""
-    if _kind(one) != _kind(other):
+    """Return whether two motions of a rig are one; measures scatter if they do not repeat."""
+    if one.kind != other.kind:
         return False
     return one.period is None or abs(one.measure - other.measure) <= _OTHER * abs(other.measure)
 
@@ -252,12 +249,12 @@ def _ratio(measure: float, value: float) -> float:
 
 
 def _other_directions(plan: SweepPlan, row: int) -> list[tuple[str, int]]:
-    """Return the same rig in the other directions that were followed, with its row."""
-    grid = plan.size // len(plan.follow.passes)
+    """Return the rows of the same rig in the other directions that were followed."""
+    grid = plan.size // len(plan.follow.directions)
     own = plan.point(row).direction
     return [
         (f'followed {direction}wards', turn * grid + row % grid)
-        for turn, direction in enumerate(plan.follow.passes)
+        for turn, direction in enumerate(plan.follow.directions)
         if direction != own
     ]
 
@@ -265,7 +262,7 @@ def _other_directions(plan: SweepPlan, row: int) -> list[tuple[str, int]]:
 def _on_grid(
     table: SweepTable, row: int, measure: str, sign: float
 ) -> tuple[tuple[Nearby, ...], tuple[Nearby, ...]]:
-    """Return edges and other motions that the table itself shows."""
+    """Return the edges and other motions that the table itself shows."""
     plan = table.plan
     measures, motions = table.numbers(measure), table.texts('motion')
     periods, stops = table.numbers('period'), table.texts('stops')
@@ -278,7 +275,7 @@ def _on_grid(
         motion = motions[other] or ''
         return Nearby(values, axis, start, x, _ratio(x, value), motion, period, stops[other])
 
-    settled, own = table.flags('settled')[row], _kind(nearby(row, None, ''))
+    settled, own = table.flags('settled')[row], nearby(row, None, '').kind
     edges = []
     stride = 1
     for i in reversed(range(len(plan.axes))):
@@ -289,7 +286,7 @@ def _on_grid(
             if not 0 <= place + step < count or not _is_worse(measures[other], value, sign):
                 continue
             edge = nearby(other, i, 'at the next value of the grid')
-            if not settled or _kind(edge) != own:
+            if not settled or edge.kind != own:
                 edges.append(edge)
         stride *= count
     others = [
@@ -301,7 +298,7 @@ def _on_grid(
 
 
 class _Search:
-    """A search by steps along the axes, on one motion."""
+    """A pattern search along the axes, on one motion."""
 
     def __init__(
         self,
@@ -319,19 +316,19 @@ class _Search:
         self.steps = [_step(axis, value) for axis, value in zip(plan.axes, at, strict=True)]
         self.trials = 0
         self.scatter = 0.0
-        self.state: Snapshot | None = None
+        self.state: _State | None = None
         self.progress: Callable[[], object] | None = None
 
     def begin(self, table: SweepTable, row: int) -> bool:
-        """Bring the rig of a row back to its motion; return whether that is so."""
+        """Bring the rig of a row back to its motion; return whether that was possible."""
         self.state = self._state_of(table, row)
         return self.state is not None
 
-    def _state_of(self, table: SweepTable, row: int) -> Snapshot | None:
+    def _state_of(self, table: SweepTable, row: int) -> _State | None:
         """Return a state of the motion of a row."""
         plan = self.plan
         if plan.control.active:
-            stored: Snapshot | None = json.loads(table.texts('state')[row] or 'null')
+            stored: _State | None = json.loads(table.texts('state')[row] or 'null')
             return stored
         if not table.lists('section_x')[row]:
             return None
@@ -339,48 +336,38 @@ class _Search:
             table.lists(f'section_{name}')[row][-1]
             for name in ('x', 'velocity', 'offset', 'relative_velocity')
         )
-        settings = plan.settings(plan.point(row))
-        half = 0.5 * varied(plan.parameters, plan.initial, settings)[0].gap
+        settings = plan.settings(plan.point(row).values)
+        half = 0.5 * plan.setup.varied(settings).parameters.gap
         start = InitialConditions(
             initial_primary_position=x,
             initial_primary_velocity=velocity,
-            # Z - X is off the stop by round-off
+            # Round-off may put m beyond a stop
             initial_damper_offset=min(max(offset, -half), half),
             initial_damper_velocity=velocity + relative,
         )
-        return rig_row(plan.parameters, start, settings, plan.settling)[1]
+        return rig_row(plan.setup._replace(initial=start), settings)[1]
 
-    def _run(self, values: tuple[float, ...]) -> tuple[float, Snapshot | None]:
-        """Return the measure of a rig, as one to be least, and its last state."""
+    def _run(self, values: tuple[float, ...]) -> tuple[float, _State | None]:
+        """Return the measure of a rig, negated if the greatest is best, and its last state."""
         row, last = self._row(values, self.state)
         if not row['ok'] or row['settled'] < self.settled or row[self.measure] is None:
             return math.inf, last
         return self.sign * float(row[self.measure]), last
 
-    def _row(
-        self, values: tuple[float, ...], state: Snapshot | None
-    ) -> tuple[Row, Snapshot | None]:
+    def _row(self, values: tuple[float, ...], state: _State | None) -> tuple[Row, _State | None]:
         """Run a rig from a state, or from its initial conditions."""
         self.trials += 1
-        plan = self.plan
-        settings: list[tuple[Target, float]] = [
-            (target, value)
-            for axis, value in zip(plan.axes, values, strict=True)
-            for target in axis.targets
-        ]
-        done = rig_row(
-            *(plan.parameters, plan.initial, settings, plan.settling, state, plan.control)
-        )
+        done = rig_row(self.plan.setup, self.plan.settings(values), state)
         if self.progress is not None:
             self.progress()
         return done
 
-    def look_again(self, at: tuple[float, ...], value: float) -> None:
-        """Learn by how much the measure scatters, from the rig as it goes on."""
+    def measure_scatter(self, at: tuple[float, ...], value: float) -> None:
+        """Measure how much the measure scatters, as the rig goes on."""
         if self.settled:
             return
         begun = self.state
-        for _ in range(_AGAIN):
+        for _ in range(_REPETITIONS):
             again, last = self._run(at)
             if last is None:
                 break
@@ -389,16 +376,15 @@ class _Search:
         self.state = begun
 
     def refined(self, at: tuple[float, ...], value: float) -> tuple[tuple[float, ...], float]:
-        """Go down from a value of the grid."""
+        """Return the best values and their measure, starting from those of the grid."""
         here, lowest, share = at, self.sign * value, 0.5
         finest = _FINEST if self.settled else _FINEST_SCATTERED
         while share > finest and self.trials < _MOST_TRIALS:
             trials: list[tuple[float, tuple[float, ...]]] = []
             for i, axis in enumerate(self.plan.axes):
                 for step in (-share * self.steps[i], share * self.steps[i]):
-                    moved = min(max(here[i] + step, axis.values[0]), axis.values[-1])
-                    if moved != here[i]:
-                        place = (*here[:i], moved, *here[i + 1 :])
+                    place = _moved(axis, i, here, step)
+                    if place != here:
                         trials.append((self._run(place)[0], place))
             found, place = min(trials, default=(math.inf, here))
             if found < lowest - max(self.scatter, _EXACT * abs(lowest)):
@@ -410,7 +396,7 @@ class _Search:
     def surroundings(
         self, table: SweepTable, row: int, at: tuple[float, ...], value: float
     ) -> tuple[tuple[Nearby, ...], tuple[Nearby, ...]]:
-        """Return the edges around the best rig, and its other motions."""
+        """Return the edges around the best rig, and other motions of it."""
         own, state = self._row(at, self.state)
         best = self._nearby(own, at, None, '', value)
         anew = self._nearby(self._row(at, None)[0], at, None, '', value)
@@ -419,7 +405,7 @@ class _Search:
         if anew is not None and not slow and not _is_worse(anew.measure, value, self.sign):
             begun_as.append(('from the initial conditions', None))
         edges: list[Nearby] = []
-        starts: list[tuple[str, Snapshot | None]] = [('from the initial conditions', None)]
+        starts: list[tuple[str, _State | None]] = [('from the initial conditions', None)]
         for start, other in _other_directions(self.plan, row):
             if (of_other := self._state_of(table, other)) is not None:
                 starts.append((start, of_other))
@@ -431,11 +417,10 @@ class _Search:
                     place = found[0].values[i]
                     starts.append((f'back from {axis.name} = {place:.6g}', found[1]))
         others: list[Nearby] = []
+        least = max(_OTHER * abs(value), self.scatter)
         for start, begun in starts:
             nearby = self._nearby(self._row(at, begun)[0], at, None, start, value)
-            if nearby is None or abs(nearby.measure - value) <= max(
-                _OTHER * abs(value), self.scatter
-            ):
+            if nearby is None or abs(nearby.measure - value) <= least:
                 continue
             if not any(_is_same(nearby, other) for other in others):
                 others.append(nearby)
@@ -445,25 +430,22 @@ class _Search:
         self,
         at: tuple[float, ...],
         value: float,
-        starts: list[tuple[str, Snapshot | None]],
+        starts: list[tuple[str, _State | None]],
         best: Nearby | None,
         i: int,
         step: float,
-    ) -> tuple[Nearby, Snapshot | None] | None:
+    ) -> tuple[Nearby, _State | None] | None:
         """Return the nearest rig beyond an edge on one side along an axis, and its last state."""
         axis = self.plan.axes[i]
 
-        def looked(distance: float) -> tuple[Nearby, Snapshot | None] | None:
-            moved = min(max(at[i] + distance, axis.values[0]), axis.values[-1])
-            if moved == at[i]:
-                return None
-            place = (*at[:i], moved, *at[i + 1 :])
-            for start, begun in starts:
+        def beyond(distance: float) -> tuple[Nearby, _State | None] | None:
+            place = _moved(axis, i, at, distance)
+            for start, begun in starts if place != at else ():
                 row, last = self._row(place, begun)
                 nearby = self._nearby(row, place, i, start, value)
                 if nearby is None or not _is_worse(nearby.measure, value, self.sign):
                     continue
-                if not self.settled or best is None or _kind(nearby) != _kind(best):
+                if not self.settled or best is None or nearby.kind != best.kind:
                     return nearby, last
             return None
 
@@ -473,13 +455,13 @@ class _Search:
         if not slow:
             distances.append(math.copysign(max(abs(step), _FAR * abs(at[i])), step))
         for far in distances if step else ():
-            found = looked(far) if far != near else None
+            found = beyond(far) if far != near else None
             if found is None:
                 near = far
                 continue
-            for _ in range(_HALVINGS if near else 0):
+            for _ in range(_BISECTIONS if near else 0):
                 middle = 0.5 * (near + far)
-                nearer = looked(middle)
+                nearer = beyond(middle)
                 if nearer is None:
                     near = middle
                 else:
@@ -496,120 +478,3 @@ class _Search:
         measure = float(row[self.measure])
         kind = (row['motion'], row['period'], row['stops'])
         return Nearby(values, axis, start, measure, _ratio(measure, value), *kind)
-
-
-_MOST_SHOWN = 8
-
-
-def attractors_of(table: SweepTable) -> list[dict[str, Any]]:
-    """Return the attractors of a sweep of initial conditions, the one with most rows first."""
-    if not all(axis.initial for axis in table.plan.axes):
-        return []
-    numbers = np.nan_to_num(table.numbers('attractor'), nan=FAILED).astype(int)
-    motions, stops = table.texts('motion'), table.texts('stops')
-    period, x_max, ratio = (table.numbers(name) for name in ('period', 'x_max', 'x_max_ratio'))
-    found = []
-    for number in range(numbers.max(initial=FAILED) + 1):
-        rows = np.flatnonzero(numbers == number)
-        first = int(rows[0])
-        found.append(
-            {
-                'attractor': number,
-                'motion': motions[first],
-                'period': None if np.isnan(period[first]) else int(period[first]),
-                'stops': stops[first],
-                'share': len(rows) / len(numbers),
-                'x_max': float(x_max[rows].mean()),
-                'x_max_ratio': float(ratio[rows].mean()),
-                'first_point': first,
-            }
-        )
-    return found
-
-
-def attractor_text(attractor: dict[str, Any]) -> str:
-    """Return an attractor in words."""
-    text = str(attractor['motion'])
-    if attractor['period'] is not None:
-        cycles = attractor['period']
-        text += f', {cycles} cycle{"s" if cycles > 1 else ""}'
-        if attractor['stops']:
-            text += f', stops {attractor["stops"]}'
-    return text
-
-
-def caution_texts(optimum: Optimum, names: Sequence[str]) -> list[str]:
-    """Return what an optimum is next to, and what else the best rig can do, each in words."""
-    texts = []
-    for edge in optimum.edges:
-        assert edge.axis is not None
-        best, there = optimum.values[edge.axis], edge.values[edge.axis]
-        far = ''
-        if best:
-            percent = 100.0 * (there - best) / abs(best)
-            far = f' ({abs(percent):.2g} % {"more" if percent > 0.0 else "less"})'
-        texts.append(
-            f'edge: at {names[edge.axis]} = {there:.6g}{far} {_as_much(edge, optimum.measure)}, '
-            f'{edge.start}'
-        )
-    texts += [
-        f'the same rig {other.start}: {_as_much(other, optimum.measure)}'
-        for other in optimum.coexisting
-    ]
-    return texts
-
-
-def _as_much(nearby: Nearby, measure: str) -> str:
-    """Return the measure of another motion, and what motion it is."""
-    times = f', {nearby.ratio:.3g} times as much' if 0.0 < nearby.ratio < math.inf else ''
-    return f'{measure} is {nearby.measure:.5g}{times} ({attractor_text(vars(nearby))})'
-
-
-def summary_of(table: SweepTable, optimum: Optimum | None) -> dict[str, Any]:
-    """Return counts, attractors and optimum of a sweep."""
-    ok = table.flags('ok')
-    reasons = Counter(reason for reason in table.texts('reason') if reason is not None)
-    return {
-        'rigs': len(table),
-        'failed': int((~ok).sum()),
-        'reasons': dict(reasons.most_common(_MOST_SHOWN)),
-        'motions': dict(Counter(m for m in table.texts('motion') if m is not None).most_common()),
-        'attractors': attractors_of(table),
-        'optimum': None
-        if optimum is None
-        else {
-            **optimum.as_dict(),
-            'names': [axis.name for axis in table.plan.axes],
-            'cautions': caution_texts(optimum, [axis.name for axis in table.plan.axes]),
-        },
-    }
-
-
-def summary_text(path: Path, summary: dict[str, Any]) -> str:
-    """Return the same in words."""
-    kinds = ', '.join(f'{count} {kind}' for kind, count in summary['motions'].items())
-    failed = f'{summary["failed"]} failed' if summary['failed'] else ''
-    lines = [f'{path}: {summary["rigs"]} rigs: {", ".join(p for p in (kinds, failed) if p)}']
-    lines += [f'  {count} failed: {reason}' for reason, count in summary['reasons'].items()]
-    attractors = summary['attractors']
-    lines += [
-        f'  attractor {one["attractor"]}: {one["share"]:.1%} of the starts, '
-        f'{attractor_text(one)}, largest |X| {one["x_max"]:.6g} m'
-        for one in attractors[:_MOST_SHOWN]
-    ]
-    if len(attractors) > _MOST_SHOWN:
-        lines.append(f'  and {len(attractors) - _MOST_SHOWN} attractors more')
-    optimum = summary['optimum']
-    if optimum is not None and not attractors:
-        at = ', '.join(
-            f'{name} = {value:.7g}'
-            for name, value in zip(optimum['names'], optimum['values'], strict=True)
-        )
-        edge = ', at the end of a range' if optimum['at_edge'] else ''
-        scatter = f' +- {optimum["scatter"]:.1g}' if optimum['scatter'] else ''
-        lines.append(
-            f'  {optimum["best"]} {optimum["measure"]}: {optimum["value"]:.7g}{scatter} at '
-            f'{at}{edge}'
-        )
-        lines += [f'    {caution}' for caution in optimum['cautions']]
-    return '\n'.join(lines)

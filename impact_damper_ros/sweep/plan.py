@@ -1,4 +1,4 @@
-"""The plan of a sweep: what it varies, which rigs it runs, and what their rows depend on."""
+"""The plan of a sweep: the parameters that are varied, their values, and the order of the rigs."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from itertools import pairwise
-from typing import Any, Self
+from pathlib import Path
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 import impact_damper_ros
 from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -24,29 +25,31 @@ from impact_damper_ros.rig import (
     ParameterSpec,
     RigParameters,
 )
-from impact_damper_ros.rig.shown import shown
+from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
+from impact_damper_ros.rig.quoting import shown
 
 __all__ = [
-    'MOST_POINTS',
-    'TABLE_FORMAT',
     'Axis',
     'AxisError',
     'Follow',
-    'Point',
+    'GridPoint',
+    'RigSetup',
+    'Settings',
     'SweepPlan',
-    'Target',
+    'SweptParameter',
+    'axes_from_file',
     'axis_from_mapping',
     'axis_from_text',
-    'varied',
-    'varied_control',
 ]
 
 
 _SPECS: dict[str, ParameterSpec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS}
-_TARGET = re.compile(r'(?P<name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<index>\d+)\])?')
-#: Most values of one axis.
-MOST_VALUES = 1_000_000
+_NAME = re.compile(r'(?P<name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<index>\d+)\])?')
 _BOOLS = {'true': True, 'false': False}
+_MOST_VALUES = 1_000_000
+_MOST_RIGS = 2_000_000
+#: Raised whenever the same inputs give other rows.
+_TABLE_FORMAT = 2
 
 
 class AxisError(ValueError):
@@ -54,19 +57,11 @@ class AxisError(ValueError):
 
 
 @dataclass(frozen=True, order=True)
-class Target:
-    """
-    A parameter of rig or gap control, an initial condition, or one entry of a parameter array.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    index : int or None
-        The entry of an array, from 0.
-    """
+class SweptParameter:
+    """A parameter of rig or gap control, an initial condition, or an entry of an array."""
 
     name: str
+    #: Entry of an array, from 0.
     index: int | None = None
 
     def __str__(self) -> str:
@@ -74,25 +69,20 @@ class Target:
 
     @classmethod
     def named(cls, text: str) -> Self:
-        """Read what `str` gives."""
-        match = _TARGET.fullmatch(text.strip())
+        """Return the parameter whose `str` is given."""
+        match = _NAME.fullmatch(text)
         if match is None:
             raise AxisError(f'{shown(text)} is not the name of a parameter')
         return cls(match['name'], None if match['index'] is None else int(match['index']))
 
     @property
-    def label(self) -> str:
-        """Name with unit."""
-        return f'{self} [{self.spec.unit}]' if self.spec.unit else str(self)
-
-    @property
     def spec(self) -> ParameterSpec:
-        """What the parameter is."""
+        """Kind, unit, range and meaning."""
         return _SPECS[self.name]
 
     @property
     def initial(self) -> bool:
-        """Whether it is a part of the initial conditions."""
+        """Whether it is one of the initial conditions."""
         return self.name in INITIAL_SPECS
 
     @property
@@ -101,109 +91,119 @@ class Target:
         return self.name in GAP_CONTROL_SPECS
 
 
+#: Parameters with the values that they take in one rig.
+Settings = Sequence[tuple[SweptParameter, float]]
+
+
 @dataclass(frozen=True)
 class Axis:
     """
-    One direction of a sweep.
+    One axis of the grid of a sweep.
 
     Attributes
     ----------
-    targets : tuple of Target
-        What takes the values; usually one.
+    parameters : tuple of SweptParameter
+        The parameters that take the values; usually one.
     values : tuple of float or bool
-        The values, rising and different.
+        The values, strictly increasing.
     logarithmic : bool
-        Whether the values are in geometric progression, for figures.
+        Whether the values are in geometric progression; figures then have a logarithmic axis.
     """
 
-    targets: tuple[Target, ...]
+    parameters: tuple[SweptParameter, ...]
     values: tuple[float, ...]
     logarithmic: bool = False
 
     @property
     def name(self) -> str:
-        """The first of its targets, as text."""
-        return str(self.targets[0])
+        """Name of the first parameter."""
+        return str(self.parameters[0])
 
     @property
     def initial(self) -> bool:
         """Whether initial conditions are varied."""
-        return self.targets[0].initial
+        return self.parameters[0].initial
 
     def __len__(self) -> int:
         return len(self.values)
 
 
-def _target(text: str, rig: RigParameters) -> Target:
-    try:
-        name, index = Target.named(text).name, Target.named(text).index
-    except AxisError:
-        name, index = text.strip(), None
+def _parameter(text: str, rig: RigParameters) -> SweptParameter:
+    """Return the parameter of a name that a user has given."""
+    text = text.strip()
+    match = _NAME.fullmatch(text)
+    name = text if match is None else match['name']
     if name not in _SPECS:
         close = difflib.get_close_matches(name, _SPECS, 1)
         hint = f'did you mean {close[0]}?' if close else f'give one of {", ".join(_SPECS)}'
-        raise AxisError(f'{shown(text.strip())} is not a parameter of the rig: {hint}')
-    spec = _SPECS[name]
-    if spec.kind == 'double_array':
+        raise AxisError(f'{shown(text)} is not a parameter of the rig: {hint}')
+    kind, index = _SPECS[name].kind, SweptParameter.named(text).index
+    if kind == 'double_array':
         count = len(getattr(rig, name))
         if index is None and count > 1:
             raise AxisError(
                 f'{name} has {count} entries in this rig: say which one, such as {name}[0]'
             )
-        index = index or 0
-        if index >= count:
+        if index is not None and index >= count:
             raise AxisError(
-                f'{text.strip()}: {name} has {count} entr{"y" if count == 1 else "ies"} in this '
+                f'{text}: {name} has {count} entr{"y" if count == 1 else "ies"} in this '
                 f'rig: give {name}[0]' + (f' to {name}[{count - 1}]' if count > 1 else '')
             )
-        return Target(name, index if count > 1 else None)
+        return SweptParameter(name, index if count > 1 else None)
     if index is not None:
-        raise AxisError(f'{text.strip()}: {name} is one value, not an array: write {name}')
-    if spec.kind not in ('double', 'bool', 'integer'):
+        raise AxisError(f'{text}: {name} is one value, not an array: write {name}')
+    if kind not in ('double', 'bool', 'integer'):
         raise AxisError(f'{name} is a text and has no range: choose it with --set {name}=...')
-    return Target(name)
+    return SweptParameter(name)
 
 
-def _number(text: Any, where: str) -> float:
-    if isinstance(text, str) and text.strip().lower() in _BOOLS:
-        return _BOOLS[text.strip().lower()]
-    if isinstance(text, bool):
-        return text
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, str) and value.strip().lower() in _BOOLS:
+        return _BOOLS[value.strip().lower()]
+    if isinstance(value, bool):
+        return value
     try:
-        value = float(text)
+        number = float(value)
     except (TypeError, ValueError):
-        raise AxisError(f'{where}: {shown(text)} is not a number') from None
-    if not math.isfinite(value):
-        raise AxisError(f'{where}: {shown(text)} is not a finite number')
-    return value
+        raise AxisError(f'{where}: {shown(value)} is not a number') from None
+    if not math.isfinite(number):
+        raise AxisError(f'{where}: {shown(value)} is not a finite number')
+    return number
 
 
-def _axis(names: Sequence[str], values: Sequence[float], rig: RigParameters, where: str) -> Axis:
-    """Check names and values against one another."""
-    targets = tuple(_target(name, rig) for name in names)
-    if len(set(targets)) < len(targets):
-        raise AxisError(f'{where}: a name stands there twice')
-    if len({target.initial for target in targets}) > 1:
+def _axis(
+    names: Sequence[str],
+    values: Sequence[float],
+    rig: RigParameters,
+    where: str,
+    *,
+    logarithmic: bool = False,
+) -> Axis:
+    """Return an axis, after all checks of its names and values."""
+    parameters = tuple(_parameter(name, rig) for name in names)
+    if len(set(parameters)) < len(parameters):
+        raise AxisError(f'{where}: the same name is given twice')
+    if len({parameter.initial for parameter in parameters}) > 1:
         raise AxisError(f'{where}: parameters and initial conditions cannot share values')
     if not values:
         raise AxisError(f'{where}: there are no values: give at least one')
-    for target in targets:
-        boolean = target.spec.kind == 'bool'
+    for parameter in parameters:
+        boolean = parameter.spec.kind == 'bool'
         for value in values:
             if isinstance(value, bool) is not boolean:
                 wanted = 'true and false' if boolean else 'numbers'
-                raise AxisError(f'{where}: {target} takes {wanted}, not {shown(value)}')
-            if target.spec.kind == 'integer' and value != round(value):
-                raise AxisError(f'{where}: {target} takes whole numbers, not {shown(value)}')
+                raise AxisError(f'{where}: {parameter} takes {wanted}, not {shown(value)}')
+            if parameter.spec.kind == 'integer' and value != round(value):
+                raise AxisError(f'{where}: {parameter} takes whole numbers, not {shown(value)}')
             try:
-                target.spec.checked(value)
+                parameter.spec.checked(value)
             except ParameterError as error:
                 raise AxisError(f'{where}: {error}') from None
     ordered = tuple(sorted(values))
-    twice = next((a for a, b in pairwise(ordered) if a == b), None)
-    if twice is not None:
-        raise AxisError(f'{where}: the value {twice!r} stands there twice')
-    return Axis(targets, ordered)
+    repeated = next((a for a, b in pairwise(ordered) if a == b), None)
+    if repeated is not None:
+        raise AxisError(f'{where}: the value {repeated!r} is given twice')
+    return Axis(parameters, ordered, logarithmic)
 
 
 def _spaced(low: float, high: float, count: Any, spacing: str, where: str) -> list[float]:
@@ -211,10 +211,8 @@ def _spaced(low: float, high: float, count: Any, spacing: str, where: str) -> li
     number = _number(count, where)
     if isinstance(low, bool) or isinstance(high, bool):
         raise AxisError(f'{where}: true and false have no range: write true,false')
-    if number != round(number) or not 1 <= number <= MOST_VALUES:
-        raise AxisError(
-            f'{where}: {count} values: give a whole number of them from 1 to {MOST_VALUES}'
-        )
+    if number != round(number) or not 1 <= number <= _MOST_VALUES:
+        raise AxisError(f'{where}: {count} values: give a whole number from 1 to {_MOST_VALUES}')
     if spacing not in ('linear', 'log'):
         raise AxisError(f'{where}: spacing {spacing!r}: give linear or log')
     if number == 1 and low != high:
@@ -222,30 +220,19 @@ def _spaced(low: float, high: float, count: Any, spacing: str, where: str) -> li
             f'{where}: one value cannot reach from {low:g} to {high:g}: give 2 or more'
         )
     if number > 1 and low == high:
-        raise AxisError(f'{where}: from {low:g} to {high:g} is no range: give two different ends')
-    if spacing == 'log':
-        if min(low, high) <= 0.0:
-            raise AxisError(f'{where}: a logarithmic range needs positive ends')
-        return [float(value) for value in np.geomspace(low, high, int(number))]
-    return [float(value) for value in np.linspace(low, high, int(number))]
-
-
-def _values(text: str, where: str) -> tuple[list[float], bool]:
-    """Read LOW:HIGH:COUNT, LOW:HIGH:COUNT:log, or a list with commas."""
-    if ':' in text:
-        parts = [part.strip() for part in text.split(':')]
-        if len(parts) not in (3, 4):
-            raise AxisError(f'{where}: give LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or V1,V2,...')
-        low, high = (_number(part, where) for part in parts[:2])
-        spacing = parts[3] if len(parts) == 4 else 'linear'
-        return _spaced(low, high, parts[2], spacing, where), spacing == 'log'
-    parts = [part for part in text.strip().strip('[]').split(',') if part.strip()]
-    return [_number(part, where) for part in parts], False
+        raise AxisError(
+            f'{where}: from {low:g} to {high:g} is not a range: give two different ends'
+        )
+    if spacing == 'log' and min(low, high) <= 0.0:
+        raise AxisError(f'{where}: a logarithmic range needs positive ends')
+    progression = np.geomspace if spacing == 'log' else np.linspace
+    values: list[float] = progression(low, high, int(number)).tolist()
+    return values
 
 
 def axis_from_text(text: str, rig: RigParameters) -> Axis:
     """
-    Read NAME=RANGE.
+    Read an axis as the command line gives it, NAME=RANGE.
 
     Parameters
     ----------
@@ -255,19 +242,35 @@ def axis_from_text(text: str, rig: RigParameters) -> Axis:
     rig : RigParameters
         The rig, for the lengths of its arrays.
 
+    Returns
+    -------
+    Axis
+        The axis, its values in rising order.
+
     Raises
     ------
     AxisError
         If a name is unknown or the range is empty, not finite or not a range.
+
+    Examples
+    --------
+    >>> axis_from_text('gap=10:30:3', RigParameters()).values
+    (10.0, 20.0, 30.0)
     """
     *names, values = text.split('=')
     if not names:
         raise AxisError(f'{shown(text)}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
     for name in names:
-        _target(name, rig)
-    numbers, logarithmic = _values(values, text)
-    axis = _axis(names, numbers, rig, text)
-    return Axis(axis.targets, axis.values, logarithmic)
+        _parameter(name, rig)
+    if ':' not in values:
+        listed = [part for part in values.strip().strip('[]').split(',') if part.strip()]
+        return _axis(names, [_number(part, text) for part in listed], rig, text)
+    low, high, *rest = (part.strip() for part in values.split(':'))
+    if len(rest) not in (1, 2):
+        raise AxisError(f'{text}: give LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or V1,V2,...')
+    count, spacing = rest[0], rest[1] if rest[1:] else 'linear'
+    spaced = _spaced(_number(low, text), _number(high, text), count, spacing, text)
+    return _axis(names, spaced, rig, text, logarithmic=spacing == 'log')
 
 
 def axis_from_mapping(name: str, entry: Any, rig: RigParameters) -> Axis:
@@ -280,9 +283,14 @@ def axis_from_mapping(name: str, entry: Any, rig: RigParameters) -> Axis:
         The name or names, as on the command line.
     entry : str, number, list or mapping
         The text of the command line, a list of values, or a mapping with the keys ``from``,
-        ``to``, ``count`` and, if wanted, ``spacing`` (linear or log).
+        ``to``, ``count`` and optionally ``spacing`` (linear or log).
     rig : RigParameters
         The rig, for the lengths of its arrays.
+
+    Returns
+    -------
+    Axis
+        The axis.
 
     Raises
     ------
@@ -301,16 +309,28 @@ def axis_from_mapping(name: str, entry: Any, rig: RigParameters) -> Axis:
             )
         low, high = (_number(entry[key], name) for key in ('from', 'to'))
         spacing = str(entry.get('spacing', 'linear'))
-        axis = _axis(names, _spaced(low, high, entry['count'], spacing, name), rig, name)
-        return Axis(axis.targets, axis.values, spacing == 'log')
+        spaced = _spaced(low, high, entry['count'], spacing, name)
+        return _axis(names, spaced, rig, name, logarithmic=spacing == 'log')
     listed = entry if isinstance(entry, Sequence) else [entry]
     return _axis(names, [_number(value, name) for value in listed], rig, name)
 
 
-#: Raised whenever the same inputs give other rows.
-TABLE_FORMAT = 2
-#: Most rigs of one sweep.
-MOST_POINTS = 2_000_000
+def axes_from_file(path: Path, rig: RigParameters) -> list[Axis]:
+    """Read the axes of a ranges file, in YAML."""
+    try:
+        content: Any = guarded_yaml(path)
+    except OSError as error:
+        reason = error.strerror or error
+        raise AxisError(f'{path}: cannot be read ({reason}): give a YAML file') from error
+    except YamlError as error:
+        raise AxisError(f'{path}: {error}') from error
+    ranges = content.get('vary') if isinstance(content, dict) else None
+    if not isinstance(ranges, dict) or set(content) != {'vary'}:
+        raise AxisError(
+            f'{path}: start the file with "vary:" and, indented below it, lines such as '
+            '"gap: 10:60:200" or "gap: {from: 10, to: 60, count: 200}"'
+        )
+    return [axis_from_mapping(str(name), entry, rig) for name, entry in ranges.items()]
 
 
 class Follow(Enum):
@@ -326,50 +346,80 @@ class Follow(Enum):
     BOTH = 'both'
 
     @property
-    def passes(self) -> tuple[str, ...]:
+    def directions(self) -> tuple[str, ...]:
         """The directions followed; one empty name if the rigs are independent."""
         if self is Follow.NONE:
             return ('',)
         return ('up', 'down') if self is Follow.BOTH else (self.value,)
 
 
-@dataclass(frozen=True)
-class Point:
+class GridPoint(NamedTuple):
     """
-    One rig of a sweep.
+    The place of one rig in a sweep.
 
     Attributes
     ----------
-    index : int
-        Its row in the table.
+    row : int
+        Its row in the table, from 0.
     direction : str
         'up', 'down', or empty if it does not start from another rig's state.
     values : tuple of float
         Its value on each axis.
     """
 
-    index: int
+    row: int
     direction: str
     values: tuple[float, ...]
+
+
+class RigSetup(NamedTuple):
+    """A rig, its start, its gap control, and how it is watched."""
+
+    parameters: RigParameters
+    initial: InitialConditions
+    settling: Settling
+    control: GapControlParameters
+
+    def varied(self, settings: Settings) -> Self:
+        """Return it with other values, all set at once."""
+        rig: dict[str, Any] = {}
+        start: dict[str, Any] = {}
+        law: dict[str, Any] = {}
+        for parameter, value in settings:
+            name, kind = parameter.name, parameter.spec.kind
+            if parameter.initial:
+                start[name] = value
+            elif kind == 'double_array':
+                entries = list(rig.get(name, getattr(self.parameters, name)))
+                entries[parameter.index or 0] = value
+                rig[name] = tuple(entries)
+            else:
+                changed = law if parameter.control else rig
+                changed[name] = int(value) if kind == 'integer' else value
+        return self._replace(
+            parameters=self.parameters.replace(**rig),
+            initial=InitialConditions(**{**self.initial.as_dict(), **start}),
+            control=self.control.replace(**law),
+        )
 
 
 @dataclass(frozen=True)
 class SweepPlan:
     """
-    A sweep.
+    A sweep: a grid of rigs, and how each of them is run.
 
-    Attributes
+    Parameters
     ----------
     parameters, initial : RigParameters, InitialConditions
-        The rig, but for what is varied.
+        The rig; the axes replace the values that they vary.
     axes : tuple of Axis
-        What is varied; the first is the one that is followed.
-    follow : Follow
+        The axes of the grid; the first one is followed.
+    follow : Follow, optional
         How the rigs start.
-    settling : Settling
-        How long and how closely each rig is watched.
-    control : GapControlParameters
-        The gap control, but for what is varied; off, if not given.
+    settling : Settling, optional
+        How long each rig may take to settle, and how closely it is watched.
+    control : GapControlParameters, optional
+        The gap control; off by default.
 
     Raises
     ------
@@ -385,7 +435,7 @@ class SweepPlan:
     control: GapControlParameters = field(default_factory=GapControlParameters)
 
     def __post_init__(self) -> None:
-        """Check what holds between the axes."""
+        """Check the axes together."""
         if self.parameters.sweep_mode != 'off':
             raise AxisError(
                 f'sweep_mode is {self.parameters.sweep_mode}: a force that changes its frequency '
@@ -393,24 +443,29 @@ class SweepPlan:
             )
         if not self.axes:
             raise AxisError('nothing is varied: give --vary NAME=RANGE, such as gap=10:60:200')
-        targets = [target for axis in self.axes for target in axis.targets]
-        for target in targets:
-            if targets.count(target) > 1:
-                raise AxisError(f'{target} is varied twice: give each name once')
-            if target.control and not self.control.active:
+        parameters = [parameter for axis in self.axes for parameter in axis.parameters]
+        for parameter in parameters:
+            if parameters.count(parameter) > 1:
+                raise AxisError(f'{parameter} is varied twice: give each name once')
+            if parameter.control and not self.control.active:
                 raise AxisError(
-                    f'{target} is varied, but gap_control is off, and nothing depends on it: '
+                    f'{parameter} is varied, but gap_control is off, and nothing depends on it: '
                     'give --set gap_control=amplitude or --set gap_control=timed'
                 )
         if self.follow is not Follow.NONE and self.axes[0].initial:
             raise AxisError(
-                f'{self.axes[0].name} cannot be followed, a rig has its initial conditions only '
-                'once: vary a parameter first, or leave out --follow'
+                f'{self.axes[0].name} cannot be followed, since a rig that continues has no '
+                'initial conditions: vary a parameter first, or leave out --follow'
             )
-        if self.size > MOST_POINTS:
+        if self.size > _MOST_RIGS:
             raise AxisError(
-                f'the sweep has {self.size} rigs: give ranges that make at most {MOST_POINTS}'
+                f'the sweep has {self.size} rigs: give ranges that make at most {_MOST_RIGS}'
             )
+
+    @property
+    def setup(self) -> RigSetup:
+        """What all rigs have in common."""
+        return RigSetup(self.parameters, self.initial, self.settling, self.control)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -420,51 +475,38 @@ class SweepPlan:
     @property
     def size(self) -> int:
         """Number of rigs, one row each."""
-        return len(self.follow.passes) * math.prod(self.shape)
+        return len(self.follow.directions) * math.prod(self.shape)
 
-    def point(self, index: int) -> Point:
-        """Return a rig by its row: directions outermost, then the axes, the last one fastest."""
-        turn, rest = divmod(index, math.prod(self.shape))
-        places = []
-        for count in reversed(self.shape):
-            rest, place = divmod(rest, count)
-            places.append(place)
-        values = tuple(a.values[i] for a, i in zip(self.axes, reversed(places), strict=True))
-        return Point(index, self.follow.passes[turn], values)
+    def point(self, row: int) -> GridPoint:
+        """Return the place of a row: directions outermost, then the axes, the last one fastest."""
+        turn, *places = np.unravel_index(row, (len(self.follow.directions), *self.shape))
+        values = tuple(axis.values[i] for axis, i in zip(self.axes, places, strict=True))
+        return GridPoint(row, self.follow.directions[turn], values)
 
-    def settings(self, point: Point) -> list[tuple[Target, float]]:
-        """Return what takes which value at a point."""
+    def settings(self, values: Sequence[float]) -> list[tuple[SweptParameter, float]]:
+        """Return the value of each varied parameter, given a value on each axis."""
         return [
-            (target, value)
-            for axis, value in zip(self.axes, point.values, strict=True)
-            for target in axis.targets
+            (parameter, value)
+            for axis, value in zip(self.axes, values, strict=True)
+            for parameter in axis.parameters
         ]
 
-    def chains(self) -> Iterator[range | list[int]]:
-        """
-        Yield the rows that have to be worked out in a row.
-
-        Yields
-        ------
-        sequence of int
-            Rows, each rig starting from the last state of the one before; without following all
-            rows at once, which then need no order.
-        """
+    def chains(self) -> Iterator[range]:
+        """Yield the rows of rigs that start from one another, in order; or all, if independent."""
         if self.follow is Follow.NONE:
             yield range(self.size)
             return
         grid = math.prod(self.shape)
         stride = grid // self.shape[0]
-        for turn, direction in enumerate(self.follow.passes):
-            for offset in range(stride):
-                first = turn * grid + offset
+        for turn, direction in enumerate(self.follow.directions):
+            for first in range(turn * grid, turn * grid + stride):
                 rows = range(first, first + grid, stride)
                 yield rows if direction == 'up' else rows[::-1]
 
     def inputs(self) -> dict[str, Any]:
-        """Return everything the table depends on, in a form that goes through JSON."""
+        """Return everything that the table depends on, as JSON has it."""
         inputs: dict[str, Any] = {
-            'format': TABLE_FORMAT,
+            'format': _TABLE_FORMAT,
             'version': impact_damper_ros.__version__,
             'parameters': {
                 name: list(value) if isinstance(value, tuple) else value
@@ -473,7 +515,7 @@ class SweepPlan:
             'initial': self.initial.as_dict(),
             'axes': [
                 {
-                    'names': [str(target) for target in axis.targets],
+                    'names': [str(parameter) for parameter in axis.parameters],
                     'values': list(axis.values),
                     'logarithmic': axis.logarithmic,
                 }
@@ -496,16 +538,16 @@ class SweepPlan:
         ValueError
             If this version does not know such inputs.
         """
-        if inputs.get('format') != TABLE_FORMAT:
+        if inputs.get('format') != _TABLE_FORMAT:
             raise ValueError(
-                f'a sweep of format {inputs.get("format")!r}: this version reads {TABLE_FORMAT}'
+                f'a sweep of format {inputs.get("format")!r}: this version reads {_TABLE_FORMAT}'
             )
         return cls(
             parameters=RigParameters(**inputs['parameters']),
             initial=InitialConditions(**inputs['initial']),
             axes=tuple(
                 Axis(
-                    tuple(Target.named(name) for name in axis['names']),
+                    tuple(map(SweptParameter.named, axis['names'])),
                     tuple(axis['values']),
                     axis['logarithmic'],
                 )
@@ -515,40 +557,3 @@ class SweepPlan:
             settling=Settling(**inputs['settling']),
             control=GapControlParameters(**inputs.get('gap_control', {})),
         )
-
-
-def varied(
-    parameters: RigParameters,
-    initial: InitialConditions,
-    settings: Sequence[tuple[Target, float]],
-) -> tuple[RigParameters, InitialConditions]:
-    """Return a rig with other values, all at once; those of the gap control are left out."""
-    changes: dict[str, Any] = {}
-    start: dict[str, Any] = {}
-    for target, value in settings:
-        if target.control:
-            continue
-        if target.initial:
-            start[target.name] = value
-        elif target.index is None and target.spec.kind != 'double_array':
-            changes[target.name] = int(value) if target.spec.kind == 'integer' else value
-        else:
-            entries = list(changes.get(target.name, getattr(parameters, target.name)))
-            entries[target.index or 0] = value
-            changes[target.name] = tuple(entries)
-    rig = parameters.replace(**changes)
-    begun = InitialConditions(**{**initial.as_dict(), **start})
-    return rig, begun
-
-
-def varied_control(
-    control: GapControlParameters, settings: Sequence[tuple[Target, float]]
-) -> GapControlParameters:
-    """Return a gap control with other values, all at once; those of the rig are left out."""
-    return control.replace(
-        **{
-            target.name: int(value) if target.spec.kind == 'integer' else value
-            for target, value in settings
-            if target.control
-        }
-    )

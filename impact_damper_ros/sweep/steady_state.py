@@ -1,4 +1,4 @@
-"""What a rig settles into, and what that motion amounts to."""
+"""The steady state of a rig: run until the motion repeats or the time is up, then measured."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare.irregularity import Indications, average_spread, quiet_phase
-from impact_damper_ros.compare.run_curves import cubic_swing
+from impact_damper_ros.compare import cubic_swing
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.orbits.floquet import multipliers_of
+from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.lyapunov import (
     Deviations,
     Exponent,
@@ -22,32 +21,32 @@ from impact_damper_ros.orbits.lyapunov import (
     parting_exponent,
     period_exponent,
 )
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import Settling, SettlingRig, section_of
+from impact_damper_ros.orbits.multipliers import multipliers_of
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import Settling, SettlingRig, section_of
 from impact_damper_ros.rig import EventKind, Mode
-from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Stretch
+from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, RunResult
 
 __all__ = [
     'SteadyState',
-    'StretchSwing',
     'TimeShares',
-    'chatter_time',
     'steady_state',
-    'stretch_swing',
 ]
 
 
-#: Events in the midst of which m may chatter.
-_PASSED_OVER = (EventKind.REVERSAL, EventKind.CROSSING, EventKind.STOP_ARRIVED)
+Array = NDArray[np.float64]
+
+#: Events that may fall within a chatter without ending it.
+_WITHIN_CHATTER = (EventKind.REVERSAL, EventKind.CROSSING, EventKind.STOP_ARRIVED)
 
 
-def chatter_time(events: Events, start: float, end: float) -> float:
+def _chatter_time(events: Events, start: float, end: float) -> float:
     """Add up the time that m spends in complete chatters."""
     total = 0.0
     faster: list[float] = []
     struck = 0
-    telling = events[~np.isin(events['kind'], _PASSED_OVER)]
-    rows = (telling[name].tolist() for name in ('time', 'kind', 'stop'))
+    considered = events[~np.isin(events['kind'], _WITHIN_CHATTER)]
+    rows = (considered[name].tolist() for name in ('time', 'kind', 'stop'))
     for time, kind, stop in zip(*rows, strict=True):
         if kind == EventKind.IMPACT:
             if stop != struck:
@@ -63,38 +62,26 @@ def chatter_time(events: Events, start: float, end: float) -> float:
     return float(np.clip(total, 0.0, end - start))
 
 
-Array = NDArray[np.float64]
-
-
-class StretchSwing(NamedTuple):
-    """
-    Displacement of M over a stretch.
-
-    Attributes
-    ----------
-    largest : float
-        Largest |X|, m.
-    mean, rms : float
-        Mean and root mean square of X, m.
-    """
+class _Swing(NamedTuple):
+    """Largest |X|, mean and root mean square of X over some cycles, m."""
 
     largest: float
     mean: float
     rms: float
 
 
-def stretch_swing(stretch: Stretch) -> StretchSwing:
+def _swing(result: RunResult) -> _Swing:
     """
-    Measure how M swings from the first sample to the last.
+    Measure X from the first sample to the last, as a cubic between samples and events.
 
-    Between two neighbours, samples or events, X is the cubic through both with their velocities,
-    so that the error falls with the fourth power of the sampling interval; see `Swing`.
+    The cubic takes both positions and velocities, so that the error falls with the fourth power
+    of the sampling interval.
     """
-    samples = stretch.samples
-    within = stretch.events['time'] > samples['time'][0]
-    events = stretch.events[within & (stretch.events['time'] <= samples['time'][-1])]
+    samples = result.samples
+    within = result.events['time'] > samples['time'][0]
+    events = result.events[within & (result.events['time'] <= samples['time'][-1])]
     time = np.concatenate([events['time'], samples['time']])
-    # At the same instant a sample shows what the event has left
+    # A sample at the instant of an event holds the state after it
     order = np.argsort(time, kind='stable')
     time = time[order]
     x = np.concatenate([events['x'], samples['x']])[order]
@@ -114,14 +101,15 @@ def stretch_swing(stretch: Stretch) -> StretchSwing:
     )
     largest = max(float(np.abs(x).max()), swing.largest)
     whole = float(time[-1] - time[0])
-    return StretchSwing(largest, swing.total / whole, math.sqrt(swing.squares / whole))
+    return _Swing(largest, swing.total / whole, math.sqrt(swing.squares / whole))
 
 
-#: Samples in a cycle of the fastest of force and spring, for the largest |X|: of a motion that
-#: repeats (it is then exact to 1e-9) and of one that does not (2e-7).
-_LOOKS, _FEWER_LOOKS = 256, 64
+#: Samples per cycle of the faster of force and spring: the largest |X| of a motion that repeats is
+#: then exact to 1e-9, and of one that does not to 2e-7.
+_SAMPLES, _FEWER_SAMPLES = 256, 64
+#: The spring is sampled as finely as the force up to this multiple of its frequency.
 _MOST_FINER = 64.0
-#: A motion that repeats but whose deviations grow by more than this in a period will not stay.
+#: A motion that repeats is unstable if deviations grow by more than this factor in a period.
 _GROWS = 1.001
 
 
@@ -137,7 +125,7 @@ class TimeShares:
     rest : float
         m rests on a stop.
     chatter : float
-        m is in a complete chatter; see `chatter_time`.
+        m is in a chatter that ends in rest, from its first impact on.
     """
 
     stick: float
@@ -148,38 +136,37 @@ class TimeShares:
 @dataclass(frozen=True)
 class SteadyState:
     """
-    A motion, measured over whole cycles of the force.
+    A motion, measured over a whole number of force cycles.
 
     Attributes
     ----------
     kind : MotionKind
-        What it is; `UNDECIDED` if it does not repeat, and neither chaos nor quasi-periodic motion
-        is certain by the thresholds of `irregularity`.
+        Kind of motion; `UNDECIDED` if it does not repeat and the thresholds of
+        `compare.irregularity` confirm neither chaos nor quasi-periodic motion.
     settling_cycles, measured_cycles : int
-        Cycles run before it was measured, and cycles over which it was.
+        Cycles before the measurement, and cycles measured.
     cycle : float
         Cycle of the force, or of the spring if there is none, s.
     period : int
         Period in cycles of the force; 0 if it does not repeat.
     stops : tuple of str
-        Stops hit in a period; a whole chatter to rest is one entry, such as '1~'.
+        Stops hit in a period; a chatter that ends in rest is one entry, such as '1~'.
     impacts : int
-        Impacts in a period, those of a chatter up to its cut; 0 if it does not repeat.
+        Impacts in a period, those of a chatter up to its cut-off; 0 if it does not repeat.
     x_max, x_mean, x_rms : float
         Largest |X|, mean and root mean square of X, m.
     impacts_per_cycle : float
         Impacts per cycle of the force.
     exponent : Exponent
-        Largest Lyapunov exponent; NaN if neighbours decide differently under gap control.
+        Largest Lyapunov exponent; NaN if the controls of two nearby rigs decide differently.
     multiplier : float
-        Modulus of the largest multiplier of a period; NaN if it does not repeat, or if neighbours
-        decide differently under gap control.
+        Modulus of the largest multiplier of a period; NaN if it does not repeat, or as above.
     shares : TimeShares
         Shares of the time that m sticks, rests and chatters.
     section : ndarray, shape (n, 4)
         X, X', Y and Y' at the ends of cycles: of one period, or of the last cycles.
     hits : ndarray, shape (m, 3)
-        Impacts in the same cycles: stop, phase in cycles of the force, speed of approach, m/s.
+        Impacts in these cycles: stop, phase in cycles of the force, speed of approach, m/s.
     events : int
         Events of the whole run.
     """
@@ -204,7 +191,7 @@ class SteadyState:
 
 
 def _sequence(events: Events) -> tuple[str, ...]:
-    """Return the stops hit, from the place that reads first; a chatter to rest is one entry."""
+    """Return the stops hit, the least of all rotations; a chatter to rest is one entry."""
     words: list[str] = []
     for kind, stop in zip(events['kind'].tolist(), events['stop'].tolist(), strict=True):
         if kind == EventKind.IMPACT:
@@ -213,14 +200,14 @@ def _sequence(events: Events) -> tuple[str, ...]:
             while words and words[-1] == str(stop):
                 words.pop()
             words.append(f'{stop}~')
-    # A chatter that is under way at the end of the period
+    # The period may end during a chatter
     while len(words) > 1 and words[-1] + '~' in words and words[-1] == words[0][0]:
         words.pop()
     return min((tuple(words[i:] + words[:i]) for i in range(len(words))), default=())
 
 
 def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]:
-    """Return exponent and largest multiplier of the second of two periods, and of the first."""
+    """Return exponent and largest multiplier of a period; the one before gives the uncertainty."""
     products = monodromy_of(along, np.array([along.start + span, along.end]))
     moduli = [abs(multipliers_of(product)[0]) for product in products]
     rates = [math.log(modulus) / span if modulus else -math.inf for modulus in moduli]
@@ -229,7 +216,7 @@ def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]
 
 
 def _unstable(found: SteadyState) -> bool:
-    """Return whether a motion that repeats will leave, beyond doubt."""
+    """Return whether a motion that repeats is unstable by more than the uncertainty."""
     doubt = found.exponent.uncertainty * found.period * found.cycle
     return found.multiplier > _GROWS * math.exp(doubt)
 
@@ -237,7 +224,7 @@ def _unstable(found: SteadyState) -> bool:
 def _kind(
     rig: SettlingRig, period: int, impacts: int, exponent: Exponent, spread: float
 ) -> MotionKind:
-    """Say what a motion is; exponent and spread are those of the cycles watched."""
+    """Classify a motion; exponent and spread are those of the cycles watched."""
     if period and impacts:
         return MotionKind.PERIODIC
     if period:
@@ -249,32 +236,32 @@ def _kind(
     return Indications(cycle * exponent.value, error, watch, spread).kind()
 
 
-def _shares(stretch: Stretch, around: Events, start: float, end: float) -> TimeShares:
-    spent = stretch.time_in_mode / (end - start)
+def _shares(result: RunResult, around: Events, start: float, end: float) -> TimeShares:
+    spent = result.time_in_mode / (end - start)
     return TimeShares(
         stick=float(spent[Mode.STICK]),
         rest=float(spent[Mode.REST_1] + spent[Mode.REST_2]),
-        chatter=chatter_time(around, start, end) / (end - start),
+        chatter=_chatter_time(around, start, end) / (end - start),
     )
 
 
 def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
-    """Measure a motion of a known period in cycles, or of none, that had some events before."""
+    """Measure a motion; its period is 0 if it does not repeat, `before` are the events so far."""
     begun, cycle = rig.cycles, rig.cycle
     finer = max([rig.omega, *rig.machine.free.frequencies]) * cycle / math.tau
-    looks = math.ceil((_LOOKS if period else _FEWER_LOOKS) * min(max(finer, 1.0), _MOST_FINER))
+    looks = math.ceil((_SAMPLES if period else _FEWER_SAMPLES) * min(max(finer, 1.0), _MOST_FINER))
     cycles = 2 * period or rig.settling.watch
     start, (mode, last_stop) = rig.time_after(begun), rig.state()
     snapshot = rig.snapshot() if rig.controlled else {}
-    stretch = rig.run(cycles, looks)
+    result = rig.run(cycles, looks)
     end = rig.time_after(rig.cycles)
-    # A chatter under way at either end is known by the events before and after
-    around = np.concatenate([before, stretch.events, rig.run(1).events])
-    swing = stretch_swing(stretch)
+    # The events before and after complete a chatter that is cut at either end
+    around = np.concatenate([before, result.events, rig.run(1).events])
+    swing = _swing(result)
 
     kept = period or min(rig.settling.section, cycles)
     since = rig.time_after(begun + cycles - kept)
-    impacts = stretch.impacts()
+    impacts = result.impacts()
     hits = impacts[impacts['time'] > since]
     multiplier = math.nan
     if rig.controlled and period:
@@ -282,20 +269,20 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     elif rig.controlled:
         exponent = parting_exponent(snapshot, cycle, cycles, rig.scales)
     else:
-        along = deviations(rig.machine, rig.angles, stretch.events, mode, last_stop, start, end)
+        along = deviations(rig.machine, rig.angles, result.events, mode, last_stop, start, end)
         if period:
             exponent, multiplier = _periodic_exponent(along, period * cycle)
         else:
             exponent = growth_exponent(along, rig.omega)
     stops: tuple[str, ...] = ()
     if period:
-        stops = _sequence(stretch.events[stretch.events['time'] > since])
+        stops = _sequence(result.events[result.events['time'] > since])
     else:
         hits = hits[-2 * rig.settling.section :]
     spread = math.nan
     if not period:
         quiet = quiet_phase((impacts['time'] - rig.time_after(0)) / cycle)
-        spread = average_spread(section_of(stretch.samples[int(quiet * looks) : -1 : looks]))
+        spread = average_spread(section_of(result.samples[int(quiet * looks) : -1 : looks]))
     phases = (hits['time'] - rig.time_after(0)) / cycle % 1.0
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
     return SteadyState(
@@ -312,8 +299,8 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
         impacts_per_cycle=len(impacts) / cycles,
         exponent=exponent,
         multiplier=multiplier,
-        shares=_shares(stretch, around, start, end),
-        section=section_of(stretch.samples[looks::looks][-kept:]),
+        shares=_shares(result, around, start, end),
+        section=section_of(result.samples[looks::looks][-kept:]),
         hits=np.stack([hits['stop'], phases, np.abs(approach)], axis=-1),
         events=rig.events,
     )
@@ -321,14 +308,31 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
 
 def steady_state(run: LongRun | ControlledRun, settling: Settling) -> SteadyState:
     """
-    Let a rig settle, and measure the motion.
+    Run a rig until its motion repeats, and measure the motion.
+
+    Parameters
+    ----------
+    run : LongRun or ControlledRun
+        The rig, at the beginning of a cycle of its force; it is advanced.
+    settling : Settling
+        How long it may take, and how closely it is watched.
+
+    Returns
+    -------
+    SteadyState
+        The motion, whether it repeats or not.
+
+    Raises
+    ------
+    EndlessEventsError
+        If the rig has more events than `settling` allows.
 
     Notes
     -----
-    Every 50 cycles the states at the last ends of cycles are compared. The motion is periodic if
-    they came back after at most 16 cycles, twice and at least ten times in a row. One that comes
-    back but is unstable by its multipliers is run on until it leaves. Under gap control the
-    stops must come back too, and deviations are those of two rigs; see `neighbours`.
+    Every 50 cycles the states at the ends of the last cycles are compared. The motion is periodic
+    if they recur after 1 to 16 cycles, for two periods and at least ten cycles. A motion that
+    recurs but is unstable by its multipliers is run on until it departs. Under gap control the
+    stops must recur too, and the multipliers are those of two nearby rigs; see `orbits.lyapunov`.
     """
     rig = SettlingRig(run, settling)
     before = np.empty(0, EVENT_TYPE)

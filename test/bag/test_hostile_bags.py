@@ -14,8 +14,8 @@ from bag.test_bag_check import altered, write
 from mcap.opcode import Opcode
 
 from impact_damper_ros.bag import RecordingError, RunReader
-from impact_damper_ros.bag.run_history import RunHistory
-from impact_damper_ros.rig.shown import as_line, shown
+from impact_damper_ros.replay.recorded_run import RecordedRun
+from impact_damper_ros.rig.quoting import as_line, shown
 
 #: Of the commands, beyond what they need at their start.
 MEMORY = 768 * 1024**2
@@ -95,7 +95,7 @@ def put(path, value):
 def test_snapshots(tmp_path, messages, change, words):
     path = with_snapshots(tmp_path / 'bag', messages, change)
     with pytest.raises(RecordingError) as caught:
-        RunHistory(path)
+        RecordedRun(path)
     assert words in str(caught.value)
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 3000

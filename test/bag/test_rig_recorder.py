@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from impact_damper_ros.bag import RunReader, recover_run
 from impact_damper_ros.bag.messages import decode
-from impact_damper_ros.bag.rig_messages import parameter_event
+from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main

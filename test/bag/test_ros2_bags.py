@@ -10,13 +10,13 @@ from replay.test_replay import places, replayed
 from replay.test_replay_gap_control import CONTROL
 
 from impact_damper_ros.bag import RunReader
-from impact_damper_ros.bag.rig_messages import header_ns
+from impact_damper_ros.bag.messages import header_ns
 from impact_damper_ros.bag.rig_recorder import RigRecorder
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.recorded_run import RecordedRun
 
 
 @pytest.fixture(scope='module')
@@ -197,7 +197,7 @@ def test_the_node_is_named_by_its_parameter_events(tmp_path, messages, capsys):
     bag = ros2_bags.write_bag(tmp_path / 'named', arrived)
     assert replay_run([str(bag)]) == 0
     assert 'named, node /sim_node\n' in capsys.readouterr().out
-    assert RunHistory(bag).topics.node == '/sim_node'
+    assert RecordedRun(bag).topics.node == '/sim_node'
     quiet = [m for m in ros2_bags.joined(messages, samples.START) if 'events' not in m[0]]
     bag = ros2_bags.write_bag(tmp_path / 'quiet', quiet)
     assert replay_run([str(bag)]) == 0
@@ -241,6 +241,6 @@ def test_a_recorder_that_runs_by_the_rig_s_clock(tmp_path, messages):
     """Its stamps are those of the ticks; the snapshot's is its own."""
     tick = 5_000_000
     arrived = [(t, c, s - (s - samples.START) % tick) for t, c, s in messages]
-    history = RunHistory(ros2_bags.write_bag(tmp_path / 'bag', arrived))
+    history = RecordedRun(ros2_bags.write_bag(tmp_path / 'bag', arrived))
     assert not history.stamped
     assert replayed(tmp_path / 'bag').verdict is Verdict.IDENTICAL

@@ -356,7 +356,7 @@ def test_recording_imports_without_ros() -> None:
     code = (
         'import sys\n'
         "for name in ('rclpy', 'sensor_msgs', 'rosbags', 'numpy'): sys.modules[name] = None\n"
-        'import impact_damper_ros.bag\n'
+        'from impact_damper_ros.bag import RunReader, RunWriter, recover_run\n'
         'from impact_damper_ros.cli import recover_run\n'
     )
     root = str(Path(__file__).parents[2])

@@ -281,18 +281,18 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
 
 
 def _first_number(content):
-    from impact_damper_ros.bag.rig_messages import JointStateBytes
+    from impact_damper_ros.bag.messages import JointStateLayout
 
-    return JointStateBytes(content).numbers(content)[0][0]
+    return JointStateLayout(content).numbers(content)[0][0]
 
 
-def test_a_bag_that_does_not_tell_its_rig(tmp_path, capsys):
+def test_a_bag_without_its_rig(tmp_path, capsys):
     rig = RecordedRig(BENCH).start().run(4000)
     plain = [m for m in rig.messages if m[0] in ('/joint_states', '/impacts')]
     bag = samples.record(tmp_path / 'bag', plain)
     assert run(bag, tmp_path) == (2, None)
     error = capsys.readouterr().err
-    assert 'does not tell the parameters of the rig' in error
+    assert 'does not hold the parameters of the rig' in error
     assert '--params FILE.yaml' in error
     params = params_file(tmp_path / 'params.yaml', BENCH)
     code, result = run(bag, tmp_path, '--params', str(params))
@@ -375,6 +375,7 @@ def test_a_report(tmp_path, capsys):
     assert 'report.html' in capsys.readouterr().out
     page = (tmp_path / 'report' / 'report.html').read_text()
     assert page.count('<svg') >= 6
+    assert 'Largest |X| over the gap, stretch 1' in page
     numbers = json.loads((tmp_path / 'report' / 'report.json').read_text())
     assert verdicts(numbers) == ['agrees']
 

@@ -10,6 +10,7 @@ import pytest
 
 import impact_damper_ros
 from impact_damper_ros import entry_points
+from impact_damper_ros.cli.command_line import outcome
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 
@@ -138,7 +139,7 @@ def test_a_rig_that_cannot_be_followed_is_no_traceback_in_any_command(capsys):
     def main():
         raise RunawayError(10_000, 0.1)
 
-    assert entry_points.run('replay_run', main) == 1
+    assert outcome('replay_run', main) == 1
     said = capsys.readouterr().err
     assert said.count('\n') == 1
     assert said.startswith('replay_run: the rig has more than 10000 events at once, at 0.1 s')

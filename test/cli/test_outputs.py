@@ -8,7 +8,7 @@ import pytest
 from small_disk import mounted
 
 import impact_damper_ros
-from impact_damper_ros.cli import command_line as outputs
+from impact_damper_ros import outputs
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.demo import main as demo
 from impact_damper_ros.cli.replay_run import main as replay_run

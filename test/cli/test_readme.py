@@ -178,6 +178,10 @@ def test_command(line, capfd):
         pytest.importorskip('rclpy')
         check_node(words)
         return
+    if command == 'rig_page':
+        pytest.importorskip('tornado')
+        check_page(words)
+        return
     if 'initial_' in line:
         line += ' --json basins.json'
     carry_out(line)
@@ -190,6 +194,29 @@ def test_command(line, capfd):
         # Basins of attraction: more than one colour
         found = json.loads(Path('basins.json').read_text())
         assert len(found['attractors']) > 1
+
+
+def check_page(words):
+    """Start the page, wait until it says where it is, and end it."""
+    with Path('said.txt').open('wb') as said:
+        page = subprocess.Popen(
+            [sys.executable, '-m', 'impact_damper_ros.cli.rig_page', '--port', '0', *words],
+            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        deadline = time.monotonic() + 100.0
+        while 'the page is at http://127.0.0.1:' not in Path('said.txt').read_text():
+            assert page.poll() is None, Path('said.txt').read_text()
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        page.send_signal(signal.SIGINT)
+        assert page.wait(100.0) == 0
+    finally:
+        page.kill()
+        page.wait()
 
 
 def check_node(words):

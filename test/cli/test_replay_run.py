@@ -15,11 +15,11 @@ from bag.recorded_rig import LIVELY, NOTES, RecordedRig
 
 import impact_damper_ros
 from impact_damper_ros.bag import recover_run
-from impact_damper_ros.bag.rig_messages import JointStateBytes
+from impact_damper_ros.bag.messages import JointStateLayout
 from impact_damper_ros.cli.replay_run import main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.replay.what_if import RecordedValues
-from impact_damper_ros.report.replay_report import Response, lost_energy
+from impact_damper_ros.report.what_if_report import RunTotals, lost_energy
 from impact_damper_ros.rig import EventKind, Simulator
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -106,7 +106,7 @@ def test_what_if_is_what_simulate_rig_says(tmp_path, capsys):
     count = sum(row[speeds[0]] != row[speeds[1]] for row in hits)
     assert result['what_if']['what_if']['impacts'] == count > 20
     # Measured independently
-    other = Response()
+    other = RunTotals()
     rig = Simulator(LIVELY)
     energy = 0.0
     m_1, m_2 = LIVELY.primary_mass, LIVELY.damper_mass
@@ -179,7 +179,7 @@ def test_the_picture(bag, tmp_path):
 @pytest.mark.parametrize(
     ('setting', 'message'),
     [
-        ('gab=3', 'give NAME=VALUE with one of the names'),
+        ('gab=3', 'there is no parameter gab to set: did you mean gap?'),
         ('gap=-1', 'gap is -1.0 m: give a number'),
         ('gap', 'give NAME=VALUE'),
         ('force_frequencies=[1,2]', 'has 2 entries'),
@@ -252,7 +252,7 @@ def test_long_runs_take_little_memory(tmp_path):
     """An hour's worth is measured by hand; here the growth from one size to twice of it."""
     rig = RecordedRig(rate=1000.0).start().run(200)
     content = rig.messages[-1][1]
-    shape = JointStateBytes(content)
+    shape = JointStateLayout(content)
     peaks = []
     for count in (4_000, 40_000):
         with samples.RunWriter(tmp_path / str(count), samples.TOPICS, custom=NOTES) as writer:

@@ -3,8 +3,10 @@
 import json
 import math
 import os
+import re
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -114,7 +116,7 @@ def test_no_solution(tmp_path, capsys):
     code, orbits = run(tmp_path, '--impacts', '1')
     assert code == 3
     assert orbits == []
-    assert 'no periodic motion with 1 impacts in 1 cycles' in capsys.readouterr().err
+    assert 'no periodic motion with 1 impact in 1 cycle' in capsys.readouterr().err
 
 
 def test_not_viable(tmp_path, capsys):
@@ -190,3 +192,34 @@ def test_as_a_process(tmp_path):
     orbits = json.loads(path.read_text())
     expected = find_orbits(RigParameters(gravity=1.0), (1, 2)).orbits
     assert [orbit['x'] for orbit in orbits] == [list(orbit.x) for orbit in expected]
+
+
+VERTICAL = (
+    'damping=0.1',
+    'damper_mass=0.01',
+    'angle=1.5707963267948966',
+    'gravity=1',
+    'one_sided=true',
+    'force_amplitudes=[0.9]',
+    'force_frequencies=[10.0]',
+)
+
+
+def test_first_motion_is_followed_through_its_special_points(capsys):
+    words = [word for setting in VERTICAL for word in ('--set', setting)]
+    code = main([str(PAPER), '--impacts', '1', '--vary', 'force_amplitudes=0.5:1.2', *words])
+    assert code == 0
+    text = capsys.readouterr().out
+    assert 'motion 1, force_amplitudes rising:' in text
+    assert 'motion 1, force_amplitudes falling:' in text
+    doubling = re.search(r'^  period doubling at force_amplitudes = (\S+)$', text, re.MULTILINE)
+    branch = text.split('branch from the period doubling at')[1]
+    assert branch.split()[2].rstrip(':') == doubling[1]
+    assert re.search(r'\d+ motions, largest \|X\| between', branch)
+
+
+@pytest.mark.parametrize('asked', ['gap', 'gap=60:20', 'gap=20:', 'gravy=1:2'])
+def test_range_that_cannot_be_followed(asked, capsys):
+    with pytest.raises(SystemExit) if 'gravy' not in asked else nullcontext():
+        assert main([str(PAPER), '--impacts', '2', '--vary', asked]) == 2
+    assert 'gap' in capsys.readouterr().err

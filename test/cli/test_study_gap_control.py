@@ -11,7 +11,7 @@ from impact_damper_ros.cli.study_gap_control import main
 from impact_damper_ros.studies.gap_control import runs as gap_study_plan
 
 DOCS = Path(impact_damper_ros.__file__).parents[1] / 'docs' / 'gap_control'
-FIGURES = {'level', 'broadband', 'sweep', 'load', 'incline', 'sensitivity'}
+FIGURES = {'level', 'broadband', 'stepped_sine', 'load', 'incline', 'sensitivity'}
 
 
 def test_the_whole_study_in_small(tmp_path, monkeypatch, capsys):
@@ -19,7 +19,8 @@ def test_the_whole_study_in_small(tmp_path, monkeypatch, capsys):
     pytest.importorskip('matplotlib')
     small = replace(
         gap_study_plan.Extent.quick(), levels=(0.5, 1.0), gaps=(0.8,), broadband_gaps=(16.0,),
-        settle=4.0, watch=4.0, broadband=8.0, sweep_step=0.2, sweep_dwell=2.0, load_span=4.0,
+        settle=4.0, watch=4.0, broadband=8.0, frequency_step=0.2, frequency_dwell=2.0,
+        load_span=4.0,
     )  # fmt: skip
     monkeypatch.setattr(gap_study_plan.Extent, 'quick', classmethod(lambda _: small))
     assert main(['--quick', '--output', str(tmp_path / 'study'), '--jobs', '1']) == 0

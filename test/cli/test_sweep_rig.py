@@ -172,7 +172,7 @@ def test_interrupt_says_how_to_go_on(tmp_path, number, jobs):
     assert process.returncode == 130
     assert 'interrupted' in said
     assert 'of 120 rigs are in' in said
-    assert 'give the same command again to go on' in said
+    assert 'give the same command again to resume' in said
     assert 'Traceback' not in said
     assert [path.name for path in tmp_path.iterdir()] == ['cut.parquet.part']
 
@@ -196,7 +196,7 @@ def test_a_foreign_file_is_not_overwritten(tmp_path, capsys, name):
     foreign = tmp_path / name
     foreign.write_text('mine')
     assert run(*BRIEF, '-o', foreign, '--quiet') == 2
-    assert f'{name} is no table of a sweep' in capsys.readouterr().err
+    assert f'{name} is not the table of a sweep' in capsys.readouterr().err
     assert foreign.read_text() == 'mine'
 
 
@@ -241,7 +241,8 @@ def test_full_disk_keeps_what_is_done(tmp_path, capsys):
         said = capsys.readouterr().err
         assert 'No space left on device' in said
         assert 'of 12 rigs are in' in said
-        assert 'once that is put right' in said
+        assert 'free some space there, or give another place' in said
+        assert 'give the same command again to resume' in said
         journal = disk / 'a.parquet.part'
         kept = journal.read_bytes()
         assert kept.count(b'\n') > 3
@@ -276,7 +277,7 @@ def test_every_rig_failed(tmp_path, capsys):
         (('--vary', 'gap=1,2', '--cycles', '0'), 'cycles is 0: give a whole number'),
         (('--vary', 'gap=1,2', '--set', 'gap=-1'), 'gap is -1.0 m'),
         (('--vary', 'gap=1,2', '--figure', 'a.gif'), 'a name that ends in .png, .svg or .pdf'),
-        (('--vary', 'gap=1,2', '--figure', 'no/a.png'), 'is no directory: make it'),
+        (('--vary', 'gap=1,2', '--figure', 'no/a.png'), 'is not a directory: make it'),
         (('--vary', 'gap=1,2', '--figure', 'a.parquet'), 'two outputs have the same name'),
         (
             ('--vary', 'gap=1', '--vary', 'friction=0', '--vary', 'angle=0', '--figure', 'a.png'),
@@ -300,7 +301,7 @@ def test_inputs_that_cannot_be_used(tmp_path, monkeypatch, capsys, words, messag
 
 def test_output_in_a_directory_that_is_not_there(tmp_path, capsys):
     assert run('--vary', 'gap=1,2', '-o', tmp_path / 'no' / 'a.parquet') == 2
-    assert 'is no directory: make it' in capsys.readouterr().err
+    assert 'is not a directory: make it' in capsys.readouterr().err
 
 
 def test_without_pyarrow_says_what_to_install(tmp_path, capsys, monkeypatch):

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.compare.compare_stretch import compare_stretch
+from impact_damper_ros.compare.bag_stretches import LoggedRig, StretchBuilder
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
-from impact_damper_ros.compare.run_comparison import Beginning
-from impact_damper_ros.compare.stretch_meter import StretchMeter
+from impact_damper_ros.compare.result import Beginning
+from impact_damper_ros.compare.verdict import compare_stretch
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 
 HORIZONTAL = RigParameters(gravity=0.0)
@@ -76,16 +76,15 @@ def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40):
 
 def metered(states, impacts, clock, *, part=3000, **options):
     """Return a stretch as it is read, part by part, and the search for its faults."""
-    meter = StretchMeter(
-        1, Beginning.START, 'start of the bag', 0.0, clock.parameters, {}, clock, 0, 0.0, **options
-    )
+    rig = LoggedRig(clock.parameters, clock)
+    builder = StretchBuilder(1, Beginning.START, 'start of the bag', 0.0, rig, **options)
     done = 0
     for begin in range(0, len(states), part):
         some = states[begin : begin + part]
         until = int(np.searchsorted(impacts.time, some.time[-1], side='right'))
-        meter.take(some, impacts[done:until], final=begin + part >= len(states))
+        builder.take(some, impacts[done:until], final=begin + part >= len(states))
         done = until
-    return meter.finish(), meter.search
+    return builder.finish(), builder.search
 
 
 def compared(parameters, cycles, initial=DISPLACED, per_cycle=40):

@@ -1,15 +1,15 @@
-"""The motion predicted for a rig is the one it comes to, and is told with its reasons."""
+"""The motion predicted for a rig is the one it comes to, and is reported with its reasons."""
 
 import math
 import re
 
 import pytest
-from compare.courses import course_on
+from compare.observed import motion_on
 
 from impact_damper_ros.compare.prediction import predictions, run_ahead
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.rhythm import Rhythm, turned_cycles
+from impact_damper_ros.orbits.recognition import Rhythm, turned_cycles
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 from impact_damper_ros.rig.swing import Swing
 
@@ -58,7 +58,7 @@ def test_a_quick_answer_comes_first_and_the_rig_stays_where_it_is():
 def test_of_coexisting_motions_the_measured_one_is_predicted():
     mirrored = find_orbits(THREE, (1, 2, 2)).orbits[0]
     assert mirrored.stable
-    first = next(predictions(Simulator(THREE), course_on(mirrored)))
+    first = next(predictions(Simulator(THREE), motion_on(mirrored)))
     assert first.basis == 'measured'
     assert first.expected.stops == (1, 2, 2)
     # From rest the rig comes to the other one; both are listed.
@@ -99,7 +99,7 @@ def test_a_rig_in_motion_is_run_ahead_from_its_own_phase():
         ),
     ],
 )
-def test_a_force_without_a_period_has_no_prediction_and_the_reason_is_told(rig, reason):
+def test_a_force_without_a_period_has_no_prediction_and_the_reason_is_given(rig, reason):
     (only,) = predictions(Simulator(rig))
     assert (only.orbits, only.expected, only.complete) == ((), None, True)
     assert reason in only.reason
@@ -150,7 +150,7 @@ def test_a_harmonic_that_was_added_on_the_way_has_the_phase_of_then():
     assert max(apart) < 1e-8
 
 
-def test_where_no_stop_is_hit_or_nothing_repeats_the_reason_is_told():
+def test_where_no_stop_is_hit_or_nothing_repeats_the_reason_is_given():
     wide = RigParameters(gravity=0.0, gap=600.0)
     *_, last = predictions(Simulator(wide))
     assert last.expected is None

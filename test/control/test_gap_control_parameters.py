@@ -4,27 +4,12 @@ import json
 
 import pytest
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
-from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, ParameterError, load_parameters
+from impact_damper_ros.rig import GapControlParameters, ParameterError
 
 
 def test_off_by_default():
     assert GapControlParameters().gap_control == 'off'
     assert not GapControlParameters().active
-
-
-def test_names_are_those_of_no_other_parameter():
-    assert not set(GAP_CONTROL_SPECS) & (set(PARAMETER_SPECS) | set(INITIAL_SPECS))
-
-
-def test_parameters_files_may_hold_all_of_them(tmp_path):
-    """The reader of the files is a layer below, and has a list of its own."""
-    values = GapControlParameters().as_dict()
-    lines = ''.join(f'    {name}: {json.dumps(value)}\n' for name, value in values.items())
-    path = tmp_path / 'rig.yaml'
-    path.write_text('/**:\n  ros__parameters:\n' + lines)
-    _, _, other = load_parameters(path)
-    assert GapControlParameters(**other) == GapControlParameters()
 
 
 def test_values_go_through_json():

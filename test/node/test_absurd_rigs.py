@@ -13,9 +13,9 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag import RunReader
+from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.node.pacing import CATCH_UP_NS
-from impact_damper_ros.rig.published import PAUSED_FRAME
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
 ABSURD = {

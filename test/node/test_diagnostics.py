@@ -1,13 +1,16 @@
 """The levels and words of the reports."""
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import deserialize_message
 
+from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.control import Action, ControlRecord, GapControlParameters
-from impact_damper_ros.node.diagnostics import Diagnostics, RecordingStatus
+from impact_damper_ros.node.diagnostics import Diagnostics
 from impact_damper_ros.node.engine import ControlStatus, EngineStatus
 from impact_damper_ros.node.motion_report import MotionReport
 from impact_damper_ros.node.pacing import PacingCounts
+from impact_damper_ros.node.publishing import RecordingStatus
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 START = EngineStatus(0, False, 'FREE', 0, 0, PacingCounts(0, 0, 0, 0, 0))
@@ -25,11 +28,16 @@ def second(**changes):
     return START._replace(time_ns=10**9, impacts=3, pacing=pacing)._replace(**changes)
 
 
+def received(array):
+    """Return a report as a subscriber gets it."""
+    return deserialize_message(encode(array), DiagnosticArray)
+
+
 def report(engine, recording=None, factor=1.0):
     now = [1.0]
     diagnostics = Diagnostics('/lab/rig', 200.0, factor, lambda: now[0])
     now[0] = 2.0
-    array = diagnostics.report(1_500_000_000, engine, recording or RecordingStatus())
+    array = received(diagnostics.report(1_500_000_000, engine, recording or RecordingStatus()))
     assert (array.header.stamp.sec, array.header.stamp.nanosec) == (1, 500_000_000)
     assert [s.name for s in array.status] == [
         f'lab/rig: {t}' for t in ('pacing', 'rig', 'recording', 'gap control')
@@ -66,7 +74,7 @@ def test_counts_are_totals_and_differences_are_since_the_last_report():
     for overruns in (3, 3, 5):
         now[0] += 1.0
         status = diagnostics.report(0, second(overruns=overruns), RecordingStatus()).status[0]
-        values = {v.key: v.value for v in status.values}
+        values = dict(status.values)
         seen.append((values['Overruns'], values['Overruns since the last report']))
     assert seen == [('3', '3'), ('3', '0'), ('5', '2')]
 
@@ -100,8 +108,8 @@ def test_the_motion_goes_with_the_rest_or_alone():
         MotionReport('measured motion', False, 'transient', {'Settled': False}),
         MotionReport('predicted motion', True, 'unstable', {'Stable': False}),
     ]
-    whole = diagnostics.report(0, second(), RecordingStatus(), motion)
-    alone = diagnostics.motion_report(2_000_000_001, motion)
+    whole = received(diagnostics.report(0, second(), RecordingStatus(), motion))
+    alone = received(diagnostics.motion_report(2_000_000_001, motion))
     assert (alone.header.stamp.sec, alone.header.stamp.nanosec) == (2, 1)
     assert whole.status[4:] == alone.status
     assert [s.name for s in alone.status] == [

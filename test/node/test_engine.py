@@ -14,16 +14,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from impact_damper_ros.bag import RunWriter
-from impact_damper_ros.bag.rig_recorder import rig_topics
-from impact_damper_ros.bag.run_history import RunHistory
+from impact_damper_ros.bag.rig_topics import PAUSED_FRAME, recorded_topics
 from impact_damper_ros.node.engine import LOG_BACKLOG, Engine
 from impact_damper_ros.node.motion_ahead import ticks_ahead
 from impact_damper_ros.node.pacing import CATCH_UP_NS
-from impact_damper_ros.node.publishing import Outlet, Outlets
+from impact_damper_ros.node.publishing import TopicPublisher
 from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
-from impact_damper_ros.rig.published import PAUSED_FRAME
 from node.rig_client import DEADLINE_S, stamp_ns, until
 
 TYPES = {
@@ -45,13 +44,16 @@ class Bench:
         self.sent = []
         self.failed = threading.Event()
         self.alive = True
-        outlets = Outlets(
-            *(Outlet(name, self._publisher(name)) for name in TYPES), 'events', 'diagnostics'
-        )
+        publishers = {
+            {'states': 'joint_states', 'events': 'parameter_events'}.get(name, name): (
+                TopicPublisher(name, self._publisher(name))
+            )
+            for name in (*TYPES, 'events')
+        }
         self.engine = Engine(
             parameters,
             initial or InitialConditions(),
-            outlets,
+            publishers,
             state_rate=rate,
             real_time_factor=factor,
             publish_clock=clock,
@@ -371,7 +373,7 @@ def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
         if name != 'clock':
             log.write(name, data, 10**18 + 1_000_003 * number)
     assert log.close().error is None
-    replay = Replay(RunHistory(tmp_path / 'bag'))
+    replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(1 for _ in replay.ticks()) == len(bench.samples())
     assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
 
@@ -460,8 +462,9 @@ SLOW = {
 def recording(directory):
     """Return the recording of an engine whose topics are those of a `Bench`."""
     names = {name: name for name in ('impacts', 'gap_control', 'snapshot')}
-    topics = rig_topics('states', *names.values(), 'events', 'diagnostics')
     notes = {'node': '/rig', 'joint_states': 'states', **names}
+    others = {'parameter_events': 'events', 'diagnostics': 'diagnostics'}
+    topics = recorded_topics({'joint_states': 'states', **names, **others})
     return RunWriter(directory, topics, custom=notes)
 
 
@@ -506,7 +509,7 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
         assert not bench.engine._thread.is_alive()
     assert bench.engine.failure is None
     assert log.close().error is None
-    replay = Replay(RunHistory(tmp_path / 'bag'))
+    replay = Replay(RecordedRun(tmp_path / 'bag'))
     count = sum(1 for _ in replay.ticks())
     assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
     assert (count > 40, replay.findings.resets) == (True, 2)
@@ -580,8 +583,7 @@ def test_the_log_is_whole_when_ros_shuts_down_in_the_midst_of_a_tick():
             if not bench.alive:
                 raise RuntimeError('context is invalid')
 
-        outlet = Outlet('states', publish)
-        bench.engine._outlets = bench.engine._outlets._replace(joint_states=outlet)
+        bench.engine._publishers['joint_states'] = TopicPublisher('states', publish)
         bench.engine.record_to(log, event_bytes())
         bench.engine.start()
         bench.engine._thread.join(DEADLINE_S)

@@ -12,8 +12,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
+from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
-from impact_damper_ros.rig.published import PAUSED_FRAME
 from node.rig_client import LIVELY, SOURCE, RigParametersClient, stamp_ns, until
 
 

@@ -4,16 +4,18 @@ import math
 
 import pytest
 
-from impact_damper_ros.node.measured_motion import KEPT, MeasuredMotion, MotionTrace, measure
+from impact_damper_ros.node.motion_ahead import KEPT, MotionTrace
 from impact_damper_ros.node.motion_report import (
+    MeasuredMotion,
     MotionMonitor,
     compare,
+    measure,
     measured_report,
     predicted_report,
 )
 from impact_damper_ros.node.prediction import Answer, PredictedMotion, Predictor, PredictorStatus
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.rhythm import MotionKind, Rhythm
+from impact_damper_ros.orbits.recognition import MotionKind, Rhythm
 from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
 
 INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)

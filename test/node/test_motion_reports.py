@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from impact_damper_ros.node.motion_report import TOLERANCE, X_MAX_TOLERANCE
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.rhythm import SETTLED
+from impact_damper_ros.orbits.recognition import SETTLED_DRIFT
 from impact_damper_ros.rig import RigParameters
 from node.rig_client import RigParametersClient, until
 from node.test_predictor import alive
@@ -87,7 +87,7 @@ def check(measured, predicted, orbit):
     """Compare the reported motions with a motion of the theory."""
     # How near a measured motion is, that counts as settled, depends on how slowly it settles.
     near = float(predicted['Tolerance'])
-    assert near <= TOLERANCE + SETTLED / (1.0 - abs(orbit.multipliers[0]))
+    assert near <= TOLERANCE + SETTLED_DRIFT / (1.0 - abs(orbit.multipliers[0]))
     keys = (
         ('Phases [cycles of the force]', orbit.phases, 1e-8, near),
         ('X at the impacts [m]', orbit.x, 1e-6, near * orbit.x_max),

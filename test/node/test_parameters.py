@@ -8,8 +8,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.node.parameters import ALL_SPECS, READ_ONLY
-from impact_damper_ros.rig import load_parameters
+from impact_damper_ros.rig import ALL_SPECS, load_parameters
 from node.rig_client import until
 
 TYPES = {
@@ -29,7 +28,7 @@ def test_every_parameter_is_declared_and_described(rig):
         assert described.type == TYPES[spec.kind]
         assert spec.description in described.description
         assert spec.unit in described.description
-        assert described.read_only == (spec.name in READ_ONLY)
+        assert described.read_only == (spec.effect == 'start')
         if spec.low is not None:
             ranges = described.integer_range or described.floating_point_range
             (limits,) = ranges

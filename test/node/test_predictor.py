@@ -9,12 +9,12 @@ import threading
 from pathlib import Path
 
 import pytest
-from compare.courses import course_on
+from compare.observed import motion_on
 
 from impact_damper_ros.node import prediction as module
 from impact_damper_ros.node.prediction import WORKER, Predictor
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.rhythm import Rhythm
+from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import RigParameters, Simulator
 from node.rig_client import DEADLINE_S, until
 
@@ -124,7 +124,7 @@ def test_asked_again_for_what_was_measured(start):
     asked = start()
     asked.predictor.ask(snapshot(THREE))
     assert asked.answer(1).expected.rhythm.stops == (1, 1, 2)
-    course = course_on(find_orbits(THREE, (1, 2, 2)).orbits[0])
+    course = motion_on(find_orbits(THREE, (1, 2, 2)).orbits[0])
     for number in (7, 1):
         asked.predictor.ask_like(course.rhythm, course.impact, course.phase, number)
     until(lambda: asked.status.answer.basis == 'measured')

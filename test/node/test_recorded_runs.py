@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from impact_damper_ros.bag import RunReader, recover_run
-from impact_damper_ros.bag.run_history import RunHistory
 from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
 from impact_damper_ros.rig.description import robot_description
@@ -233,7 +233,7 @@ def test_the_robot_description_is_on_the_network_and_in_the_bag(
         assert (reader.complete, list(reader.faults())) == (True, [])
         assert reader.custom['robot_description'] == topic
         # It is offered as it was, and no tool takes it for a snapshot.
-        replay_findings = Replay(RunHistory(directory)).run()
+        replay_findings = Replay(RecordedRun(directory)).run()
         assert replay_findings.difference_count == 0
 
 
@@ -298,7 +298,7 @@ def test_a_long_run_goes_to_several_files(client, launch, namespace, tmp_path):
         # A file begins at the tick with which the one before ends; later only after a slip.
         assert end_ns == next_ns >= begin_ns + 10**9
     for path in (directory, *paths):
-        findings = Replay(RunHistory(path)).run()
+        findings = Replay(RecordedRun(path)).run()
         assert (findings.verdict, findings.faults) == (Verdict.IDENTICAL, []), path
     assert parameters.set(record=True) == ''
     assert process.stop() == 0

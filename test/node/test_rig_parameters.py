@@ -10,7 +10,6 @@ from rclpy.parameter import Parameter
 
 from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
 from impact_damper_ros.node.parameters import (
-    ALL_SPECS,
     LiveParameters,
     NodeParameters,
     descriptor,
@@ -19,6 +18,7 @@ from impact_damper_ros.node.parameters import (
     promoted,
 )
 from impact_damper_ros.rig import (
+    ALL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
     ParameterError,
@@ -211,9 +211,9 @@ def test_a_factor_too_slow_to_be_meant_is_an_error(factor):
 @pytest.mark.parametrize(
     ('name', 'value', 'words'),
     [
-        ('max_bag_size', 99_999, r'is 99999: give 0 \(no limit\) or a number from 100000 to'),
+        ('max_bag_size', 99_999, r'is 99999 B: give 0 \(no limit\) or a number from 100000 to'),
         ('max_bag_size', -1, 'from 0 to'),
-        ('max_bag_duration', 0.999, r'is 0.999: give 0 \(no limit\) or a number from 1 to'),
+        ('max_bag_duration', 0.999, r'is 0.999 s: give 0 \(no limit\) or a number from 1 to'),
         ('max_bag_duration', float('nan'), 'max_bag_duration is nan'),
     ],
 )

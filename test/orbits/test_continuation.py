@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
-from impact_damper_ros.orbits.branch import value_of, with_value
-from impact_damper_ros.orbits.continuation import SpecialKind, continue_orbit, switch_branch
-from impact_damper_ros.orbits.settled import repeated_impacts, settled_impacts
+from impact_damper_ros.orbits.continuation import (
+    SpecialKind,
+    continue_orbit,
+    switch_branch,
+    value_of,
+    with_value,
+)
+from impact_damper_ros.orbits.recognition import repeated_impacts
+from impact_damper_ros.orbits.settling import settled_impacts
 from impact_damper_ros.rig import InitialConditions, RigParameters
 
 LEVEL = RigParameters(gravity=0.0, force_frequencies=(1.02,))

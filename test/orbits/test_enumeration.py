@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
-from impact_damper_ros.orbits.impact_solver import many_impact_roots, polish
+from impact_damper_ros.orbits.impact_roots import many_impact_roots, polish
 from impact_damper_ros.orbits.search import orbit_of
 from impact_damper_ros.rig import RigParameters
 

@@ -8,11 +8,12 @@ from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
 from impact_damper_ros.orbits.event_map import run_course
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent, monodromy_of
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.rig.mode import Origin, make_machine
+from impact_damper_ros.rig.mode import rig_constants
+from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.sweep.steady_state import steady_state
 
 #: Frictionless and horizontal, with many impacts that never repeat.
@@ -42,7 +43,7 @@ def along_run(parameters, initial, start, end):
     begun = run.snapshot()
     stretch = run.advance(end)
     along = deviations(
-        make_machine(parameters),
+        rig_constants(parameters),
         (0.0,) * len(parameters.force_phases),
         stretch.events,
         begun['origin']['mode'],
@@ -92,7 +93,7 @@ def test_matrix_is_the_derivative_of_the_flow(name):
     assert (EventKind.STICK in kinds) is (name == 'sticking')
     assert (EventKind.REST in kinds) is (name == 'chattering')
     along = deviations(
-        make_machine(rig),
+        rig_constants(rig),
         begun['origin']['angles'],
         stretch.events,
         begun['origin']['mode'],
@@ -125,8 +126,8 @@ def test_product_is_that_of_the_event_map(name):
     origin = {**begun['origin'], 'angles': tuple(begun['origin']['angles'])}
     origin = {k: math.inf if v is None else v for k, v in origin.items()}
     first = Origin(**origin)
-    lead = run_course(make_machine(rig), first, start - first.time - first.time_low)
-    course = run_course(make_machine(rig), lead.end, end - start)
+    lead = run_course(rig_constants(rig), first, start - first.time - first.time_low)
+    course = run_course(rig_constants(rig), lead.end, end - start)
     assert len(course.incidents) == len(stretch.events) > 5
     assert whole == pytest.approx(course.matrix, rel=1e-7, abs=1e-7 * np.abs(whole).max())
 

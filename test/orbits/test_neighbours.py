@@ -8,13 +8,13 @@ import pytest
 from control.controlled_rigs import TRIAL, control
 
 from impact_damper_ros.control import ControlledRig
-from impact_damper_ros.control.controlled_rig import NearbyRig, Scales
 from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control.nearby_rig import NearbyRig, Scales
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits import lyapunov as neighbours
 from impact_damper_ros.orbits.lyapunov import parting_exponent
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.steady_state import steady_state

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.orbits.settled import repeated_impacts, settled_impacts
+from impact_damper_ros.orbits.recognition import repeated_impacts
+from impact_damper_ros.orbits.settling import settled_impacts
 from impact_damper_ros.rig import InitialConditions, RigParameters
 
 # Random rigs that settle into a periodic motion of at most six impacts within 600 cycles

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
-from impact_damper_ros.orbits.settled import repeated_impacts, settled_impacts
-from impact_damper_ros.orbits.shooting import carried_over, section_on, settled_sections, shoot
+from impact_damper_ros.orbits.recognition import repeated_impacts
+from impact_damper_ros.orbits.search import carried_over, settled_sections
+from impact_damper_ros.orbits.settling import settled_impacts
+from impact_damper_ros.orbits.shooting import section_on, shoot
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
 
 INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))

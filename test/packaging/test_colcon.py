@@ -20,6 +20,7 @@ COMMANDS = [
     'recover_run',
     'replay_run',
     'reproduce_paper',
+    'rig_page',
     'sim_node',
     'simulate_rig',
     'solve_periodic',

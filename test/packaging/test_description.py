@@ -13,10 +13,10 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
+from impact_damper_ros.bag.rig_topics import JOINTS
 from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, RigParameters, Simulator
 from impact_damper_ros.rig import load_parameters as load
 from impact_damper_ros.rig.description import picture_size, robot_description, rviz_setup
-from impact_damper_ros.rig.published import JOINTS
 
 ROOT = Path(__file__).parents[2]
 PRESETS = sorted((ROOT / 'config').glob('*.yaml'))
@@ -314,6 +314,7 @@ def test_launch_file_starts_what_it_says():
         'real_time_factor',
         'use_robot_state_publisher',
         'use_rviz',
+        'page',
         'use_sim_time',
     ]
 
@@ -359,12 +360,13 @@ class Launched:
         index = directory / 'share' / 'ament_index' / 'resource_index' / 'packages'
         index.mkdir(parents=True)
         for package in packages:
-            name = 'sim_node' if package == 'impact_damper_ros' else package
+            own = package == 'impact_damper_ros'
             (index / package).touch()
             (directory / 'lib' / package).mkdir(parents=True)
-            program = directory / 'lib' / package / name
-            program.write_text(STAND_IN.format(here=directory / name), encoding='utf-8')
-            program.chmod(0o755)
+            for name in ('sim_node', 'rig_page') if own else (package,):
+                program = directory / 'lib' / package / name
+                program.write_text(STAND_IN.format(here=directory / name), encoding='utf-8')
+                program.chmod(0o755)
         (directory / 'share' / 'impact_damper_ros').mkdir()
         for folder in ('config', 'rviz'):
             (directory / 'share' / 'impact_damper_ros' / folder).symlink_to(ROOT / folder)
@@ -384,7 +386,7 @@ class Launched:
             start_new_session=True,
         )
         log.close()
-        expected = 1 + ('use_rviz:=true' in arguments)
+        expected = 1 + ('use_rviz:=true' in arguments) + ('page:=true' in arguments)
         expected += 'use_robot_state_publisher:=false' not in arguments
         deadline = time.monotonic() + 100.0
         while process.poll() is None and len(self.started()) < expected:
@@ -484,6 +486,20 @@ def test_launch_has_one_switch_for_the_clock(arguments, of_the_node, simulated, 
     preset = ROOT / 'config' / 'bench_rig.yaml'
     words = (tmp_path / 'sim_node.arguments').read_text(encoding='utf-8').split()
     assert Path(words[words.index('--params-file') + 1]).resolve() == preset
+
+
+def test_launch_shows_its_rig_in_a_browser(tmp_path):
+    launched = Launched(tmp_path, 'impact_damper_ros')
+    process = launched.start(
+        *('page:=true', 'use_robot_state_publisher:=false', 'namespace:=left'),
+        'bag_directory:=here',
+    )
+    process.send_signal(signal.SIGINT)
+    assert process.wait(100.0) == 0, launched.said
+    assert launched.started() == ['rig_page', 'sim_node']
+    words = (tmp_path / 'rig_page.arguments').read_text(encoding='utf-8').split()
+    assert words[words.index('--node') + 1] == '/left/sim_node'
+    assert words[words.index('--recordings') + 1] == 'here'
 
 
 @pytest.mark.parametrize(

@@ -76,14 +76,15 @@ def test_imports_point_downwards(path):
             assert other == own or LEVEL[other] < LEVEL[own], f'{path} imports {name}'
 
 
-def test_only_nodes_and_the_demo_import_ros():
-    """The demo is a client of the node."""
+def test_only_nodes_and_their_clients_import_ros():
+    """The demo and the page are clients of the node; the page is one in a single module."""
     users = {
         path.relative_to(PACKAGE)
         for path in modules(*LEVEL)
         if any(name.split('.')[0] in ROS for name in imports(path))
     }
-    assert {path for path in users if path.parts[0] != 'node'} <= {Path('cli', 'demo.py')}
+    clients = {Path('cli', 'demo.py'), Path('page', 'ros_client.py')}
+    assert {path for path in users if path.parts[0] != 'node'} == clients
 
 
 IMPORT_WITHOUT_ROS = """

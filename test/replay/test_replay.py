@@ -11,10 +11,10 @@ from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
 
 from impact_damper_ros.bag import RecordingError, RunWriter
-from impact_damper_ros.bag.messages import CdrError, decode
-from impact_damper_ros.bag.rig_messages import JointStateBytes, header_ns, parameter_event
-from impact_damper_ros.bag.run_history import RunHistory
+from impact_damper_ros.bag.messages import CdrError, JointStateLayout, decode, header_ns
+from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, Simulator
@@ -23,10 +23,10 @@ from impact_damper_ros.rig.simulator import ARITHMETIC
 
 def replayed(bag, node=None):
     """Replay one by one, and many at once: both find the same."""
-    replay = Replay(RunHistory(bag, node))
+    replay = Replay(RecordedRun(bag, node))
     for _ in replay.ticks():
         pass
-    assert repr(Replay(RunHistory(bag, node)).run()) == repr(replay.findings)
+    assert repr(Replay(RecordedRun(bag, node)).run()) == repr(replay.findings)
     return replay.findings
 
 
@@ -172,7 +172,7 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
         assert findings.verdict is Verdict.IDENTICAL, findings.differences
         assert findings.impacts > 50
         assert findings.changes == len(changes)
-        assert RunHistory(bag).start.version == version
+        assert RecordedRun(bag).start.version == version
         # A tick carries a stretch of a thousandth of a second with it.
         states = [
             decode('sensor_msgs/msg/JointState', rig.messages[place][1])
@@ -194,7 +194,7 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
     ]
     assert replayed(samples.record(tmp_path / 'mistaken', mistaken)).verdict is Verdict.DIFFERENT
     # What a what-if holds against is X, whatever the messages show.
-    recorded = [list(Replay(RunHistory(tmp_path / f'bag_{v}')).ticks()) for v in (1, 2)]
+    recorded = [list(Replay(RecordedRun(tmp_path / f'bag_{v}')).ticks()) for v in (1, 2)]
     assert [tick.x for tick in recorded[0]] == [tick.x for tick in recorded[1]]
     assert all(tick.x == tick.sample.x for tick in recorded[1])
 
@@ -271,7 +271,7 @@ def messages():
 
 def test_one_flipped_bit_is_found(tmp_path, messages):
     place = places(messages, '/joint_states')[150]
-    positions = JointStateBytes(messages[place][1]).numbers(messages[place][1])[0]
+    positions = JointStateLayout(messages[place][1]).numbers(messages[place][1])[0]
     messages[place] = flipped(messages[place], positions[1])
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
     assert findings.verdict is Verdict.DIFFERENT
@@ -288,7 +288,7 @@ def test_a_zero_of_the_other_sign_is_a_difference(tmp_path):
     rig = RecordedRig().start().run(10)
     place = places(rig.messages, '/joint_states')[0]
     topic, content, stamp = rig.messages[place]
-    shape = JointStateBytes(content)
+    shape = JointStateLayout(content)
     positions, velocities, _ = shape.numbers(content)
     assert positions[0] == 0.0
     rig.messages[place] = (topic, shape.filled(stamp, (-0.0, *positions[1:]), velocities), stamp)
@@ -301,7 +301,7 @@ def test_a_zero_of_the_other_sign_is_a_difference(tmp_path):
 def test_a_shifted_impact_is_found(tmp_path, messages, shift, logged):
     place = places(messages, '/impacts')[7]
     topic, content, stamp = messages[place]
-    shape = JointStateBytes(content)
+    shape = JointStateLayout(content)
     moved = shape.filled(stamp + shift, *shape.numbers(content))
     messages[place] = (topic, moved, stamp + (shift if logged else 0))
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
@@ -319,7 +319,7 @@ def test_missing_and_invented_impacts_are_found(tmp_path, messages):
     hits = places(messages, '/impacts')
     removed = messages[hits[3]]
     topic, content, stamp = messages[hits[9]]
-    shape = JointStateBytes(content)
+    shape = JointStateLayout(content)
     changed = list(messages)
     changed.insert(
         hits[9] + 1, (topic, shape.filled(stamp + 9, *shape.numbers(content)), stamp + 9)
@@ -541,7 +541,7 @@ def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
     arrived = with_arrival_times(messages)
     place = places(arrived, '/joint_states')[100]
     topic, content, stamp = arrived[place]
-    shape = JointStateBytes(content)
+    shape = JointStateLayout(content)
     late = shape.filled(header_ns(content) + 2**25 * 10**9, *shape.numbers(content))
     arrived[place] = (topic, late, stamp)
     findings = replayed(samples.record(tmp_path / 'bag', arrived))
@@ -552,7 +552,7 @@ def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
 
 def test_another_library_of_mathematics_is_suspected(tmp_path, messages):
     for place in places(messages, '/joint_states')[100:]:
-        positions = JointStateBytes(messages[place][1]).numbers(messages[place][1])[0]
+        positions = JointStateLayout(messages[place][1]).numbers(messages[place][1])[0]
         messages[place] = flipped(messages[place], positions[0])
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
     assert findings.by_another_library
@@ -561,7 +561,7 @@ def test_another_library_of_mathematics_is_suspected(tmp_path, messages):
 
 def test_joint_state_bytes():
     content = samples.state(3, samples.START)
-    shape = JointStateBytes(content)
+    shape = JointStateLayout(content)
     positions, velocities = samples.state_values(3)
     assert shape.numbers(content) == (tuple(positions), tuple(velocities), ())
     assert shape.fits(samples.state(4, samples.START + 5))
@@ -572,14 +572,14 @@ def test_joint_state_bytes():
     assert header_ns(content) == samples.START
     for cut in (3, 11, 40, 100):
         with pytest.raises(CdrError):
-            JointStateBytes(content[:cut])
+            JointStateLayout(content[:cut])
 
 
 # What if
 
 
 def what_if(bag, **held):
-    history = RunHistory(bag)
+    history = RecordedRun(bag)
     replay = Replay(history)
     other, rows = None, []
     for tick in replay.ticks():
@@ -640,6 +640,6 @@ def test_inadmissible_what_ifs(tmp_path):
     bag = RecordedRig().start().run(5).save(tmp_path / 'bag')
     with pytest.raises(ParameterError, match='force_amplitudes has 1'):
         what_if(bag, force_frequencies=(1.0, 2.0))
-    history = RunHistory(bag)
+    history = RecordedRun(bag)
     with pytest.raises(ValueError, match='initial_primary_position cannot be set'):
         WhatIf(history.start, None, {}, {'initial_primary_position': 0.1})

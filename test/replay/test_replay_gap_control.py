@@ -9,8 +9,7 @@ from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig
 from replay.test_replay import flipped, places, replayed, with_arrival_times
 
-from impact_damper_ros.bag.messages import CdrWriter, decode
-from impact_damper_ros.bag.rig_messages import JointStateBytes
+from impact_damper_ros.bag.messages import CdrWriter, JointStateLayout, decode
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.replay.findings import Verdict
@@ -92,7 +91,7 @@ def test_what_ros2_bag_record_makes_of_it(tmp_path, messages):
 def test_a_changed_bit_of_an_act_is_found(tmp_path, messages, part, number):
     place = places(messages, '/gap_control')[40]
     content = messages[place][1]
-    value = JointStateBytes(content).numbers(content)[part][number]
+    value = JointStateLayout(content).numbers(content)[part][number]
     assert value != 0.0
     changed = list(messages)
     changed[place] = flipped(messages[place], value)

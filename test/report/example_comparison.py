@@ -4,27 +4,25 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.compare.run_comparison import (
+from impact_damper_ros.compare.result import (
     Beginning,
+    Convergence,
     Decay,
     EnergyBalance,
     Finding,
-    ImpactStates,
-    MeasuredMotion,
-    MotionKind,
-    RunComparison,
-    StretchComparison,
-    Verdict,
-)
-from impact_damper_ros.compare.run_curves import (
-    Convergence,
     GapCurve,
     ImpactCurve,
+    ImpactStates,
+    MeasuredMotion,
     MotionCurve,
+    MotionKind,
     PredictedCurve,
+    RunComparison,
     Spectrum,
+    StretchComparison,
     StretchCurves,
     SwingEnvelope,
+    Verdict,
 )
 from impact_damper_ros.orbits import continue_orbit, find_orbits
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator

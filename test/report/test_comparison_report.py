@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import json
 import math
+import os
 import re
 import resource
 from importlib.resources import files
@@ -14,31 +15,38 @@ import pytest
 from compare.recorded import BENCH, VERTICAL, compared
 from report.example_comparison import example
 
-from impact_damper_ros.compare.run_comparison import Beginning, MotionKind, Verdict
+from impact_damper_ros.compare.result import Beginning, MotionKind, Verdict
 from impact_damper_ros.orbits.continuation import SpecialKind
+from impact_damper_ros.report.formatting import (
+    aligned,
+    counted,
+    difference,
+    instant,
+    number,
+    unit_for,
+    worded,
+)
 from impact_damper_ros.report.glossary import TERMS, linked
-from impact_damper_ros.report.units import aligned, difference, instant, number, unit_for, worded
 from impact_damper_ros.rig import InitialConditions
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 
-from impact_damper_ros.report.charts import (
-    draw_history,
-    draw_run,
+from impact_damper_ros.report.charts import PICTURES, draw_history, draw_run
+from impact_damper_ros.report.curves import (
     filled_motion,
     predicted_impacts,
+    predicted_lines,
     predicted_motion,
 )
-from impact_damper_ros.report.html import COLORS, drawing_style, inline_svg
-from impact_damper_ros.report.page import (
+from impact_damper_ros.report.drawing import COLORS, page_style
+from impact_damper_ros.report.html_report import (
     MOST_DETAILED,
     MOST_LISTED,
-    PICTURES,
     report_page,
-    told_stretches,
+    shown_stretches,
     write_report,
 )
-from impact_damper_ros.report.portraits import predicted_lines
+from impact_damper_ros.report.inline_svg import inline_svg
 
 STYLE = (files('impact_damper_ros.report') / 'template' / 'report.css').read_text('utf-8')
 
@@ -254,7 +262,7 @@ SHOWN_IN = {
 def test_no_array_makes_a_plot_fail(run):
     stretch = run.stretches[0]
     names = []
-    with drawing_style():
+    with page_style():
         for name, curves in emptied(stretch.curves):
             broken = dataclasses.replace(stretch, curves=curves)
             part = name.split()[0].split('.')[0]
@@ -337,8 +345,8 @@ def test_many_stretches_stay_readable(run):
 
 def test_the_most_telling_stretches(run):
     stretches = run.stretches
-    assert told_stretches(stretches, 1) == (stretches[1],)
-    assert told_stretches(stretches, 9) == stretches
+    assert shown_stretches(stretches, 1) == (stretches[1],)
+    assert shown_stretches(stretches, 9) == stretches
 
 
 def test_a_coarse_recording_is_drawn_smooth(run):
@@ -375,7 +383,7 @@ def test_points_and_periods_that_show_nothing_more(run):
     )
     curves = dataclasses.replace(stretch.curves, impacts=again, convergence=settled)
     long = dataclasses.replace(stretch, curves=curves)
-    with drawing_style():
+    with page_style():
         section = PICTURES['section'](long)
         approach = PICTURES['convergence'](long)
     svg = ElementTree.fromstring(inline_svg(section.figure, 'k', 'section'))
@@ -527,7 +535,7 @@ def test_the_predicted_orbit_closes(runs):
         impulses = np.abs(stretch.predicted_impulse) / stretch.parameters.primary_mass
         assert steps.sum() == (impulses > 0.02 * np.ptp(curve.velocity)).sum() > 0
         for name in ('portrait', 'relative'):
-            with drawing_style():
+            with page_style():
                 picture = PICTURES[name](stretch)
                 svg = ElementTree.fromstring(inline_svg(picture.figure, 'k', name))
             dashed = [
@@ -546,7 +554,7 @@ def test_the_predicted_orbit_closes(runs):
 def test_no_curve_is_cut(runs):
     seen = 0
     pictures = []
-    with drawing_style():
+    with page_style():
         pictures += [draw_run(runs[0].stretches, wide=wide) for wide in (True, False)]
         for each in runs:
             for stretch in each.stretches:
@@ -575,7 +583,7 @@ def gap_curve(run, factor):
     tall = dataclasses.replace(
         curve, ratio=ratio, viable=viable, special_ratio=curve.special_ratio[:0] + 0.2
     )
-    with drawing_style():
+    with page_style():
         return PICTURES['gap'](
             dataclasses.replace(
                 stretch, curves=dataclasses.replace(stretch.curves, gap_curve=tall)
@@ -673,7 +681,7 @@ def test_the_axis_of_points_at_one_place(run):
     arrays = {f.name: getattr(impacts, f.name)[:1] for f in dataclasses.fields(impacts)}
     arrays['damper_velocity_after'] = np.array([-0.187654321])
     curves = dataclasses.replace(stretch.curves, impacts=type(impacts)(**arrays))
-    with drawing_style():
+    with page_style():
         picture = PICTURES['section'](dataclasses.replace(stretch, curves=curves))
         picture.figure.draw_without_rendering()
     labels = [label.get_text() for label in picture.figure.axes[0].get_yticklabels()]
@@ -684,7 +692,7 @@ def test_the_axis_of_points_at_one_place(run):
 
 def test_pictures_for_a_phone(run):
     stretch = run.stretches[0]
-    with drawing_style():
+    with page_style():
         wide, slim = draw_history(stretch), draw_history(stretch, wide=False)
     assert slim.figure.get_size_inches()[0] < 0.5 * wide.figure.get_size_inches()[0]
     (start, end), (late, last) = (p.figure.axes[0].get_xlim() for p in (wide, slim))
@@ -716,7 +724,7 @@ def test_numbers_of_stretches_do_not_cover_each_other(run):
         curves = dataclasses.replace(run.stretches[0].curves, envelope=part)
         values = {'number': number_, 'start': start, 'end': end, 'curves': curves}
         stretches.append(dataclasses.replace(run.stretches[0], **values))
-    with drawing_style():
+    with page_style():
         picture = draw_run(stretches)
     assert [text.get_text() for text in picture.figure.axes[0].texts] == ['1', '2']
 
@@ -733,6 +741,12 @@ def test_numbers_for_readers():
     assert unit_for('m', [0.003, math.nan]) == (1e3, 'mm')
     assert unit_for('N s', 2e-5) == (1e6, 'µN s')
     assert unit_for('m', []) == (1.0, 'm')
+    assert [counted(n, 'stretch') for n in (0, 1, 2)] == [
+        '0 stretches',
+        '1 stretch',
+        '2 stretches',
+    ]
+    assert counted(3, 'act') == '3 acts'
 
 
 def schemes():
@@ -802,7 +816,7 @@ def test_a_place_that_cannot_be_written(run, tmp_path):
     place = tmp_path / 'report'
     write_report(short, place)
     before = (place / 'report.html').read_bytes()
-    (place / '.report.html.part').mkdir()
+    (place / f'.{os.getpid()}.report.html').mkdir()
     with pytest.raises(OSError) as caught:
         write_report(short, place, command='another')
     assert caught.value.filename.endswith('report.html')

@@ -17,7 +17,7 @@ def figure(closeups):
     edge = np.full(len(time), 0.012)
     hits = np.array([0.5, 1.5, 2.5])
     stops = np.array([1, 2, 1])
-    motion = Motion(time, x, 2.0 * x, x + edge, x - edge, hits, 0.0 * hits, stops, 1.0 + hits)
+    motion = Motion(time, x, 2.0 * x, x + edge, x - edge, hits, 0.0 * hits, stops)
     return draw_motion(motion, closeups)
 
 

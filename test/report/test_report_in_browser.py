@@ -13,8 +13,8 @@ from report.example_comparison import example
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 
-from impact_damper_ros.compare.run_comparison import Overall
-from impact_damper_ros.report.page import write_report
+from impact_damper_ros.compare import Overall
+from impact_damper_ros.report.html_report import write_report
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 FLAGS = (

@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.rig import Simulator, kernels
-from impact_damper_ros.rig.contact import (
+from impact_damper_ros.rig.contact import chatter_end, flight_end
+from impact_damper_ros.rig.crossing import first_crossing, starting_side
+from impact_damper_ros.rig.flight import (
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
-    chatter_end,
-    flight_end,
+    motion_at,
 )
-from impact_damper_ros.rig.crossing import first_crossing, starting_side
-from impact_damper_ros.rig.flight import motion_at
+from impact_damper_ros.rig.forcing import sines_and_cosines_of
 from impact_damper_ros.rig.mode import CHATTER_1, launch
-from impact_damper_ros.rig.phase import sines_and_cosines_of
 from impact_damper_ros.rig.transition import resolve
 from rig.random_rigs import random_command, random_rig
 
@@ -76,7 +75,7 @@ def test_bit_for_bit(compiled):
         if seed % 2:
             # Their movements end in contacts and arrivals, and are repeated now and then.
             rig.move_stops(*random_command(random.Random(seed), rig)[:2], 0.3)
-        machine, origin = rig._machine, rig._origin
+        machine, origin = rig._constants, rig._origin
         plain = flights(PLAIN, machine, origin, 60.0, 150)
         fast = flights(compiled, machine, origin, 60.0, 150)
         for a, b in zip(plain, fast, strict=True):
@@ -97,7 +96,7 @@ def test_moving_stops_bit_for_bit(compiled):
         rig = Simulator(parameters, initial)
         for _ in range(4):
             rig.move_stops(*random_command(rng, rig)[:2], 10 ** rng.uniform(-1, 1))
-            machine, origin = rig._machine, rig._origin
+            machine, origin = rig._constants, rig._origin
             plain = flights(PLAIN, machine, origin, rig.time + 3.0, 4)
             fast = flights(compiled, machine, origin, rig.time + 3.0, 4)
             for a, b in zip(plain, fast, strict=True):

@@ -9,16 +9,17 @@ import pytest
 
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
 from impact_damper_ros.rig.certificate import safe_step
-from impact_damper_ros.rig.contact import (
+from impact_damper_ros.rig.contact import first_event
+from impact_damper_ros.rig.flight import (
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
     RELEASE_DOWN,
     RELEASE_UP,
     REVERSAL,
-    first_event,
+    Flight,
+    motion_at,
 )
-from impact_damper_ros.rig.flight import Flight, motion_at
 from impact_damper_ros.rig.oscillator import acceleration_at, make_oscillator
 from oracle.dense_check import check
 from rig.break_contact import GENERATORS, TOLERANCE, claims, flight_of, launchable, trial

@@ -6,7 +6,7 @@ import pytest
 
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.description import described, frequency_hint
-from impact_damper_ros.rig.shown import printable, shown
+from impact_damper_ros.rig.quoting import printable, shown
 
 BENCH = RigParameters(
     primary_mass=2.0,

@@ -1,21 +1,21 @@
-"""The quick search: nodes, what is certain between them, and roots; against slower ways."""
+"""The quick search: points, what is certain between them, and roots; against slower ways."""
 
 import math
 
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig.contact import NO_EVENT, flight_end, keeps_sign
-from impact_damper_ros.rig.flight import motion_at
+from impact_damper_ros.rig.contact import flight_end, keeps_sign
+from impact_damper_ros.rig.flight import NO_EVENT, motion_at
 from impact_damper_ros.rig.roots import (
     Relative,
     acceleration_of,
-    base_node,
+    base_point,
     contact_root,
     falling_root,
     jerk_of,
     last_step,
-    next_node,
+    next_point,
 )
 from oracle.flight_generators import near_grazing_flights, random_flights
 from rig.break_contact import flight_of, launchable
@@ -29,23 +29,23 @@ def polynomial(coefficients, t):
     return p(t), p.deriv()(t)
 
 
-def test_nodes_are_the_closed_form():
+def test_grid_points_are_the_closed_form():
     for i in range(200):
         flight = flight_of(FLIGHTS, i)
         oscillator = flight.oscillator
         rest = flight.constant / oscillator.omega_squared
         base = 0.0 if i % 2 else 0.7 / oscillator.fastest
-        node = base_node(flight, base, motion_at(flight, base))
-        for k in range(1, oscillator.grid.nodes + 1):
-            node = next_node(oscillator, node)
+        point = base_point(flight, base, motion_at(flight, base))
+        for k in range(1, oscillator.grid.points + 1):
+            point = next_point(oscillator, point)
             motion = motion_at(flight, base + k * oscillator.grid.step)
             scale = abs(motion.x) + abs(flight.x) + abs(rest) + abs(motion.velocity)
-            assert node.offset + rest == pytest.approx(motion.x, abs=1e-12 * scale)
-            assert node.velocity == pytest.approx(
+            assert point.offset + rest == pytest.approx(motion.x, abs=1e-12 * scale)
+            assert point.velocity == pytest.approx(
                 motion.velocity, abs=1e-12 * scale * oscillator.fastest
             )
-            x_2 = acceleration_of(oscillator, node)
-            x_3 = jerk_of(oscillator, node, x_2)
+            x_2 = acceleration_of(oscillator, point)
+            x_3 = jerk_of(oscillator, point, x_2)
             terms = scale + abs(motion.x_2) + abs(flight.acceleration)
             assert x_2 == pytest.approx(motion.x_2, abs=1e-11 * terms * oscillator.fastest**2)
             assert x_3 == pytest.approx(motion.x_3, abs=1e-11 * terms * oscillator.fastest**3)
@@ -98,20 +98,20 @@ def test_last_step():
 
 
 @pytest.mark.parametrize('side', [1, -1])
-def test_a_contact_from_the_series_around_a_node_is_that_of_the_closed_form(side):
-    """Wherever the root is between half a step before and after the node, or further away."""
+def test_a_contact_from_the_series_around_a_point_is_that_of_the_closed_form(side):
+    """Wherever the root is between half a step before and after the point, or further away."""
     rng = np.random.default_rng(7)
     found = 0
     for i in range(300):
         flight = flight_of(FLIGHTS, i)
         oscillator = flight.oscillator
         step = oscillator.grid.step
-        node = base_node(flight, 0.0, motion_at(flight, 0.0))
+        point = base_point(flight, 0.0, motion_at(flight, 0.0))
         for _ in range(2):
-            node = next_node(oscillator, node)
+            point = next_point(oscillator, point)
         base = 2.0 * step
-        at_node = motion_at(flight, base)
-        there = Relative(base, at_node.x, at_node.travel, at_node.relative_velocity)
+        there_at = motion_at(flight, base)
+        there = Relative(base, there_at.x, there_at.travel, there_at.relative_velocity)
         tau = base + step * rng.uniform(-0.6, 0.6)
         motion = motion_at(flight, tau)
         if side * motion.relative_velocity <= 0.3:
@@ -123,7 +123,7 @@ def test_a_contact_from_the_series_around_a_node_is_that_of_the_closed_form(side
         )
         guess = tau - base + 1e-3 * step * rng.uniform(-1.0, 1.0)
         end = contact_root(
-            stopped, side, node, there, at_node.relative_2, guess, tau - step, tau + step
+            stopped, side, point, there, there_at.relative_2, guess, tau - step, tau + step
         )
         if abs(tau - base) > 0.55 * step and end.kind == NO_EVENT:
             continue
@@ -140,7 +140,14 @@ def test_a_contact_from_the_series_around_a_node_is_that_of_the_closed_form(side
         # Not where it is asked for: no answer
         assert (
             contact_root(
-                stopped, side, node, there, at_node.relative_2, guess, tau + step, tau + 2.0 * step
+                stopped,
+                side,
+                point,
+                there,
+                there_at.relative_2,
+                guess,
+                tau + step,
+                tau + 2.0 * step,
             ).kind
             == NO_EVENT
         )
@@ -162,7 +169,7 @@ def test_the_quick_search_finds_what_certified_steps_find():
     for cases in (FLIGHTS, launchable(near_grazing_flights(300, np.random.default_rng(5)))):
         for i in range(len(cases)):
             flight = flight_of(cases, i)
-            grid = flight.oscillator.grid._replace(nodes=0)
+            grid = flight.oscillator.grid._replace(points=0)
             slow = flight._replace(oscillator=flight.oscillator._replace(grid=grid))
             limit = float(cases.horizon[i])
             found, expected = flight_end(flight, 0.0, limit), flight_end(slow, 0.0, limit)

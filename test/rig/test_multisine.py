@@ -8,8 +8,8 @@ import pytest
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters, Simulator
+from impact_damper_ros.rig.forcing import multisine, split_mix
 from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.rig.parameters import multisine, split_mix
 from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
 from rig.random_rigs import random_rig, through_json
 

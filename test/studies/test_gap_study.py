@@ -14,14 +14,14 @@ from impact_damper_ros.studies.gap_control.runs import (
     RIG,
     Case,
     Extent,
-    Response,
+    Measured,
     all_cases,
     broadband_rig,
     ideal_amplitude,
     ideal_ratio,
     law,
     run_case,
-    sweep_frequencies,
+    stepped_frequencies,
     tuning_cases,
 )
 
@@ -60,7 +60,7 @@ def test_the_targets_are_met(results):
     assert broadband(every, QUICK).best in QUICK.broadband_gaps
 
 
-def test_a_missed_target_is_told():
+def test_a_missed_target_is_reported():
     assert not Target('', 0.85, 0.86).met
     assert Target('', 0.85, 0.85).met
 
@@ -104,7 +104,7 @@ def test_power_is_balanced():
     assert run.actuator_power > 0.5 * work
 
 
-def test_history_and_stretches():
+def test_history_and_intervals():
     case = Case(
         key=(), rig=RIG.replace(gap=1000.0, damping=0.4), settle=0.0, watch=60.0,
         levels=((30.0, 3.0),), history=True,
@@ -117,9 +117,9 @@ def test_history_and_stretches():
         gap=1000.0, damping=0.4, sweep_mode='up_down', sweep_low=0.8, sweep_high=1.2,
         sweep_step=0.1, sweep_dwell=20 * math.tau,
     )  # fmt: skip
-    stretches = tuple(20 * math.tau * (k + 1) for k in range(9))
-    peaks = run_case(Case(key=(), rig=swept, stretches=stretches)).peaks
-    frequencies = sweep_frequencies(replace(QUICK, sweep_step=0.1))
+    intervals = tuple(20 * math.tau * (k + 1) for k in range(9))
+    peaks = run_case(Case(key=(), rig=swept, intervals=intervals)).peaks
+    frequencies = stepped_frequencies(replace(QUICK, frequency_step=0.1))
     for frequency, peak in zip(frequencies, peaks, strict=True):
         steady = RIG.replace(damping=0.4, force_frequencies=[frequency]).response_amplitude
         assert peak == pytest.approx(steady, rel=1e-3)
@@ -142,7 +142,7 @@ def test_impacts_are_counted():
     rig = ControlledRig(RIG)
     rig.advance(math.tau * 100.0)
     events = rig.advance(math.tau * 110.0)
-    assert isinstance(run, Response)
+    assert isinstance(run, Measured)
     # The same numbers every time
     assert run_case(Case(key=(), rig=RIG, settle=100.0, watch=10.0)) == run
     assert run.impacts == sum(e.kind is EventKind.IMPACT for e in events)

@@ -13,22 +13,22 @@ from impact_damper_ros.studies.paper.claims import (
 )
 from impact_damper_ros.studies.paper.curves import (
     Curve,
-    Point,
+    CurvePoint,
+    SeriesPlan,
     Status,
-    Sweep,
     disturbed,
     enumerated_curves,
     followed_curves,
     settle,
 )
-from impact_damper_ros.studies.paper.plan import figure_of, sweeps_of
-from impact_damper_ros.studies.paper.rigs import BASIC, CASES, scaled_rig
+from impact_damper_ros.studies.paper.rigs import BASIC, OPERATIONS, scaled_rig
+from impact_damper_ros.studies.paper.series import figure_of, plans_of
 
 ABOVE = BASIC.replace(force_frequencies=(1.02,))
 
 
 def test_vertical_range():
-    low, high = vertical_range(steps=24)
+    low, high = vertical_range(tolerance=1e-7)
     assert low == pytest.approx(0.4536, abs=1e-4)
     assert high == pytest.approx(1.1267, abs=1e-4)
 
@@ -51,26 +51,26 @@ def test_symmetric_motion_in_closed_form(rate):
 
 def test_stability_ends_of_figure_2():
     values = tuple(float(v) for v in range(22, 60, 2))
-    sweep = Sweep('test', CASES[2].rig(ABOVE, 2.0), 'gap', values)
-    stable = [p.value for c in enumerated_curves(sweep) for p in c.points if p.status == 0]
+    plan = SeriesPlan('test', OPERATIONS[2].rig(ABOVE, 2.0), 'gap', values)
+    stable = [p.value for c in enumerated_curves(plan) for p in c.points if p.status == 0]
     assert min(stable) == pytest.approx(24.2957, abs=1e-3)
     assert max(stable) == pytest.approx(56.1015, abs=1e-3)
 
 
 def test_three_impacts_with_friction_are_followed():
     values = tuple(float(v) for v in np.arange(13.0, 22.0, 0.5))
-    rig = CASES[2].rig(ABOVE, 1.0)
-    sweep = Sweep('test', rig, 'gap', values, (16.0,), (3,))
-    motion = settle(Simulator(sweep.at(16.0)), 16.0)
+    rig = OPERATIONS[2].rig(ABOVE, 1.0)
+    plan = SeriesPlan('test', rig, 'gap', values, (16.0,), (3,))
+    motion = settle(Simulator(plan.at(16.0)), 16.0)
     assert motion.stops == (1, 1, 2)
     assert motion.orbit is not None
     assert motion.difference < 1e-6
     assert motion.ratio == pytest.approx(motion.orbit.amplitude_ratio, rel=1e-6)
-    (curve,) = followed_curves(sweep, [motion], 3)
-    stable = curve.values(Status.STABLE)
+    (curve,) = followed_curves(plan, [motion], 3)
+    stable = [point.value for point in curve.points if point.status is Status.STABLE]
     assert min(stable) < 14.0
     assert max(stable) == pytest.approx(20.368, abs=2e-3)
-    assert max(curve.values()) >= 21.5
+    assert max(point.value for point in curve.points) >= 21.5
 
 
 def test_disturbed_motion_returns():
@@ -90,17 +90,17 @@ def test_scaled_rig_keeps_what_figure_4_keeps():
 
 def test_stable_width_counts_overlaps_once():
     def curve(low, high):
-        points = [Point(v, 0.1, (1.0, 1.0), Status.STABLE, 0.5) for v in (low, high)]
+        points = [CurvePoint(v, 0.1, (1.0, 1.0), Status.STABLE, 0.5) for v in (low, high)]
         return Curve((1, 2), points)
 
     assert stable_width([curve(1.0, 3.0), curve(2.0, 5.0), curve(7.0, 8.0)]) == pytest.approx(5.0)
 
 
-def test_every_figure_has_its_sweeps():
+def test_every_figure_has_its_series():
     assert figure_of('2a') == figure_of('2') == '2'
-    assert sweeps_of('5') == []
+    assert plans_of('5') == []
     for figure in '2346':
-        full, quick = sweeps_of(figure), sweeps_of(figure, quick=True)
+        full, quick = plans_of(figure), plans_of(figure, quick=True)
         assert [s.name for s in full] == [s.name for s in quick]
         assert all(set(s.marks) <= set(s.values) for s in quick)
         assert all(list(s.values) == sorted(s.values) for s in full)
@@ -111,13 +111,13 @@ def test_every_figure_has_its_sweeps():
 
 def test_reversal_between_alternating_impacts_is_followed():
     values = tuple(float(v) for v in np.arange(19.0, 23.0, 0.5))
-    sweep = Sweep('test', CASES[2].rig(ABOVE, 2.0), 'gap', values, (20.0,), (2,))
-    motion = settle(Simulator(sweep.at(20.0)), 20.0)
+    plan = SeriesPlan('test', OPERATIONS[2].rig(ABOVE, 2.0), 'gap', values, (20.0,), (2,))
+    motion = settle(Simulator(plan.at(20.0)), 20.0)
     assert motion.stops == (1, 2)
     assert motion.orbit is not None
     assert motion.orbit.nodes
-    assert followed_curves(sweep, [motion], 3) == []
-    (curve,) = followed_curves(sweep, [motion], 2)
-    assert 20.0 in curve.values(Status.STABLE)
-    enumerated = [p for c in enumerated_curves(sweep) for p in c.points if p.value == 20.0]
+    assert followed_curves(plan, [motion], 3) == []
+    (curve,) = followed_curves(plan, [motion], 2)
+    assert 20.0 in [point.value for point in curve.points if point.status is Status.STABLE]
+    enumerated = [p for c in enumerated_curves(plan) for p in c.points if p.value == 20.0]
     assert all(p.status != Status.STABLE for p in enumerated)

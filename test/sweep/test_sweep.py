@@ -10,16 +10,16 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from sweep.shuffled_executor import Shuffled
+from sweep.made_tables import Shuffled, table_of
 
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.sweep.execution import Here, LocalWorkers, WorkersError, run_sweep
+from impact_damper_ros.sweep.execution import LocalWorkers, WorkersError, rig_row
+from impact_damper_ros.sweep.journal import Done, Journal, JournalError, journal_path
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.steady_state import steady_state
-from impact_damper_ros.sweep.table import SweepTable, write_table
-from impact_damper_ros.sweep.work import Done, Journal, JournalError, journal_path, rig_row
+from impact_damper_ros.sweep.table import SweepTable
 
 pytest.importorskip('pyarrow')
 
@@ -46,15 +46,6 @@ LITTLE = Settling(cycles=100, watch=21, events=5000)
 #: From a gap that cannot be to one of another motion; some chaotic.
 MIXED = plan_with(-2.0, 'gap=1:40:14')
 FOLLOWED = plan_of('gap=6:30:9', 'restitution_1=0.7,0.75', follow=Follow.BOTH)
-
-
-def table_of(plan, path, executor=None, **options):
-    """Run a sweep, or what is left of it, and return the bytes of its table."""
-    with Journal(journal_path(path), plan.inputs()) as journal:
-        run_sweep(plan, journal, executor or Here(), **{'at_once': 1, **options})
-        write_table(plan, journal, path)
-    journal_path(path).unlink()
-    return path.read_bytes()
 
 
 @pytest.mark.parametrize('plan', [MIXED, FOLLOWED], ids=['independent', 'followed'])
@@ -138,13 +129,13 @@ def test_a_failing_rig_does_not_break_a_chain(tmp_path):
     table = SweepTable(tmp_path / 'chain.parquet')
     assert list(table.flags('ok')) == [True, True, True, False]
     plan = plan_of('restitution_1=0.7,0.8', follow=Follow.UP)
-    rig = RIG.replace(restitution_1=0.7)
-    row, state = rig_row(rig, START, (), BRIEF)
+    settings = plan.settings(plan.point(1).values)
+    row, state = rig_row(plan.setup, plan.settings(plan.point(0).values))
     assert row['x_max'] == table.numbers('x_max')[0]
-    following, _ = rig_row(rig, START, plan.settings(plan.point(1)), BRIEF, state)
+    following, _ = rig_row(plan.setup, settings, state)
     assert following['settled']
     # From the motion next to it a rig settles sooner than from X = 1
-    fresh, _ = rig_row(rig, START, plan.settings(plan.point(1)), BRIEF)
+    fresh, _ = rig_row(plan.setup, settings)
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
 
@@ -215,7 +206,7 @@ def test_a_journal_is_held_by_one_sweep_alone(tmp_path):
     path = tmp_path / 'sweep.parquet.part'
     with (
         Journal(path, MIXED.inputs()),
-        pytest.raises(JournalError, match='in use: another sweep'),
+        pytest.raises(JournalError, match='in use by another sweep'),
     ):
         Journal(path, MIXED.inputs())
 

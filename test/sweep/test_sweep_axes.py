@@ -8,10 +8,9 @@ from impact_damper_ros.sweep.plan import (
     AxisError,
     Follow,
     SweepPlan,
-    Target,
+    SweptParameter,
     axis_from_mapping,
     axis_from_text,
-    varied,
 )
 
 RIG = RigParameters()
@@ -43,17 +42,21 @@ def test_ranges_file_entries():
 
 def test_several_names_take_the_same_value():
     axis = axis_from_text('restitution_1=restitution_2=0.5,0.9', RIG)
-    settings = [(target, 0.9) for target in axis.targets]
-    rig, _ = varied(RIG, START, settings)
+    settings = [(parameter, 0.9) for parameter in axis.parameters]
+    rig = plan_of('gap=1,2').setup.varied(settings).parameters
     assert (rig.restitution_1, rig.restitution_2) == (0.9, 0.9)
 
 
 def test_entries_of_arrays():
-    assert axis_from_text('force_frequencies=1:2:3', RIG).targets == (Target('force_frequencies'),)
+    assert axis_from_text('force_frequencies=1:2:3', RIG).parameters == (
+        SweptParameter('force_frequencies'),
+    )
     assert axis_from_text('force_frequencies[0]=1:2:3', RIG).name == 'force_frequencies'
-    (target,) = axis_from_text('force_frequencies[1]=1:2:3', TWO).targets
-    assert str(target) == 'force_frequencies[1]'
-    rig, _ = varied(TWO, START, [(target, 7.0), (Target('force_amplitudes', 0), 4.0)])
+    (parameter,) = axis_from_text('force_frequencies[1]=1:2:3', TWO).parameters
+    assert str(parameter) == 'force_frequencies[1]'
+    setup = SweepPlan(TWO, START, (axis_from_text('gap=1,2', TWO),)).setup
+    settings = [(parameter, 7.0), (SweptParameter('force_amplitudes', 0), 4.0)]
+    rig = setup.varied(settings).parameters
     assert rig.force_frequencies == (1.0, 7.0)
     assert rig.force_amplitudes == (4.0, 2.0)
 
@@ -64,16 +67,16 @@ def test_entries_of_arrays():
         ('gab=1:2:3', r"'gab' is not a parameter of the rig: did you mean gap\?"),
         ('gap', 'give NAME=LOW:HIGH:COUNT'),
         ('gap=1:2', 'give LOW:HIGH:COUNT'),
-        ('gap=1:2:0', '0 values: give a whole number of them from 1'),
+        ('gap=1:2:0', '0 values: give a whole number from 1'),
         ('gap=1:2:2.5', r'2\.5 values: give a whole number'),
         ('gap=1:2:1', 'one value cannot reach from 1 to 2'),
-        ('gap=2:2:5', 'is no range: give two different ends'),
+        ('gap=2:2:5', 'is not a range: give two different ends'),
         ('gap=nan:2:5', "'nan' is not a finite number"),
         ('gap=1:inf:5', "'inf' is not a finite number"),
         ('gap=1:x:5', "'x' is not a number"),
         ('gap=', 'there are no values'),
         ('gap=1,,nan', "'nan' is not a finite number"),
-        ('gap=1,1', 'stands there twice'),
+        ('gap=1,1', 'the value 1.0 is given twice'),
         ('gap=0:2:5:log', 'a logarithmic range needs positive ends'),
         ('gap=1:2:5:cubic', "spacing 'cubic': give linear or log"),
         ('gap=true,false', 'gap takes numbers, not'),
@@ -82,7 +85,7 @@ def test_entries_of_arrays():
         ('force_phases[1]=1:2:3', r'has 1 entry in this rig: give force_phases\[0\]'),
         ('multisine_lines=1:2:3', r'multisine_lines takes whole numbers, not 1\.5'),
         ('sweep_mode=up,down', 'sweep_mode is a text and has no range'),
-        ('gap=gap=1:2:3', 'a name stands there twice'),
+        ('gap=gap=1:2:3', 'the same name is given twice'),
         ('gap=initial_damper_offset=1:2:3', 'cannot share values'),
     ],
 )

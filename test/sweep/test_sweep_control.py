@@ -7,21 +7,20 @@ import numpy as np
 import pandas as pd
 import pytest
 from control.controlled_rigs import IDEAL, TRIAL, control
-from sweep.shuffled_executor import Shuffled
+from sweep.made_tables import Shuffled, table_of
 
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.orbits.rhythm import MotionKind
-from impact_damper_ros.orbits.settling_rig import EndlessEventsError, Settling
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.orbits.settling import EndlessEventsError, Settling
 from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.sweep.columns import columns_of
-from impact_damper_ros.sweep.execution import Here, run_sweep
-from impact_damper_ros.sweep.optimum import find_optimum, summary_of, summary_text
+from impact_damper_ros.sweep.execution import rig_row
+from impact_damper_ros.sweep.optimum import find_optimum
 from impact_damper_ros.sweep.plan import AxisError, Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.steady_state import steady_state
-from impact_damper_ros.sweep.table import SweepTable, write_table
-from impact_damper_ros.sweep.work import Journal, journal_path, rig_row
+from impact_damper_ros.sweep.summary import summary_of, summary_text
+from impact_damper_ros.sweep.table import SweepTable, columns_of
 
 pytest.importorskip('pyarrow')
 
@@ -45,14 +44,6 @@ FOLLOWED = plan_of(
     follow=Follow.BOTH,
     settling=Settling(cycles=60, watch=21, section=10),
 )
-
-
-def table_of(plan, path, executor=None, **options):
-    with Journal(journal_path(path), plan.inputs()) as journal:
-        run_sweep(plan, journal, executor or Here(), **{'at_once': 1, **options})
-        write_table(plan, journal, path)
-    journal_path(path).unlink()
-    return path.read_bytes()
 
 
 def sampled_rms(law, cycles, watched):
@@ -125,13 +116,13 @@ def test_rows_of_varied_control(tmp_path):
 
 
 def test_followed_rigs_take_over_rig_and_control():
-    row, state = rig_row(TRIAL, START, (), BRIEF, None, TIMED)
+    plan = plan_of('gap_control_park=1.4,1.6', follow=Follow.UP)
+    row, state = rig_row(plan.setup, ())
     assert state['time'] == pytest.approx(math.tau * (row['settling_cycles'] + 3))
     assert state['gap_control']['state']['roused'] is True
-    plan = plan_of('gap_control_park=1.4,1.6', follow=Follow.UP)
-    settings = plan.settings(plan.point(1))
-    following, _ = rig_row(TRIAL, START, settings, BRIEF, state, TIMED)
-    fresh, _ = rig_row(TRIAL, START, settings, BRIEF, None, TIMED)
+    settings = plan.settings(plan.point(1).values)
+    following, _ = rig_row(plan.setup, settings, state)
+    fresh, _ = rig_row(plan.setup, settings)
     assert following['settled']
     assert following['x_max'] == pytest.approx(fresh['x_max'], rel=1e-6)
     assert following['settling_cycles'] <= fresh['settling_cycles']
@@ -176,11 +167,11 @@ def test_the_optimum_of_a_control_lies_between_the_values_of_the_grid(tmp_path, 
     assert 21.0 < found.values[0] < 26.0
     # Nothing lies between two seeds
     assert found.values[1] == 0.0
-    fine, settings = [], plan.settings(plan.point(found.point))[1:]
+    fine, settings = [], plan.settings(plan.point(found.point).values)[1:]
     state = json.loads(table.texts('state')[found.point])
     for speed in (*np.linspace(18.0, 30.0, 7), found.values[0]):
-        varied = [(plan.axes[0].targets[0], float(speed)), *settings]
-        fine.append(rig_row(TRIAL, START, varied, BRIEF, state, law)[0]['x_rms'])
+        varied = [(plan.axes[0].parameters[0], float(speed)), *settings]
+        fine.append(rig_row(plan.setup, varied, state)[0]['x_rms'])
     assert fine[-1] == found.value <= min(fine)
 
 

@@ -11,21 +11,16 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from control.controlled_rigs import TRIAL, control
+from sweep.made_tables import table_of
 
 import impact_damper_ros
 from impact_damper_ros.cli.sweep_rig import main
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.sweep.execution import (
-    DaskWorkers,
-    Here,
-    LocalWorkers,
-    WorkersError,
-    run_sweep,
-)
+from impact_damper_ros.sweep.execution import DaskWorkers, LocalWorkers, WorkersError, run_sweep
+from impact_damper_ros.sweep.journal import Journal, journal_path
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
 from impact_damper_ros.sweep.table import write_table
-from impact_damper_ros.sweep.work import Journal, journal_path
 
 Client = pytest.importorskip('distributed').Client
 pytest.importorskip('pyarrow')
@@ -57,12 +52,12 @@ CONTROLLED = SweepPlan(
 )
 
 
-def table_of(plan, path, workers):
+def table_by(plan, path, workers):
     """Return the bytes of the table that some workers make."""
-    with workers, Journal(journal_path(path), plan.inputs()) as journal:
-        run_sweep(plan, journal, workers, at_once=lambda: workers.at_once, losses=workers.losses)
-        write_table(plan, journal, path)
-    return path.read_bytes()
+    with workers:
+        return table_of(
+            *(plan, path, workers), at_once=lambda: workers.at_once, losses=workers.losses
+        )
 
 
 def start(stack, module, *arguments):
@@ -125,8 +120,8 @@ def test_command_runs_on_a_cluster(cluster, tmp_path):
 def test_controlled_rigs_on_a_cluster(cluster, tmp_path):
     """As by local processes, to the last byte; some of the rigs cannot be."""
     address, _ = cluster
-    local = table_of(CONTROLLED, tmp_path / 'local.parquet', LocalWorkers(2))
-    assert table_of(CONTROLLED, tmp_path / 'there.parquet', DaskWorkers(address)) == local
+    local = table_by(CONTROLLED, tmp_path / 'local.parquet', LocalWorkers(2))
+    assert table_by(CONTROLLED, tmp_path / 'there.parquet', DaskWorkers(address)) == local
     table = pd.read_parquet(tmp_path / 'there.parquet')
     assert list(table.direction) == ['up'] * 6 + ['down'] * 6
     assert list(table.ok) == [True, False] * 6
@@ -145,7 +140,7 @@ def test_no_scheduler_at_the_address(tmp_path, capsys, monkeypatch):
 def test_a_killed_worker_leaves_no_trace_in_the_table(cluster, tmp_path):
     address, processes = cluster
     here, there = tmp_path / 'here.parquet', tmp_path / 'there.parquet'
-    table_of(PLAN, here, Here())
+    table_of(PLAN, here)
     killed = []
     with (
         DaskWorkers(address) as workers,

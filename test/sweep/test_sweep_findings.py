@@ -5,22 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sweep.made_tables import table_of
 
 from impact_damper_ros.orbits import optimal_gap
-from impact_damper_ros.orbits.settling_rig import Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.sweep.columns import FAILED, identified
-from impact_damper_ros.sweep.execution import Here, run_sweep
-from impact_damper_ros.sweep.optimum import (
-    Best,
-    attractors_of,
-    find_optimum,
-    summary_of,
-    summary_text,
-)
+from impact_damper_ros.sweep.optimum import Best, find_optimum
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
-from impact_damper_ros.sweep.table import SweepTable, write_table
-from impact_damper_ros.sweep.work import Journal, journal_path
+from impact_damper_ros.sweep.summary import attractors_of, summary_of, summary_text
+from impact_damper_ros.sweep.table import FAILED, SweepTable, attractor_numbers
 
 pytest.importorskip('pyarrow')
 
@@ -35,9 +28,7 @@ def swept(tmp_path, *ranges, rig=RIG, start=START, follow=Follow.NONE, failing=N
         first = replace(first, values=(failing, *first.values))
     plan = SweepPlan(rig, start, (first, *others), follow, Settling(**settling))
     path = tmp_path / 'sweep.parquet'
-    with Journal(journal_path(path), plan.inputs()) as journal:
-        run_sweep(plan, journal, Here(), at_once=1)
-        write_table(plan, journal, path)
+    table_of(plan, path)
     return SweepTable(path)
 
 
@@ -87,7 +78,7 @@ def row(x, *, motion='periodic', period=1, stops='1,2', impacts=2, offset=0.0):
     }
 
 
-def test_attractors_are_told_apart_by_their_sections():
+def test_attractors_are_distinguished_by_their_sections():
     rig = ('a rig',)
     rows = [
         row(1.0),
@@ -102,10 +93,14 @@ def test_attractors_are_told_apart_by_their_sections():
         row(7.0, impacts=0, stops='', offset=2.0),
         row(2.0),
     ]
-    numbers = identified((rig, one) for one in rows)
+    numbers = attractor_numbers((rig, one) for one in rows)
     assert list(numbers) == [4, 0, 0, 1, 1, FAILED, 2, 2, 3, 3, 0]
     # Other rigs have numbers of their own
-    assert list(identified([(1.0, row(1.0)), (2.0, row(2.0)), (2.0, row(1.0))])) == [0, 0, 1]
+    assert list(attractor_numbers([(1.0, row(1.0)), (2.0, row(2.0)), (2.0, row(1.0))])) == [
+        0,
+        0,
+        1,
+    ]
 
 
 def test_optimum_gap_is_that_of_the_theory(tmp_path):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.report.drawing import BLUE, ORANGE, blank_figure, finish_panel
 
-from .findings import LevelSweep, Results, broadband, level_sweep
+from .findings import LAW_LABELS, LevelSweep, Results, broadband, level_sweep
 from .runs import (
     ANGLES,
     LAWS,
@@ -17,8 +17,7 @@ from .runs import (
     SENSITIVITIES,
     Extent,
     ideal_ratio,
-    sensitivity_values,
-    sweep_frequencies,
+    stepped_frequencies,
 )
 
 if TYPE_CHECKING:
@@ -29,21 +28,11 @@ __all__ = ['FIGURES']
 
 _GREY = '#777777'
 _STYLES: dict[str, dict[str, Any]] = {
-    'fixed': {'color': _GREY, 'marker': 's', 'label': 'fixed gap, tuned at 1 N'},
-    'amplitude symmetric': {
-        'color': ORANGE,
-        'marker': '^',
-        'linestyle': '--',
-        'label': 'amplitude, symmetric stops',
-    },
-    'amplitude': {'color': ORANGE, 'marker': 'o', 'label': 'amplitude, independent stops'},
-    'timed symmetric': {
-        'color': BLUE,
-        'marker': '^',
-        'linestyle': '--',
-        'label': 'timed, symmetric stops',
-    },
-    'timed': {'color': BLUE, 'marker': 'o', 'label': 'timed, independent stops'},
+    'fixed': {'color': _GREY, 'marker': 's'},
+    'amplitude symmetric': {'color': ORANGE, 'marker': '^', 'linestyle': '--'},
+    'amplitude': {'color': ORANGE, 'marker': 'o'},
+    'timed symmetric': {'color': BLUE, 'marker': '^', 'linestyle': '--'},
+    'timed': {'color': BLUE, 'marker': 'o'},
 }
 _MARKS: dict[str, Any] = {'markersize': 4.2, 'markerfacecolor': 'white', 'linewidth': 1.4}
 
@@ -58,7 +47,7 @@ def _log_ticks(axis: Any, values: Sequence[float]) -> None:
 
 def _draw_levels(axes: Any, sweep: LevelSweep, panel: str) -> None:
     for name, ratios in sweep.ratios.items():
-        axes.plot(sweep.levels, ratios, **{**_MARKS, **_STYLES[name]})
+        axes.plot(sweep.levels, ratios, label=LAW_LABELS[name], **_MARKS, **_STYLES[name])
     axes.plot(sweep.levels, sweep.ideal, color='black', linewidth=1.0, label='ideal')
     axes.set_xscale('log')
     axes.set_yscale('log')
@@ -69,7 +58,7 @@ def _draw_levels(axes: Any, sweep: LevelSweep, panel: str) -> None:
     _log_ticks(axes.yaxis, [v for v in ticks if low <= v <= high])
 
 
-def draw_levels(results: Results, extent: Extent) -> Figure:
+def _draw_levels_figure(results: Results, extent: Extent) -> Figure:
     """Draw the level sweep of the horizontal rig."""
     figure = blank_figure(6.0, 4.2)
     axes = figure.subplots()
@@ -78,7 +67,7 @@ def draw_levels(results: Results, extent: Extent) -> Figure:
     return figure
 
 
-def draw_inclines(results: Results, extent: Extent) -> Figure:
+def _draw_inclines(results: Results, extent: Extent) -> Figure:
     """Draw the level sweeps on inclines."""
     figure = blank_figure(9.0, 4.4)
     panels = figure.subplots(1, len(ANGLES), sharey=True)
@@ -91,7 +80,7 @@ def draw_inclines(results: Results, extent: Extent) -> Figure:
     return figure
 
 
-def draw_broadband(results: Results, extent: Extent) -> Figure:
+def _draw_broadband(results: Results, extent: Extent) -> Figure:
     """Draw rms against the fixed gap, and the ratios of each law and seed."""
     found = broadband(results, extent)
     figure = blank_figure(9.0, 4.0)
@@ -106,7 +95,7 @@ def draw_broadband(results: Results, extent: Extent) -> Figure:
     for name in LAWS:
         mean = fmean(results['broadband', name, seed].rms for seed in extent.seeds)
         style = {k: v for k, v in _STYLES[name].items() if k != 'marker'}
-        left.axhline(mean, **style)
+        left.axhline(mean, label=LAW_LABELS[name], **style)
     left.set_ylim(bottom=0.0)
     finish_panel(left, 'a', 'fixed gap [m]', 'rms of X [m]')
     for k, name in enumerate(LAWS):
@@ -138,9 +127,9 @@ def draw_broadband(results: Results, extent: Extent) -> Figure:
     return figure
 
 
-def draw_sweep(results: Results, extent: Extent) -> Figure:
+def _draw_stepped_sine(results: Results, extent: Extent) -> Figure:
     """Draw the response to the stepped sine, up and down."""
-    frequencies = sweep_frequencies(extent)
+    frequencies = stepped_frequencies(extent)
     turn = len(frequencies) // 2 + 1
     figure = blank_figure(6.0, 4.2)
     axes = figure.subplots()
@@ -150,10 +139,10 @@ def draw_sweep(results: Results, extent: Extent) -> Figure:
     ]
     axes.plot(frequencies[:turn], alone, color='black', linewidth=0.9, label='without impacts')
     for name in ('fixed', 'amplitude', 'timed'):
-        peaks = results['sweep', name].peaks
-        style = {k: v for k, v in _STYLES[name].items() if k not in ('linestyle', 'label')}
-        label = _STYLES[name]['label']
-        axes.plot(frequencies[:turn], peaks[:turn], label=f'{label}: up', **style, **_MARKS)
+        peaks = results['stepped', name].peaks
+        style = {k: v for k, v in _STYLES[name].items() if k != 'linestyle'}
+        up = f'{LAW_LABELS[name]}: up'
+        axes.plot(frequencies[:turn], peaks[:turn], label=up, **style, **_MARKS)
         down = {**_MARKS, 'linestyle': '--', 'markersize': 2.5}
         axes.plot(frequencies[turn - 1 :], peaks[turn - 1 :], label='down', **style, **down)
     axes.set_yscale('log')
@@ -163,14 +152,14 @@ def draw_sweep(results: Results, extent: Extent) -> Figure:
     return figure
 
 
-def draw_load(results: Results, extent: Extent) -> Figure:
+def _draw_load(results: Results, extent: Extent) -> Figure:
     """Draw the run in which the force changes."""
     figure = blank_figure(7.5, 3.6)
     axes = figure.subplots()
     for name in ('fixed', 'amplitude', 'timed'):
         peaks = results['load', name].peaks
-        label = _STYLES[name]['label']
-        axes.plot(peaks, color=_STYLES[name]['color'], linewidth=1.2, label=label)
+        color = _STYLES[name]['color']
+        axes.plot(peaks, color=color, linewidth=1.2, label=LAW_LABELS[name])
     span = extent.load_span
     for k, level in enumerate((1.0, 4.0, 0.25)):
         ideal = ideal_ratio(RIG) * RIG.response_amplitude * level
@@ -196,8 +185,8 @@ _SENSITIVITY_LABELS = {
 }
 
 
-def draw_sensitivities(results: Results, extent: Extent) -> Figure:
-    """Draw what delay, speed, noise and sampling make of the laws."""
+def _draw_sensitivities(results: Results, extent: Extent) -> Figure:
+    """Draw the effect of delay, speed, noise and sampling on the laws."""
     found = broadband(results, extent)
     ideal = ideal_ratio(RIG) * RIG.response_amplitude / math.sqrt(2.0)
     figure = blank_figure(9.0, 6.4)
@@ -208,7 +197,7 @@ def draw_sensitivities(results: Results, extent: Extent) -> Figure:
                 ('sensitivity', ideal, {'linestyle': '-', 'marker': 'o'}),
                 ('sensitivity broadband', found.rms[0], {'linestyle': '--', 'marker': 'D'}),
             ):
-                values = [v for v in sensitivity_values(what) if (part, what, name, v) in results]
+                values = [v for v in SENSITIVITIES[what] if (part, what, name, v) in results]
                 if not values:
                     continue
                 ratios = [results[part, what, name, v].rms / reference for v in values]
@@ -222,7 +211,7 @@ def draw_sensitivities(results: Results, extent: Extent) -> Figure:
                 )
         if what in ('speed', 'sampling'):
             axes.set_xscale('log', base=2)
-            _log_ticks(axes.xaxis, sensitivity_values(what))
+            _log_ticks(axes.xaxis, SENSITIVITIES[what])
         axes.set_yscale('log')
         axes.axhline(1.15, color='0.4', linewidth=0.8, linestyle=':')
         axes.axhline(0.85, color='0.4', linewidth=0.8, linestyle=(0, (5, 3)))
@@ -237,10 +226,10 @@ def draw_sensitivities(results: Results, extent: Extent) -> Figure:
 
 #: Figures by the names of their files.
 FIGURES: dict[str, Callable[[Results, Extent], Figure]] = {
-    'level': draw_levels,
-    'broadband': draw_broadband,
-    'sweep': draw_sweep,
-    'load': draw_load,
-    'incline': draw_inclines,
-    'sensitivity': draw_sensitivities,
+    'level': _draw_levels_figure,
+    'broadband': _draw_broadband,
+    'stepped_sine': _draw_stepped_sine,
+    'load': _draw_load,
+    'incline': _draw_inclines,
+    'sensitivity': _draw_sensitivities,
 }

@@ -1,4 +1,4 @@
-"""What the gap control study found: comparisons, and verdicts on its targets."""
+"""The findings of the gap control study: comparisons of the laws, and its targets."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from .runs import ANGLES, LAWS, Extent, Response, ideal_ratio, inclined_rig
+from .runs import ANGLES, LAWS, Extent, Measured, ideal_ratio, inclined_rig
 
 __all__ = [
+    'LAW_LABELS',
     'Broadband',
     'LevelSweep',
     'Results',
@@ -21,34 +22,32 @@ __all__ = [
 ]
 
 
-Results = Mapping[tuple[object, ...], Response]
+#: The laws in tables and legends.
+LAW_LABELS = {
+    'fixed': 'fixed gap, tuned at 1 N',
+    'amplitude symmetric': 'amplitude, symmetric stops',
+    'amplitude': 'amplitude, independent stops',
+    'timed symmetric': 'timed, symmetric stops',
+    'timed': 'timed, independent stops',
+}
+#: Results of the runs by their keys.
+Results = Mapping[tuple[object, ...], Measured]
 
 
 @dataclass(frozen=True)
 class LevelSweep:
-    """
-    A sweep over the level of the force at resonance.
+    """Runs at several levels of the force at resonance."""
 
-    Attributes
-    ----------
-    levels : tuple of float
-        N.
-    tuned : float
-        The best fixed gap at level 1, over the optimal gap of the ideal amplitude there.
-    ratios : dict
-        Amplitude (rms times sqrt 2) over that without impacts, by law, at each level.
-    ideal : tuple of float
-        The same at best, by closed form.
-    """
-
+    #: N.
     levels: tuple[float, ...]
-    tuned: float
+    #: Amplitude (rms times sqrt 2) over that without impacts, by law, at each level.
     ratios: dict[str, tuple[float, ...]]
+    #: The least possible ratio, in closed form.
     ideal: tuple[float, ...]
 
 
 def tuned_shares(results: Results, extent: Extent) -> dict[int, float]:
-    """Return the best fixed gap of each angle at level 1, from the runs that look for it."""
+    """Return the best fixed gap at 1 N for each angle, relative to the ideal, from tuning runs."""
 
     def best(angle: int) -> float:
         return min(extent.gaps, key=lambda share: results['tuning', angle, share].rms)
@@ -57,7 +56,7 @@ def tuned_shares(results: Results, extent: Extent) -> dict[int, float]:
 
 
 def level_sweep(results: Results, extent: Extent, angle: int = 0) -> LevelSweep:
-    """Return the level sweep of the rig at an angle."""
+    """Return the results over the level of the force, for the rig at an angle."""
     rig = inclined_rig(angle)
     forced = [rig.replace(force_amplitudes=[level]) for level in extent.levels]
     ratios = {
@@ -67,28 +66,18 @@ def level_sweep(results: Results, extent: Extent, angle: int = 0) -> LevelSweep:
         )
         for one in ('fixed', *LAWS)
     }
-    share = tuned_shares(results, extent)[angle]
-    return LevelSweep(extent.levels, share, ratios, tuple(map(ideal_ratio, forced)))
+    return LevelSweep(extent.levels, ratios, tuple(map(ideal_ratio, forced)))
 
 
 @dataclass(frozen=True)
 class Broadband:
-    """
-    Broadband runs.
+    """Runs under broadband excitation."""
 
-    Attributes
-    ----------
-    best : float
-        The fixed gap with the smallest rms in the mean of the seeds, m.
-    rms, peak : tuple of float
-        With that gap, by seed, m.
-    ratios : dict
-        Ratios of rms and of peak to those, by law, for each seed.
-    """
-
+    #: The fixed gap with the smallest rms in the mean over the seeds, m.
     best: float
+    #: The rms with that gap, by seed, m.
     rms: tuple[float, ...]
-    peak: tuple[float, ...]
+    #: Ratios of rms and of peak to those with that gap, by law, for each seed.
     ratios: dict[str, tuple[tuple[float, float], ...]]
 
 
@@ -106,27 +95,14 @@ def broadband(results: Results, extent: Extent) -> Broadband:
         ratios[one] = tuple(
             (run.rms / ref.rms, run.peak / ref.peak) for run, ref in zip(runs, fixed, strict=True)
         )
-    return Broadband(
-        best, tuple(run.rms for run in fixed), tuple(run.peak for run in fixed), ratios
-    )
+    return Broadband(best, tuple(run.rms for run in fixed), ratios)
 
 
 @dataclass(frozen=True)
 class Target:
-    """
-    A target of the control, and what was reached.
+    """An upper limit that the control should reach, and the value found."""
 
-    Attributes
-    ----------
-    words : str
-        What is asked.
-    limit : float
-        At most this.
-    reached : float
-        What was found.
-    """
-
-    words: str
+    text: str
     limit: float
     reached: float
 
@@ -137,18 +113,18 @@ class Target:
 
 
 def _spread(values: Sequence[float]) -> float:
-    """Return by how much values differ from the middle of their range, relative to it."""
+    """Return half the range of values over its centre."""
     return (max(values) - min(values)) / (max(values) + min(values))
 
 
 def targets(results: Results, extent: Extent) -> list[Target]:
-    """Return the targets with what was reached."""
+    """Return the targets with the values reached."""
     level = level_sweep(results, extent)
     found = broadband(results, extent)
     timed = level.ratios['timed']
     return [
         Target(
-            'timed law at resonance: amplitude over the ideal ζ/(ζ + ζ_eq), at the worst level',
+            'timed law at resonance: amplitude over the ideal ζ/(ζ + ζ_eq), largest of all levels',
             1.15,
             max(a / b for a, b in zip(timed, level.ideal, strict=True)),
         ),
@@ -158,12 +134,12 @@ def targets(results: Results, extent: Extent) -> list[Target]:
             _spread(timed),
         ),
         Target(
-            'timed law, broadband: rms over that of the best fixed gap, mean of the seeds',
+            'timed law, broadband: rms over that with the best fixed gap, mean of the seeds',
             0.85,
             fmean(rms for rms, _ in found.ratios['timed']),
         ),
         Target(
-            'timed law, broadband: the same for the worst seed',
+            'timed law, broadband: the same, largest of the seeds',
             0.85,
             max(rms for rms, _ in found.ratios['timed']),
         ),

@@ -1,4 +1,4 @@
-"""The runs of the gap control study: which rigs run under which control, and what is measured."""
+"""The runs of the gap control study: rigs, their control, and what is measured of them."""
 
 from __future__ import annotations
 
@@ -13,15 +13,13 @@ from impact_damper_ros.rig.swing import Swing
 
 __all__ = [
     'ANGLES',
-    'BAND',
     'INCLINED',
     'LAWS',
     'RIG',
     'SENSITIVITIES',
     'Case',
     'Extent',
-    'Response',
-    'Shares',
+    'Measured',
     'all_cases',
     'broadband_rig',
     'ideal_amplitude',
@@ -29,8 +27,7 @@ __all__ = [
     'inclined_rig',
     'law',
     'run_case',
-    'sensitivity_values',
-    'sweep_frequencies',
+    'stepped_frequencies',
     'tuning_cases',
 ]
 
@@ -41,9 +38,9 @@ def ideal_amplitude(rig: RigParameters) -> float:
 
     Notes
     -----
-    m flies for half a cycle each way at a mean speed u in the laboratory, and loses L = friction
-    g cos(angle) pi/omega of its speed on the way, whichever way it goes; weight only makes the
-    two flights unequal, and to first order leaves their mean. With V the speed of M just before
+    m flies for half a cycle each way, and friction reduces its absolute speed u by L = friction
+    g cos(angle) pi/omega in each flight; weight makes the two flights unequal, and to first order
+    does not change their mean. With V the speed of M just before
     the impact, momentum and restitution give u_after = [(1 + R) V + (R - mu) u_before]/(1 + mu),
     and u_before = u_after - L. Two impulses m (u_before + u_after) per cycle at the peaks of X'
     act on the fundamental as a force of amplitude (omega/pi) times their sum, in phase with the
@@ -68,79 +65,53 @@ def ideal_amplitude(rig: RigParameters) -> float:
 
 
 def ideal_ratio(rig: RigParameters) -> float:
-    """Return that amplitude over the one without impacts."""
+    """Return the `ideal_amplitude` over the amplitude without impacts."""
     return ideal_amplitude(rig) / rig.response_amplitude
 
 
-#: Samples per natural period: the mean square of X is taken from them.
+#: Samples per natural period, for the mean square of X.
 _SAMPLES = 24
-#: Looks per natural period in a history.
-_HISTORY_PERIODS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """
-    One run.
+    """One run; the rig starts at rest."""
 
-    Attributes
-    ----------
-    key : tuple
-        What it is to be found by.
-    rig : RigParameters
-        The rig; it starts at rest.
-    control : GapControlParameters
-        Its control.
-    settle, watch : float
-        Natural periods before the measurement, and of it.
-    stretches : tuple of float
-        If given, the ends of stretches of time, s; the peak of the latter half of each is
-        measured instead of the whole.
-    levels : tuple of (float, float)
-        Natural period from which on the force has another amplitude, and that amplitude, N.
-    history : bool
-        Whether the largest |X| of each natural period is kept.
-    """
-
+    #: Identifies its result.
     key: tuple[object, ...]
     rig: RigParameters
     control: GapControlParameters = field(default_factory=GapControlParameters)
+    #: Natural periods before the measurement, and of it.
     settle: float = 200.0
     watch: float = 60.0
-    stretches: tuple[float, ...] = ()
+    #: Ends of intervals, s, if the peak in the latter half of each is measured instead.
+    intervals: tuple[float, ...] = ()
+    #: Natural periods at which the force takes another amplitude, N.
     levels: tuple[tuple[float, float], ...] = ()
+    #: Whether the largest |X| of each natural period is kept.
     history: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class Response:
-    """
-    What was measured.
+class Measured:
+    """The result of a run."""
 
-    Attributes
-    ----------
-    rms, peak : float
-        Root mean square and largest modulus of X, m.
-    impacts, commands : int
-        Impacts, and commands to the stops, in the measured time.
-    actuator_power, impact_power, dashpot_power : float
-        Mean power spent by both actuators, and taken by impacts and dashpot, W.
-    peaks : tuple of float
-        Largest |X| in the latter half of each stretch, or in each natural period, m.
-    """
-
+    #: Root mean square and largest modulus of X, m.
     rms: float
     peak: float
+    #: Impacts, and commands to the stops.
     impacts: int
     commands: int
+    #: Mean power spent by both actuators, and dissipated by impacts and dashpot, W.
     actuator_power: float
     impact_power: float
     dashpot_power: float
+    #: Largest |X| in the latter half of each interval, or in each natural period, m.
     peaks: tuple[float, ...] = ()
 
 
 def _impact_loss(rig: RigParameters, events: Sequence[Event]) -> float:
-    """Return the energy that impacts have taken, J."""
+    """Return the energy that impacts dissipate, J."""
     reduced = rig.damper_mass / (1.0 + rig.mass_ratio)
     lost = 0.0
     for event in events:
@@ -152,7 +123,7 @@ def _impact_loss(rig: RigParameters, events: Sequence[Event]) -> float:
 
 
 class _Meter:
-    """Advances a rig and measures it on the way."""
+    """Advance a rig and measure it on the way."""
 
     def __init__(self, case: Case) -> None:
         self.rig = ControlledRig(case.rig, control=case.control)
@@ -162,14 +133,14 @@ class _Meter:
         self.clear()
 
     def clear(self) -> None:
-        """Begin to measure."""
+        """Begin a measurement."""
         self.swing = Swing()
         self.squares = self.rates = self.lost = 0.0
         self.count = self.impacts = self.commands = 0
         self.spent = sum(self.rig.energies)
 
     def advance(self, ticks: int) -> None:
-        """Go on by so many samples."""
+        """Advance by some sampling intervals."""
         rig = self.rig
         for _ in range(ticks):
             if self.levels and self.ticks >= self.levels[0][0]:
@@ -186,10 +157,10 @@ class _Meter:
             self.commands += sum(r.action is Action.COMMAND for r in rig.records)
             self.count += 1
 
-    def response(self, peaks: Sequence[float] = ()) -> Response:
-        """Return what has been measured."""
+    def result(self, peaks: Sequence[float] = ()) -> Measured:
+        """Return the result since the last `clear`."""
         span = self.count * self.step
-        return Response(
+        return Measured(
             rms=math.sqrt(self.squares / self.count),
             peak=self.swing.largest,
             impacts=self.impacts,
@@ -201,89 +172,85 @@ class _Meter:
         )
 
 
-def run_case(case: Case) -> Response:
-    """Carry out a run."""
+def run_case(case: Case) -> Measured:
+    """Make a run."""
     meter = _Meter(case)
     peaks: list[float] = []
-    if case.stretches:
-        for begin, end in zip((0.0, *case.stretches), case.stretches, strict=False):
+    if case.intervals:
+        for begin, end in zip((0.0, *case.intervals), case.intervals, strict=False):
             half = round((0.5 * (begin + end)) / meter.step) - meter.ticks
             meter.advance(half)
             meter.clear()
             meter.advance(round(end / meter.step) - meter.ticks)
             peaks.append(meter.swing.largest)
-        return meter.response(peaks)
+        return meter.result(peaks)
     meter.advance(round(case.settle * _SAMPLES))
     meter.clear()
     if case.history:
-        for _ in range(round(case.watch / _HISTORY_PERIODS)):
-            meter.advance(round(_HISTORY_PERIODS * _SAMPLES))
+        for _ in range(round(case.watch)):
+            meter.advance(_SAMPLES)
             peaks.append(meter.swing.largest)
             meter.swing = Swing()
-        return meter.response(peaks)
+        return meter.result(peaks)
     meter.advance(round(case.watch * _SAMPLES))
-    return meter.response()
+    return meter.result()
 
 
-#: By angle, the best fixed gap at level 1, over the optimal gap of the ideal amplitude.
-Shares = Mapping[int, float]
+#: The best fixed gap at 1 N for each angle, over the optimal gap of the ideal amplitude.
+_Shares = Mapping[int, float]
 
-#: zeta = 0.01, mu = 0.1, R = 0.5, level, without friction; at resonance, X = 50 m per N if alone.
+#: zeta = 0.01, mu = 0.1, R = 0.5, level, no friction; at resonance 50 m/N without impacts.
 RIG = RigParameters(
     damping=0.02, damper_mass=0.1, restitution_1=0.5, restitution_2=0.5, gravity=0.0, gap=20.0
 )
 #: The basic rig of Bapat (1995), friction 0.5, g = 1 m/s^2.
 INCLINED = RigParameters(friction=0.5, gravity=1.0)
 ANGLES = (15, 45)
-#: Of the broadband excitation, rad/s.
-BAND = (0.5, 2.0)
+#: Frequencies of the broadband excitation, rad/s.
+_BAND = (0.5, 2.0)
 _LINES = 48
 LAWS = ('amplitude symmetric', 'amplitude', 'timed symmetric', 'timed')
-SENSITIVITIES = ('delay', 'speed', 'noise', 'sampling')
-#: Samples of the controller per natural period, unless that is what is varied.
+#: Disturbances and their values: natural periods, m/s, relative to the amplitude, per period.
+SENSITIVITIES: dict[str, tuple[float, ...]] = {
+    'delay': (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4),
+    'speed': (1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 32.0, 64.0),
+    'noise': (0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2),
+    'sampling': (6.0, 8.0, 12.0, 16.0, 20.0, 32.0, 64.0, 100.0),
+}
+#: Samples of the controller per natural period, unless they are varied.
 _RATE = 32
-_SWEEP_LOW, _SWEEP_HIGH = 0.8, 1.2
+#: Frequencies of the stepped sine, rad/s.
+_STEPPED_LOW, _STEPPED_HIGH = 0.8, 1.2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """
-    How much is run.
+    """The number and length of the runs; lengths are in natural periods."""
 
-    Attributes
-    ----------
-    levels : tuple of float
-        Force levels at resonance, N.
-    seeds : tuple of int
-        Of the broadband excitation.
-    gaps : tuple of float
-        Fixed gaps, over the optimal gap of the ideal amplitude at level 1.
-    broadband_gaps : tuple of float
-        Fixed gaps under broadband excitation, m.
-    settle, watch, broadband : float
-        Natural periods at resonance before and during the measurement, and under broadband.
-    sweep_step, sweep_dwell : float
-        Of the stepped sine: rad/s and natural periods.
-    load_span : float
-        Natural periods from one change of the load to the next.
-    """
-
+    #: Force levels at resonance, N.
     levels: tuple[float, ...] = tuple(2.0 ** (k / 2) for k in range(-4, 5))
+    #: Seeds of the broadband excitation.
     seeds: tuple[int, ...] = (1, 2, 3)
+    #: Fixed gaps, over the optimal gap of the ideal amplitude at 1 N.
     gaps: tuple[float, ...] = (0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05)
+    #: Fixed gaps under broadband excitation, m.
     broadband_gaps: tuple[float, ...] = (
         8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.0, 22.0, 25.0, 28.0, 32.0, 38.0,
     )  # fmt: skip
+    #: Before and during the measurement at resonance.
     settle: float = 240.0
     watch: float = 80.0
+    #: Under broadband excitation.
     broadband: float = 200.0
-    sweep_step: float = 0.01
-    sweep_dwell: float = 25.0
+    #: Step of the stepped sine, rad/s, and time at each frequency.
+    frequency_step: float = 0.01
+    frequency_dwell: float = 25.0
+    #: From one change of the load to the next.
     load_span: float = 120.0
 
     @classmethod
     def quick(cls) -> Extent:
-        """Return a look at each part, in a few seconds."""
+        """Return a few short runs of each part."""
         return cls(
             levels=(0.25, 1.0, 4.0),
             seeds=(1,),
@@ -292,13 +259,22 @@ class Extent:
             settle=160.0,
             watch=40.0,
             broadband=130.0,
-            sweep_step=0.1,
-            sweep_dwell=20.0,
+            frequency_step=0.1,
+            frequency_dwell=20.0,
         )
+
+    def at_resonance(self, key: tuple[object, ...], rig: RigParameters, **values: Any) -> Case:
+        """Return a run at resonance."""
+        return Case(key=key, rig=rig, settle=self.settle, watch=self.watch, **values)
+
+    def under_broadband(self, key: tuple[object, ...], seed: int, **values: Any) -> Case:
+        """Return a run under broadband excitation."""
+        given = {'rig': broadband_rig(seed), **values}
+        return Case(key=key, settle=0.1 * self.broadband, watch=0.9 * self.broadband, **given)
 
 
 def law(name: str, rig: RigParameters, **values: Any) -> GapControlParameters:
-    """Return the control of a law named as in `LAWS`, for the study's rigs."""
+    """Return the control for a law named as in `LAWS`."""
     mode, _, stops = name.partition(' ')
     given: dict[str, Any] = {'gap_control_rate': _RATE * rig.omega / math.tau, **values}
     return GapControlParameters(
@@ -311,102 +287,81 @@ def broadband_rig(seed: int) -> RigParameters:
     return RIG.replace(
         force_amplitudes=[0.0],
         multisine_level=1.0,
-        multisine_low=BAND[0],
-        multisine_high=BAND[1],
+        multisine_low=_BAND[0],
+        multisine_high=_BAND[1],
         multisine_lines=_LINES,
         multisine_seed=seed,
     )
 
 
-def sweep_frequencies(extent: Extent) -> tuple[float, ...]:
+def stepped_frequencies(extent: Extent) -> tuple[float, ...]:
     """Return the frequencies of the stepped sine, up and down, rad/s."""
-    count = round((_SWEEP_HIGH - _SWEEP_LOW) / extent.sweep_step)
-    up = [_SWEEP_LOW + k * extent.sweep_step for k in range(count + 1)]
+    count = round((_STEPPED_HIGH - _STEPPED_LOW) / extent.frequency_step)
+    up = [_STEPPED_LOW + k * extent.frequency_step for k in range(count + 1)]
     return (*up, *reversed(up[:-1]))
 
 
-def _tuned(rig: RigParameters, share: float) -> float:
-    """Return a share of the optimal gap of the ideal amplitude, m."""
+def _gap(rig: RigParameters, share: float) -> float:
+    """Return a share of the optimal gap for the ideal amplitude, m."""
     return share * damper_of(rig).optimal_gap(ideal_amplitude(rig), math.inf)
 
 
 def inclined_rig(angle: int) -> RigParameters:
-    """Return the rig of an angle, degrees: the level one, or that with weight and friction."""
+    """Return the rig for an angle, degrees: `RIG` if level, else `INCLINED`."""
     return INCLINED.replace(angle=math.radians(angle)) if angle else RIG
 
 
 def tuning_cases(extent: Extent) -> list[Case]:
-    """Return the runs that find the best fixed gap at level 1, of the level and inclined rigs."""
+    """Return the runs that find the best fixed gap at 1 N, of the level and inclined rigs."""
+    rigs = {angle: inclined_rig(angle) for angle in (0, *ANGLES)}
     return [
-        Case(
-            key=('tuning', angle, share),
-            rig=rig.replace(gap=_tuned(rig, share)),
-            settle=extent.settle,
-            watch=extent.watch,
-        )
-        for angle in (0, *ANGLES)
-        for rig in (inclined_rig(angle),)
+        extent.at_resonance(('tuning', angle, share), rig.replace(gap=_gap(rig, share)))
+        for angle, rig in rigs.items()
         for share in extent.gaps
     ]
 
 
-def _level_cases(angle: int, extent: Extent, shares: Shares) -> Iterator[Case]:
+def _level_cases(angle: int, extent: Extent, shares: _Shares) -> Iterator[Case]:
     rig = inclined_rig(angle)
-    base = Case(key=(), rig=rig, settle=extent.settle, watch=extent.watch)
     for level in extent.levels:
         forced = rig.replace(force_amplitudes=[level])
-        fixed = forced.replace(gap=_tuned(rig, shares[angle]))
-        yield replace(base, key=('level', angle, 'fixed', level), rig=fixed)
+        fixed = forced.replace(gap=_gap(rig, shares[angle]))
+        yield extent.at_resonance(('level', angle, 'fixed', level), fixed)
         for one in LAWS:
-            key = ('level', angle, one, level)
-            yield replace(base, key=key, rig=forced, control=law(one, rig))
-
-
-def _broadband_case(seed: int, extent: Extent, **values: Any) -> Case:
-    return Case(
-        **{
-            'key': (),
-            'rig': broadband_rig(seed),
-            'settle': 0.1 * extent.broadband,
-            'watch': 0.9 * extent.broadband,
-            **values,
-        }
-    )
+            yield extent.at_resonance(('level', angle, one, level), forced, control=law(one, rig))
 
 
 def _broadband_cases(extent: Extent) -> Iterator[Case]:
     for seed in extent.seeds:
-        rig = broadband_rig(seed)
         for gap in extent.broadband_gaps:
-            key = ('broadband', 'fixed', gap, seed)
-            yield _broadband_case(seed, extent, key=key, rig=rig.replace(gap=gap))
+            rig = broadband_rig(seed).replace(gap=gap)
+            yield extent.under_broadband(('broadband', 'fixed', gap, seed), seed, rig=rig)
         for one in LAWS:
-            key_2 = ('broadband', one, seed)
-            yield _broadband_case(seed, extent, key=key_2, control=law(one, RIG))
+            yield extent.under_broadband(('broadband', one, seed), seed, control=law(one, RIG))
 
 
-def _sweep_cases(extent: Extent, shares: Shares) -> Iterator[Case]:
-    dwell = extent.sweep_dwell * math.tau
-    count = len(sweep_frequencies(extent))
-    swept = RIG.replace(
+def _stepped_cases(extent: Extent, shares: _Shares) -> Iterator[Case]:
+    dwell = extent.frequency_dwell * math.tau
+    count = len(stepped_frequencies(extent))
+    stepped = RIG.replace(
         sweep_mode='up_down',
-        sweep_low=_SWEEP_LOW,
-        sweep_high=_SWEEP_HIGH,
-        sweep_step=extent.sweep_step,
+        sweep_low=_STEPPED_LOW,
+        sweep_high=_STEPPED_HIGH,
+        sweep_step=extent.frequency_step,
         sweep_dwell=dwell,
-        gap=_tuned(RIG, shares[0]),
+        gap=_gap(RIG, shares[0]),
     )
-    stretches = tuple(dwell * (k + 1) for k in range(count))
-    yield Case(key=('sweep', 'fixed'), rig=swept, stretches=stretches)
+    intervals = tuple(dwell * (k + 1) for k in range(count))
+    yield Case(key=('stepped', 'fixed'), rig=stepped, intervals=intervals)
     for one in ('amplitude', 'timed'):
-        yield Case(key=('sweep', one), rig=swept, stretches=stretches, control=law(one, RIG))
+        yield Case(key=('stepped', one), rig=stepped, intervals=intervals, control=law(one, RIG))
 
 
-def _load_cases(extent: Extent, shares: Shares) -> Iterator[Case]:
+def _load_cases(extent: Extent, shares: _Shares) -> Iterator[Case]:
     span = extent.load_span
     base = Case(
         key=(),
-        rig=RIG.replace(gap=_tuned(RIG, shares[0])),
+        rig=RIG.replace(gap=_gap(RIG, shares[0])),
         settle=0.0,
         watch=3.0 * span,
         levels=((span, 4.0), (2.0 * span, 0.25)),
@@ -417,73 +372,40 @@ def _load_cases(extent: Extent, shares: Shares) -> Iterator[Case]:
         yield replace(base, key=('load', one), control=law(one, RIG))
 
 
-def sensitivity_values(what: str) -> tuple[float, ...]:
-    """Return the values of a sensitivity: natural periods, m/s, part of the amplitude, 1."""
+def _disturbed(what: str, value: float) -> dict[str, float]:
+    """Return the parameters of control and actuators for a disturbance."""
+    # Relative to X, and to its rate
+    spread = value * ideal_amplitude(RIG)
     return {
-        'delay': (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4),
-        'speed': (1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 32.0, 64.0),
-        'noise': (0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2),
-        'sampling': (6.0, 8.0, 12.0, 16.0, 20.0, 32.0, 64.0, 100.0),
+        'delay': {'actuator_delay': value * math.tau},
+        'speed': {'actuator_speed': value},
+        'noise': {'gap_control_noise_position': spread, 'gap_control_noise_velocity': spread},
+        'sampling': {'gap_control_rate': value / math.tau},
     }[what]
 
 
-def _disturbed(what: str, value: float) -> dict[str, Any]:
-    if what == 'delay':
-        return {'actuator_delay': value * math.tau}
-    if what == 'speed':
-        return {'actuator_speed': value}
-    if what == 'noise':
-        # Of X over its amplitude, and of X' over that of X', at the ideal
-        spread = value * ideal_amplitude(RIG)
-        return {'gap_control_noise_position': spread, 'gap_control_noise_velocity': spread}
-    return {'gap_control_rate': value / math.tau}
-
-
 def _sensitivity_cases(extent: Extent) -> Iterator[Case]:
-    for what in SENSITIVITIES:
-        values = sensitivity_values(what)
+    for what, values in SENSITIVITIES.items():
         for value in values if len(extent.seeds) > 1 else values[2:4]:
             for one in ('amplitude', 'timed'):
                 control = law(one, RIG, **_disturbed(what, value))
-                yield Case(
-                    key=('sensitivity', what, one, value),
-                    rig=RIG,
-                    control=control,
-                    settle=extent.settle,
-                    watch=extent.watch,
-                )
-                if one == 'timed':
-                    key = ('sensitivity broadband', what, one, value)
-                    yield _broadband_case(extent.seeds[0], extent, key=key, control=control)
+                yield extent.at_resonance(('sensitivity', what, one, value), RIG, control=control)
+            key = ('sensitivity broadband', what, 'timed', value)
+            yield extent.under_broadband(key, extent.seeds[0], control=control)
 
 
 def _energy_cases(extent: Extent) -> Iterator[Case]:
     for one in ('amplitude', 'timed'):
         control = law(one, RIG, actuator_speed=16.0, actuator_mass=0.01)
-        yield Case(
-            key=('energy', 'resonance', one),
-            rig=RIG,
-            control=control,
-            settle=extent.settle,
-            watch=extent.watch,
-        )
+        yield extent.at_resonance(('energy', 'resonance', one), RIG, control=control)
         key = ('energy', 'broadband', one)
-        yield _broadband_case(extent.seeds[0], extent, key=key, control=control)
+        yield extent.under_broadband(key, extent.seeds[0], control=control)
 
 
-def all_cases(extent: Extent, shares: Shares) -> list[Case]:
-    """
-    Return all other runs, those that take longest first.
-
-    Parameters
-    ----------
-    extent : Extent
-        How much.
-    shares : mapping of int to float
-        Result of the `tuning_cases`.
-    """
+def all_cases(extent: Extent, shares: _Shares) -> list[Case]:
+    """Return all other runs, the longest first, given the best fixed gaps."""
     cases = [
-        *_sweep_cases(extent, shares),
+        *_stepped_cases(extent, shares),
         *_broadband_cases(extent),
         *_sensitivity_cases(extent),
         *_energy_cases(extent),

@@ -1,9 +1,9 @@
 """
-A curve of a figure: periodic motions along one parameter, and simulated marks.
+The curves of a figure: periodic motions against one parameter, and simulated motions as marks.
 
-Two alternating impacts come from the enumeration, which finds every solution at each value.
-More impacts come from the shooting solver, led along the parameter from motions that the
-simulator settles into; friction may then reverse within a flight.
+Motions with two alternating impacts are enumerated: every solution is found at each value. Motions
+with more impacts are followed along the parameter by shooting, from motions that the simulator
+settles into; friction may then reverse within a flight.
 """
 
 from __future__ import annotations
@@ -19,19 +19,21 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.orbits import PeriodicOrbit, find_orbits, orbit_near
-from impact_damper_ros.orbits.settled import repeated_impacts
+from impact_damper_ros.orbits.recognition import repeated_impacts
+from impact_damper_ros.orbits.settling import run_by_cycles
 from impact_damper_ros.orbits.shooting import Section, section_on, shoot
-from impact_damper_ros.rig import Event, EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import Event, InitialConditions, RigParameters, Simulator
 from impact_damper_ros.rig.swing import Swing
 
 from .rigs import VARIABLES
 
 __all__ = [
+    'TOLERANCE',
     'Curve',
-    'Point',
+    'CurvePoint',
+    'SeriesPlan',
     'SettledMotion',
     'Status',
-    'Sweep',
     'disturbed',
     'enumerated_curves',
     'followed_curves',
@@ -40,51 +42,37 @@ __all__ = [
 ]
 
 
-#: Cycles of the force between looks, most of them, and how closely two periods must agree.
+#: Cycles of the force between two checks, and in all; the tolerance within which periods agree.
 CYCLES_BETWEEN_LOOKS, MOST_CYCLES, TOLERANCE = 50, 600, 1e-8
 _SAMPLES_PER_CYCLE = 240
 _MOST_PERIODS = 4
 _SEED_IMPACTS = 6
 _MOST_IMPACTS_PER_CYCLE = 25
-#: Velocity of M in `disturbed`, relative to its swing.
-DISTURBANCE = 0.001
 
 
 @dataclass(frozen=True)
 class SettledMotion:
-    """
-    A motion that repeats, as simulated.
+    """A motion that the simulator settles into."""
 
-    Attributes
-    ----------
-    value : float
-        The swept parameter.
-    stops : tuple of int
-        Stops hit in a period; empty if it does not repeat within 4 cycles of the force.
-    cycles : int
-        Period in cycles of the force.
-    ratio : float
-        Largest |X| over A, sampled finely.
-    durations : tuple of float
-        From impact to impact, in half-cycles of the force.
-    orbit : PeriodicOrbit or None
-        The periodic motion that the theory finds next to it.
-    seeds : tuple of PeriodicOrbit
-        Motions with the period of the force, stable or not, that shooting finds from states of
-        the run; there may be some even if the run does not repeat.
-    """
-
+    #: The varied parameter.
     value: float
+    #: Stops hit in a period; empty if the motion does not repeat within 4 cycles of the force.
     stops: tuple[int, ...]
+    #: Period in cycles of the force.
     cycles: int
+    #: Largest |X| over A.
     ratio: float
+    #: From impact to impact, in half-cycles of the force.
     durations: tuple[float, ...]
+    #: The periodic motion that the theory finds next to it.
     orbit: PeriodicOrbit | None
+    #: Motions with the period of the force, stable or not, that shooting finds from states of the
+    #: run, even if it does not repeat.
     seeds: tuple[PeriodicOrbit, ...] = ()
 
     @property
     def difference(self) -> float:
-        """Largest disagreement of simulation and theory in the durations, half-cycles."""
+        """Largest difference between simulated and predicted durations, half-cycles."""
         if self.orbit is None or self.orbit.impacts != len(self.stops):
             return math.inf
         half = 0.5 * self.orbit.cycle
@@ -95,8 +83,12 @@ class SettledMotion:
         )
 
 
-def disturbed(orbit: PeriodicOrbit, share: float = DISTURBANCE) -> Simulator:
-    """Return a simulator that starts near a periodic motion, just after its first impact."""
+def disturbed(orbit: PeriodicOrbit, share: float = 0.001) -> Simulator:
+    """
+    Return a simulator that starts near a periodic motion, just after its first impact.
+
+    The velocity of M is off by a share of its amplitude.
+    """
     rig = orbit.parameters
     rate = rig.force_frequencies[0]
     phase = rig.force_phases[0] + rate * orbit.instants[0]
@@ -110,7 +102,7 @@ def disturbed(orbit: PeriodicOrbit, share: float = DISTURBANCE) -> Simulator:
     return Simulator(rig.replace(force_phases=(math.remainder(phase, math.tau),)), initial)
 
 
-def _watch(rig: RigParameters, simulator: Simulator, cycles: int, begun: int) -> float:
+def _largest(rig: RigParameters, simulator: Simulator, cycles: int, begun: int) -> float:
     """Return the largest |X| over some cycles."""
     swing = Swing()
     cycle = math.tau / rig.force_frequencies[0]
@@ -126,9 +118,8 @@ def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
     cycle = math.tau / rig.force_frequencies[0]
     begun = math.ceil(simulator.time / cycle)
     recent: list[Event] = []
-    for k in range(begun + CYCLES_BETWEEN_LOOKS, begun + MOST_CYCLES + 1, CYCLES_BETWEEN_LOOKS):
-        events = simulator.advance(k * cycle)
-        recent = [e for e in events if e.kind is EventKind.IMPACT]
+    for look in run_by_cycles(simulator, CYCLES_BETWEEN_LOOKS, MOST_CYCLES, first=begun):
+        k, recent = begun + look.cycles, look.impacts
         if len(recent) > _MOST_IMPACTS_PER_CYCLE * CYCLES_BETWEEN_LOOKS:
             return SettledMotion(value, (), 0, math.nan, (), None)
         recent = [e for e in recent if e.time > (k - 3 * _MOST_PERIODS - 1) * cycle]
@@ -144,7 +135,7 @@ def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
             value=value,
             stops=tuple(e.stop for e in period),
             cycles=cycles,
-            ratio=_watch(rig, simulator, cycles, k) / rig.response_amplitude,
+            ratio=_largest(rig, simulator, cycles, k) / rig.response_amplitude,
             durations=tuple(2.0 * (b - a) / cycle for a, b in zip(instants, ends, strict=True)),
             orbit=orbit,
             seeds=seeds,
@@ -153,7 +144,7 @@ def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
 
 
 def _seeds(rig: RigParameters, impacts: Sequence[Event]) -> tuple[PeriodicOrbit, ...]:
-    """Shoot for one cycle of the force from the last impacts of a run."""
+    """Return periodic motions of one force cycle that shooting finds from the last impacts."""
     cycle = math.tau / rig.force_frequencies[0]
     last = impacts[-_SEED_IMPACTS:]
     tries = (orbit_near(rig, impact, impact.time / cycle, 1) for impact in last)
@@ -166,7 +157,11 @@ def settled_motions(
     carried: bool,
     predicted: Mapping[float, Sequence[PeriodicOrbit]] = MappingProxyType({}),
 ) -> list[SettledMotion]:
-    """Simulate rigs, each from rest and other starts."""
+    """
+    Simulate rigs, each from rest, near the predicted motions, and from its neighbours' motions.
+
+    The last of these if `carried`: motions are carried from rig to rig, up and down.
+    """
     found: list[list[_Run]] = [[] for _ in rigs]
     for runs, (value, rig) in zip(found, rigs, strict=True):
         _take(runs, Simulator(rig), value)
@@ -192,7 +187,7 @@ _Run = tuple[SettledMotion, dict[str, Any]]
 
 
 def _take(runs: list[_Run], simulator: Simulator, value: float) -> None:
-    """Add what a rig settles into, if it is not there yet."""
+    """Add the motion that a rig settles into, if it is new."""
     motion = settle(simulator, value)
     if not any(_same(motion, other) for other, _ in runs):
         runs.append((motion, simulator.snapshot()))
@@ -205,15 +200,16 @@ def _same(one: SettledMotion, other: SettledMotion) -> bool:
     return all(abs(a - b) < 1e-5 for a, b in pairs)
 
 
-#: Neighbouring motions further apart than this, relative to their size, are not one curve.
-_NEIGHBOURS = 0.25
+#: Motions at neighbouring values whose relative difference is larger are on different curves.
+_LARGEST_STEP = 0.25
 _SAME = 1e-4
 _EDGE_BISECTIONS = 12
-_FOLLOW_LEAST = 1.0 / 64.0
+#: Smallest step in following a motion, relative to the distance between values.
+_SMALLEST_STEP = 1.0 / 64.0
 
 
 class Status(IntEnum):
-    """What kind of motion a point of a curve is."""
+    """Stability and viability of a motion."""
 
     STABLE = 0
     UNSTABLE = 1
@@ -221,31 +217,19 @@ class Status(IntEnum):
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """
-    What to compute.
+class SeriesPlan:
+    """A series of a figure: a rig, the parameter that varies, and its values."""
 
-    Attributes
-    ----------
-    name : str
-        Names the series in tables and files.
-    rig : RigParameters
-        The rig, but for what is swept.
-    variable : str
-        Key of `VARIABLES`.
-    values : tuple of float
-        Values, rising.
-    marks : tuple of float
-        Values at which the simulator is run; some of `values`.
-    impacts : tuple of int
-        Numbers of impacts per cycle of the force that are sought.
-    """
-
+    #: Name in tables and files.
     name: str
     rig: RigParameters
+    #: Key of `VARIABLES`.
     variable: str
+    #: Values, rising.
     values: tuple[float, ...]
+    #: Values at which the rig is simulated; some of `values`.
     marks: tuple[float, ...] = ()
+    #: Numbers of impacts per cycle of the force that are sought.
     impacts: tuple[int, ...] = (2,)
 
     def at(self, value: float) -> RigParameters:
@@ -254,48 +238,28 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class Point:
-    """
-    One motion on a curve.
+class CurvePoint:
+    """One motion on a curve."""
 
-    Attributes
-    ----------
-    value : float
-        The swept parameter.
-    ratio : float
-        Largest |X| over A.
-    durations : tuple of float
-        Durations from impact to impact, in half-cycles of the force, pi/Omega.
-    status : Status
-        Stable, unstable or not viable.
-    modulus : float
-        Largest modulus of a multiplier.
-    """
-
+    #: The varied parameter.
     value: float
+    #: Largest |X| over A.
     ratio: float
+    #: From impact to impact, in half-cycles of the force, pi/Omega.
     durations: tuple[float, ...]
     status: Status
+    #: Largest modulus of a multiplier.
     modulus: float
 
 
 @dataclass
 class Curve:
-    """
-    Motions of one kind, in the order of the parameter.
+    """Motions of one kind, in the order of the parameter."""
 
-    Attributes
-    ----------
-    stops : tuple of int
-        Stops hit in a period.
-    points : list of Point
-        The motions.
-    reverses : bool
-        Whether m reverses between alternating stops, against the assumption of the paper.
-    """
-
+    #: Stops hit in a period.
     stops: tuple[int, ...]
-    points: list[Point] = field(default_factory=list)
+    points: list[CurvePoint] = field(default_factory=list)
+    #: Whether m reverses between alternating stops, which the paper excludes.
     reverses: bool = False
 
     @property
@@ -303,16 +267,11 @@ class Curve:
         """Number of impacts in a period."""
         return len(self.stops)
 
-    def values(self, status: Status | None = None) -> list[float]:
-        """Return the values at which there is a motion, of a kind if given."""
-        return [p.value for p in self.points if status is None or p.status == status]
 
-
-def point_of(value: float, orbit: PeriodicOrbit) -> Point:
-    """Return what a figure shows of a motion."""
+def _point(value: float, orbit: PeriodicOrbit) -> CurvePoint:
     half = 0.5 * orbit.cycle
     status = Status.STABLE if orbit.stable else Status.UNSTABLE
-    return Point(
+    return CurvePoint(
         value=value,
         ratio=orbit.amplitude_ratio,
         durations=tuple(duration / half for duration in orbit.durations),
@@ -324,7 +283,7 @@ def point_of(value: float, orbit: PeriodicOrbit) -> Point:
 def _link(
     curves: list[tuple[Curve, list[PeriodicOrbit]]], value: float, orbits: Sequence[PeriodicOrbit]
 ) -> None:
-    """Append each motion to the open curve it continues best, or to a new one."""
+    """Append each motion to the open curve that it continues best, or to a new one."""
     pairs = sorted(
         (
             (tail[-1].differs(orbit), i, j)
@@ -336,40 +295,40 @@ def _link(
     used_curves: set[int] = set()
     used_orbits: set[int] = set()
     for distance, i, j in pairs:
-        if distance > _NEIGHBOURS or i in used_curves or j in used_orbits:
+        if distance > _LARGEST_STEP or i in used_curves or j in used_orbits:
             continue
         used_curves.add(i)
         used_orbits.add(j)
-        curves[i][0].points.append(point_of(value, orbits[j]))
+        curves[i][0].points.append(_point(value, orbits[j]))
         curves[i][1].append(orbits[j])
     open_curves = [pair for i, pair in enumerate(curves) if i in used_curves]
     for j, orbit in enumerate(orbits):
         if j not in used_orbits:
-            open_curves.append((Curve(orbit.stops, [point_of(value, orbit)]), [orbit]))
+            open_curves.append((Curve(orbit.stops, [_point(value, orbit)]), [orbit]))
     curves[:] = open_curves
 
 
-def _two_impacts(sweep: Sweep, value: float) -> tuple[PeriodicOrbit, ...]:
-    stops = (1,) if sweep.rig.one_sided else (1, 2)
-    return find_orbits(sweep.at(value), stops, simulate=False).orbits
+def _two_impacts(plan: SeriesPlan, value: float) -> tuple[PeriodicOrbit, ...]:
+    stops = (1,) if plan.rig.one_sided else (1, 2)
+    return find_orbits(plan.at(value), stops, simulate=False).orbits
 
 
-def enumerated_curves(sweep: Sweep) -> list[Curve]:
-    """Find the curves of two alternating impacts per cycle (one, if the rig is one-sided)."""
-    values = list(sweep.values)
-    found = {value: _two_impacts(sweep, value) for value in values}
+def enumerated_curves(plan: SeriesPlan) -> list[Curve]:
+    """Find all curves of two alternating impacts per cycle, or one if the rig is one-sided."""
+    values = list(plan.values)
+    found = {value: _two_impacts(plan, value) for value in values}
 
     def kind(value: float) -> tuple[int, int]:
         fit = [o for o in found[value] if o.viable]
         return len(fit), sum(o.stable for o in fit)
 
-    for left, right in zip(sweep.values, sweep.values[1:], strict=False):
+    for left, right in zip(plan.values, plan.values[1:], strict=False):
         low, high = left, right
         for _ in range(_EDGE_BISECTIONS):
             if kind(low) == kind(high):
                 break
             middle = 0.5 * (low + high)
-            found[middle] = _two_impacts(sweep, middle)
+            found[middle] = _two_impacts(plan, middle)
             low, high = (middle, high) if kind(middle) == kind(low) else (low, middle)
     done: list[Curve] = []
     current: list[tuple[Curve, list[PeriodicOrbit]]] = []
@@ -379,41 +338,33 @@ def enumerated_curves(sweep: Sweep) -> list[Curve]:
     return done
 
 
-def _turned(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
-    """Return the motion counted as `stops`, or None."""
-    for shift in range(orbit.impacts):
-        if orbit.stops[shift:] + orbit.stops[:shift] == stops:
-            return orbit.begun_at(shift)
-    return None
-
-
 @dataclass(frozen=True)
 class _Step:
-    """A motion that is being followed: where, what, and its state to shoot from."""
+    """A motion that is followed, and the state to shoot from."""
 
     value: float
     orbit: PeriodicOrbit
     section: Section
 
-    def to(self, sweep: Sweep, value: float) -> _Step | None:
-        """Return the motion at another value, if it is still the same kind."""
-        shot = shoot(sweep.at(value), self.section, self.orbit.cycles)
-        turned = None if shot is None else _turned(shot[0], self.orbit.stops)
-        if shot is None or turned is None or self.orbit.differs(turned) > _NEIGHBOURS:
+    def to(self, plan: SeriesPlan, value: float) -> _Step | None:
+        """Return the motion at another value, if it is still of the same kind."""
+        shot = shoot(plan.at(value), self.section, self.orbit.cycles)
+        turned = None if shot is None else next(shot[0].turned_to(self.orbit.stops), None)
+        if shot is None or turned is None or self.orbit.differs(turned) > _LARGEST_STEP:
             return None
         return _Step(value, turned, section_on(turned) or shot[1])
 
     @property
-    def point(self) -> Point:
-        return point_of(self.value, self.orbit)
+    def point(self) -> CurvePoint:
+        return _point(self.value, self.orbit)
 
 
-def _sharpened(sweep: Sweep, last: _Step, after: _Step) -> list[Point]:
-    """Return more motions about the place between two where stability changes."""
+def _sharpened(plan: SeriesPlan, last: _Step, after: _Step) -> list[CurvePoint]:
+    """Return motions between two, around the value at which the stability changes."""
     points = []
     near, far = last, after.value
     for _ in range(_EDGE_BISECTIONS):
-        middle = near.to(sweep, 0.5 * (near.value + far))
+        middle = near.to(plan, 0.5 * (near.value + far))
         if middle is None:
             break
         points.append(middle.point)
@@ -425,24 +376,24 @@ def _sharpened(sweep: Sweep, last: _Step, after: _Step) -> list[Point]:
 
 
 def _follow(
-    sweep: Sweep, start: tuple[float, PeriodicOrbit, Section], targets: Sequence[float]
-) -> list[Point]:
-    """Lead a motion along values in a row, with smaller steps where needed, until it ends."""
+    plan: SeriesPlan, start: tuple[float, PeriodicOrbit, Section], targets: Sequence[float]
+) -> list[CurvePoint]:
+    """Follow a motion along the values, with smaller steps where needed, until it ends."""
     here = _Step(*start)
-    points: list[Point] = []
+    points: list[CurvePoint] = []
     for target in targets:
         step = least = target - here.value
-        least *= _FOLLOW_LEAST
+        least *= _SMALLEST_STEP
         while here.value != target:
             last = abs(step) >= abs(target - here.value)
-            ahead = here.to(sweep, target if last else here.value + step)
+            ahead = here.to(plan, target if last else here.value + step)
             if ahead is None:
                 step *= 0.5
                 if abs(step) < abs(least):
                     return points
                 continue
             if ahead.orbit.stable != here.orbit.stable:
-                points += _sharpened(sweep, here, ahead)
+                points += _sharpened(plan, here, ahead)
             here = ahead
             points.append(here.point)
             if here.orbit.impacts == 2 and not here.orbit.nodes:
@@ -450,28 +401,30 @@ def _follow(
     return points
 
 
-def followed_curves(sweep: Sweep, motions: Sequence[SettledMotion], impacts: int) -> list[Curve]:
-    """Find curves of motions in one cycle of the force from those that were simulated."""
+def followed_curves(
+    plan: SeriesPlan, motions: Sequence[SettledMotion], impacts: int
+) -> list[Curve]:
+    """Follow motions of one force cycle, from those that the simulator has found."""
     curves: list[Curve] = []
     for motion in motions:
         for orbit in motion.seeds:
             # Two impacts without reversal, sticking or rest are enumerated
             if orbit.impacts != impacts or (impacts == 2 and not orbit.nodes):
                 continue
-            point = point_of(motion.value, orbit)
+            point = _point(motion.value, orbit)
             known = (p for c in curves for p in c.points if p.value == motion.value)
             section = section_on(orbit)
             if section is None or any(_alike(point, other) for other in known):
                 continue
             start = (motion.value, orbit, section)
-            below = _follow(sweep, start, [v for v in sweep.values[::-1] if v < motion.value])
-            above = _follow(sweep, start, [v for v in sweep.values if v > motion.value])
+            below = _follow(plan, start, [v for v in plan.values[::-1] if v < motion.value])
+            above = _follow(plan, start, [v for v in plan.values if v > motion.value])
             points = [*below[::-1], point, *above]
             curves.append(Curve(orbit.stops, points, reverses=impacts == 2))
     return curves
 
 
-def _alike(one: Point, other: Point) -> bool:
+def _alike(one: CurvePoint, other: CurvePoint) -> bool:
     if len(one.durations) != len(other.durations) or abs(one.ratio - other.ratio) > _SAME:
         return False
     turns = (

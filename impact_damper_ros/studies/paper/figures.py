@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.orbits.optimum import Limit
@@ -15,23 +16,14 @@ from impact_damper_ros.report.drawing import (
     finish_panel,
 )
 
-from .curves import Curve, Point, SettledMotion, Status
-from .plan import OptimumPoint, Series
-from .rigs import CASES, VARIABLES
+from .curves import Curve, CurvePoint, SettledMotion, Status
+from .rigs import OPERATIONS, VARIABLES
+from .series import AngleOptimum, Series
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    'draw_curves',
-    'draw_figure_2',
-    'draw_figure_3',
-    'draw_figure_4',
-    'draw_figure_5',
-    'draw_figure_6',
-    'draw_marks',
-    'legend_below',
-]
+__all__ = ['draw_figure_2', 'draw_figure_3', 'draw_figure_4', 'draw_figure_5', 'draw_figure_6']
 
 
 _STYLES: dict[Status, dict[str, Any]] = {
@@ -40,12 +32,11 @@ _STYLES: dict[Status, dict[str, Any]] = {
 }
 
 
-def _stretches(points: Sequence[Point]) -> Iterator[tuple[Status, list[Point]]]:
-    """Yield stretches of one status; each reaches to the first point of the next."""
-    run: list[Point] = []
+def _pieces(points: Sequence[CurvePoint]) -> Iterator[tuple[Status, list[CurvePoint]]]:
+    """Yield pieces of one status; each extends to the first point of the next."""
+    run: list[CurvePoint] = []
     for point in points:
         if run and point.status != run[-1].status:
-            # The edge is found to a fraction of a line's width; either style may bridge it
             bridged = point.status != Status.NOT_VIABLE
             yield run[-1].status, [*run, point] if bridged else run
             run = []
@@ -54,16 +45,16 @@ def _stretches(points: Sequence[Point]) -> Iterator[tuple[Status, list[Point]]]:
         yield run[-1].status, run
 
 
-def draw_curves(
+def _draw_curves(
     axes: Any,
     curves: Sequence[Curve],
     color: str,
-    quantity: Callable[[Point], Sequence[float]],
+    quantity: Callable[[CurvePoint], Sequence[float]],
     scale: float = 1.0,
 ) -> None:
-    """Draw theory: stable motions solid, unstable ones dashed, those not viable not at all."""
+    """Draw theory: stable motions as solid lines, unstable viable ones as dashed lines."""
     for curve in curves:
-        for status, points in _stretches(curve.points):
+        for status, points in _pieces(curve.points):
             if status == Status.NOT_VIABLE:
                 continue
             style = dict(_STYLES[status])
@@ -73,7 +64,7 @@ def draw_curves(
                 axes.plot([p.value for p in points], row, color=color, zorder=2, **style)
 
 
-def draw_marks(
+def _draw_marks(
     axes: Any,
     motions: Sequence[SettledMotion],
     impacts: int,
@@ -102,31 +93,37 @@ def draw_marks(
         )
 
 
-def legend_below(
-    where: Any, series: Sequence[tuple[str, str, str]], columns: int, *, marks: bool = True
-) -> None:
-    """Put the legend of a figure below its panels."""
+_MARK: dict[str, Any] = {'markersize': 4.5, 'markerfacecolor': 'white'}
+_LINE: dict[str, Any] = {'linewidth': 1.7}
+
+
+def _line(label: str, color: str, **look: Any) -> Any:
+    """Return an entry of a legend."""
     from matplotlib.lines import Line2D
 
-    look: dict[str, Any] = {'markersize': 4.5, 'markerfacecolor': 'white'}
+    return Line2D([], [], color=color, label=label, **look)
+
+
+def _legend_below(figure: Figure, series: Sequence[tuple[str, str, str]], columns: int) -> None:
+    """Put a legend of series and line styles below the panels."""
     handles = [
-        Line2D([], [], color=color, marker=marker, linewidth=1.7, label=label, **look)
-        for label, color, marker in series
+        *(_line(label, color, marker=mark, **_LINE, **_MARK) for label, color, mark in series),
+        _line('theory, stable', '0.3', **_STYLES[Status.STABLE]),
+        _line('theory, unstable', '0.3', **_STYLES[Status.UNSTABLE]),
+        _line('simulation', '0.3', marker='o', linestyle='none', **_MARK),
     ]
-    handles += [
-        Line2D([], [], color='0.3', label='theory, stable', **_STYLES[Status.STABLE]),
-        Line2D([], [], color='0.3', label='theory, unstable', **_STYLES[Status.UNSTABLE]),
-    ]
-    if marks:
-        handles.append(
-            Line2D([], [], color='0.3', marker='o', linestyle='none', label='simulation', **look)
-        )
-    where.legend(handles=handles, loc='outside lower center', ncols=columns, frameon=False)
+    figure.legend(handles=handles, loc='outside lower center', ncols=columns, frameon=False)
+
+
+def _legend_inside(axes: Any, series: Sequence[tuple[str, str, str]], where: str) -> None:
+    look = {**_MARK, 'markersize': 4.2}
+    handles = [_line(label, color, marker=mark, **look) for label, color, mark in series]
+    axes.legend(handles=handles, loc=where, frameon=True, framealpha=0.9, edgecolor='none')
 
 
 _RATIO = r'$X_{\max}/A$'
 _DURATION = r'$(t_{i+1}-t_i)\,\Omega/\pi$'
-#: Curves over less of the sweep than this are no more than dots, and left out.
+#: Curves over a smaller share of the axis would be dots, and are left out.
 _LEAST_SPAN = 1e-3
 _LOOKS = ((BLUE, 'o'), (ORANGE, 's'), (GREEN, '^'), (PURPLE, 'D'))
 
@@ -151,22 +148,22 @@ def _ever_stable(curves: Sequence[Curve]) -> list[Curve]:
 
 def _series(axes: Any, one: Series, impacts: int, look: tuple[str, str], quantity: Any) -> None:
     curves = one.of(impacts) if impacts == 2 else _ever_stable(one.of(impacts))
-    values = one.sweep.values
+    values = one.plan.values
     curves = [c for c in curves if _viable_span(c) > _LEAST_SPAN * (values[-1] - values[0])]
-    draw_curves(axes, curves, look[0], quantity)
-    draw_marks(axes, one.marks, impacts, *look, quantity)
+    _draw_curves(axes, curves, look[0], quantity)
+    _draw_marks(axes, one.marks, impacts, *look, quantity)
 
 
-def _case_series(results: Mapping[str, Series], gravity: float) -> list[Series]:
-    inclined, friction = CASES[1:]
-    names = [f'2 {case.key} g={gravity:g}' for case in (inclined, friction)]
+def _gravity_series(results: Mapping[str, Series], gravity: float) -> list[Series]:
+    inclined, friction = OPERATIONS[1:]
+    names = [f'2 {operation.key} g={gravity:g}' for operation in (inclined, friction)]
     return [results[name] for name in ('2 horizontal', *names)]
 
 
 def draw_figure_2(results: Mapping[str, Series], gravity: float) -> Figure:
     """Draw durations between impacts and the largest displacement against the gap."""
     figure = blank_figure(8.2, 9.2)
-    series = _case_series(results, gravity)
+    series = _gravity_series(results, gravity)
     limits = {2: (15.0, 64.0, 0.1, 0.55), 3: (9.0, 24.0, 0.36, 0.46), 4: (4.0, 14.0, 0.4, 0.5)}
     heights = {2: (0.2, 1.8), 3: (0.3, 1.2), 4: (0.2, 1.0)}
     for row, (impacts, (low, high, bottom, top)) in enumerate(limits.items()):
@@ -183,20 +180,41 @@ def draw_figure_2(results: Mapping[str, Series], gravity: float) -> Figure:
             finish_panel(axes, 'abcdef'[2 * row + column], VARIABLES['gap'].label, label)
             word = {2: 'two', 3: 'three', 4: 'four'}[impacts]
             axes.set_title(f'{word} impacts per cycle', loc='right')
-    cases = [(case.label, *look) for case, look in zip(CASES, _LOOKS, strict=False)]
-    legend_below(figure, cases, 2)
+    cases = [(operation.label, *look) for operation, look in zip(OPERATIONS, _LOOKS, strict=False)]
+    _legend_below(figure, cases, 2)
     return figure
 
 
-def _panel_3a(axes: Any, results: Mapping[str, Series]) -> None:
-    for case, look in zip(CASES, _LOOKS, strict=False):
-        draw_curves(axes, results[f'3a {case.key} equal'].of(2), look[0], _ratio, 0.55)
-        _series(axes, results[f'3a {case.key} unequal'], 2, look, _ratio)
-    axes.set_xlim(30.0, 66.0)
-    axes.set_ylim(0.0, 0.2)
-    finish_panel(axes, 'a', VARIABLES['gap'].label, _RATIO)
-    short = ('horizontal', 'inclined 45°', 'inclined, γ = 0.5')
-    entries = [(name, *look) for name, look in zip(short, _LOOKS, strict=False)]
+def _panel(
+    axes: Any,
+    letter: str,
+    series: Mapping[str, Series],
+    variable: str,
+    limits: tuple[float, float, float, float],
+    looks: Sequence[tuple[str, str]] = _LOOKS,
+    thin: Sequence[Series] = (),
+) -> list[tuple[str, str, str]]:
+    """Draw the displacement with two impacts of some series; return the legend's entries."""
+    for one, other, look in zip_longest(series.values(), thin, looks[: len(series)]):
+        if other is not None:
+            _draw_curves(axes, other.of(2), look[0], _ratio, 0.55)
+        _series(axes, one, 2, look, _ratio)
+    axes.set(xlim=limits[:2], ylim=limits[2:])
+    finish_panel(axes, letter, VARIABLES[variable].label, _RATIO)
+    return [(label, *look) for label, look in zip(series, looks, strict=False)]
+
+
+def draw_figure_3(results: Mapping[str, Series]) -> Figure:
+    """Draw the effect of restitution, angle, frequency and friction on the displacement."""
+    figure = blank_figure(8.2, 7.0)
+    axes = figure.add_subplot(2, 2, 1)
+    labels = ('horizontal', 'inclined 45°', 'inclined, γ = 0.5')
+    unequal = {
+        label: results[f'3a {operation.key} unequal']
+        for label, operation in zip(labels, OPERATIONS, strict=True)
+    }
+    equal = [results[f'3a {operation.key} equal'] for operation in OPERATIONS]
+    entries = _panel(axes, 'a', unequal, 'gap', (30.0, 66.0, 0.0, 0.2), thin=equal)
     _legend_inside(axes, entries, 'upper right')
     axes.text(
         0.03,
@@ -205,49 +223,20 @@ def _panel_3a(axes: Any, results: Mapping[str, Series]) -> None:
         transform=axes.transAxes,
         fontsize=8,
     )
-
-
-def _legend_inside(axes: Any, entries: Sequence[tuple[str, str, str]], where: str) -> None:
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], color=c, marker=m, markersize=4.2, markerfacecolor='white', label=name)
-        for name, c, m in entries
-    ]
-    axes.legend(handles=handles, loc=where, frameon=True, framealpha=0.9, edgecolor='none')
-
-
-def draw_figure_3(results: Mapping[str, Series]) -> Figure:
-    """Draw what restitution, angle, frequency and friction do to the largest displacement."""
-    figure = blank_figure(8.2, 7.0)
-    _panel_3a(figure.add_subplot(2, 2, 1), results)
-
     axes = figure.add_subplot(2, 2, 2)
-    names = ('3b r=1', '3b r=1.02')
-    for name, look in zip(names, _LOOKS, strict=False):
-        _series(axes, results[name], 2, look, _ratio)
-    entries = [('$r$ = 1', *_LOOKS[0]), ('$r$ = 1.02', *_LOOKS[1])]
-    axes.set_xlim(0.0, 90.0)
-    axes.set_ylim(0.05, 0.32)
-    finish_panel(axes, 'b', VARIABLES['angle'].label, _RATIO)
+    both = {'$r$ = 1': results['3b r=1'], '$r$ = 1.02': results['3b r=1.02']}
+    entries = _panel(axes, 'b', both, 'angle', (0.0, 90.0, 0.05, 0.32))
     _legend_inside(axes, entries, 'upper left')
-
     axes = figure.add_subplot(2, 2, 3)
-    tilted = tuple(f'3c θ={angle}°' for angle in (0, 5, 10, 15))
-    for name, look in zip(tilted, _LOOKS, strict=True):
-        _series(axes, results[name], 2, look, _ratio)
-    axes.set_xlim(0.999, 1.12)
-    axes.set_ylim(0.08, 0.55)
-    finish_panel(axes, 'c', VARIABLES['frequency'].label, _RATIO)
-    entries = [(name[3:].replace('=', ' = '), *k) for name, k in zip(tilted, _LOOKS, strict=True)]
+    tilted = {f'θ = {angle}°': results[f'3c θ={angle}°'] for angle in (0, 5, 10, 15)}
+    entries = _panel(axes, 'c', tilted, 'frequency', (0.999, 1.12, 0.08, 0.55))
     _legend_inside(axes, entries, 'upper left')
-
     axes = figure.add_subplot(2, 2, 4)
     _series(axes, results['3d'], 2, _LOOKS[0], _ratio)
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(bottom=0.0)
     finish_panel(axes, 'd', VARIABLES['friction'].label, _RATIO)
-    legend_below(figure, [], 3)
+    _legend_below(figure, [], 3)
     return figure
 
 
@@ -255,24 +244,20 @@ def draw_figure_4(results: Mapping[str, Series]) -> Figure:
     """Draw the largest displacement against the natural frequency."""
     figure = blank_figure(5.6, 4.2)
     axes = figure.add_subplot()
-    for name, look in zip(('4 ζ=0.005', '4 ζ=0.005 level'), (_LOOKS[2], _LOOKS[0]), strict=True):
-        _series(axes, results[name], 2, look, _ratio)
     axes.set_xscale('log')
-    axes.set_xlim(0.5, 20.0)
     axes.set_xticks([0.5, 1, 2, 5, 10, 20], ['0.5', '1', '2', '5', '10', '20'])
     axes.minorticks_off()
-    axes.set_ylim(0.0, 0.2)
-    finish_panel(axes, '', VARIABLES['omega'].label, _RATIO)
-    entries = [
-        ('inclined (θ = 15°, γ = 0.5)', *_LOOKS[2]),
-        ('horizontal, no friction', *_LOOKS[0]),
-    ]
-    legend_below(figure, entries, 3)
+    series = {
+        'inclined (θ = 15°, γ = 0.5)': results['4 ζ=0.005'],
+        'horizontal, no friction': results['4 ζ=0.005 level'],
+    }
+    looks = (_LOOKS[2], _LOOKS[0])
+    _legend_below(figure, _panel(axes, '', series, 'omega', (0.5, 20.0, 0.0, 0.2), looks), 3)
     return figure
 
 
-def draw_figure_5(points: Sequence[OptimumPoint]) -> Figure:
-    """Draw the optimal gap and what it leaves of the displacement against the angle."""
+def draw_figure_5(points: Sequence[AngleOptimum]) -> Figure:
+    """Draw the optimal gap and the displacement with it against the angle."""
     figure = blank_figure(8.2, 3.7)
     angles = [point.angle for point in points]
     edges = [point for point in points if point.best.limit is not Limit.MINIMUM]
@@ -295,44 +280,32 @@ def draw_figure_5(points: Sequence[OptimumPoint]) -> Figure:
         )
         if column:
             good = [p for p in points if p.settled.stops == p.best.orbit.stops]
-            draw_marks(axes, [p.settled for p in good], 2, BLUE, 'o', _ratio)
+            _draw_marks(axes, [p.settled for p in good], 2, BLUE, 'o', _ratio)
             axes.set_ylim(0.0, 0.06)
         else:
             axes.set_ylim(56.0, 61.0)
         axes.set_xlim(0.0, 90.0)
         finish_panel(axes, 'ab'[column], VARIABLES['angle'].label, label)
-    _legend_5(figure)
-    return figure
-
-
-def _legend_5(figure: Figure) -> None:
-    from matplotlib.lines import Line2D
-
-    look: dict[str, Any] = {'linestyle': 'none', 'markerfacecolor': 'white'}
     handles = [
-        Line2D([], [], color=BLUE, linewidth=1.7, label='theory, stable'),
-        Line2D([], [], color=BLUE, marker='o', markersize=4.5, label='simulation', **look),
-        Line2D(
-            [],
-            [],
-            color='0.2',
+        _line('theory, stable', BLUE, **_LINE),
+        _line('simulation', BLUE, marker='o', linestyle='none', **_MARK),
+        _line(
+            *('limited by stability, not a minimum', '0.2'),
             marker='|',
             markersize=11,
             linestyle='none',
-            label='limited by stability, not a minimum',
         ),
     ]
     figure.legend(handles=handles, loc='outside lower center', ncols=3, frameon=False)
+    return figure
 
 
 def draw_figure_6(results: Mapping[str, Series]) -> Figure:
     """Draw the largest displacement against the force of compressed air."""
     figure = blank_figure(5.6, 4.2)
     axes = figure.add_subplot()
-    for name, look in zip(('6 r=1', '6 r=1.02'), _LOOKS, strict=False):
-        _series(axes, results[name], 2, look, _ratio)
-    axes.set_xlim(0.0, 5.5)
-    axes.set_ylim(0.0, 0.6)
+    both = {'$r$ = 1': results['6 r=1'], '$r$ = 1.02': results['6 r=1.02']}
+    entries = _panel(axes, '', both, 'air', (0.0, 5.5, 0.0, 0.6))
     for share, text in ((1.0, 'air cancels friction'), (2.0, 'air is twice friction')):
         axes.axvline(share, color='0.6', linewidth=0.8, linestyle=':')
         axes.annotate(
@@ -345,7 +318,5 @@ def draw_figure_6(results: Mapping[str, Series]) -> Figure:
             textcoords='offset points',
             va='top',
         )
-    finish_panel(axes, '', VARIABLES['air'].label, _RATIO)
-    entries = [('$r$ = 1', *_LOOKS[0]), ('$r$ = 1.02', *_LOOKS[1])]
-    legend_below(figure, entries, 3)
+    _legend_below(figure, entries, 3)
     return figure

@@ -1,8 +1,4 @@
-"""
-The rigs of Bapat (1995), section 3, and the parameters its figures sweep.
-
-Where the paper does not say which of two values it means, both are here.
-"""
+"""The rigs of Bapat (1995), section 3, and the parameters that its figures vary."""
 
 from __future__ import annotations
 
@@ -12,24 +8,13 @@ from dataclasses import dataclass
 
 from impact_damper_ros.rig import RigParameters
 
-__all__ = [
-    'BASIC',
-    'CASES',
-    'STANDARD_GRAVITY',
-    'VARIABLES',
-    'VERTICAL',
-    'Case',
-    'Variable',
-    'scaled_rig',
-]
+__all__ = ['BASIC', 'OPERATIONS', 'VARIABLES', 'VERTICAL', 'Operation', 'scaled_rig']
 
-
-STANDARD_GRAVITY = 9.81
 
 #: K = M = F = 1, m = 0.042, C = 0.01, d = 37, R1 = R2 = 0.75; horizontal, no friction, r = 1.
-BASIC = RigParameters(gravity=STANDARD_GRAVITY)
+BASIC = RigParameters(gravity=9.81)
 
-#: The vertical rig of the last example: one stop, Omega = 10; A Omega^2/g is swept by g.
+#: The vertical rig of the last example: one stop, Omega = 10; A Omega^2/g is varied by g.
 VERTICAL = RigParameters(
     force_amplitudes=(0.8,),
     force_frequencies=(10.0,),
@@ -42,22 +27,13 @@ VERTICAL = RigParameters(
 
 
 @dataclass(frozen=True)
-class Case:
-    """
-    One of the three operations that Figure 2 compares.
-
-    Attributes
-    ----------
-    key, label : str
-        Short name for files, and what the legend says.
-    angle : float
-        Inclination, degrees.
-    friction : float
-        Coulomb coefficient.
-    """
+class Operation:
+    """One of the three operations that Figure 2 compares."""
 
     key: str
+    #: Entry in legends.
     label: str
+    #: Degrees.
     angle: float
     friction: float
 
@@ -68,15 +44,15 @@ class Case:
         )
 
 
-CASES = (
-    Case('horizontal', 'horizontal, no friction (θ = 0°, γ = 0)', 0.0, 0.0),
-    Case('inclined', 'inclined, no friction (θ = 45°, γ = 0)', 45.0, 0.0),
-    Case('friction', 'inclined, with friction (θ = 45°, γ = 0.5)', 45.0, 0.5),
+OPERATIONS = (
+    Operation('horizontal', 'horizontal, no friction (θ = 0°, γ = 0)', 0.0, 0.0),
+    Operation('inclined', 'inclined, no friction (θ = 45°, γ = 0)', 45.0, 0.0),
+    Operation('friction', 'inclined, with friction (θ = 45°, γ = 0.5)', 45.0, 0.5),
 )
 
 
 def scaled_rig(rig: RigParameters, omega: float) -> RigParameters:
-    """Return a rig with another natural frequency, and M, zeta, r and F/K as they are."""
+    """Return a rig with another natural frequency, and the same M, zeta, r and F/K."""
     ratio = omega / rig.omega
     return rig.replace(
         stiffness=rig.stiffness * ratio**2,
@@ -88,19 +64,13 @@ def scaled_rig(rig: RigParameters, omega: float) -> RigParameters:
 
 @dataclass(frozen=True)
 class Variable:
-    """
-    What a figure has along its axis.
+    """The parameter along the horizontal axis of a figure."""
 
-    Attributes
-    ----------
-    key, label : str
-        Name of its CSV column, and of the axis.
-    apply : callable
-        Gives the rig at a value.
-    """
-
+    #: Name of its CSV column.
     key: str
+    #: Label of the axis.
     label: str
+    #: Returns the rig at a value.
     apply: Callable[[RigParameters, float], RigParameters]
 
 

@@ -1,0 +1,200 @@
+"""The rig that a command is given: a parameters file, ``--set`` and ``--change``."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from itertools import groupby
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    ParameterError,
+    RigParameters,
+    load_parameters,
+)
+from impact_damper_ros.rig.description import described, frequency_hint
+from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml_text, presets
+from impact_damper_ros.rig.quoting import named, shown
+
+from .command_line import say
+
+__all__ = [
+    'GivenRig',
+    'TimedChange',
+    'add_params_argument',
+    'add_set_option',
+    'announce',
+    'given_rig',
+    'hint',
+    'overridden',
+    'rig_line',
+    'timed_changes',
+]
+
+
+class GivenRig(NamedTuple):
+    """A rig, where it starts, and its gap control."""
+
+    parameters: RigParameters
+    initial: InitialConditions
+    control: GapControlParameters
+
+
+class TimedChange(NamedTuple):
+    """A change of parameters at an instant: the new values, and the rig and control from then."""
+
+    time_ns: int
+    values: dict[str, Any]
+    parameters: RigParameters
+    control: GapControlParameters
+
+
+def add_params_argument(parser: argparse.ArgumentParser) -> None:
+    """Let a command take the parameters file of a rig."""
+    parser.add_argument(
+        'params',
+        type=Path,
+        metavar='PARAMS',
+        help=f'ROS 2 parameters file of the rig, or a preset: {", ".join(presets())}',
+    )
+
+
+def add_set_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command that takes a parameters file also take ``--set``."""
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='override a parameter of the file, for example --set gap=30; may be repeated',
+    )
+
+
+def given_rig(
+    params: Path, settings: Sequence[str] = (), *, with_control: bool = True
+) -> GivenRig:
+    """
+    Read the rig of a command from a parameters file or preset, and from ``--set`` options.
+
+    A command that does not use the gap control leaves that of the file aside, and takes no
+    parameter of it from ``--set``.
+    """
+    parameters, initial, other = load_parameters(params)
+    control = GapControlParameters(**_among(other, GAP_CONTROL_SPECS if with_control else ()))
+    given = GivenRig(parameters, initial, control)
+    return overridden(settings, given, with_control=with_control)
+
+
+def overridden(settings: Sequence[str], given: GivenRig, *, with_control: bool = True) -> GivenRig:
+    """Apply ``--set`` options to a rig, all at once."""
+    names = [*PARAMETER_SPECS, *INITIAL_SPECS, *(GAP_CONTROL_SPECS if with_control else ())]
+    values = _values(settings, names)
+    control = given.control.replace(**_among(values, GAP_CONTROL_SPECS))
+    parameters = given.parameters.replace(**_among(values, PARAMETER_SPECS))
+    start = {**given.initial.as_dict(), **_among(values, INITIAL_SPECS)}
+    initial = InitialConditions(**start)
+    initial.check_within(parameters)
+    return GivenRig(parameters, initial, control)
+
+
+def _values(
+    settings: Sequence[str], names: Collection[str], option: str = '--set'
+) -> dict[str, Any]:
+    """Read settings of parameters that have one of the names."""
+    values: dict[str, Any] = {}
+    for setting in settings:
+        name, equals, text = setting.partition('=')
+        if not equals:
+            raise ValueError(f'{option} {named(setting)}: give NAME=VALUE')
+        if name not in names:
+            close = difflib.get_close_matches(name[:80], names, 1)
+            remedy = (
+                f'did you mean {close[0]}?'
+                if close
+                else 'simulate_rig --parameters lists all that there are'
+            )
+            raise ValueError(
+                f'{option} {named(setting)}: there is no parameter {named(name)} to set: {remedy}'
+            )
+        try:
+            values[name] = guarded_yaml_text(text)
+        except YamlError as error:
+            # The line would be that of a file
+            reason = str(error).removeprefix('line 1: ')
+            raise ValueError(
+                f'{option} {named(setting)}: {shown(text)} is not a value: {reason}'
+            ) from error
+        if isinstance(values[name], str):
+            # YAML 1.1 takes 1e-3 for a text
+            with suppress(ValueError):
+                values[name] = float(text)
+    return values
+
+
+def _among(values: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name in names}
+
+
+def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> list[TimedChange]:
+    """Read ``--change`` options, in the order of their instants."""
+    timed = []
+    for setting in settings:
+        text, colon, change = setting.partition(':')
+        try:
+            time = float(text)
+        except ValueError:
+            time = -1.0
+        if not colon or not isfinite(time) or not 0.0 < time <= duration:
+            raise ValueError(
+                f'--change {setting}: give TIME:NAME=VALUE with a time above 0 s and up to the '
+                f'{duration:g} s of the run'
+            )
+        timed.append((round(time * 1e9), change))
+    parameters, control = given.parameters, given.control
+    changes = []
+    for time_ns, group in groupby(sorted(timed, key=lambda t: t[0]), key=lambda t: t[0]):
+        option = f'--change at {time_ns / 1e9:.9g} s:'
+        values = _values([c for _, c in group], [*PARAMETER_SPECS, *GAP_CONTROL_SPECS], option)
+        try:
+            parameters = parameters.replace(**_among(values, PARAMETER_SPECS))
+            control = control.replace(**_among(values, GAP_CONTROL_SPECS))
+        except ParameterError as error:
+            raise ValueError(f'{option} {error}') from error
+        every = {**parameters.as_dict(), **control.as_dict()}
+        values = {name: every[name] for name in values}
+        changes.append(TimedChange(time_ns, values, parameters, control))
+    return changes
+
+
+def rig_line(rig: RigParameters, control: GapControlParameters | None = None) -> str:
+    """Return the rig that a command works on in a line, with its gap control."""
+    text = described(rig)
+    if control is not None and control.active:
+        text += f'; gap control {control.gap_control}'
+    return text
+
+
+def announce(
+    command: str,
+    rig: RigParameters,
+    control: GapControlParameters | None = None,
+    *,
+    frequencies: tuple[float, float] | None = None,
+) -> None:
+    """Say which rig a command works on, before it does, and whether a frequency may be in Hz."""
+    say(command, rig_line(rig, control))
+    hint(command, rig, frequencies)
+
+
+def hint(command: str, rig: RigParameters, frequencies: tuple[float, float] | None = None) -> None:
+    """Say whether a frequency may be in Hz, as `announce` does."""
+    if note := frequency_hint(rig, frequencies):
+        say(command, f'note: {note}')

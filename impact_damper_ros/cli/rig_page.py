@@ -1,0 +1,211 @@
+"""
+Show a live rig, or a recording, in a browser.
+
+The page is a client in a process of its own. With ``--start`` it starts the node, too, and ends it
+at its own end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import webbrowser
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from impact_damper_ros.entry_points import run
+from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
+
+from .command_line import command_parser, outcome, say
+
+__all__ = ['main']
+
+
+COMMAND = 'rig_page'
+NODE_END_S = 10.0
+_PR_SET_PDEATHSIG = 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = command_parser(COMMAND, 'Show a live rig, or with --bag a recording, in a browser.')
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument('--node', default='', metavar='NAME', help='the rig to show first')
+    what.add_argument(
+        '--bag', type=Path, metavar='BAG', help='a recording to play, without ROS; or a directory'
+    )
+    what.add_argument(
+        '--start',
+        type=Path,
+        metavar='PARAMS',
+        help='start the node of a rig, too: a parameters file, or bench_rig or paper',
+    )
+    parser.add_argument(
+        '--recordings',
+        type=Path,
+        default=Path('runs'),
+        metavar='DIR',
+        help='directory of the recordings that are listed [runs]',
+    )
+    parser.add_argument('--port', type=_port, default=8088, help='port [8088]; 0: a free one')
+    parser.add_argument(
+        '--host',
+        default='127.0.0.1',
+        metavar='ADDRESS',
+        help='address to listen on [127.0.0.1, this machine only]; another one asks for a token',
+    )
+    parser.add_argument(
+        '--name',
+        action='append',
+        default=[],
+        metavar='NAME',
+        help='a further name under which this machine is reached',
+    )
+    parser.add_argument('--open', action='store_true', help='open the page in a browser')
+    return parser
+
+
+def _port(text: str) -> int:
+    number = int(text)
+    if not 0 <= number <= 65535:
+        raise argparse.ArgumentTypeError(f'{text!r}: give a whole number from 0 to 65535')
+    return number
+
+
+def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments without those that a launch file adds for ROS."""
+    kept, of_ros = [], False
+    for argument in arguments:
+        if argument == '--ros-args':
+            of_ros = True
+        elif of_ros and argument == '--':
+            of_ros = False
+        elif not of_ros:
+            kept.append(argument)
+    return kept
+
+
+def _started(params: Path | None) -> subprocess.Popen[bytes] | None:
+    """
+    Start the node of a rig, if one is to be started.
+
+    Raises
+    ------
+    ValueError
+        If it is not a rig.
+    """
+    if params is None:
+        return None
+    file = preset_file(params)
+    load_parameters(file)
+    libc = ctypes.CDLL(None)
+    # However this process ends, the node does, too; it finishes its recording then.
+    return subprocess.Popen(
+        [
+            *(sys.executable, '-m', 'impact_damper_ros.node.sim_node', '--ros-args'),
+            *('--params-file', str(file)),
+        ],
+        preexec_fn=lambda: libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
+    )
+
+
+def _end(node: subprocess.Popen[bytes] | None) -> None:
+    if node is None:
+        return
+    if node.poll() is None:
+        node.send_signal(signal.SIGINT)
+    try:
+        node.wait(NODE_END_S)
+    except subprocess.TimeoutExpired:
+        node.kill()
+        node.wait()
+
+
+def _open(url: str) -> None:
+    """Open a page in a browser with windows, if there is one."""
+    if sys.platform == 'linux' and not {'DISPLAY', 'WAYLAND_DISPLAY'} & os.environ.keys():
+        return
+    with contextlib.suppress(webbrowser.Error, OSError):
+        webbrowser.open(url)
+
+
+async def _serve(arguments: argparse.Namespace) -> int:
+    from impact_damper_ros.page.gate import Gate
+    from impact_damper_ros.page.recordings import Recordings
+    from impact_damper_ros.page.server import PageServer
+
+    gate = Gate(arguments.host, arguments.name)
+    recordings = Recordings(arguments.bag or arguments.recordings)
+    if arguments.bag is None:
+        from impact_damper_ros.page.ros_client import NoAnswerError, RosClient
+
+        server = PageServer(gate, recordings, RosClient(), NoAnswerError, arguments.node)
+    else:
+        server = PageServer(gate, recordings)
+    end = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            loop.add_signal_handler(number, end.set)
+    try:
+        await server.start(arguments.port)
+    except OSError as error:
+        say(
+            COMMAND,
+            f'cannot listen on {gate.host}, port {arguments.port}: {error.strerror or error}: '
+            'give another --host or --port',
+        )
+        await server.close()
+        return 1
+    print(f'{COMMAND}: the page is at {gate.url()}', flush=True)
+    if arguments.open:
+        loop.run_in_executor(None, _open, gate.url())
+    await end.wait()
+    await server.close()
+    return 0
+
+
+def _work(arguments: argparse.Namespace) -> int:
+    node = _started(arguments.start)
+    try:
+        return asyncio.run(_serve(arguments))
+    finally:
+        _end(node)
+
+
+def _missing(arguments: argparse.Namespace) -> str:
+    """Return what is missing for the command, and what to do; empty if nothing is."""
+    if find_spec('tornado') is None:
+        return (
+            'tornado, which serves the page, is missing: install python3-tornado, or the package '
+            'with its extra [page]'
+        )
+    if arguments.bag is None and find_spec('rclpy') is None:
+        return 'rclpy is missing: source ROS 2, or play a recording with --bag'
+    if arguments.bag is not None and not arguments.bag.exists():
+        return f'{arguments.bag}: there is no such bag or directory'
+    return ''
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    given = _without_ros_arguments(sys.argv[1:] if argv is None else argv)
+    arguments = _parser().parse_args(given)
+    if missing := _missing(arguments):
+        say(COMMAND, missing)
+        return 2
+    if arguments.start is not None:
+        arguments.node = '/sim_node'
+    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
+        os.environ.setdefault(name, '1')
+    return outcome(COMMAND, lambda: _work(arguments))
+
+
+if __name__ == '__main__':
+    sys.exit(run(COMMAND, main))

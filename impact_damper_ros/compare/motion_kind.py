@@ -1,0 +1,707 @@
+"""
+The kind of motion of a stretch: without impacts, periodic, quasi-periodic, chaotic.
+
+A recording may end before its motion has settled. The logged rig is then run ahead by the exact
+simulator from its last impact, for many times as many cycles, until the motion repeats, the
+impacts end, or a bound is reached.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from impact_damper_ros.orbits.event_map import origin_at, run_course
+from impact_damper_ros.orbits.irregularity import (
+    IRREGULAR_SPREAD,
+    REGULAR_SPREAD,
+    Indications,
+    average_spread,
+    quiet_phase,
+    zero_one_test,
+)
+from impact_damper_ros.orbits.lyapunov import Exponent, deviations, growth_exponent
+from impact_damper_ros.orbits.multipliers import event_matrices, state_rates
+from impact_damper_ros.orbits.recognition import (
+    LONGEST_PERIOD,
+    SETTLED,
+    ImpactTable,
+    MotionKind,
+    Recurrence,
+    find_recurrence,
+    section_distance,
+)
+from impact_damper_ros.orbits.settling import section_of
+from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig.forcing import SteppedSine
+from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
+from impact_damper_ros.rig.mode import REST_1, REST_2, RigConstants, rig_constants
+from impact_damper_ros.rig.origin import Origin
+from impact_damper_ros.rig.simulator import Snapshot
+
+from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
+from .result import Array
+
+__all__ = [
+    'MotionAhead',
+    'Oscillation',
+    'StretchKind',
+    'counted_impacts',
+    'impact_table',
+    'kind_ahead',
+    'kind_of',
+    'kind_without_force_phase',
+    'largest_exponent',
+    'motion_ahead',
+    'oscillation',
+]
+
+
+# Without impacts
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """The steady vibration that theory has without impacts."""
+
+    x_max: float  # largest |X| of it, m
+    joined: bool  # whether m moves with M
+    distance: float  # amplitude of the free vibration left in the recorded motion, over x_max
+
+    @property
+    def settled(self) -> bool:
+        """Whether the free vibration has died away."""
+        return self.distance <= SETTLED
+
+
+def oscillation(clock: ForceClock, states: RecordedStates) -> Oscillation | None:
+    """Compare the last joint state with the steady vibration; None if m slides with friction."""
+    rig = clock.parameters
+    still = states.damper_velocity == states.velocity
+    joined = bool(still.all())
+    if not joined and rig.friction * rig.gravity > 0.0:
+        return None
+    mass = rig.primary_mass + (rig.damper_mass if joined else 0.0)
+    constant = 0.0
+    if joined:
+        constant = rig.damper_mass * rig.gravity * math.sin(rig.angle) / rig.stiffness
+    time = states.time[-1:]
+    angles = clock.angles_at(time)[:, 0]
+    frequencies = np.array(rig.force_frequencies)
+    stiffness = rig.stiffness - mass * frequencies**2 + 1j * rig.damping * frequencies
+    amplitudes = np.array(rig.force_amplitudes)
+    active = amplitudes != 0.0
+    if (stiffness[active] == 0.0).any():
+        return None
+    response = amplitudes[active] / stiffness[active]
+    turning = response * np.exp(1j * angles[active])
+    x = constant + float(turning.imag.sum())
+    velocity = float((1j * frequencies[active] * turning).imag.sum())
+    omega = math.sqrt(rig.stiffness / mass)
+    left = math.hypot(float(states.x[-1]) - x, (float(states.velocity[-1]) - velocity) / omega)
+    # Of several harmonics the sum is a bound; of one it is the amplitude.
+    x_max = float(np.abs(response).sum()) + abs(constant)
+    return Oscillation(x_max, joined, left / x_max if x_max > 0.0 else math.inf)
+
+
+# Impacts that repeat
+
+
+#: Impacts weaker than this share of the strongest are those of a chatter, and not counted.
+NEGLIGIBLE_IMPULSE = 1e-3
+
+
+def counted_impacts(impacts: RecordedImpacts) -> RecordedImpacts:
+    """Return the impacts without the weak ones of chatters, by the second half's strongest."""
+    strength = np.abs(impacts.primary_impulse)
+    strongest = float(strength[len(impacts) // 2 :].max(initial=0.0))
+    return impacts[strength > NEGLIGIBLE_IMPULSE * strongest]
+
+
+def impact_table(impacts: RecordedImpacts, zero: float, cycle: float) -> ImpactTable:
+    """Return impacts scaled for comparison; phases from a zero of the force, s."""
+    return ImpactTable.of(
+        impacts.time - zero,
+        impacts.stop,
+        impacts.x,
+        impacts.velocity_after,
+        impacts.damper_velocity_after,
+        cycle,
+    )
+
+
+@dataclass(frozen=True)
+class StretchKind:
+    """A kind of motion, and the evidence for it."""
+
+    kind: MotionKind
+    evidence: str  # the numbers that show it, as a sentence
+    measures: Mapping[str, float] = field(default_factory=dict)  # the same numbers by name
+    recurrence: Recurrence | None = None  # how the motion repeats
+    #: Those that repeat: recorded ones without the weak ones of chatters or, if `ahead`, of
+    #: the rig that is run ahead from the end of a motion that does not repeat yet.
+    impacts: RecordedImpacts = field(default_factory=RecordedImpacts.none)
+    ahead: bool = False
+    short: bool = False  # whether a longer recording may decide
+
+
+# The rig run ahead from its last impact
+
+
+#: Cycles for each recorded one, and the least and the most of them. More are run if more were
+#: recorded, up to the last number.
+_TIMES_RECORDED, _LEAST, _MOST, _MOST_OF_ALL = 30, 400, 2000, 5000
+#: Events are what costs time: some 0.15 ms each in plain Python.
+_MOST_EVENTS, _MOST_EVENTS_OF_ALL = 8000, 20_000
+_BETWEEN_LOOKS = 100
+#: Cycles without an impact after which the impacts have ended.
+_QUIET = 200
+#: The first part of the cycles, not measured as a transient, and the least that are measured.
+_LEFT_OUT, _LEAST_MEASURED = 4, 100
+#: Impacts from which the phase without impacts is found.
+_PHASES = 100
+#: Impacts that are searched for a period, and the longest period of the states looked for.
+_SEARCHED, _LONGEST = 1500, 64
+#: Two periods of a settled motion agree to this.
+_REPEATED = 1e-6
+
+
+#: Growth after which the stamps, good to 1e-9, do not determine what a motion comes to; it has
+#: shrunk by e to the seventh since the chaos ended.
+_UNFORESEEABLE = 12.0
+
+
+@dataclass(frozen=True)
+class MotionAhead:
+    """The motion of the rig when it is run ahead from the last recorded impact."""
+
+    cycles: int  # of the force that it was run
+    impacts: RecordedImpacts  # without the weak ones of chatters, on the clock of the recording
+    recurrence: Recurrence | None  # how they repeat, or come to
+    settled_after: int | None  # cycles after which it repeats to within `SETTLED`
+    period: int  # in cycles of the force, once settled; 0 if it is not, or without impacts
+    quiet_after: int | None  # cycles after which there are no more impacts
+    indications: Indications | None  # for and against chaos; None if there are too few cycles
+    growth: float = 0.0  # logarithm of the growth of a deviation until the motion had settled
+
+    @property
+    def unforeseeable(self) -> bool:
+        """Whether the recording does not determine what the motion comes to."""
+        return self.growth > _UNFORESEEABLE
+
+
+def _after_impact(
+    machine: RigConstants, clock: ForceClock, impacts: RecordedImpacts, row: int
+) -> Origin:
+    """Return the state just after an impact."""
+    velocity, stop = float(impacts.velocity_after[row]), int(impacts.stop[row])
+    relative = float(impacts.damper_velocity_after[row]) - velocity
+    return origin_at(
+        machine,
+        float(impacts.time[row] - clock.zero),
+        float(impacts.x[row]),
+        velocity,
+        0.0 if stop == 1 else -2.0 * machine.stop,
+        relative,
+        0 if relative else (REST_1 if stop == 1 else REST_2),
+        stop,
+    )
+
+
+def _as_recorded(events: Events, rig: RigParameters, begin: float) -> RecordedImpacts:
+    """Return the impacts of a run from an instant of the clock, s, as they would be recorded."""
+    hits = events[events['kind'] == EventKind.IMPACT]
+    after, damper_after = hits['primary_velocity_after'], hits['damper_velocity_after']
+    half = np.where(hits['stop'] == 1, 0.5, -0.5) * rig.gap
+    return RecordedImpacts(
+        time=begin + hits['time'],
+        stop=hits['stop'].astype(float),
+        x=hits['x'],
+        z=hits['x'] + half,
+        velocity_after=after,
+        damper_velocity_after=damper_after,
+        primary_impulse=rig.primary_mass * (after - hits['primary_velocity_before']),
+        damper_impulse=rig.damper_mass * (damper_after - hits['damper_velocity_before']),
+    )
+
+
+def _period_of(section: Array) -> int:
+    """Return the period of the states at the ends of cycles, or 0."""
+    size = np.abs(section[-_BETWEEN_LOOKS:]).max() or 1.0
+    for period in range(1, min(_LONGEST, len(section) // 3) + 1):
+        count = min(max(2 * period, period + 3), len(section) - period)
+        if section_distance(section, period, count) <= _REPEATED * size:
+            return period
+    return 0
+
+
+class _RigAhead:
+    """The rig that is run ahead, and what it has done so far."""
+
+    def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
+        self._clock = clock
+        self._rig = clock.counted_from_zero()
+        self._machine = rig_constants(self._rig)
+        self._begin = float(impacts.time[-1])
+        self._origin = _after_impact(self._machine, clock, impacts, len(impacts) - 1)
+        phases = clock.phase(impacts.time[-_PHASES:])
+        # Phase of the section in cycles that count from the last impact
+        self._strobe = (quiet_phase(phases) - float(phases[-1])) % 1.0
+        state = Snapshot(self._rig, self._origin, 0.0, (), SteppedSine(0.0)).as_dict()
+        # Plain Python: compiling would take longer than the run.
+        self._run = LongRun.restore(state, compiled=False)
+        self._events: list[Events] = [np.empty(0, EVENT_TYPE)]
+        self._sections: list[Array] = [np.empty((0, 4))]
+        self.cycles = self.event_count = 0
+
+    def go_on(self, cycles: int, most_events: int) -> bool:
+        """Run on; return whether that was possible with so many events in all."""
+        ends = (self.cycles + np.arange(1, cycles + 1)) * self._clock.cycle
+        left = max(1, most_events - self.event_count)
+        instants = ends - (1.0 - self._strobe) * self._clock.cycle
+        stretch = self._run.advance(float(ends[-1]), instants, most_events=left)
+        self._events.append(stretch.events)
+        self._sections.append(
+            section_of(stretch.samples) / np.array([1.0, self._rig.omega, 1.0, self._rig.omega])
+        )
+        self.cycles += len(stretch.samples)
+        self.event_count += stretch.event_count
+        return stretch.outcome is Outcome.COMPLETE
+
+    def events(self) -> Events:
+        return np.concatenate(self._events)
+
+    def section(self) -> Array:
+        """Return X, X', Y and Y' once in each cycle, rates over the natural frequency."""
+        return np.concatenate(self._sections)
+
+    def impacts(self) -> RecordedImpacts:
+        return counted_impacts(_as_recorded(self.events(), self._rig, self._begin))
+
+    def quiet_after(self) -> int | None:
+        """Return after how many cycles the impacts ended; None if they go on."""
+        events = self.events()
+        times = events['time'][events['kind'] == EventKind.IMPACT]
+        cycles = math.ceil(float(times[-1]) / self._clock.cycle) if len(times) else 0
+        return cycles if self.cycles - cycles >= _QUIET else None
+
+    def recurrence(self, impacts: RecordedImpacts) -> Recurrence | None:
+        """Return how the last impacts repeat."""
+        last, clock = impacts[-_SEARCHED:], self._clock
+        return find_recurrence(impact_table(last, clock.zero, clock.cycle))
+
+    def exponent(self, first: int, last: int) -> Exponent:
+        """Return the exponent between the ends of two cycles."""
+        cycle = self._clock.cycle
+        along = deviations(
+            self._machine,
+            self._origin.angles,
+            self.events(),
+            self._origin.mode,
+            self._origin.last_stop,
+            first * cycle,
+            last * cycle,
+        )
+        return growth_exponent(along, self._rig.omega)
+
+    def indications(self) -> Indications | None:
+        """Return the evidence of the later cycles."""
+        first, cycle = self.cycles // _LEFT_OUT, self._clock.cycle
+        if self.cycles - first < _LEAST_MEASURED:
+            return None
+        found = self.exponent(first, self.cycles)
+        spread = average_spread(self.section()[first:])
+        cycles = self.cycles - first
+        return Indications(cycle * found.value, cycle * found.standard_error, cycles, spread)
+
+
+def _settled_after(recurrence: Recurrence, impacts: RecordedImpacts, begin: float) -> float:
+    """Return the time from which on a motion that has settled repeats to within `SETTLED`."""
+    far = np.flatnonzero(recurrence.distance > SETTLED)
+    periods = len(recurrence.distance) - (int(far[-1]) + 1 if len(far) else 0)
+    first = max(0, len(impacts) - recurrence.impacts * (periods + 1))
+    return float(impacts.time[first]) - begin
+
+
+def motion_ahead(
+    clock: ForceClock, impacts: RecordedImpacts, recorded: float
+) -> MotionAhead | None:
+    """Run the logged rig ahead from its last impact, longer if more cycles were recorded."""
+    if not len(impacts):
+        return None
+    rig = _RigAhead(clock, impacts)
+    begin = float(impacts.time[-1])
+    most = int(min(max(_TIMES_RECORDED * recorded, _LEAST), _MOST))
+    most = max(most, int(min(recorded, _MOST_OF_ALL)))
+    events = min(max(_MOST_EVENTS, 2 * len(impacts)), _MOST_EVENTS_OF_ALL)
+    ahead = RecordedImpacts.none()
+    recurrence, quiet, period = None, None, 0
+    while rig.cycles < most:
+        whole = rig.go_on(min(_BETWEEN_LOOKS, most - rig.cycles), events)
+        quiet = rig.quiet_after()
+        ahead = rig.impacts()
+        recurrence = rig.recurrence(ahead) if quiet is None else None
+        period = _period_of(rig.section()) if quiet is None else 0
+        # States repeat a little before the impacts are seen to
+        seen = period > LONGEST_PERIOD or (
+            period and recurrence is not None and recurrence.cycles == period
+        )
+        if seen or quiet is not None or not whole:
+            break
+    if rig.cycles < 3:
+        return None
+    settled = None
+    if period and recurrence is not None and recurrence.cycles == period:
+        settled = math.ceil(_settled_after(recurrence, ahead, begin) / clock.cycle)
+    elif period:
+        settled = rig.cycles - 3 * period
+    growth = 0.0
+    if settled:
+        growth = rig.exponent(0, settled).value * settled * clock.cycle
+    return MotionAhead(
+        cycles=rig.cycles,
+        impacts=ahead,
+        recurrence=recurrence,
+        settled_after=settled,
+        period=period,
+        quiet_after=quiet,
+        indications=None if period or quiet is not None else rig.indications(),
+        growth=growth,
+    )
+
+
+# The exponent along the recorded motion
+
+
+#: Impacts on which the exponent is measured, at most, and the parts for its error.
+_MOST_IMPACTS, _PARTS = 1500, 8
+# A stamp is rounded to the nanosecond; the flight ends as much before the impact.
+_GUARD_S = 2e-9
+
+
+def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications | None:
+    """
+    Measure how fast motions next to the recorded one diverge from it or converge to it.
+
+    Between two recorded impacts the theory of the logged rig carries a deviation in closed form,
+    through reversals too; at every impact the recorded velocities give the saltation matrix. The
+    exponent is per cycle of the force, without a spread; None if the impacts are too few.
+    """
+    impacts = impacts[-_MOST_IMPACTS:]
+    if len(impacts) < 2 * _PARTS:
+        return None
+    rig = clock.counted_from_zero()
+    machine = rig_constants(rig)
+    first = impacts.stop == 1
+    air = np.where(first, -machine.air, machine.air)
+    after = (impacts.velocity_after, impacts.damper_velocity_after)
+    before = (impacts.velocity_before(rig), impacts.damper_velocity_before(rig))
+    drive = clock.force(impacts.time) / rig.primary_mass
+    rates_before, rates_after = (
+        state_rates(machine, drive, impacts.x, *speeds, np.sign(speeds[1] - speeds[0]), push)
+        for speeds, push in ((before, np.append(air[0], air[:-1])), (after, air))
+    )
+    everywhere = np.ones(len(impacts), dtype=bool)
+    hits = event_matrices(
+        machine.mass_ratio,
+        everywhere,
+        np.where(first, machine.restitution_1, machine.restitution_2),
+        rates_before,
+        rates_after,
+        everywhere,
+    )
+    scale = np.array([1.0, rig.omega, 1.0, rig.omega])
+    deviation = np.array([1.0, 0.6, -0.8, 0.4]) / scale
+    growth = np.zeros(len(impacts))
+    for i in range(1, len(impacts)):
+        origin = _after_impact(machine, clock, impacts, i - 1)
+        duration = float(impacts.time[i] - impacts.time[i - 1])
+        course = run_course(machine, origin, max(duration - _GUARD_S, 0.0))
+        if course is None or before[0][i] == before[1][i]:
+            continue
+        deviation = hits[i] @ (course.matrix @ deviation)
+        size = float(np.linalg.norm(deviation * scale))
+        if size == 0.0:
+            return Indications(-math.inf, 0.0, 0)
+        growth[i] = math.log(size)
+        deviation /= size
+    phase = clock.phase(impacts.time)
+    span = float(phase[-1] - phase[0])
+    if span < _PARTS:
+        return None
+    part = np.minimum(((phase - phase[0]) * (_PARTS / span)).astype(np.int64), _PARTS - 1)
+    rate = np.bincount(part, growth, _PARTS) * (_PARTS / span)
+    error = float(rate.std(ddof=1)) / math.sqrt(_PARTS)
+    return Indications(float(growth.sum()) / span, error, int(span))
+
+
+# The kind of a motion with impacts
+
+
+#: Cycles with impacts from which on the rig is run ahead.
+_RUN_AHEAD_FROM = 8
+#: If it is chaotic at first, it is run ahead from so many earlier impacts, too.
+_OTHER_WAYS = 3
+#: Cycles that are enough for most motions.
+_FEW_CYCLES = 30
+#: Periods that differ by less are periodic whatever the rig does later.
+_SURE = 1e-6
+#: K of the 0-1 test of a recording that is not quasi-periodic.
+_NOT_REGULAR = 0.5
+
+
+def _period_text(recurrence: Recurrence) -> str:
+    cycles = '1 cycle' if recurrence.cycles == 1 else f'{recurrence.cycles} cycles'
+    hits = '1 impact' if recurrence.impacts == 1 else f'{recurrence.impacts} impacts'
+    return f'{cycles} ({hits})'
+
+
+def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:
+    """Return the kind of a motion whose recorded impacts repeat, or will."""
+    text = _period_text(recurrence)
+    level = recurrence.level
+    measures = {
+        'distance_of_last_periods': level,
+        'floor': recurrence.floor,
+        'factor_per_period': recurrence.factor,
+        'periods': float(len(recurrence.distance)),
+    }
+    kind = MotionKind.PERIODIC
+    if recurrence.remaining <= SETTLED or recurrence.at_floor:
+        limit = ', the limit of the stamps' if recurrence.at_floor else ''
+        evidence = f'repeats after {text}: the last two periods differ by {level:.1e}{limit}'
+    elif not recurrence.shrinks:
+        evidence = f'repeats after {text} to within {level:.1e}, which does not shrink any more'
+    else:
+        kind = MotionKind.TRANSIENT
+        evidence = (
+            f'approaches a period of {text}: the difference of successive periods shrinks by a '
+            f'factor of about {recurrence.factor:.3g}, to {level:.1e} at the end'
+        )
+    return StretchKind(kind, evidence, measures, recurrence, impacts)
+
+
+def _leads_to(ahead: MotionAhead) -> StretchKind | None:
+    """Return the kind of a motion that leads to a period, or to no impacts; else None."""
+    on = 'does not repeat yet; run ahead from its last impact, it'
+    if ahead.quiet_after is not None:
+        text = f'{on} has no more impacts after {ahead.quiet_after} more cycles'
+        measures = {'quiet_after_cycles': float(ahead.quiet_after)}
+        return StretchKind(MotionKind.TRANSIENT, text, measures)
+    recurrence = ahead.recurrence
+    settled = float(ahead.settled_after or 0)
+    if not ahead.period:
+        # Too slow to have settled, but on its way
+        found = ahead.indications
+        if found is None or recurrence is None or not (found.shrinks and recurrence.shrinks):
+            return None
+        left = max(0.0, math.log(SETTLED / recurrence.level) / found.exponent)
+        settled = float(math.ceil(ahead.cycles + left))
+    measures = {'settles_after_cycles': settled}
+    text = f'{on} settles after {"" if ahead.period else "about "}{settled:.0f} more cycles to '
+    if recurrence is None or (ahead.period and recurrence.cycles != ahead.period):
+        text += f'a period of {ahead.period} cycles'
+        if ahead.period > LONGEST_PERIOD:
+            text += f', longer than the {LONGEST_PERIOD} that are predicted'
+        return StretchKind(MotionKind.TRANSIENT, text, measures)
+    text += f'a period of {_period_text(recurrence)}'
+    return StretchKind(MotionKind.TRANSIENT, text, measures, recurrence, ahead.impacts, ahead=True)
+
+
+def _settling(clock: ForceClock, impacts: RecordedImpacts, ahead: MotionAhead) -> StretchKind:
+    """
+    Return the kind of a motion that settles after chaos.
+
+    The stamps do not determine it that far ahead. From each of the last impacts the rig
+    takes another way; only if all of them lead to the same period, the motion is said to settle.
+    """
+    spent = _cycles_of(clock, impacts)
+    others = [motion_ahead(clock, impacts[:-back], spent) for back in range(1, _OTHER_WAYS + 1)]
+    periods = [way.period if way is not None else 0 for way in others]
+    cycles = [float(ahead.settled_after or 0)]
+    cycles += [float(way.settled_after or 0) for way in others if way is not None and way.period]
+    leads = _leads_to(ahead)
+    assert leads is not None
+    if all(period == ahead.period for period in periods):
+        text = f'{leads.evidence}; it is chaotic at first, but from the {_OTHER_WAYS} impacts '
+        text += f'before it settles to that period, too, after {min(cycles):.0f} to '
+        text += f'{max(cycles):.0f} cycles'
+        return replace(leads, evidence=text)
+    known = ', '.join(str(p) for p in sorted({ahead.period, *periods} - {0}))
+    text = (
+        f'does not repeat yet; run ahead from each of its last {_OTHER_WAYS + 1} impacts, it '
+        f'is chaotic, and settles from {len(cycles)} of them, after {min(cycles):.0f} cycles or '
+        f'more, to periods of {known} cycles: the recording does not determine to which, nor when'
+    )
+    return StretchKind(MotionKind.UNDECIDED, text, leads.measures, short=True)
+
+
+def kind_ahead(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind | None:
+    """Return the periodic motion to which the rig comes when it is run ahead."""
+    ahead = motion_ahead(clock, impacts, _cycles_of(clock, impacts))
+    if ahead is None or ahead.unforeseeable:
+        return None
+    leads = _leads_to(ahead)
+    return leads if leads is not None and leads.recurrence is not None else None
+
+
+def _cycles_of(clock: ForceClock, impacts: RecordedImpacts) -> float:
+    """Return the cycles of the force from the first to the last impact."""
+    return float(impacts.time[-1] - impacts.time[0]) / clock.cycle if len(impacts) else 0.0
+
+
+def _recorded(
+    clock: ForceClock, impacts: RecordedImpacts
+) -> tuple[Indications | None, float, str]:
+    """Return the evidence of the second half of the impacts, K of the 0-1 test, and the words."""
+    late = impacts[len(impacts) // 2 :]
+    counted = counted_impacts(impacts)
+    strobe = counted[len(counted) // 2 :]
+    most_hit = 1.0 if (strobe.stop == 1.0).sum() * 2 >= len(strobe) else 2.0
+    strobe = strobe[strobe.stop == most_hit]
+    regularity = zero_one_test(strobe.x)
+    exponent = largest_exponent(clock, late)
+    seen, found = '', None
+    if exponent is not None:
+        angle = math.tau * clock.phase(strobe.time)
+        states = np.column_stack(
+            [strobe.x, strobe.velocity_after, strobe.damper_velocity_after]
+        ) / np.array([1.0, clock.parameters.omega, clock.parameters.omega])
+        spread = average_spread(np.column_stack([states, np.cos(angle), np.sin(angle)]))
+        found = replace(exponent, spread=spread)
+        seen += f'; Lyapunov exponent {_exponent_text(found)} per cycle along the last '
+        seen += f'{min(len(late), _MOST_IMPACTS)} recorded impacts'
+    if not math.isnan(regularity):
+        seen += f'; their 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
+    return found, regularity, seen
+
+
+def _exponent_text(found: Indications) -> str:
+    digits = 4 if found.error < 1e-3 else 3
+    return f'{found.exponent:+.{digits}f} ± {found.error:.{digits}f}'
+
+
+def _ahead_text(found: Indications) -> str:
+    text = (
+        f'run ahead from the last impact, it does not settle, and over {found.cycles} cycles '
+        f'the exponent is {_exponent_text(found)}'
+    )
+    if not math.isnan(found.spread):
+        text += (
+            f'; weighted averages over their halves differ by {found.spread:.1g} (below '
+            f'{REGULAR_SPREAD:g} regular, above {IRREGULAR_SPREAD:g} chaotic)'
+        )
+    return text
+
+
+def _contradiction(kind: MotionKind, recorded: Indications | None, regularity: float) -> str:
+    """Return the evidence of the recording against a kind, if there is any."""
+    if recorded is None:
+        return ''
+    if kind is MotionKind.CHAOTIC:
+        if recorded.shrinks:
+            return 'along the recording neighbouring motions converge'
+        if recorded.spread < REGULAR_SPREAD:
+            return f'the recorded impacts look regular: averages differ by {recorded.spread:.1g}'
+    if kind is MotionKind.QUASI_PERIODIC:
+        if recorded.grows:
+            return 'along the recording neighbouring motions diverge'
+        if regularity > _NOT_REGULAR:
+            return 'the 0-1 test of the recorded impacts is not that of a regular motion'
+    return ''
+
+
+def _doubt(found: Indications | None, ahead: MotionAhead | None, spent: float) -> str:
+    """Return why a motion is undecided, and what would decide."""
+    if found is None and ahead is not None:
+        return (
+            f'run ahead from the last impact, it does not settle within {ahead.cycles} '
+            'cycles, and has too many impacts to be run for longer'
+        )
+    if found is None:
+        return f'{spent:.0f} cycles with impacts are too few; about {_FEW_CYCLES} may decide'
+    if more := found.cycles_to_decide():
+        return f'the exponent is not certain; about {more} cycles in all would decide'
+    if found.shrinks:
+        text = 'neighbouring motions converge to it: a long transient, or a long period; '
+        return (
+            f'{text}about {math.ceil(math.log(SETTLED) / found.exponent)} more cycles would decide'
+        )
+    if found.grows:
+        text = 'neighbouring motions diverge, but the averages are those of a regular motion'
+    elif found.neutral:
+        text = 'neighbouring motions keep their distance, but the averages are not steady'
+    else:
+        text = 'the exponent is too near to zero'
+    return f'{text}; about {4 * found.cycles} cycles in all would decide'
+
+
+def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) -> StretchKind:
+    """
+    Find the kind of a motion with impacts.
+
+    Only if the log is `sound`, the logged rig is run ahead from its last impact.
+    """
+    counted = counted_impacts(impacts)
+    table = impact_table(counted, clock.zero, clock.cycle)
+    spent = float(table.phase[-1] - table.phase[0]) if len(table) else 0.0
+    recurrence = find_recurrence(table)
+    if recurrence is not None and (recurrence.at_floor or recurrence.level <= _SURE or not sound):
+        return _recurring(recurrence, counted)
+    ahead = None
+    if len(impacts) and sound and (recurrence is not None or spent >= _RUN_AHEAD_FROM):
+        ahead = motion_ahead(clock, impacts, spent)
+    if recurrence is not None and (ahead is None or _confirmed(recurrence, ahead)):
+        return _recurring(recurrence, counted)
+    if ahead is not None and ahead.unforeseeable:
+        return _settling(clock, impacts, ahead)
+    leads = None if ahead is None else _leads_to(ahead)
+    if leads is not None:
+        return leads
+    recorded, regularity, seen = _recorded(clock, impacts)
+    found = recorded if ahead is None else ahead.indications
+    measures = {'zero_one_test': regularity}
+    if recorded is not None:
+        measures['recorded_exponent'] = recorded.exponent
+        measures['recorded_error'] = recorded.error
+    if found is not None:
+        measures['lyapunov_exponent'], measures['lyapunov_error'] = found.exponent, found.error
+        measures['measured_cycles'] = float(found.cycles)
+        measures['average_spread'] = found.spread
+    measures['carried_cycles'] = float(ahead.cycles) if ahead is not None else 0.0
+    seen = f'does not repeat within {LONGEST_PERIOD} cycles{seen}'
+    if ahead is not None and found is not None:
+        seen += f'; {_ahead_text(found)}'
+    kind = MotionKind.UNDECIDED if found is None else found.kind()
+    doubt = _contradiction(kind, recorded, regularity)
+    if kind is MotionKind.UNDECIDED:
+        doubt = _doubt(found, ahead, spent)
+    if doubt:
+        return StretchKind(MotionKind.UNDECIDED, f'{seen}; {doubt}', measures, short=True)
+    return StretchKind(kind, seen, measures)
+
+
+def _confirmed(recurrence: Recurrence, ahead: MotionAhead) -> bool:
+    """Return whether the rig, run ahead, comes to the period of its recorded impacts."""
+    if ahead.period:
+        return ahead.period == recurrence.cycles
+    slowly = ahead.indications is not None and ahead.indications.shrinks
+    later = ahead.recurrence
+    return slowly and later is not None and later.cycles == recurrence.cycles
+
+
+def kind_without_force_phase(impacts: RecordedImpacts, cycle: float) -> StretchKind:
+    """Find the kind of a motion if the phase of the force is not known."""
+    counted = counted_impacts(impacts)
+    recurrence = find_recurrence(impact_table(counted, 0.0, cycle))
+    if recurrence is not None:
+        return _recurring(recurrence, counted)
+    late = counted[len(counted) // 2 :]
+    regularity = zero_one_test(late.x)
+    text = f'does not repeat within {LONGEST_PERIOD} cycles'
+    if not math.isnan(regularity):
+        text += f'; 0-1 test K = {regularity:.2f} (0 regular, 1 chaotic)'
+    return StretchKind(MotionKind.UNDECIDED, text, {'zero_one_test': regularity})

@@ -1,0 +1,740 @@
+"""
+The result of comparing a recorded run with theory.
+
+A run is cut into stretches where its parameters change and where it is reset. Each stretch is
+measured, classified and compared on its own. Times are rig time in s, phases are in cycles of the
+first harmonic of the force, all else is in SI units. Velocities are absolute unless they are
+called relative.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from enum import Enum
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.orbits import PeriodicOrbit
+from impact_damper_ros.orbits.recognition import MotionKind
+from impact_damper_ros.rig import RigParameters
+
+__all__ = [
+    'Array',
+    'Beginning',
+    'Convergence',
+    'Decay',
+    'EnergyBalance',
+    'Finding',
+    'GapCurve',
+    'ImpactCurve',
+    'ImpactStates',
+    'LogCheck',
+    'LoggedStretch',
+    'MeasuredMotion',
+    'MotionCurve',
+    'MotionKind',
+    'Overall',
+    'PredictedCurve',
+    'RunComparison',
+    'Spectrum',
+    'StretchComparison',
+    'StretchCurves',
+    'SwingEnvelope',
+    'Verdict',
+]
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ImpactStates:
+    """
+    The impacts of one period, in order.
+
+    Attributes
+    ----------
+    stops : tuple of int
+        The stops hit, 1 (the lower one) or 2.
+    phases : tuple of float
+        Instants in cycles of the force since its zero angle, the first in [0, 1), all in [0, k).
+    x : tuple of float
+        X, m.
+    primary_velocity_before, primary_velocity_after : tuple of float
+        X' just before and just after, m/s.
+    damper_velocity_before, damper_velocity_after : tuple of float
+        Z' just before and just after, m/s.
+    impulse : tuple of float
+        Moduli of the impulses, N s.
+    """
+
+    stops: tuple[int, ...]
+    phases: tuple[float, ...]
+    x: tuple[float, ...]
+    primary_velocity_before: tuple[float, ...]
+    primary_velocity_after: tuple[float, ...]
+    damper_velocity_before: tuple[float, ...]
+    damper_velocity_after: tuple[float, ...]
+    impulse: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class MeasuredMotion:
+    """
+    The steady part of a stretch or, if the motion does not settle, its second half.
+
+    Attributes
+    ----------
+    start, end : float
+        The part measured, s.
+    x_max, x_rms : float
+        Largest |X| and root mean square of X, m.
+    amplitude_ratio : float
+        x_max over the amplitude A without impacts; NaN if A is not defined.
+    impacts : int
+        Number of impacts.
+    impacts_per_cycle : float
+        The same per cycle of the force; NaN without a force.
+    mean_impulse, largest_impulse : float
+        Of the impacts, N s; 0 without any.
+    last_period : ImpactStates or None
+        The last whole period of a periodic or settling motion.
+    """
+
+    start: float
+    end: float
+    x_max: float
+    x_rms: float
+    amplitude_ratio: float
+    impacts: int
+    impacts_per_cycle: float
+    mean_impulse: float
+    largest_impulse: float
+    last_period: ImpactStates | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overall:
+    """
+    Swing, impacts and energy over a whole stretch or run, whatever the motion.
+
+    They come from the log alone: between two recorded instants X is the cubic through the recorded
+    positions and velocities. Intervals with missing samples are left out of the integrals.
+
+    Attributes
+    ----------
+    duration : float
+        Length, s.
+    covered : float
+        How much of it the integrals (`x_rms`, `dashpot_energy`, `force_work`) cover, s.
+    x_max : float
+        Largest |X|, also between the samples, m; X from the static equilibrium of M.
+    x_rms : float
+        Root mean square of X over the time covered, m; the mean of X is not subtracted.
+    impacts, impacts_on_stop_1, impacts_on_stop_2 : int
+        Number of recorded impacts.
+    impact_energy : float
+        Kinetic energy that M lost in the impacts, J, from velocities and impulses: exact. Contact
+        with a resting m is no impact.
+    dashpot_energy : float
+        Energy that the dashpot took from M, J.
+    force_work : float
+        Work of the force on M, J; NaN if its phase is not known or its frequency is swept.
+    accuracy : float
+        Estimate of the relative error of `x_max`, `x_rms` and `dashpot_energy` (and of
+        `force_work`, relative to the work there and back):
+        (W h)^4/200 + mu (W h)^3/50 with the longest interval h, the highest circular frequency W
+        of natural vibration and force, and the mass ratio mu; the second term with friction only.
+    """
+
+    duration: float
+    covered: float
+    x_max: float
+    x_rms: float
+    impacts: int
+    impacts_on_stop_1: int
+    impacts_on_stop_2: int
+    impact_energy: float
+    dashpot_energy: float
+    force_work: float
+    accuracy: float
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Return the same over several stretches: sums, the largest |X|, the common rms."""
+        covered = sum(part.covered for part in parts)
+        squares = sum(part.x_rms**2 * part.covered for part in parts if part.covered > 0.0)
+        largest = [part.x_max for part in parts if not math.isnan(part.x_max)]
+        return cls(
+            duration=sum(part.duration for part in parts),
+            covered=covered,
+            x_max=max(largest, default=math.nan),
+            x_rms=math.sqrt(squares / covered) if covered > 0.0 else math.nan,
+            impacts=sum(part.impacts for part in parts),
+            impacts_on_stop_1=sum(part.impacts_on_stop_1 for part in parts),
+            impacts_on_stop_2=sum(part.impacts_on_stop_2 for part in parts),
+            impact_energy=math.fsum(part.impact_energy for part in parts),
+            dashpot_energy=math.fsum(part.dashpot_energy for part in parts),
+            force_work=math.fsum(part.force_work for part in parts),
+            accuracy=max((part.accuracy for part in parts), default=0.0),
+        )
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """
+    Energy over whole periods, J: force + air = dashpot + friction + impacts + stored + residual.
+
+    Attributes
+    ----------
+    start, end : float
+        Rig time, s.
+    periods : int
+        Periods between them; cycles of the force if the motion is not periodic.
+    force, air : float
+        Work of the force on M, and of the compressed air on both masses.
+    dashpot, friction, impacts : float
+        Energy lost in each.
+    stored : float
+        Change of kinetic and potential energy.
+    residual : float
+        What is left unexplained.
+    tolerance : float
+        Largest residual that interpolation between the samples explains.
+    """
+
+    start: float
+    end: float
+    periods: int
+    force: float
+    air: float
+    dashpot: float
+    friction: float
+    impacts: float
+    stored: float
+    residual: float
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Decay:
+    """
+    The approach to the periodic motion.
+
+    Attributes
+    ----------
+    measured : float
+        Factor by which the distance shrinks in a period; NaN if it could not be measured.
+    predicted : float
+        Largest modulus of the multipliers; NaN without a prediction.
+    periods : int
+        Periods on which it was measured.
+    distance : float
+        Distance from the periodic motion at the end, relative.
+    floor : float
+        Smallest distance that stamps on whole nanoseconds resolve.
+    """
+
+    measured: float
+    predicted: float
+    periods: int
+    distance: float
+    floor: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """
+    A number or message of the log that is not as expected.
+
+    Attributes
+    ----------
+    quantity, unit : str
+        What differs: ``'X at impact 2'``, ``'gap'``.
+    time : float
+        Rig time, s.
+    measured, expected, tolerance : float
+        The numbers; NaN if there are none.
+    text : str
+        A sentence with the numbers.
+    """
+
+    quantity: str
+    unit: str
+    time: float
+    measured: float
+    expected: float
+    tolerance: float
+    text: str
+
+    @property
+    def difference(self) -> float:
+        """Measured minus expected value."""
+        return self.measured - self.expected
+
+
+class Beginning(Enum):
+    """Why a stretch begins."""
+
+    START = 'start'
+    CHANGE = 'change'
+    RESET = 'reset'
+    RESUME = 'resume'
+
+
+class Verdict(Enum):
+    """How a stretch compares with theory."""
+
+    AGREES = 'agrees'
+    NOT_SETTLED = 'not settled yet'
+    DIFFERS = 'differs'
+    #: The motion that theory has here is not stable, so that the rig leaves it.
+    PREDICTED_UNSTABLE = 'predicted unstable'
+    NO_PREDICTION = 'no prediction'
+    #: Too little was recorded.
+    TOO_SHORT = 'too short'
+
+
+@dataclass(frozen=True)
+class SwingEnvelope:
+    """
+    Least and greatest X in consecutive pieces of a stretch.
+
+    Attributes
+    ----------
+    time : ndarray of shape (n,)
+        Beginning of each piece, s.
+    low, high : ndarray of shape (n,)
+        Least and greatest sampled X in it, m.
+    """
+
+    time: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True)
+class MotionCurve:
+    """
+    The recorded motion in detail: joint states, and both sides of each impact.
+
+    Attributes
+    ----------
+    time : ndarray of shape (n,)
+        Instants, s, not falling; each impact appears twice, just before and just after.
+    x, velocity : ndarray of shape (n,)
+        X in m, and X' in m/s.
+    y, relative_velocity : ndarray of shape (n,)
+        Y = Z - X in m, and Y' in m/s.
+    stop_1, stop_2 : ndarray of shape (n,)
+        Positions of the stops relative to M, m; NaN if there is no stop 2.
+    """
+
+    time: Array
+    x: Array
+    velocity: Array
+    y: Array
+    relative_velocity: Array
+    stop_1: Array
+    stop_2: Array
+
+
+@dataclass(frozen=True)
+class ImpactCurve:
+    """
+    Impacts as arrays; the states just after them are the points of the Poincare section.
+
+    Attributes
+    ----------
+    time, phase : ndarray of shape (n,)
+        Instants, s, and phases of the force, cycles in [0, 1); NaN if they are not known.
+    stop, x, primary_velocity_before, ..., impulse : ndarray of shape (n,)
+        As of `ImpactStates`.
+    """
+
+    time: Array
+    phase: Array
+    stop: NDArray[np.int64]
+    x: Array
+    primary_velocity_before: Array
+    primary_velocity_after: Array
+    damper_velocity_before: Array
+    damper_velocity_after: Array
+    impulse: Array
+
+
+@dataclass(frozen=True)
+class PredictedCurve:
+    """
+    One period of the predicted motion, from just after its first impact to one period later.
+
+    Attributes
+    ----------
+    phase : ndarray of shape (n,)
+        Cycles of the force since its zero angle, not falling; each impact appears twice.
+    x, velocity, y, relative_velocity : ndarray of shape (n,)
+        As of `MotionCurve`.
+    force_zero : float
+        A rig time, s, at which the force's angle is zero: phase p is at force_zero + p cycles.
+    cycle, cycles : float, int
+        Duration of a cycle of the force, s, and cycles k in a period.
+    """
+
+    phase: Array
+    x: Array
+    velocity: Array
+    y: Array
+    relative_velocity: Array
+    force_zero: float
+    cycle: float
+    cycles: int
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """
+    The approach of the recorded motion to the periodic one, period by period.
+
+    Attributes
+    ----------
+    time, distance : ndarray of shape (n,)
+        Beginning of each period, s, and the largest difference of any displacement, velocity and
+        instant of its impacts from those of the periodic motion, each relative to its size.
+    floor, measured, predicted : float
+        As of `Decay`.
+    fitted_from, fitted_to : int
+        The periods (half-open range of indices) on which the decay was measured; equal if it
+        could not be.
+    """
+
+    time: Array
+    distance: Array
+    floor: float
+    fitted_from: int
+    fitted_to: int
+    measured: float
+    predicted: float
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """
+    Amplitude spectrum of X, of the end of a stretch.
+
+    Attributes
+    ----------
+    frequency : ndarray of shape (n,)
+        In Hz.
+    amplitude : ndarray of shape (n,)
+        Amplitude of X, m.
+    force_frequency : float
+        Of the force's first harmonic, Hz.
+    resolution : float
+        Width of a line, Hz.
+    window : str
+        Name of the window.
+    """
+
+    frequency: Array
+    amplitude: Array
+    force_frequency: float
+    resolution: float
+    window: str
+
+
+@dataclass(frozen=True)
+class GapCurve:
+    """
+    The predicted motion followed in the gap, all other parameters as logged.
+
+    Attributes
+    ----------
+    gap : ndarray of shape (n,)
+        Gaps along the branch, m; not monotonic if it has folds.
+    ratio : ndarray of shape (n,)
+        Largest |X| over that without impacts, Xmax/A.
+    stable, viable : ndarray of bool, shape (n,)
+        Whether the motion there is stable, and whether the rig can move so.
+    special_gap, special_ratio : ndarray of shape (s,)
+        Folds, period doublings, grazing and the like.
+    special_kind : tuple of str
+        What each of them is.
+    measured_gap, measured_ratio : float
+        This run.
+    stops : tuple of int
+        Stops hit in a period of this branch.
+    ended : str
+        Why it was not followed further.
+    """
+
+    gap: Array
+    ratio: Array
+    stable: NDArray[np.bool_]
+    viable: NDArray[np.bool_]
+    special_gap: Array
+    special_ratio: Array
+    special_kind: tuple[str, ...]
+    measured_gap: float
+    measured_ratio: float
+    stops: tuple[int, ...]
+    ended: str
+
+
+@dataclass(frozen=True)
+class StretchCurves:
+    """
+    All arrays of one stretch, of bounded size; None if there is nothing to show.
+
+    Attributes
+    ----------
+    envelope : SwingEnvelope or None
+        X over the whole stretch.
+    motion : MotionCurve or None
+        The end of the stretch in detail: the last periods, or the last cycles of the force.
+    impacts : ImpactCurve or None
+        The latest impacts, those of `motion` and more before them.
+    predicted : PredictedCurve or None
+        One period of the predicted motion.
+    convergence : Convergence or None
+        The approach to the periodic motion.
+    spectrum : Spectrum or None
+        Of X.
+    gap_curve : GapCurve or None
+        Xmax/A against the gap.
+    """
+
+    envelope: SwingEnvelope | None = None
+    motion: MotionCurve | None = None
+    impacts: ImpactCurve | None = None
+    predicted: PredictedCurve | None = None
+    convergence: Convergence | None = None
+    spectrum: Spectrum | None = None
+    gap_curve: GapCurve | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoggedStretch:
+    """
+    A stretch of a run between two cuts, with constant parameters.
+
+    Attributes
+    ----------
+    number : int
+        Counted from 1.
+    start, end : float
+        Rig time, s.
+    begins : Beginning
+        Why it begins.
+    cause : str
+        The same in words: ``'gap = 0.012 m (was 0.01 m)'``.
+    parameters : RigParameters
+        As logged.
+    control : mapping of str to value
+        Gap-control parameters as logged; empty if the bag has none.
+    """
+
+    number: int
+    start: float
+    end: float
+    begins: Beginning
+    cause: str
+    parameters: RigParameters
+    control: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StretchComparison(LoggedStretch):
+    """
+    One stretch of a run compared with theory.
+
+    Attributes
+    ----------
+    samples, impacts, missing_samples : int
+        What was recorded of it.
+    kind : MotionKind
+        The kind of the motion.
+    evidence : str
+        The numbers that show it, as a sentence.
+    measures : mapping of str to float
+        The same numbers by name.
+    cycles : int
+        Period k in cycles of the force; 0 if the motion is not periodic.
+    settled_at : float or None
+        Rig time from which the motion is steady, s; None if it does not become steady.
+    overall : Overall or None
+        Swing, impacts and energy over the whole stretch.
+    measured : MeasuredMotion or None
+        The steady part.
+    predicted : PeriodicOrbit or None
+        The periodic motion that theory has for the logged parameters, nearest to the measured one,
+        begun at the same impact as `measured.last_period`.
+    predicted_impulse : tuple of float
+        Its impulses, N s.
+    solver : str
+        What found it, or why there is no prediction.
+    energy : EnergyBalance or None
+        Over whole periods.
+    decay : Decay or None
+        Into the steady state.
+    verdict : Verdict
+        How it compares.
+    sentence : str
+        The verdict in words, with numbers.
+    findings : tuple of Finding
+        What is not as expected, the earliest first.
+    curves : StretchCurves
+        For plots.
+    """
+
+    samples: int
+    impacts: int
+    missing_samples: int = 0
+    kind: MotionKind
+    evidence: str
+    measures: Mapping[str, float] = field(default_factory=dict)
+    cycles: int = 0
+    settled_at: float | None = None
+    overall: Overall | None = None
+    measured: MeasuredMotion | None = None
+    predicted: PeriodicOrbit | None = None
+    predicted_impulse: tuple[float, ...] = ()
+    solver: str = ''
+    energy: EnergyBalance | None = None
+    decay: Decay | None = None
+    verdict: Verdict
+    sentence: str
+    findings: tuple[Finding, ...] = ()
+    curves: StretchCurves = field(default_factory=StretchCurves)
+
+    @property
+    def stops(self) -> tuple[int, ...]:
+        """Stops hit in a measured period; empty if the motion is not periodic."""
+        if self.measured is None or self.measured.last_period is None:
+            return ()
+        return self.measured.last_period.stops
+
+    @property
+    def impacts_per_period(self) -> int:
+        """Number N of impacts in a measured period."""
+        return len(self.stops)
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """
+    How the numbers of a log were checked.
+
+    Attributes
+    ----------
+    replayed : bool
+        Whether the log was replayed from its first snapshot, and every number compared bit for
+        bit. Otherwise the motion was checked from sample to sample, to round-off.
+    text : str
+        What was checked, in words.
+    differences : int
+        Numbers and messages that differ from the replay.
+    unchecked : tuple of str
+        Topics, and what else, that was not checked.
+    """
+
+    replayed: bool
+    text: str
+    differences: int = 0
+    unchecked: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunComparison:
+    """
+    A recorded run compared with theory.
+
+    Attributes
+    ----------
+    bag, node : str
+        The recording, and the node that was recorded.
+    version : str
+        Of this package.
+    complete : bool
+        Whether the bag was finished and nothing of it is missing.
+    stamps : str
+        What the log times are: ``'rig time'``, or ``'times of arrival'``.
+    start, end : float
+        Rig times of the first and last sample, s.
+    samples, impacts : int
+        How many there are.
+    stretches : tuple of StretchComparison
+        In order.
+    log : LogCheck
+        How the numbers were checked.
+    faults : tuple of str
+        Why the bag could be used in part only.
+    remarks : tuple of str
+        Other facts about the recording.
+    """
+
+    bag: str
+    node: str
+    version: str
+    complete: bool
+    stamps: str
+    start: float
+    end: float
+    samples: int
+    impacts: int
+    stretches: tuple[StretchComparison, ...]
+    log: LogCheck = field(default_factory=lambda: LogCheck(False, 'the log was not checked'))
+    faults: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def exit_code(self) -> int:
+        """0: nothing differs; 1: something does; 3: nothing does, but the bag is not whole."""
+        if any(stretch.verdict is Verdict.DIFFERS for stretch in self.stretches):
+            return 1
+        return 3 if self.faults else 0
+
+    @property
+    def overall(self) -> Overall | None:
+        """Swing, impacts and energy over all stretches; None if no stretch has them."""
+        parts = [s.overall for s in self.stretches if s.overall is not None]
+        return Overall.joined(parts) if parts else None
+
+    def as_dict(self, *, curves: bool = False) -> dict[str, Any]:
+        """
+        Return everything in types of JSON; numbers that are not finite become None.
+
+        Parameters
+        ----------
+        curves : bool, optional
+            Whether to include the arrays for plots, as lists.
+        """
+        plain = _plain(self, curves=curves)
+        assert isinstance(plain, dict)
+        overall = _plain(self.overall, curves=curves)
+        return {**plain, 'overall': overall, 'exit_code': self.exit_code}
+
+
+def _plain(value: Any, *, curves: bool) -> Any:
+    if isinstance(value, PeriodicOrbit | RigParameters):
+        return _plain(value.as_dict(), curves=curves)
+    if is_dataclass(value) and not isinstance(value, type):
+        names = [f.name for f in fields(value) if curves or f.name != 'curves']
+        plain = {name: _plain(getattr(value, name), curves=curves) for name in names}
+        if isinstance(value, Finding):
+            plain['difference'] = _plain(value.difference, curves=curves)
+        return plain
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {str(name): _plain(entry, curves=curves) for name, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist(), curves=curves)
+    if isinstance(value, tuple | list):
+        return [_plain(entry, curves=curves) for entry in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

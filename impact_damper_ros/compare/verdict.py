@@ -1,0 +1,401 @@
+"""The comparison of one stretch of a run with theory, and its verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
+from impact_damper_ros.orbits.equations import check_forcing
+from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
+
+from .flight_check import FaultSearch
+from .log_findings import log_findings, repaired_impacts
+from .measured_motion import (
+    energy_balance,
+    impact_curve,
+    measured_motion,
+    motion_curve,
+    spectrum,
+)
+from .motion_kind import (
+    Oscillation,
+    StretchKind,
+    kind_ahead,
+    kind_of,
+    kind_without_force_phase,
+    oscillation,
+)
+from .periodic_motion import PeriodicMotion, impulses_of, periodic_motion, predicted_curve
+from .recorded_stretch import ForceClock, RecordedStates, RecordedStretch
+from .result import (
+    EnergyBalance,
+    Finding,
+    LoggedStretch,
+    StretchComparison,
+    StretchCurves,
+    Verdict,
+)
+
+__all__ = ['compare_stretch']
+
+
+_LISTED_STOPS = 12
+
+
+class _Judgement(NamedTuple):
+    """A verdict, in words, and the findings that led to it."""
+
+    verdict: Verdict
+    sentence: str
+    findings: Sequence[Finding] = ()
+
+
+def _motion_name(orbit: PeriodicOrbit) -> str:
+    cycles = '1 cycle' if orbit.cycles == 1 else f'{orbit.cycles} cycles'
+    if orbit.impacts > _LISTED_STOPS:
+        return f'the motion with {orbit.impacts} impacts in {cycles}'
+    stops = ','.join(str(stop) for stop in orbit.stops)
+    return f'the motion with the stops {stops} in {cycles}'
+
+
+def _stability(orbit: PeriodicOrbit) -> str:
+    word = 'stable' if orbit.stable else 'not stable'
+    return f'{word}, largest multiplier {abs(orbit.multipliers[0]):.4g}'
+
+
+def _judged_log(log: list[Finding]) -> _Judgement:
+    """Judge a stretch whose log is wrong."""
+    more = f' (and {len(log) - 1} more)' if len(log) > 1 else ''
+    return _Judgement(Verdict.DIFFERS, log[0].text + more, log)
+
+
+def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]) -> _Judgement:
+    """Judge a motion that repeats, or will."""
+    orbit = motion.match.orbit
+    distance = float(motion.match.distance)
+    if log:
+        judgement = _judged_log(log)
+        if orbit is not None and not kind.ahead and distance > motion.allowed:
+            return judgement._replace(findings=[*log, *motion.differences()])
+        return judgement
+    if orbit is None:
+        return _Judgement(Verdict.NO_PREDICTION, motion.match.solver)
+    name = _motion_name(orbit)
+    if kind.ahead:
+        cycles = kind.measures['settles_after_cycles']
+        text = f'run ahead, it comes to {name} ({_stability(orbit)}) after {cycles:.0f} cycles'
+        return _Judgement(Verdict.NOT_SETTLED, text)
+    rate = ''
+    if not math.isnan(motion.decay.factor):
+        rate = (
+            f'; deviations shrink by {motion.decay.factor:.5g} in a period, predicted '
+            f'{motion.predicted_factor:.5g}'
+        )
+    if distance > motion.allowed:
+        differences = motion.differences()
+        text = f'differs by {distance:.3g} of its size from {name}; the remaining transient and '
+        text += f'the stamps explain {motion.allowed:.1g}'
+        if differences:
+            text += f': {differences[0].text}'
+        return _Judgement(Verdict.DIFFERS, text + rate, differences)
+    near = f'{distance:.2g} of its size from {name} ({_stability(orbit)})'
+    if kind.kind is MotionKind.TRANSIENT:
+        factor = motion.predicted_factor
+        # If the multipliers are complex, the distance oscillates as it shrinks.
+        largest = float(motion.distances[-6:].max())
+        if orbit.stable and largest > SETTLED and factor > 0.0:
+            more = math.ceil(math.log(SETTLED / largest) / math.log(factor)) * orbit.cycles
+            near += f', and within {SETTLED:g} of it after about {more} more cycles'
+        return _Judgement(Verdict.NOT_SETTLED, near + rate)
+    verdict = Verdict.AGREES if orbit.stable else Verdict.PREDICTED_UNSTABLE
+    return _Judgement(verdict, near + rate)
+
+
+def _judged_irregular(
+    clock: ForceClock, kind: StretchKind, log: list[Finding]
+) -> tuple[_Judgement, PeriodicOrbit | None]:
+    """Judge a motion that does not repeat, by the simplest motion that theory has here."""
+    rig = clock.counted_from_zero()
+    stops = (1,) if rig.one_sided else (1, 2)
+    orbits: tuple[PeriodicOrbit, ...] = ()
+    try:
+        orbits = find_orbits(rig, stops, 1, simulate=False).orbits
+        judgement = _beside(kind, orbits, stops)
+    except OrbitError as error:
+        judgement = _Judgement(Verdict.NO_PREDICTION, str(error))
+    if kind.kind is MotionKind.TRANSIENT:
+        judgement = _Judgement(Verdict.NOT_SETTLED, kind.evidence)
+    if kind.short:
+        judgement = _Judgement(Verdict.TOO_SHORT, kind.evidence)
+    if log:
+        judgement = _judged_log(log)
+    return judgement, next((orbit for orbit in orbits if orbit.viable), None)
+
+
+def _beside(
+    kind: StretchKind, orbits: tuple[PeriodicOrbit, ...], stops: tuple[int, ...]
+) -> _Judgement:
+    """Judge by the motions with the period of the force."""
+    orbit = next((orbit for orbit in orbits if orbit.viable), None)
+    what = kind.kind.value
+    if orbit is None:
+        named = ','.join(str(stop) for stop in stops)
+        reason = orbits[0].reason if orbits else 'the equations have no solution'
+        text = (
+            f'{what}: theory has no motion with the stops {named} in 1 cycle that this rig could '
+            f'make ({reason})'
+        )
+        return _Judgement(Verdict.NO_PREDICTION, text)
+    if not orbit.stable:
+        text = f'{what}: theory has {_motion_name(orbit)}, but it is {_stability(orbit)}'
+        return _Judgement(Verdict.PREDICTED_UNSTABLE, text)
+    text = (
+        f'{what}; theory has {_motion_name(orbit)} ({_stability(orbit)}), which the rig may come '
+        'to from other initial conditions, or later'
+    )
+    return _Judgement(Verdict.NO_PREDICTION, text)
+
+
+def _judged_oscillation(found: Oscillation | None, x_max: float) -> _Judgement:
+    """Judge a motion without impacts."""
+    if found is None:
+        text = 'm slides without impacts: theory has no such motion'
+        return _Judgement(Verdict.NO_PREDICTION, text)
+    how = 'with m on it' if found.joined else 'without m'
+    text = (
+        f'M vibrates {how}: largest |X| {x_max:.7g} m, predicted {found.x_max:.7g} m; the free '
+        f'vibration left is {found.distance:.2g} of it'
+    )
+    return _Judgement(Verdict.AGREES if found.settled else Verdict.NOT_SETTLED, text)
+
+
+#: Periods, or cycles, of which the energy is balanced, and which the plots show in detail.
+_BALANCED, _SHOWN = 50, 8
+#: Periods of a settled motion that are measured.
+_MEASURED = 20
+#: Cycles without an impact at the end of a stretch, after which it counts as one without.
+_QUIET_CYCLES = 20
+_LEAST_CYCLES = 2
+_STILL = 1e-9
+
+
+def _why_no_theory(stretch: RecordedStretch) -> str:
+    """Return why the periodic theory does not apply to a stretch; empty if it does."""
+    rig = stretch.parameters
+    if stretch.controlled:
+        mode = stretch.control['gap_control']
+        return f'the gap is under control ({mode}): the periodic theory is for a constant gap'
+    if rig.multisine_level > 0.0:
+        return 'the force is a multisine: it does not repeat within the periods looked for'
+    if rig.sweep_mode != 'off':
+        return 'the frequency of the force is swept'
+    if rig.force_amplitudes[0] == 0.0 or rig.force_frequencies[0] == 0.0:
+        return 'the first harmonic of the force is off: there are no cycles to count'
+    if stretch.clock is None:
+        return 'the phase of the force is not in the bag (no snapshot)'
+    for cycles in range(1, LONGEST_PERIOD + 1):
+        try:
+            check_forcing(rig, cycles)
+        except OrbitError:
+            continue
+        return ''
+    return f'the harmonics of the force have no common period of up to {LONGEST_PERIOD} cycles'
+
+
+def _cycle(stretch: RecordedStretch) -> float:
+    """Return the duration of a cycle of the force, or of the natural vibration, s."""
+    rig = stretch.parameters
+    forced = rig.force_amplitudes[0] != 0.0 and rig.force_frequencies[0] != 0.0
+    return math.tau / (rig.force_frequencies[0] if forced else rig.omega)
+
+
+def _at_rest(states: RecordedStates) -> bool:
+    """Return whether nothing moves in the last quarter of some joint states."""
+    late = states[-max(len(states) // 4, 2) :]
+    speeds = np.concatenate([late.velocity, late.damper_velocity])
+    every = np.concatenate([states.velocity, states.damper_velocity])
+    largest = float(np.abs(every).max(initial=0.0))
+    return float(np.abs(speeds).max(initial=0.0)) <= _STILL * largest
+
+
+class _Comparison:
+    """The comparison of one stretch, step by step."""
+
+    def __init__(
+        self,
+        stretch: RecordedStretch,
+        search: FaultSearch | None,
+        replayed: Sequence[Finding] | None,
+    ) -> None:
+        self.stretch = stretch
+        self.cycle = _cycle(stretch)
+        self.reason = _why_no_theory(stretch)
+        self.log = log_findings(stretch, search, replayed)
+        self.impacts = repaired_impacts(stretch, search)
+        self.motion: PeriodicMotion | None = None
+        self.orbit: PeriodicOrbit | None = None
+        self.solver = ''
+
+    def run(self) -> StretchComparison:
+        stretch = self.stretch
+        cycles = stretch.duration / self.cycle
+        if cycles < _LEAST_CYCLES or len(stretch.states) + len(stretch.impacts) < 3:
+            text = f'{cycles:.2g} cycles of the force are too few for a comparison'
+            kind = StretchKind(MotionKind.UNDECIDED, text, short=True)
+            return self._result(kind, self._judged(Verdict.TOO_SHORT, text))
+        quiet = max(0.5 * stretch.duration, min(_QUIET_CYCLES * self.cycle, stretch.duration))
+        late = bool((self.impacts.time > stretch.end - quiet).any())
+        if len(stretch.states) and not late:
+            return self._without_impacts(stretch.end - quiet)
+        return self._with_impacts()
+
+    def _judged(self, verdict: Verdict, text: str) -> _Judgement:
+        """Return a judgement; that of the log if the log is wrong."""
+        return _judged_log(self.log) if self.log else _Judgement(verdict, text)
+
+    def _without_impacts(self, start: float) -> StretchComparison:
+        stretch = self.stretch
+        states = stretch.states[stretch.states.time >= start]
+        if len(states) >= 2 and _at_rest(stretch.states):
+            kind = StretchKind(MotionKind.AT_REST, 'nothing moves any more')
+            text = 'nothing moves, and no force acts'
+            if any(stretch.parameters.force_amplitudes):
+                text = 'nothing moves'
+            return self._result(kind, self._judged(Verdict.NO_PREDICTION, text))
+        text = f'm has hit no stop for {(stretch.end - start) / self.cycle:.0f} cycles'
+        kind = StretchKind(MotionKind.NO_IMPACTS, text)
+        found = None
+        if stretch.clock is not None and not self.reason and len(states):
+            found = oscillation(stretch.clock, states)
+            self.solver = 'closed form' if found is not None else ''
+        if self.reason:
+            judgement = self._judged(Verdict.NO_PREDICTION, self.reason)
+        elif found is None and stretch.duration < _QUIET_CYCLES * self.cycle:
+            judgement = self._judged(Verdict.TOO_SHORT, f'{text}, and the stretch is short')
+        else:
+            end = stretch.end
+            measured = measured_motion(stretch, end - 0.2 * stretch.duration, end)
+            judgement = self._judged(*_judged_oscillation(found, measured.x_max)[:2])
+        return self._result(kind, judgement)
+
+    def _with_impacts(self) -> StretchComparison:
+        clock = self.stretch.clock
+        if clock is None or self.reason:
+            kind = kind_without_force_phase(self.impacts, self.cycle)
+            driven = clock is None and self.stretch.parameters.sweep_mode == 'off'
+            if self.reason and not driven and kind.recurrence is None:
+                kind = StretchKind(MotionKind.NOT_PERIODICALLY_DRIVEN, self.reason, kind.measures)
+            self.solver = self.reason
+            if kind.recurrence is not None and clock is not None:
+                self.motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=False)
+            return self._result(kind, self._judged(Verdict.NO_PREDICTION, self.reason))
+        kind = kind_of(clock, self.impacts, sound=not self.log)
+        if kind.recurrence is None:
+            judgement, self.orbit = _judged_irregular(clock, kind, self.log)
+            self.solver = 'impact equations, one cycle of the force'
+            return self._result(kind, judgement)
+        motion = periodic_motion(clock, kind.impacts, kind.recurrence, predict=True)
+        if motion.match.orbit is None and kind.kind is MotionKind.TRANSIENT:
+            further = kind_ahead(clock, self.impacts)
+            if further is not None and further.recurrence is not None:
+                kind = further
+                motion = periodic_motion(clock, kind.impacts, further.recurrence, predict=True)
+        near = motion.match.distance <= SETTLED and not kind.ahead
+        if kind.kind is MotionKind.TRANSIENT and near:
+            kind = replace(kind, kind=MotionKind.PERIODIC)
+        self.motion, self.orbit, self.solver = motion, motion.match.orbit, motion.match.solver
+        return self._result(kind, _judged_period(kind, motion, self.log))
+
+    def _result(self, kind: StretchKind, judgement: _Judgement) -> StretchComparison:
+        stretch, motion, orbit = self.stretch, self.motion, self.orbit
+        recorded = motion if not kind.ahead else None
+        steady = begin = stretch.start + 0.5 * stretch.duration
+        period, per_cycle, decay, settled_at = None, math.nan, None, None
+        if recorded is not None:
+            period, settled_at = recorded.period, recorded.settled_at
+            cycles = recorded.recurrence.cycles
+            per_cycle = recorded.recurrence.impacts / cycles
+            if recorded.match.orbit is not None:
+                decay = recorded.as_decay()
+            if settled_at is not None:
+                steady = min(settled_at, stretch.end)
+                begin = max(steady, stretch.end - _MEASURED * cycles * self.cycle)
+        return StretchComparison(
+            **{f.name: getattr(stretch, f.name) for f in fields(LoggedStretch)},
+            samples=stretch.state_count,
+            impacts=stretch.impact_count,
+            missing_samples=stretch.missing_states,
+            kind=kind.kind,
+            evidence=kind.evidence,
+            measures=kind.measures,
+            cycles=motion.recurrence.cycles if motion is not None else 0,
+            settled_at=settled_at,
+            overall=stretch.overall,
+            measured=measured_motion(stretch, begin, stretch.end, period, per_cycle),
+            predicted=orbit,
+            predicted_impulse=impulses_of(orbit) if orbit is not None else (),
+            solver=self.solver,
+            energy=self._energy(recorded),
+            decay=decay,
+            verdict=judgement.verdict,
+            sentence=judgement.sentence,
+            findings=tuple(judgement.findings),
+            curves=self._curves(recorded, steady),
+        )
+
+    def _energy(self, motion: PeriodicMotion | None) -> EnergyBalance | None:
+        """Balance the energy over whole periods, or cycles of the force, at the end."""
+        stretch, clock = self.stretch, self.stretch.clock
+        if clock is None or not len(stretch.states):
+            return None
+        first = max(float(stretch.states.time[0]), stretch.start)
+        if motion is not None:
+            times = motion.times[motion.times >= first][-1 - _BALANCED :]
+            if len(times) > 1:
+                knots = stretch.knots(float(times[0]), float(times[-1]))
+                return energy_balance(clock, knots, len(times) - 1)
+        cycles = min(_BALANCED, int((stretch.end - first) / self.cycle))
+        if cycles < 1:
+            return None
+        knots = stretch.knots(stretch.end - cycles * self.cycle, stretch.end)
+        return energy_balance(clock, knots, cycles)
+
+    def _curves(self, motion: PeriodicMotion | None, steady: float) -> StretchCurves:
+        stretch, clock, orbit = self.stretch, self.stretch.clock, self.orbit
+        predicted = None
+        if clock is not None and orbit is not None:
+            time = motion.time if motion is not None else stretch.end
+            period = motion.period if motion is not None else None
+            predicted = predicted_curve(clock, orbit, period, time)
+        rig = stretch.parameters
+        forced = rig.force_amplitudes[0] != 0.0
+        cycles = max(1, motion.recurrence.cycles if motion is not None else 1)
+        shown = stretch.end - _SHOWN * self.cycle * cycles
+        settled = stretch.states[stretch.states.time >= steady]
+        return StretchCurves(
+            envelope=stretch.envelope if len(stretch.envelope.time) else None,
+            motion=motion_curve(stretch, max(stretch.start, shown)),
+            impacts=impact_curve(stretch),
+            predicted=predicted,
+            convergence=motion.as_curve() if motion is not None else None,
+            spectrum=spectrum(settled, rig.force_frequencies[0] / math.tau if forced else 0.0),
+        )
+
+
+def compare_stretch(
+    stretch: RecordedStretch,
+    search: FaultSearch | None,
+    replayed: Sequence[Finding] | None = None,
+) -> StretchComparison:
+    """
+    Measure a stretch, find the kind of its motion, and compare it with theory.
+
+    `search` is the check of its flights, `replayed` what a bit-for-bit replay of the log found in
+    it; each is None if there was none.
+    """
+    return _Comparison(stretch, search, replayed).run()

@@ -1,0 +1,406 @@
+"""
+Solutions of the impact equations: all of one and two impacts, many starts for more.
+
+The linear part of the equations leaves, for fixed instants, vectors (X_1, .., X_N, C, S, W) that
+satisfy it up to a factor; the force then asks for C^2 + S^2 = W^2. For N = 1 these vectors span a
+plane and the condition is a quadratic. For N = 2 they are one vector for each alpha_2, and the
+condition is one equation for alpha_2: the paper's (16), in a form without poles. Where the
+equations lose rank, as in the symmetric motion of a symmetric rig, it is a quadratic again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from impact_damper_ros.rig import Event
+
+from .equations import Array, ImpactEquations
+from .settling import settled_impacts, starting_points
+
+__all__ = [
+    'RESIDUAL_TOLERANCE',
+    'Root',
+    'approach_roots',
+    'many_impact_roots',
+    'one_impact_roots',
+    'polish',
+    'two_impact_roots',
+]
+
+
+#: Largest relative residual of a root; just beyond a fold the least residual is not zero.
+RESIDUAL_TOLERANCE = 1e-12
+
+_POLISH_STEPS = 40
+_ROUND_OFF = 4e-16
+_SHORTEST_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class Root:
+    """A solution: X at the impacts (m), instants (s), residual, and its history."""
+
+    x: Array
+    instants: Array
+    residual: float
+    history: tuple[float, ...]
+
+
+def _allowed(lasts: Array, changes: Array) -> Array:
+    """Return the largest part of a step, at most 1, that keeps every duration positive."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        parts = np.where(changes < 0.0, -(1.0 - _SHORTEST_SHARE) * lasts / changes, 1.0)
+    smallest: Array = np.minimum(parts.min(axis=-1), 1.0)
+    return smallest
+
+
+def approach_roots(
+    equations: ImpactEquations, x: Array, instants: Array, steps: int = 60
+) -> tuple[Array, Array, Array]:
+    """
+    Bring many starts close to roots by damped least squares (Levenberg and Marquardt).
+
+    All starts advance at once: 600 of them take 0.2 s for four impacts, 10 s one by one with
+    `scipy.optimize.root`.
+    """
+    n = equations.impacts
+    x, instants = x.copy(), instants.copy()
+    scale, rate = equations.length, equations.rate
+    value, jacobian = equations.residual(x, instants)
+    cost = np.einsum('si,si->s', value, value)
+    damping = np.full(len(x), 1e-2)
+    identity = np.eye(2 * n)
+    for _ in range(steps):
+        # A start that runs into two impacts at once has blown up, and is left.
+        active = (cost > 1e-24) & (cost < 1e12) & (damping < 1e12)
+        if not active.any():
+            break
+        k = np.flatnonzero(active)
+        j = jacobian[k]
+        normal = np.einsum('sij,sik->sjk', j, j)
+        slope = np.einsum('sij,si->sj', j, value[k])
+        size = np.einsum('sjj->s', normal) / (2 * n)
+        normal += (damping[k] * size)[:, None, None] * identity
+        step = -np.linalg.solve(normal, slope[..., None])[..., 0]
+        by_time = step[:, n:] / rate
+        change = np.roll(by_time, -1, axis=-1) - by_time
+        part = _allowed(equations.durations(instants[k]), change)
+        x_new = x[k] + part[:, None] * step[:, :n] * scale
+        instants_new = instants[k] + part[:, None] * by_time
+        value_new, jacobian_new = equations.residual(x_new, instants_new)
+        cost_new = np.einsum('si,si->s', value_new, value_new)
+        better = cost_new < cost[k]
+        kept = k[better]
+        x[kept], instants[kept] = x_new[better], instants_new[better]
+        value[kept], jacobian[kept] = value_new[better], jacobian_new[better]
+        cost[kept] = cost_new[better]
+        damping[k] = np.where(better, np.maximum(damping[k] * 0.1, 1e-11), damping[k] * 10.0)
+    return x, instants, np.abs(value).max(axis=-1)
+
+
+def polish(equations: ImpactEquations, x: Array, instants: Array) -> Root | None:
+    """
+    Run Newton's method from a good start until the residual no longer falls.
+
+    Most candidates of a scan are no roots, and this gives them up sooner than
+    `scipy.optimize.root`, with which a scan takes twice as long (90 to 170 ms for three
+    cycles). Returns None if the residual does not fall below `RESIDUAL_TOLERANCE`.
+    """
+    n = equations.impacts
+    history: list[float] = []
+    best: tuple[float, Array, Array] | None = None
+    stalled = 0
+    for _ in range(_POLISH_STEPS):
+        value, jacobian = equations.residual(x, instants)
+        size = float(np.abs(value).max()) / max(1.0, float(np.abs(x).max()) / equations.length)
+        if not np.isfinite(size):
+            break
+        history.append(size)
+        if best is None or size < best[0]:
+            stalled = 0 if best is None or size < 0.5 * best[0] else stalled + 1
+            best = (size, x, instants)
+        else:
+            stalled += 1
+        if size < _ROUND_OFF or stalled >= 3:
+            break
+        step = np.linalg.lstsq(jacobian, -value, rcond=1e-14)[0]
+        by_time = step[n:] / equations.rate
+        change = np.roll(by_time, -1) - by_time
+        part = float(_allowed(equations.durations(instants), change))
+        x = x + part * step[:n] * equations.length
+        instants = instants + part * by_time
+    if best is None or best[0] > RESIDUAL_TOLERANCE:
+        return None
+    return Root(best[1], best[2], best[0], tuple(history))
+
+
+_POINTS_PER_CYCLE = 400
+_MOST_POINTS = 100_000
+_BISECTIONS = 24
+_CLOSER_LOOKS = 5
+_LOOKS = 33
+
+
+def _plane_meets_cone(basis: Array) -> Iterator[Array]:
+    """Yield the vectors of a plane with C^2 + S^2 = W^2, divided by W."""
+    form = basis[:, -3:] @ np.diag([1.0, 1.0, -1.0]) @ basis[:, -3:].T
+    angle = 0.5 * math.atan2(2.0 * form[0, 1], form[0, 0] - form[1, 1])
+    mean = 0.5 * (form[0, 0] + form[1, 1])
+    reach = math.hypot(0.5 * (form[0, 0] - form[1, 1]), form[0, 1])
+    # mean + reach cos 2(t - angle) = 0; a near miss is taken for touching, Newton decides.
+    if reach == 0.0 or abs(mean) > 1.0001 * reach:
+        return
+    opening = 0.5 * math.acos(min(1.0, max(-1.0, -mean / reach)))
+    for t in (angle + opening, angle - opening):
+        vector = math.cos(t) * basis[0] + math.sin(t) * basis[1]
+        if abs(vector[-1]) > 1e-12 * float(np.abs(vector).max()):
+            yield vector / vector[-1]
+
+
+def _scaled(equations: ImpactEquations, rows: Array) -> Array:
+    """Return the rows for displacements in units of the length scale, and of similar size."""
+    rows = rows.copy()
+    rows[..., : equations.impacts] *= equations.length
+    rows /= np.abs(rows).max(axis=-1, keepdims=True)
+    return rows
+
+
+def _start(equations: ImpactEquations, vector: Array, offsets: Array) -> tuple[Array, Array]:
+    """Return displacements and instants of a vector with W = 1."""
+    n = equations.impacts
+    phase = math.atan2(vector[-2], vector[-3]) - equations.phase
+    return vector[:n] * equations.length, offsets + phase / equations.frequency
+
+
+def one_impact_roots(equations: ImpactEquations) -> list[Root]:
+    """Find all motions with one impact in a period: none, one or two."""
+    offsets = np.zeros(1)
+    rows = _scaled(equations, equations.linear_system(offsets))
+    basis = np.linalg.svd(rows)[2][-2:]
+    starts = [_start(equations, v, offsets) for v in _plane_meets_cone(basis)]
+    return [root for x, t in starts if (root := polish(equations, x, t)) is not None]
+
+
+def _symmetric_starts(equations: ImpactEquations) -> Iterator[tuple[Array, Array]]:
+    """
+    Yield the motions whose second half mirrors the first: X_2 = -X_1 half a period later.
+
+    The force must have changed sign by then, hence an odd number of cycles.
+    """
+    parameters = equations.parameters
+    restitutions = parameters.restitution_1 == parameters.restitution_2
+    mirrored = np.all(equations.accelerations == -equations.accelerations[::-1])
+    if equations.stops not in ((1, 2), (2, 1)) or equations.cycles % 2 == 0:
+        return
+    if not (restitutions and mirrored):
+        return
+    offsets = np.array([0.0, 0.5 * equations.period])
+    rows = _scaled(equations, equations.linear_system(offsets))
+    reduced = rows[[0, 2]][:, 1:].copy()
+    reduced[:, 0] = rows[[0, 2], 0] - rows[[0, 2], 1]
+    for vector in _plane_meets_cone(np.linalg.svd(reduced)[2][-2:]):
+        yield _start(equations, np.concatenate([vector[:1], -vector[:1], vector[1:]]), offsets)
+
+
+class _Scan:
+    """
+    The condition C^2 + S^2 = W^2 along the second instant.
+
+    All intervals are narrowed at once: one look at 33 instants costs little more than at one.
+    With `scipy.optimize.brentq` and `minimize_scalar`, one interval at a time, a scan takes 2 to
+    4 times as long (15 to 26 ms for one cycle; 1.7 to 6.5 s for stops 1, 1, where round-off makes
+    hundreds of intervals).
+    """
+
+    def __init__(self, equations: ImpactEquations) -> None:
+        self.equations = equations
+
+    def look(self, second: Array) -> tuple[Array, Array, Array]:
+        """Return the condition, the last two singular vectors and the smallest singular value."""
+        offsets = np.stack([np.zeros_like(second), second], axis=-1)
+        rows = _scaled(self.equations, self.equations.linear_system(offsets))
+        _, values, vectors = np.linalg.svd(rows)
+        last = vectors[:, -1]
+        return last[:, 2] ** 2 + last[:, 3] ** 2 - last[:, 4] ** 2, vectors[:, -2:], values[:, -1]
+
+    def between(self, left: Array, right: Array) -> Array:
+        """Bisect all intervals at whose ends the condition differs in sign."""
+        sign = np.sign(self.look(left)[0])
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (left + right)
+            same = np.sign(self.look(middle)[0]) == sign
+            left, right = np.where(same, middle, left), np.where(same, right, middle)
+        return 0.5 * (left + right)
+
+    def starts(self, second: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield a start at each instant."""
+        for alpha, basis in zip(second, self.look(second)[1], strict=True):
+            vector = basis[1]
+            if abs(vector[-1]) > 1e-12:
+                yield _start(self.equations, vector / vector[-1], np.array([0.0, alpha]))
+
+
+def _closer(scan: _Scan, left: float, right: float, index: int) -> Iterator[tuple[float, Array]]:
+    """
+    Narrow an interval around the least |condition| (index 0) or singular value (index 2).
+
+    Yields the instant reached and the condition's values on the way, as (instant, [a, b]) where
+    it changes sign between a and b, and finally (instant, []).
+    """
+    best = 0.5 * (left + right)
+    for _ in range(_CLOSER_LOOKS):
+        grid = np.linspace(left, right, _LOOKS)
+        values = scan.look(grid)
+        if index == 0:
+            crossing = np.flatnonzero(np.diff(np.sign(values[0])) != 0)
+            if len(crossing):
+                for i in crossing:
+                    yield best, grid[i : i + 2]
+                return
+        j = int(np.argmin(np.abs(values[index])))
+        best = float(grid[j])
+        left, right = float(grid[max(j - 1, 0)]), float(grid[min(j + 1, _LOOKS - 1)])
+    yield best, np.empty(0)
+
+
+def two_impact_roots(equations: ImpactEquations) -> list[Root]:
+    """
+    Find all motions with two impacts in a period.
+
+    The condition is scanned over the whole period: for sign changes, and for minima of its
+    modulus, which may hide two roots side by side or a double one. Where the linear equations
+    come close to losing rank, the plane they nearly leave is searched too. Every candidate is
+    polished on the full equations.
+    """
+    ratio = max(1.0, equations.rate / equations.frequency)
+    points = min(_MOST_POINTS, math.ceil(_POINTS_PER_CYCLE * equations.cycles * ratio))
+    even = (np.arange(points) + 0.5) / points
+    edge = even[0] * 0.5 ** np.arange(12, 0, -1)
+    second = equations.period * np.concatenate([edge, even, 1.0 - edge[::-1]])
+    scan = _Scan(equations)
+    condition, _, rank = scan.look(second)
+    starts = list(_symmetric_starts(equations))
+    crossing = np.flatnonzero(np.diff(np.sign(condition)) != 0)
+    lefts, rights = list(second[crossing]), list(second[crossing + 1])
+    tangents: list[float] = []
+    size = np.abs(condition)
+    low = np.flatnonzero((size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])) + 1
+    for i in low:
+        if condition[i - 1] * condition[i + 1] > 0.0 and condition[i] * condition[i + 1] > 0.0:
+            for best, bracket in _closer(scan, second[i - 1], second[i + 1], 0):
+                if len(bracket):
+                    lefts.append(bracket[0])
+                    rights.append(bracket[1])
+                else:
+                    tangents.append(best)
+    roots = scan.between(np.array(lefts), np.array(rights)) if lefts else np.empty(0)
+    starts += scan.starts(np.concatenate([roots, tangents]))
+    for i in np.flatnonzero((rank[1:-1] <= rank[:-2]) & (rank[1:-1] <= rank[2:])) + 1:
+        best = [b for b, _ in _closer(scan, second[i - 1], second[i + 1], 2)][-1]
+        basis = scan.look(np.array([best]))[1][0]
+        starts += [_start(equations, v, np.array([0.0, best])) for v in _plane_meets_cone(basis)]
+    polished = (polish(equations, x, t) for x, t in starts)
+    return [root for root in polished if root is not None]
+
+
+_CLOSE = 1e-6
+_SETTLING_CYCLES = 120
+_WATCHED_CYCLES = 12
+_MOST_WINDOWS = 16
+
+
+def _systematic_starts(equations: ImpactEquations, count: int) -> tuple[Array, Array]:
+    """
+    Return starts that cover the instants evenly.
+
+    The gaps between impacts are spacings of sorted points of a Kronecker sequence, the phase of
+    the first impact is another of its coordinates; the displacements solve the linear equations
+    best in the sense of least squares.
+    """
+    n = equations.impacts
+    # The generalised golden ratio: the most evenly spread of such sequences
+    golden = 2.0
+    for _ in range(64):
+        golden = (1.0 + golden) ** (1.0 / (n + 1))
+    steps = golden ** -np.arange(1.0, n + 1)
+    points = (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
+    offsets = np.zeros((count, n))
+    offsets[:, 1:] = np.sort(points[:, 1:], axis=-1) * equations.period
+    # Two impacts at once have no equations
+    least = 1e-3 * equations.period
+    offsets += least * np.arange(n)
+    offsets *= equations.period / (equations.period + least * (n + 1))
+    first = points[:, :1] * equations.cycle
+    phase = equations.frequency * first[:, 0] + equations.phase
+    rows = equations.linear_system(offsets)
+    known = rows[..., n] * np.cos(phase)[:, None] + rows[..., n + 1] * np.sin(phase)[:, None]
+    target = -(known + rows[..., n + 2])
+    matrix = rows[..., :n]
+    normal = np.einsum('sij,sik->sjk', matrix, matrix) + 1e-12 * np.eye(n)
+    x = np.linalg.solve(normal, np.einsum('sij,si->sj', matrix, target)[..., None])[..., 0]
+    return x, offsets + first
+
+
+def _windows(
+    impacts: Sequence[Event], stops: tuple[int, ...], period: float
+) -> Iterator[tuple[list[float], list[float]]]:
+    """Yield X and instants wherever a run hits the stops in an asked order within a period."""
+    n = len(stops)
+    for i in range(len(impacts) - n + 1):
+        chosen = impacts[i : i + n]
+        if tuple(event.stop for event in chosen) != stops:
+            continue
+        if chosen[-1].time - chosen[0].time < period:
+            yield [event.x for event in chosen], [event.time for event in chosen]
+
+
+def _simulated_starts(equations: ImpactEquations) -> tuple[Array, Array]:
+    """Return starts from motion simulated from several initial conditions."""
+    parameters = equations.parameters
+    n = equations.impacts
+    xs: list[list[float]] = []
+    instants: list[list[float]] = []
+    # Impacts, as many reversals, and room for another motion on the way
+    most_events = (4 * n + 8) / equations.cycles
+    for initial in starting_points(parameters):
+        impacts = settled_impacts(
+            parameters, initial, _SETTLING_CYCLES, _WATCHED_CYCLES, most_events
+        )
+        found = list(_windows(impacts, equations.stops, equations.period))[-_MOST_WINDOWS:]
+        xs += [x for x, _ in found]
+        instants += [t for _, t in found]
+    return np.array(xs).reshape(-1, n), np.array(instants).reshape(-1, n)
+
+
+def many_impact_roots(
+    equations: ImpactEquations, starts: int, simulate: bool
+) -> tuple[list[Root], tuple[int, int, int]]:
+    """
+    Find motions of one stop sequence from systematic starts and from simulation.
+
+    The counts are of systematic starts that converged, of simulated starts, and of those of
+    them that converged.
+    """
+    x, instants = _systematic_starts(equations, starts)
+    if simulate:
+        x_seen, instants_seen = _simulated_starts(equations)
+        x = np.concatenate([x, x_seen])
+        instants = np.concatenate([instants, instants_seen])
+    x, instants, residuals = approach_roots(equations, x, instants)
+    close = residuals < _CLOSE
+    # One of each group of starts that came to the same place is polished
+    keys: dict[tuple[int, ...], int] = {}
+    phases = (equations.frequency * instants) / (2.0 * np.pi)
+    phases -= np.floor(phases[:, :1])
+    finite = np.isfinite(phases).all(axis=-1) & np.isfinite(x).all(axis=-1)
+    for s in np.flatnonzero(close & finite):
+        place = np.concatenate([phases[s], x[s] / equations.length])
+        keys.setdefault(tuple(np.round(place * 1e5).astype(int)), int(s))
+    polished = (polish(equations, x[s], instants[s]) for s in keys.values())
+    converged = residuals < RESIDUAL_TOLERANCE
+    counts = int(converged[:starts].sum()), len(x) - starts, int(converged[starts:].sum())
+    return [root for root in polished if root is not None], counts

@@ -1,0 +1,158 @@
+"""
+Motions that do not repeat: quasi-periodic, chaotic, or not settled.
+
+Besides the largest Lyapunov exponent, two tests use values taken once in a cycle. That of
+weighted averages [1]_ compares the averages over both halves of a motion, with weights that
+vanish smoothly at the ends: for a quasi-periodic motion they agree to ever more digits, for a
+chaotic one as badly as random numbers. The 0-1 test [2]_ drives a walk in the plane, which stays
+bounded for a regular motion (K near 0) and diffuses for a chaotic one (K near 1); for slowly
+decaying correlations it needs a thousand values.
+
+References
+----------
+.. [1] E. Sander, J. D. Meiss, Physica D 411, 132569 (2020).
+.. [2] G. A. Gottwald, I. Melbourne, SIAM J. Appl. Dyn. Syst. 8, 129-145 (2009).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .equations import Array
+from .recognition import MotionKind
+
+__all__ = ['Indications', 'average_spread', 'quiet_phase', 'zero_one_test']
+
+
+#: Numbers that the 0-1 test needs at least, and takes at most.
+_LEAST_NUMBERS, _MOST_NUMBERS = 100, 1000
+_FREQUENCIES = 60
+#: A motion is chaotic if the exponent is so many standard errors above zero, a deviation grows by
+#: more than e to this power over the time measured, and the weighted averages are apart by more
+#: than this.
+CERTAIN_ERRORS, CERTAIN_GROWTH, IRREGULAR_SPREAD = 5.0, 10.0, 3e-3
+#: It is quasi-periodic if a deviation has neither grown nor shrunk by more than e to this power,
+#: the exponent is no more than so many standard errors from zero, and the averages are closer.
+BOUNDED_GROWTH, DOUBTFUL_ERRORS, REGULAR_SPREAD = 2.0, 3.0, 1e-3
+#: Values from which on the weighted averages mean something.
+LEAST_VALUES = 300
+#: What would decide is not foretold beyond this.
+_MOST_FORETOLD = 1_000_000
+_CONSTANT = 1e-6
+
+
+@dataclass(frozen=True)
+class Indications:
+    """
+    What speaks for chaos and what against it.
+
+    Attributes
+    ----------
+    exponent, error : float
+        Largest Lyapunov exponent, and its standard error, per cycle of the force.
+    cycles : int
+        Cycles on which they were measured.
+    spread : float
+        Difference of the weighted averages; NaN if there are too few values.
+    """
+
+    exponent: float
+    error: float
+    cycles: int
+    spread: float = math.nan
+
+    @property
+    def grows(self) -> bool:
+        """Whether neighbouring motions part, beyond doubt."""
+        grown = self.exponent * self.cycles
+        return self.exponent > CERTAIN_ERRORS * self.error and grown > CERTAIN_GROWTH
+
+    @property
+    def shrinks(self) -> bool:
+        """Whether neighbouring motions join, beyond doubt."""
+        grown = self.exponent * self.cycles
+        return self.exponent < -CERTAIN_ERRORS * self.error and grown < -BOUNDED_GROWTH
+
+    @property
+    def neutral(self) -> bool:
+        """Whether neighbouring motions keep their distance."""
+        grown = abs(self.exponent) * self.cycles
+        return grown < BOUNDED_GROWTH and abs(self.exponent) <= DOUBTFUL_ERRORS * self.error
+
+    def kind(self) -> MotionKind:
+        """Return what the motion is: chaotic or quasi-periodic if both tests say so."""
+        # Of too few values nothing is known but the exponent
+        if self.grows and not self.spread <= IRREGULAR_SPREAD:
+            return MotionKind.CHAOTIC
+        if self.neutral and self.spread < REGULAR_SPREAD and self.cycles >= LEAST_VALUES:
+            return MotionKind.QUASI_PERIODIC
+        return MotionKind.UNDECIDED
+
+    def cycles_to_decide(self) -> int:
+        """Return after how many cycles in all the exponent should be certain; 0 if not known."""
+        if self.exponent <= DOUBTFUL_ERRORS * self.error:
+            return 0
+        certain = self.cycles * (CERTAIN_ERRORS * self.error / self.exponent) ** 2
+        needed = max(certain, CERTAIN_GROWTH / self.exponent)
+        return math.ceil(needed) if self.cycles < needed < _MOST_FORETOLD else 0
+
+
+def average_spread(section: Array) -> float:
+    """
+    Return by how much the weighted averages over two halves of a motion differ at most.
+
+    The section (n, m) holds the motion once in a cycle. Averaged are each quantity, its cosine
+    and the sine of its double, scaled to the standard deviation 1. NaN with fewer than
+    `LEAST_VALUES`.
+    """
+    half = len(section) // 2
+    if len(section) < LEAST_VALUES:
+        return math.nan
+    deviation = section.std(axis=0)
+    size = float(deviation.max()) or 1.0
+    moving = deviation > _CONSTANT * size
+    scaled = (section[:, moving] - section[:, moving].mean(axis=0)) / deviation[moving]
+    values = np.concatenate([scaled, np.cos(scaled), np.sin(2.0 * scaled)], axis=1)
+    part = np.arange(1, half + 1) / (half + 1)
+    weight = np.exp(-1.0 / (part * (1.0 - part)))
+    weight /= weight.sum()
+    return float(np.abs(weight @ (values[:half] - values[-half:])).max(initial=0.0))
+
+
+def quiet_phase(phases: Array) -> float:
+    """
+    Return the middle of the widest gap between the phases of impacts, in cycles, in [0, 1).
+
+    There a cycle should be looked at for `average_spread`: what is looked at where impacts fall
+    jumps, and its averages converge slowly.
+    """
+    if not len(phases):
+        return 0.0
+    inside = np.sort(phases % 1.0)
+    gaps = np.diff(np.append(inside, inside[0] + 1.0))
+    widest = int(gaps.argmax())
+    return float(inside[widest] + 0.5 * gaps[widest]) % 1.0
+
+
+def zero_one_test(values: Array, seed: int = 1) -> float:
+    """Return the K of the 0-1 test: near 0 for regular, near 1 for chaotic sequences."""
+    values = values[-_MOST_NUMBERS:]
+    n = len(values)
+    if n < _LEAST_NUMBERS or float(values.std()) == 0.0:
+        return math.nan
+    mean = float(values.mean())
+    values = (values - mean) / float(values.std())
+    reach = n // 10
+    steps = np.arange(1, n + 1)
+    lags = np.arange(1, reach + 1)
+    found = []
+    for frequency in np.random.default_rng(seed).uniform(0.2 * np.pi, 0.8 * np.pi, _FREQUENCIES):
+        walk = np.cumsum(values * np.exp(1j * frequency * steps))
+        moved = np.array(
+            [np.mean(np.abs(walk[lag : lag + n - reach] - walk[: n - reach]) ** 2) for lag in lags]
+        )
+        found.append(np.corrcoef(lags, moved)[0, 1])
+    return float(np.median(found))

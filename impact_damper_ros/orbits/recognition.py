@@ -1,0 +1,597 @@
+"""
+Recognition of periodic motion, from impacts and from states once in a cycle of the force.
+
+Impacts repeat if each is at a small distance from the one a period later. Three criteria use these
+distances: `repeated_impacts` for exact motion, `rhythm_of` for a running rig, and
+`find_recurrence` for recordings. In a recording the distance shrinks geometrically until the whole
+nanoseconds of the stamps hide it, so that a period is recognised by distances that end there or go
+on shrinking; a small distance alone is not enough, since a chaotic motion returns close to itself
+now and then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any, NamedTuple, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_damper_ros.rig import Event
+
+__all__ = [
+    'LONGEST_PERIOD',
+    'LONGEST_RHYTHM',
+    'RECOGNISED',
+    'SETTLED',
+    'SETTLED_DRIFT',
+    'Apart',
+    'ImpactTable',
+    'MotionKind',
+    'Recurrence',
+    'Rhythm',
+    'approaches',
+    'find_recurrence',
+    'period_distances',
+    'repeated_impacts',
+    'rhythm_of',
+    'section_distance',
+    'turned_cycles',
+]
+
+
+Array = NDArray[np.float64]
+
+#: Longest period looked for in a recording or a run that settles, and in a running rig, in cycles
+#: of the force.
+LONGEST_PERIOD = 16
+LONGEST_RHYTHM = 8
+#: A recorded motion nearer to its limit than this, relative to its size, is called settled.
+SETTLED = 1e-3
+#: Two periods of a running rig that differ by less, in cycles of the force and relative to the
+#: largest |X|, are a rhythm, and a settled one if they differ by less than `SETTLED_DRIFT`.
+RECOGNISED = 1e-2
+SETTLED_DRIFT = 1e-4
+
+# A period of 2 k cycles counts only if it repeats this much better than one of k: near a period
+# doubling, k cycles repeat badly on the way to a motion that repeats after k.
+_BETTER = 1e-2
+_DRIFT_ROUND_OFF = 1e-9
+# Periods that are compared for an approach: so many, half of them at least, while so much alike.
+_LOOKED_BACK, _FEW_PERIODS, _ALIKE = 18, 6, 0.1
+# A stamp is rounded to the nanosecond; so are both of a difference.
+_STAMP_S = 1.5e-9
+_FLOORS = 10.0
+_ROUND_OFF = 1e-12
+# Farther apart than this, two impacts are not the same one a period later.
+_SAME = 0.3
+_APPROACHING = 0.3
+_NEAR = 0.1
+_FEW, _MANY = 6, 18
+_SHRINKS = 0.7
+
+
+class MotionKind(Enum):
+    """What a motion is, as measured."""
+
+    AT_REST = 'at rest'
+    #: M moves, m hits no stop.
+    NO_IMPACTS = 'without impacts'
+    #: On its way to a periodic motion, or to one without impacts.
+    TRANSIENT = 'transient'
+    PERIODIC = 'periodic'
+    #: These two by the thresholds of `irregularity`.
+    QUASI_PERIODIC = 'quasi-periodic'
+    CHAOTIC = 'chaotic'
+    #: What is known does not decide.
+    UNDECIDED = 'undecided'
+    #: Under a force, or a control, that never repeats.
+    NOT_PERIODICALLY_DRIVEN = 'not periodically driven'
+
+
+@dataclass(frozen=True)
+class ImpactTable:
+    """
+    Impacts in a row, for comparison with those a period later.
+
+    Attributes
+    ----------
+    phase : ndarray, shape (n,)
+        Instants in cycles of the force, from any zero.
+    stop : ndarray, shape (n,)
+        The stops.
+    states : ndarray, shape (n, m)
+        What is compared besides, such as X, X' after and Z' after.
+    scale : float
+        What differences of states are divided by.
+    floor : float
+        Distance that the rounding of stamps alone makes.
+    length, speed : float
+        What displacements (m) and velocities (m/s) have been divided by in `states`.
+    """
+
+    phase: Array
+    stop: NDArray[Any]
+    states: Array
+    scale: float = 1.0
+    floor: float = 0.0
+    length: float = 1.0
+    speed: float = 1.0
+
+    @classmethod
+    def of(
+        cls,
+        time: Array,
+        stop: Array,
+        x: Array,
+        velocity: Array,
+        damper_velocity: Array,
+        cycle: float,
+    ) -> ImpactTable:
+        """Return recorded impacts, scaled by the largest of their second half."""
+        late = slice(len(time) // 2, None)
+        length = float(np.abs(x[late]).max(initial=0.0)) or 1.0
+        speeds = np.maximum(np.abs(velocity), np.abs(damper_velocity))
+        speed = float(speeds[late].max(initial=0.0)) or 1.0
+        states = np.column_stack([x / length, velocity / speed, damper_velocity / speed])
+        floor = _STAMP_S / cycle + _ROUND_OFF
+        return cls(time / cycle, stop, states, 1.0, floor, length, speed)
+
+    @classmethod
+    def of_x(
+        cls, phase: Sequence[float], stop: Sequence[int], x: Sequence[float], scale: float
+    ) -> ImpactTable:
+        """Return impacts whose instants (cycles) and X (over a scale) are compared."""
+        states = np.array(x, float).reshape(-1, 1)
+        return cls(np.array(phase, float), np.array(stop, int), states, scale)
+
+    def __len__(self) -> int:
+        return len(self.phase)
+
+    def impacts_in(self, cycles: int) -> int:
+        """Return how many impacts before the last one the nearest to a period before it is."""
+        begin = self.phase[-1] - cycles
+        return len(self) - 1 - int(np.abs(self.phase - begin).argmin())
+
+    def distances(self, impacts: int, cycles: int) -> Array:
+        """Return the distance of each impact from the one a period later (inf: another stop)."""
+        late = np.abs(self.phase[impacts:] - self.phase[:-impacts] - cycles)
+        moved = (np.abs(self.states[impacts:] - self.states[:-impacts]) / self.scale).max(axis=1)
+        far: Array = np.maximum(late, moved)
+        far[self.stop[impacts:] != self.stop[:-impacts]] = np.inf
+        return far
+
+
+def section_distance(section: Array, period: int, count: int, size: ArrayLike = 1.0) -> float:
+    """
+    Return the largest distance of the last `count` states from those a period before.
+
+    The section (n, m) holds one state in each cycle; differences are divided by `size`.
+    """
+    late, early = section[-count:], section[-count - period : -period]
+    return float((np.abs(late - early) / size).max())
+
+
+@dataclass(frozen=True)
+class Recurrence:
+    """
+    A period of the impacts.
+
+    Attributes
+    ----------
+    cycles, impacts : int
+        Cycles of the force and impacts in a period.
+    distance : ndarray of shape (p,)
+        Largest distance of any impact from the one a period later, for each of the last periods
+        that hit the same stops, the last one last.
+    floor : float
+        Distance that the rounding of stamps alone makes.
+    """
+
+    cycles: int
+    impacts: int
+    distance: Array
+    floor: float
+
+    @property
+    def level(self) -> float:
+        """Distance of the last two periods."""
+        return float(self.distance[-1])
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether the last periods are the same to within the rounding of stamps."""
+        return self.level <= _FLOORS * self.floor
+
+    @property
+    def shrinks(self) -> bool:
+        """Whether the distance keeps shrinking."""
+        first, second, third = self._thirds()
+        return second < _SHRINKS * first and third < _SHRINKS * second
+
+    @property
+    def grows(self) -> bool:
+        """Whether the distance keeps growing: the run leaves an unstable motion."""
+        first, second, third = self._thirds()
+        return (
+            first < _SHRINKS * second
+            and second < _SHRINKS * third
+            and third > _FLOORS * self.floor
+        )
+
+    def _thirds(self) -> tuple[float, float, float]:
+        """Return the largest distance in each third of the periods."""
+        if len(self.distance) < 3:
+            return np.nan, np.nan, np.nan
+        first, second, third = (float(part.max()) for part in np.array_split(self.distance, 3))
+        return first, second, third
+
+    @property
+    def factor(self) -> float:
+        """Factor by which the distance shrinks in a period, estimated; at most 0.999."""
+        floor = _FLOORS * self.floor
+        distance = self.distance[len(self.distance) // 3 :]
+        above = np.flatnonzero(distance > floor)
+        if len(above) < 3:
+            return 0.0 if self.at_floor else 0.999
+        slope = np.polyfit(above, np.log(distance[above]), 1)[0]
+        return float(min(np.exp(slope), 0.999))
+
+    @property
+    def remaining(self) -> float:
+        """Bound of the distance of the last period from the limit of a shrinking sequence."""
+        recent = float(self.distance[-6:].max())
+        return recent / (1.0 - self.factor)
+
+
+def _recurrence(table: ImpactTable, cycles: int) -> Recurrence | None:
+    """Return the last periods of so many cycles, if there are at least two like each other."""
+    impacts = table.impacts_in(cycles)
+    late = abs(table.phase[-1 - impacts] - (table.phase[-1] - cycles))
+    if impacts < 1 or len(table) < 2 * impacts or late > _SAME:
+        return None
+    far = table.distances(impacts, cycles)
+    unlike = np.flatnonzero(far > _SAME)
+    like = far[unlike[-1] + 1 :] if len(unlike) else far
+    count = len(like) // impacts
+    if count < 1:
+        return None
+    distance = like[len(like) - count * impacts :].reshape(count, impacts).max(axis=1)
+    return Recurrence(cycles, impacts, distance, table.floor)
+
+
+def find_recurrence(table: ImpactTable, most_cycles: int = LONGEST_PERIOD) -> Recurrence | None:
+    """
+    Find the shortest period of the impacts at the end of a recorded stretch.
+
+    A period that the motion has settled to within the rounding of stamps, or approaches; else
+    the shortest one that the last periods nearly have; None if there is none.
+    """
+    if len(table) < 3:
+        return None
+    last = table.phase[-1] - table.phase[0]
+    close: Recurrence | None = None
+    for cycles in range(1, most_cycles + 1):
+        if 2 * cycles > last + 0.5:
+            break
+        period = _recurrence(table, cycles)
+        if period is None or period.grows:
+            continue
+        if period.at_floor and _kept(period):
+            return period
+        if period.shrinks and _approaches(period):
+            return period
+        steady = period.distance[-4:]
+        if close is None and len(steady) == 4 and steady.max() < SETTLED:
+            close = period
+    return close
+
+
+def _approaches(period: Recurrence) -> bool:
+    """Return whether a shrinking sequence of distances is one that leads to a periodic motion."""
+    count = len(period.distance)
+    recent = float(period.distance[-6:].max())
+    return (count >= _MANY and recent < _NEAR) or (
+        count >= _FEW and period.remaining < _APPROACHING
+    )
+
+
+def _kept(period: Recurrence) -> bool:
+    """Return whether two periods before the last one were the same, too, or nearly."""
+    return len(period.distance) >= 2 and float(period.distance[-2:].max()) < SETTLED
+
+
+class Apart(NamedTuple):
+    """
+    How far two rhythms with the same stops and period are apart.
+
+    Attributes
+    ----------
+    phase : float
+        Largest difference of the instants of the impacts, in cycles of the force.
+    x : float
+        Largest difference of X at the impacts, relative to the largest |X|.
+    """
+
+    phase: float
+    x: float
+
+
+class _Counted(Protocol):
+    """A periodic motion counted from one of its impacts, such as a `PeriodicOrbit`."""
+
+    @property
+    def stops(self) -> tuple[int, ...]: ...
+    @property
+    def cycles(self) -> int: ...
+    @property
+    def phases(self) -> tuple[float, ...]: ...
+    @property
+    def x(self) -> tuple[float, ...]: ...
+    @property
+    def x_max(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class Rhythm:
+    """
+    Impacts that repeat.
+
+    Attributes
+    ----------
+    stops : tuple of int
+        Stops hit in one period, in order.
+    cycles : int
+        The period k, in cycles of the force.
+    phases : tuple of float
+        Instants of the impacts in cycles of the force since its zero angle; the first is in
+        [0, 1), all are in [0, k).
+    x : tuple of float
+        X at each impact, m.
+    x_max : float
+        Largest |X|, m: the scale of differences of X.
+    drift : float
+        Largest difference between the last period and the one before, in cycles of the force and
+        relative to the largest |X|; 0 for a motion of the theory.
+    decay : float
+        The drift over that of the period before: the factor by which the distance from the
+        periodic motion shrinks in a period. NaN where round-off hides it.
+    first : int
+        Index of the first of these impacts in the run.
+    """
+
+    stops: tuple[int, ...]
+    cycles: int
+    phases: tuple[float, ...]
+    x: tuple[float, ...]
+    x_max: float
+    drift: float = 0.0
+    decay: float = math.nan
+    first: int = 0
+
+    @classmethod
+    def of(cls, orbit: _Counted) -> Self:
+        """Return the rhythm of a motion of the theory."""
+        return cls(orbit.stops, orbit.cycles, orbit.phases, orbit.x, orbit.x_max)
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
+        """Read what `as_dict` returns, or other entries of the same names."""
+        return cls(
+            tuple(stored['stops']),
+            stored['cycles'],
+            tuple(stored['phases']),
+            tuple(stored['x']),
+            stored['x_max'],
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the rhythm for JSON, without drift and decay."""
+        return {
+            'stops': list(self.stops),
+            'cycles': self.cycles,
+            'phases': list(self.phases),
+            'x': list(self.x),
+            'x_max': self.x_max,
+        }
+
+    @property
+    def impacts(self) -> int:
+        """Number N of impacts in a period."""
+        return len(self.stops)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last two periods are nearly the same."""
+        return self.drift < SETTLED_DRIFT
+
+    def turns(self) -> Iterator[Self]:
+        """Yield the same rhythm counted from each of its impacts."""
+        for i in range(self.impacts):
+            whole = math.floor(self.phases[i])
+            phases = self.phases[i:] + self.phases[:i]
+            yield replace(
+                self,
+                stops=self.stops[i:] + self.stops[:i],
+                phases=tuple((phase - whole) % self.cycles for phase in phases),
+                x=self.x[i:] + self.x[:i],
+                first=self.first + i,
+            )
+
+    def turned_to(self, other: Rhythm) -> tuple[Self, Apart] | None:
+        """
+        Return this rhythm counted as another one is, and how far it is from it.
+
+        Of the ways to count it that have the other's stops, the nearest one; None if it has
+        other stops or another period.
+        """
+        if self.cycles != other.cycles or self.impacts != other.impacts:
+            return None
+        found = [(turn, _apart(turn, other)) for turn in self.turns() if turn.stops == other.stops]
+        return min(found, key=lambda pair: max(pair[1]), default=None)
+
+
+def _apart(one: Rhythm, other: Rhythm) -> Apart:
+    size = max(one.x_max, other.x_max) or 1.0
+    # Whole cycles before the first impact do not matter: a motion that repeats after k cycles
+    # may begin in any of them.
+    first = one.phases[0] - other.phases[0]
+    whole = round(first)
+    phases = [abs(first - whole)]
+    for a, b in zip(one.phases[1:], other.phases[1:], strict=True):
+        late = a - b - whole
+        phases.append(abs(late - one.cycles * round(late / one.cycles)))
+    return Apart(max(phases), max(abs(a - b) for a, b in zip(one.x, other.x, strict=True)) / size)
+
+
+def _beginning(stops: Sequence[int], count: int) -> int:
+    """Return the index of the last impact on stop 1 after stop 2 with a whole period from it."""
+    total = len(stops)
+    for i in range(total - count, total - 2 * count, -1):
+        if stops[i] == 1 and stops[i - 1] == 2:
+            return i
+    return total - count
+
+
+def rhythm_of(
+    instants: Sequence[float],
+    stops: Sequence[int],
+    x: Sequence[float],
+    x_max: float,
+    *,
+    most_cycles: int = LONGEST_RHYTHM,
+) -> Rhythm | None:
+    """
+    Recognise a rhythm at the end of a run that goes on.
+
+    Parameters
+    ----------
+    instants : sequence of float
+        Instants of all impacts in a row, in cycles of the force since its zero angle.
+    stops : sequence of int
+        The stops they hit.
+    x : sequence of float
+        X at each, m.
+    x_max : float
+        Largest |X| of the motion, m.
+    most_cycles : int, optional
+        Longest period looked for, in cycles of the force.
+
+    Returns
+    -------
+    Rhythm or None
+        The shortest period that has settled; else the shortest one of which the last three
+        differ by less than `RECOGNISED`. It begins on stop 1 after stop 2, if there is such a
+        place, and is one of the last two periods.
+
+    Examples
+    --------
+    >>> rhythm_of([0.2, 0.7, 1.2, 1.7, 2.2, 2.7], [1, 2] * 3, [1.0, -1.0] * 3, 2.0).phases
+    (0.2, 0.7)
+    """
+    total = len(instants)
+    if not total:
+        return None
+    table = ImpactTable.of_x(instants, stops, x, x_max or 1.0)
+    best: tuple[int, int, float, float] | None = None
+    drifts: dict[int, float] = {}
+    for cycles in range(1, most_cycles + 1):
+        count = table.impacts_in(cycles)
+        if not 0 < 3 * count <= total:
+            break
+        distances = table.distances(count, cycles)
+        drift = float(distances[-count:].max())
+        earlier = float(distances[-2 * count : -count].max())
+        if max(drift, earlier) > RECOGNISED:
+            continue
+        parts = [drifts[k] for k in drifts if cycles % k == 0]
+        drifts[cycles] = drift
+        if parts and drift > _BETTER * min(parts):
+            continue
+        decay = drift / earlier if earlier > _DRIFT_ROUND_OFF else math.nan
+        if best is None or drift < SETTLED_DRIFT:
+            best = (cycles, count, drift, decay)
+        if drift < SETTLED_DRIFT:
+            break
+    if best is None:
+        return None
+    cycles, count, drift, decay = best
+    first = _beginning(stops, count)
+    whole = math.floor(instants[first])
+    chosen = range(first, first + count)
+    return Rhythm(
+        tuple(stops[i] for i in chosen),
+        cycles,
+        tuple((instants[i] - whole) % cycles for i in chosen),
+        tuple(x[i] for i in chosen),
+        x_max,
+        drift,
+        decay,
+        first,
+    )
+
+
+def period_distances(
+    instants: Sequence[float], stops: Sequence[int], x: Sequence[float], rhythm: Rhythm
+) -> list[float]:
+    """
+    Return by how much each of the last periods differs from the one before it, the last one last.
+
+    At most `_LOOKED_BACK` numbers, as `Rhythm.drift`; they end where a period is not alike.
+    """
+    count, table = rhythm.impacts, ImpactTable.of_x(instants, stops, x, rhythm.x_max or 1.0)
+    far = table.distances(count, rhythm.cycles)
+    found: list[float] = []
+    while len(far) >= count and len(found) < _LOOKED_BACK:
+        found.append(float(far[-count:].max()))
+        if found[-1] > _ALIKE:
+            found.pop()
+            break
+        far = far[:-count]
+    return found[::-1]
+
+
+def approaches(distances: Sequence[float]) -> bool:
+    """Return whether distances shrink over twelve or more periods: the motion settles."""
+    half = len(distances) // 2
+    return half >= _FEW_PERIODS and max(distances[half:]) < max(distances[:half])
+
+
+def repeated_impacts(
+    impacts: Sequence[Event], cycle: float, most_cycles: int = 8, tolerance: float = 1e-10
+) -> tuple[list[Event], int] | None:
+    """
+    Recognise an exactly periodic motion at the end of a run.
+
+    Three periods must agree to the tolerance, relative to the cycle (s) and the largest |X| at
+    an impact. Returns the impacts of one of the last two periods, beginning on stop 1 after
+    stop 2 if there is such a place, and the period in cycles; None if the run does not repeat.
+    """
+    if not impacts:
+        return None
+    size = max(abs(event.x) for event in impacts)
+    stops = [event.stop for event in impacts]
+    instants = [event.time / cycle for event in impacts]
+    table = ImpactTable.of_x(instants, stops, [event.x for event in impacts], size or 1.0)
+    for cycles in range(1, most_cycles + 1):
+        count = table.impacts_in(cycles)
+        if count == 0 or len(impacts) < 3 * count:
+            continue
+        if table.distances(count, cycles)[-2 * count :].max() < tolerance:
+            first = _beginning(stops, count)
+            return list(impacts[first : first + count]), cycles
+    return None
+
+
+def turned_cycles(snapshot: Mapping[str, Any], frequency: float) -> float:
+    """
+    Return the angle of the force's first harmonic at a rig's snapshot, in cycles.
+
+    The frequency (rad/s) is the one that this harmonic has there.
+    """
+    origin = snapshot['origin']
+    since = float(snapshot['time']) - float(origin['time'])
+    return (float(origin['angles'][0]) + frequency * since) / math.tau

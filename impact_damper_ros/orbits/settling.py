@@ -1,0 +1,371 @@
+"""A rig on its way into a steady state: where it starts, and how it is run until it repeats."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control.nearby_rig import Scales
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    Event,
+    EventKind,
+    InitialConditions,
+    RigParameters,
+    Simulator,
+)
+from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, RunResult
+from impact_damper_ros.rig.mode import rig_constants
+
+from .recognition import LONGEST_PERIOD, Array, section_distance
+
+__all__ = [
+    'EndlessEventsError',
+    'Look',
+    'Settling',
+    'SettlingRig',
+    'cycle_of',
+    'run_by_cycles',
+    'section_of',
+    'settled_impacts',
+    'starting_points',
+]
+
+
+# Far more events than the motions sought have; a rig that chatters all the time is left early.
+_EVENTS_PER_CYCLE = 60
+#: Cycles between two looks at whether the motion repeats.
+CYCLES_BETWEEN_LOOKS = 50
+#: For how many cycles at least the states must come back.
+_LEAST_REPEATS = 10
+#: How many times the tolerance the states may be apart for a period to be in question still.
+_NEARLY = 1e3
+
+
+def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
+    """
+    Yield initial conditions from which a rig may settle into different motions.
+
+    At rest; displaced; moving fast; with m next to a stop. Scaled by the response without
+    impacts and the gap.
+    """
+    static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
+    amplitude = min(parameters.response_amplitude, 5.0 * static)
+    speed = amplitude * parameters.force_frequencies[0]
+    half = 0.5 * parameters.gap
+    limit = INITIAL_SPECS['initial_primary_velocity'].high
+    assert limit is not None
+    for x, velocity, offset in (
+        (1.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0),
+        (-0.5, 1.0, 0.9),
+        (0.3, -2.0, -0.9),
+        (2.0, 1.0, 0.3),
+    ):
+        yield InitialConditions(
+            initial_primary_position=min(limit, x * amplitude),
+            initial_primary_velocity=max(-limit, min(limit, velocity * speed)),
+            initial_damper_offset=(
+                half - min(half, abs(offset) * amplitude)
+                if parameters.one_sided
+                else offset * half
+            ),
+            initial_damper_velocity=0.0,
+        )
+
+
+class Look(NamedTuple):
+    """
+    What a rig has done between two looks at it.
+
+    Attributes
+    ----------
+    cycles : int
+        Cycles of the force run so far.
+    events : list of Event
+        Events since the last look.
+    largest : float
+        Largest |X| at events and at the ends of the parts of cycles since then, m.
+    """
+
+    cycles: int
+    events: list[Event]
+    largest: float
+
+    @property
+    def impacts(self) -> list[Event]:
+        """The impacts among the events."""
+        return [event for event in self.events if event.kind is EventKind.IMPACT]
+
+
+def run_by_cycles(
+    rig: Simulator | ControlledRig,
+    every: int,
+    most_cycles: int,
+    *,
+    base: float = 0.0,
+    first: int = 0,
+    parts: int = 1,
+) -> Iterator[Look]:
+    """
+    Run a rig on by cycles of its force, and yield what it has done after every few of them.
+
+    The last look is at the end. Cycles are counted from the instant `base` (s) and `first`
+    cycles after it; each is run in some parts.
+    """
+    cycle = math.tau / rig.parameters.force_frequencies[0]
+    events: list[Event] = []
+    largest = 0.0
+    for k in range(1, most_cycles + 1):
+        for part in range(1, parts + 1):
+            # One rounding, so that the steps do not drift
+            new = rig.advance(base + (first + k - 1 + part / parts) * cycle)
+            largest = max([largest, abs(rig.sample().x), *(abs(event.x) for event in new)])
+            events += new
+        if k % every == 0 or k == most_cycles:
+            yield Look(k, events, largest)
+            events, largest = [], 0.0
+
+
+def settled_impacts(
+    parameters: RigParameters,
+    initial: InitialConditions,
+    cycles: int,
+    watched: int,
+    most_events: float = _EVENTS_PER_CYCLE,
+) -> list[Event]:
+    """
+    Return the impacts in the last `watched` of some cycles of a run.
+
+    A rig that has more events in a cycle on average is given up, without impacts.
+    """
+    kept: list[Event] = []
+    total = 0
+    for look in run_by_cycles(Simulator(parameters, initial), 1, cycles):
+        total += len(look.events)
+        if total > most_events * (look.cycles + 20):
+            return []
+        if look.cycles > cycles - watched:
+            kept += look.impacts
+    return kept
+
+
+class EndlessEventsError(RuntimeError):
+    """A rig has more events than it may."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """
+    How long a rig may take to settle, and how closely it is watched.
+
+    Attributes
+    ----------
+    cycles : int
+        Most cycles of the force to settle in.
+    watch : int
+        Cycles that are measured of a motion that does not repeat.
+    tolerance : float
+        How closely the states a period apart must agree, relative to the size of the motion.
+    events : int
+        Most events of one rig; more is a failure.
+    section : int
+        Most points of the section, and half as many as the impacts, that are kept of a motion
+        that does not repeat.
+
+    Raises
+    ------
+    ValueError
+        If one is out of its range.
+    """
+
+    cycles: int = 2000
+    watch: int = 500
+    tolerance: float = 1e-8
+    events: int = 2_000_000
+    section: int = 100
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name, low, high in (
+            ('cycles', 1, 10_000_000),
+            ('watch', 21, 1_000_000),
+            ('events', 1, 10**12),
+            ('section', 1, 100_000),
+        ):
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(
+                    f'{name} is {getattr(self, name)}: give a whole number from {low} to {high}'
+                )
+        if not 1e-12 <= self.tolerance <= 1e-2:
+            raise ValueError(f'tolerance is {self.tolerance!r}: give a number from 1e-12 to 0.01')
+
+
+def _active_rates(parameters: RigParameters) -> list[float]:
+    """Return the circular frequencies of the force, those without amplitude left out."""
+    amplitudes, frequencies, _ = parameters.harmonics
+    pairs = zip(amplitudes, frequencies, strict=True)
+    return [rate for amplitude, rate in pairs if amplitude != 0.0]
+
+
+def cycle_of(parameters: RigParameters) -> float:
+    """Return the period of the first harmonic that acts, or of the spring if none does, s."""
+    rates = [rate for rate in _active_rates(parameters) if rate > 0.0]
+    return math.tau / (rates[0] if rates else parameters.omega)
+
+
+def _repeats_with(parameters: RigParameters, cycle: float) -> bool:
+    """Return whether the force repeats with a cycle, s."""
+    turns = [rate * cycle / math.tau for rate in _active_rates(parameters)]
+    return all(abs(turn - round(turn)) < 1e-9 * max(turn, 1.0) for turn in turns)
+
+
+def _samples_alike(control: GapControlParameters, cycle: float) -> bool:
+    """Return whether a control can measure the same again after some cycles, s."""
+    if control.gap_control_noise_position or control.gap_control_noise_velocity:
+        return False
+    counts = [control.gap_control_rate * cycle * k for k in range(1, LONGEST_PERIOD + 1)]
+    return any(abs(count - round(count)) < 1e-9 * max(count, 1.0) for count in counts)
+
+
+def section_of(samples: NDArray[np.void]) -> Array:
+    """Return X, X', Y and Y' of samples."""
+    x, velocity = samples['x'], samples['primary_velocity']
+    return np.stack(
+        [x, velocity, samples['z'] - x, samples['damper_velocity'] - velocity], axis=-1
+    )
+
+
+class SettlingRig:
+    """
+    A rig that is run by whole cycles of its force.
+
+    Parameters
+    ----------
+    run : LongRun or ControlledRun
+        The rig, at the beginning of a cycle of its force; it goes on.
+    settling : Settling
+        How long and how closely it is watched.
+
+    Attributes
+    ----------
+    cycle : float
+        Period of the force, s.
+    omega : float
+        Natural circular frequency of M alone, rad/s.
+    forced, repeating : bool
+        Whether there is a force, and whether it repeats with its cycle.
+    controlled, in_step : bool
+        Whether a control moves the stops, and whether its samples can repeat with the cycles.
+    angles : tuple of float
+        Angle turned by each harmonic at the beginning, rad.
+    cycles, events : int
+        Cycles run and events had so far.
+    """
+
+    def __init__(self, run: LongRun | ControlledRun, settling: Settling) -> None:
+        parameters = run.parameters
+        self.settling = settling
+        self.cycle = cycle_of(parameters)
+        self.machine = rig_constants(parameters)
+        self.angles = tuple(run.snapshot()['origin']['angles'])
+        self.repeating = _repeats_with(parameters, self.cycle)
+        self.controlled = isinstance(run, ControlledRun)
+        self.in_step = not isinstance(run, ControlledRun) or _samples_alike(
+            run.control, self.cycle
+        )
+        self.cycles = 0
+        self.events = 0
+        self._run = run
+        self._start = run.time
+        self._rate = max(math.tau / self.cycle, parameters.omega)
+        self.omega = parameters.omega
+        self.forced = bool(_active_rates(parameters))
+        self._size = 0.0
+        self._recent: Array
+        self.forget()
+
+    @property
+    def scales(self) -> Scales:
+        """What makes the numbers of the state of a rig under control comparable."""
+        return Scales(self._size or 1.0, self._rate)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what the rig's future depends on."""
+        return self._run.snapshot()
+
+    def state(self) -> tuple[int, int]:
+        """Return the mode, and the stop hit last."""
+        return int(self._run.mode), int(self._run.snapshot()['origin']['last_stop'])
+
+    def time_after(self, cycles: int) -> float:
+        """Return the instant at which some cycles have been run, s."""
+        return cycles * self.cycle + self._start
+
+    def run(self, cycles: int, looks: int = 1) -> RunResult:
+        """Go on for some cycles, with some looks in each, the first one at once."""
+        grid = np.arange(cycles * looks + 1) / looks + self.cycles
+        grid *= self.cycle
+        grid += self._start
+        most = self.settling.events - self.events
+        stretch = self._run.advance(float(grid[-1]), grid, most_events=max(most, 1))
+        if stretch.outcome is not Outcome.COMPLETE:
+            raise EndlessEventsError(stretch.reason)
+        self.cycles += cycles
+        self.events += stretch.event_count
+        return stretch
+
+    def settle(self) -> Events:
+        """Go on until the next look at whether the motion repeats; return the events."""
+        left = max(1, self.settling.cycles - self.cycles)
+        stretch = self.run(min(CYCLES_BETWEEN_LOOKS, left))
+        section = section_of(stretch.samples[1:])
+        size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
+        # A rig without force has settled once next to nothing of its start is left
+        self._size = size if self.forced else max(size, self._size)
+        if self.controlled:
+            # Stops that still move are not settled, whether m reaches them or not
+            x = stretch.samples['x'][1:]
+            places = [stretch.samples[name][1:] - x for name in ('stop_1', 'stop_2')]
+            section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
+        self._recent = np.concatenate([self._recent, section])[-4 * LONGEST_PERIOD :]
+        return stretch.events
+
+    def forget(self) -> None:
+        """Judge from now on only by states to come whether the motion repeats."""
+        self._recent = np.empty((0, 6 if self.controlled else 4))
+
+    def period(self) -> int:
+        """
+        Return the number of cycles after which the last states came back, or 0.
+
+        On the way to a motion of one cycle, several may come back first, if a free vibration
+        takes that many. A longer period therefore counts only if no shorter one does nearly as
+        well, or there is no time left to wait.
+        """
+        if not self.repeating or not self._size or len(self._recent) < 2:
+            return 0
+        size = self.settling.tolerance * self._size * np.array([1.0, self._rate] * 2)
+        if self.controlled:
+            far = float(np.abs(self._recent[-1, 4:]).max())
+            size = np.append(size, [self.settling.tolerance * max(self._size, far)] * 2)
+        last = self._recent[-1]
+        if (np.abs(self._recent[-1 - LONGEST_PERIOD : -1] - last) / size).max(1).min() > _NEARLY:
+            return 0
+        nearly = False
+        for period in range(1, LONGEST_PERIOD + 1):
+            count = min(max(2 * period, _LEAST_REPEATS), len(self._recent) - period)
+            if count < 2 * period:
+                break
+            apart = section_distance(self._recent, period, count, size)
+            if apart <= 1.0:
+                return 0 if nearly and self.cycles < self.settling.cycles else period
+            nearly = nearly or apart <= _NEARLY
+        return 0

@@ -1,0 +1,89 @@
+"""A process of this package that is asked by lines of JSON, and answers by lines."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import impact_damper_ros
+
+__all__ = ['Child', 'environment']
+
+
+#: Longest line of its output.
+_LONGEST_LINE = 8 * 1024 * 1024
+
+
+def environment() -> dict[str, str]:
+    """Return the environment in which another Python finds this package."""
+    root = str(Path(impact_damper_ros.__file__).parents[1])
+    path = os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))
+    return {**os.environ, 'PYTHONPATH': path}
+
+
+class Child:
+    """
+    A running process; it ends when it is closed.
+
+    Parameters
+    ----------
+    command : sequence of str
+        What starts it.
+    take : callable
+        Takes each line.
+    """
+
+    def __init__(self, command: Sequence[str], take: Callable[[bytes], None]) -> None:
+        self._command = list(command)
+        self._take = take
+        self._process: asyncio.subprocess.Process | None = None
+        self._unsent: Any = None
+        self._task = asyncio.ensure_future(self._run())
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended."""
+        return self._task.done()
+
+    def send(self, request: Any) -> None:
+        """Send a request; of several before it has started, the last one."""
+        if self._process is None or self._process.stdin is None:
+            self._unsent = request
+            return
+        with contextlib.suppress(OSError, RuntimeError):
+            self._process.stdin.write(f'{json.dumps(request)}\n'.encode())
+
+    async def _run(self) -> None:
+        process = await asyncio.create_subprocess_exec(
+            *self._command,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            env=environment(),
+            limit=_LONGEST_LINE,
+        )
+        assert process.stdout is not None
+        self._process = process
+        if self._unsent is not None:
+            self.send(self._unsent)
+        try:
+            # A line beyond all measure is a ValueError.
+            with contextlib.suppress(ValueError):
+                while line := await process.stdout.readline():
+                    self._take(line)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            with contextlib.suppress(ValueError):
+                while await process.stdout.read(_LONGEST_LINE):
+                    pass
+            await process.wait()
+
+    async def close(self) -> None:
+        """End it."""
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)

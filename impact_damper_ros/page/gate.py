@@ -1,0 +1,116 @@
+"""
+Who may use the server: Host, Origin and token.
+
+A page of a foreign site can make a browser connect to a server of this machine. It cannot forge
+the Host and Origin that the browser sends: a name that an attacker lets point to this machine (DNS
+rebinding) shows in both. Addresses written as numbers cannot be rebound.
+"""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from urllib.parse import urlsplit
+
+__all__ = ['Gate', 'is_loopback']
+
+
+_LOOPBACK_NAMES = ('localhost', '127.0.0.1', '::1')
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether an address to listen on is reached from this machine only."""
+    if host == 'localhost':
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _split(netloc: str) -> tuple[str, int | None] | None:
+    """Return host and port of what a Host header holds; None if it is malformed."""
+    if not netloc or any(sign in netloc for sign in '/\\@?# \t'):
+        return None
+    try:
+        parts = urlsplit(f'//{netloc}')
+        return (parts.hostname or '').rstrip('.'), parts.port
+    except ValueError:
+        return None
+
+
+@dataclass
+class Gate:
+    """
+    What a request must bring.
+
+    Parameters
+    ----------
+    host : str
+        The address that the server listens on.
+    names : sequence of str, optional
+        Further names under which it may be reached.
+    token : str, optional
+        The token to ask for; a new one, if the address is not of the loopback interface, and none
+        there.
+
+    Attributes
+    ----------
+    port : int
+        Set once the server listens.
+    """
+
+    host: str
+    names: Sequence[str] = ()
+    token: str = ''
+    port: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        """Make a token where one is needed."""
+        if not self.token and not is_loopback(self.host):
+            self.token = secrets.token_urlsafe(24)
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie; cookies do not tell ports apart."""
+        return f'rig_page_{self.port}'
+
+    def accepts_host(self, netloc: str) -> bool:
+        """Return whether a Host header names this server."""
+        found = _split(netloc)
+        if found is None or (found[1] or 80) != self.port:
+            return False
+        name = found[0].lower()
+        if name in {self.host.lower(), *(own.lower() for own in self.names)}:
+            return True
+        if is_loopback(self.host):
+            return name in _LOOPBACK_NAMES
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            own = socket.gethostname().lower()
+            return name in (own, f'{own}.local', *_LOOPBACK_NAMES)
+        return True
+
+    def accepts_origin(self, origin: str, netloc: str) -> bool:
+        """Return whether an Origin is the page that this server has sent to that Host."""
+        scheme, _, rest = origin.partition('://')
+        own = _split(rest) == _split(netloc)
+        return scheme in ('http', 'https') and own and self.accepts_host(rest)
+
+    def accepts_token(self, *given: str | None) -> bool:
+        """Return whether the token is among what is given, or none is needed."""
+        if not self.token:
+            return True
+        return any(hmac.compare_digest(self.token.encode(), (g or '').encode()) for g in given)
+
+    def url(self) -> str:
+        """Return the address to open."""
+        host = self.host if self.host not in ('0.0.0.0', '::', '') else socket.gethostname()
+        host = f'[{host}]' if ':' in host else host
+        query = f'?token={self.token}' if self.token else ''
+        return f'http://{host}:{self.port}/{query}'

@@ -1,0 +1,86 @@
+"""The what-if beside a recording: another rig on the same history, from a process of its own."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .child import Child
+from .motion import SAMPLE_COLUMNS, Motion, Rows
+from .recorded import MOST_SAMPLES
+
+__all__ = ['Ghost']
+
+
+_PROCESS = 'impact_damper_ros.page.what_if_process'
+
+
+class Ghost:
+    """
+    Another rig.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    values : mapping
+        The parameters that are held.
+    tell : callable
+        Takes the messages for the page.
+    """
+
+    def __init__(
+        self, path: Path, values: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]
+    ) -> None:
+        self.motion = Motion(MOST_SAMPLES, 1)
+        self._values = dict(values)
+        self._tell = tell
+        self._child = Child((sys.executable, '-m', _PROCESS), self._take)
+        self._child.send({'path': str(path), 'values': self._values})
+        self._say('computing')
+
+    def state(self, time: float) -> Rows | None:
+        """Return where it is at an instant; None where it is not known (yet)."""
+        samples = self.motion.samples
+        if not len(samples) or not samples[0, 0] <= time <= samples[-1, 0] + 0.1:
+            return None
+        place = int(np.searchsorted(samples[:, 0], time, side='right')) - 1
+        row: Rows = samples[place, 1:]
+        return row
+
+    def _say(self, text: str, *, on: bool = True, done: bool = False) -> None:
+        samples = self.motion.samples
+        until = float(samples[-1, 0]) if len(samples) else None
+        start = float(samples[0, 0]) if len(samples) else None
+        self._tell(
+            {
+                'type': 'what_if',
+                'on': on,
+                't0': start,
+                'until': until,
+                'done': done,
+                'text': text,
+                'values': self._values,
+            }
+        )
+
+    def _take(self, line: bytes) -> None:
+        if line.startswith(b'{'):
+            end = json.loads(line)
+            self._say(str(end['text']), on=bool(end['ok']), done=True)
+            return
+        rows = np.frombuffer(base64.b64decode(line)).reshape(-1, len(SAMPLE_COLUMNS))
+        known = self.motion.end
+        self.motion.add_samples(rows[rows[:, 0] > (-math.inf if math.isnan(known) else known)])
+        self._say('computing')
+
+    async def close(self) -> None:
+        """End the process."""
+        await self._child.close()

@@ -1,0 +1,216 @@
+"""A live rig as the source of any number of pages."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+from impact_damper_ros import __version__
+
+from .frames import View
+from .knobs import as_json
+from .live import Link, LiveRig
+from .measures import slow_motion
+from .presets import Preset
+from .session import Refusal, Session
+from .theorist import Theorist
+
+__all__ = ['LiveSource']
+
+
+_NO_STEP = (
+    'a live rig has no single step: pause it, or record it and step through the recording from '
+    'impact to impact'
+)
+_RETRY_S = 1.0
+
+
+class LiveSource:
+    """
+    A live rig.
+
+    Parameters
+    ----------
+    link : Link
+        To the node.
+    no_answer : type of Exception
+        What its requests raise if the node does not answer.
+    presets : list of Preset
+        Rigs that can be chosen.
+    common : callable
+        Returns what every hello has: rigs and recordings.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        no_answer: type[Exception],
+        presets: list[Preset],
+        common: Callable[[], dict[str, Any]],
+    ) -> None:
+        self.name = link.name
+        self.sessions: set[Session] = set()
+        self._no_answer = no_answer
+        self._presets = {preset.name: preset for preset in presets}
+        self._common = common
+        self.rig = LiveRig(link, self._tell)
+        self.theorist = Theorist(self._tell_theory)
+        self.theorist.start()
+        self.rig.on_course = self._course
+        self.rig.on_restart = self._restart
+        self._asking: asyncio.Task[None] | None = None
+        self._course_asked = False
+
+    async def close(self) -> None:
+        """Leave the rig."""
+        if self._asking is not None:
+            self._asking.cancel()
+            await asyncio.gather(self._asking, return_exceptions=True)
+        await self.theorist.close()
+        self.rig.link.close()
+
+    def tick(self) -> None:
+        """Look at the rig, and show it."""
+        self.rig.look()
+        if self._course_asked and self.sessions:
+            self._course_asked = False
+            if self.rig.state is not None:
+                self.theorist.ask(self.rig.state)
+        for session in list(self.sessions):
+            session.pump()
+
+    # To the pages
+
+    def hello(self) -> dict[str, Any]:
+        """Return the first message."""
+        rig = self.rig.rig
+        values = self.rig.values
+        knobs = [
+            knob.as_dict() | {'value': values.get(knob.name, as_json(knob.value))}
+            for knob in self.rig.knobs
+        ]
+        return {
+            'type': 'hello',
+            'version': __version__,
+            'mode': 'live',
+            'rig': self.name,
+            'parameters': knobs,
+            'presets': [preset.as_dict() for preset in self._presets.values()],
+            'window': 30.0,
+            'can_record': any(knob.name == 'record' for knob in self.rig.knobs),
+            'static_deflection': rig.static_deflection if rig else 0.0,
+            'one_sided': rig.one_sided if rig else False,
+            **self._common(),
+        }
+
+    def greet(self, session: Session) -> None:
+        """Say how things are to a new page."""
+        for message in (
+            self.rig.status(),
+            self.rig.diagnostics(),
+            self._numbers(),
+            *self.theorist.known(),
+        ):
+            session.outbox.put(message)
+
+    def frame(self, view: View) -> bytes | None:
+        """Return what is new."""
+        end = self.rig.motion.end
+        if end != end or not view.wants(end):
+            return None
+        return view.frame(self.rig.motion, end, self.rig.epoch, self.rig.flags)
+
+    def _tell(self, message: dict[str, Any]) -> None:
+        self._send(message)
+        if message['type'] == 'diagnostics':
+            self._send(self._numbers())
+
+    def _tell_theory(self, message: dict[str, Any]) -> None:
+        self._send(message)
+        self._send(self._numbers())
+
+    def _send(self, message: dict[str, Any]) -> None:
+        for session in list(self.sessions):
+            session.outbox.put(message)
+
+    def _numbers(self) -> dict[str, Any]:
+        return self.rig.numbers().as_dict(self.theorist.predicted, self.theorist.optimum)
+
+    # The node
+
+    def _course(self) -> None:
+        self._course_asked = True
+        self.theorist.forget()
+
+    def _restart(self) -> None:
+        if self._asking is None or self._asking.done():
+            self._asking = asyncio.ensure_future(self._ask())
+
+    async def _ask(self) -> None:
+        """Ask for the parameters until they are known; then greet the pages."""
+        while not self.rig.knobs:
+            try:
+                knobs = await self.rig.link.knobs()
+            except self._no_answer:
+                await asyncio.sleep(_RETRY_S)
+                continue
+            self.rig.knobs = knobs
+            self.rig.values = {knob.name: as_json(knob.value) for knob in knobs} | self.rig.values
+        for session in list(self.sessions):
+            session.greet()
+            self.greet(session)
+
+    async def handle(self, message: dict[str, Any], session: Session) -> dict[str, Any] | None:
+        """Carry out a request."""
+        kind = message['type']
+        link = self.rig.link
+        try:
+            if kind == 'set':
+                return _result(await link.set(dict(message['values'])))
+            if kind == 'record':
+                return _result(await link.set({'record': bool(message['on'])}))
+            if kind == 'preset':
+                return await self._take_preset(str(message['name']))
+            if kind == 'service':
+                return await self._serve(str(message['name']))
+        except self._no_answer as error:
+            raise Refusal(str(error)) from error
+        if kind == 'slow_motion':
+            count = int(message.get('impacts', 5))
+            motion = self.rig.motion
+            session.outbox.put(slow_motion(motion, count, motion.end))
+            return None
+        if kind == 'theory':
+            self.theorist.want(bool(message.get('orbit', True)), bool(message.get('curve', True)))
+            return None
+        raise Refusal(f'{kind} is nothing that a live rig can do')
+
+    async def _serve(self, name: str) -> dict[str, Any]:
+        if name == 'pause':
+            paused = bool(self.rig.flags)
+            ok, text = await self.rig.link.pause(not paused)
+        elif name == 'reset':
+            ok, text = await self.rig.link.reset()
+        elif name == 'step':
+            raise Refusal(_NO_STEP)
+        else:
+            raise Refusal(f'{name} is no service of a rig')
+        return {'ok': ok, 'reason': text}
+
+    async def _take_preset(self, name: str) -> dict[str, Any]:
+        """Set the parameters of a preset, all at once, and begin from its start."""
+        if name not in self._presets:
+            raise Refusal(f'there is no preset {name[:80]}')
+        known = {knob.name for knob in self.rig.knobs if not knob.read_only}
+        if not known:
+            raise Refusal('the parameters of the rig are not known yet')
+        values = {n: v for n, v in self._presets[name].all_values().items() if n in known}
+        if reason := await self.rig.link.set(values):
+            return {'ok': False, 'reason': reason}
+        ok, text = await self.rig.link.reset()
+        return {'ok': ok, 'reason': '' if ok else text}
+
+
+def _result(reason: str) -> dict[str, Any]:
+    return {'ok': not reason, 'reason': reason}

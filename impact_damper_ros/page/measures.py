@@ -1,0 +1,192 @@
+"""The numbers that people ask for first: of the rig, and of its motion in the last seconds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from impact_damper_ros.rig import RigParameters
+
+from .knobs import as_json
+from .motion import Motion, Rows
+
+__all__ = ['RigNumbers', 'slow_motion', 'state_at']
+
+
+#: Cycles of the force over which energy is counted.
+_CYCLES = 20
+#: Samples per second of a replay at 1/20 of the speed, on a screen with 60 frames per second.
+_SLOW_RATE = 1200.0
+_MOST_SLOW, _MOST_SLOW_IMPACTS = 20_000, 200
+
+
+@dataclass(frozen=True)
+class RigNumbers:
+    """
+    A rig, and what is measured of it.
+
+    Attributes
+    ----------
+    rig : RigParameters or None
+        The rig, if it is known.
+    motion : Motion
+        Its motion.
+    end : float
+        Rig time now, s.
+    x_max : float or None
+        Largest |X| measured, m; of the last cycles of the force, if it is None.
+    impacts_per_cycle : float or None
+        As measured; the same.
+    """
+
+    rig: RigParameters | None
+    motion: Motion
+    end: float
+    x_max: float | None = None
+    impacts_per_cycle: float | None = None
+
+    def as_dict(self, predicted: float | None, optimum: float | None) -> dict[str, Any]:
+        """Return the message; Xmax/A and the best gap as theory has them."""
+        rig = self.rig
+        if rig is None:
+            return {'type': 'numbers'}
+        frequency = rig.force_frequencies[0]
+        amplitude = rig.response_amplitude
+        impacts, x_max, energy = self._of_last_cycles(rig)
+        x_max = self.x_max if self.x_max is not None else x_max
+        known = x_max is not None and 0.0 < amplitude < math.inf
+        ratio = x_max / amplitude if known and x_max is not None else None
+        numbers = {
+            'natural_frequency_hz': rig.omega / math.tau,
+            'natural_period': math.tau / rig.omega,
+            'omega': rig.omega,
+            'damping_ratio': rig.zeta,
+            'frequency_hz': frequency / math.tau,
+            'frequency_ratio': rig.frequency_ratio,
+            'static_amplitude': amplitude,
+            'mass_ratio': rig.mass_ratio,
+            'gap': rig.gap,
+            'optimal_gap': optimum,
+            'gap_ratio': rig.gap / optimum if optimum else None,
+            'impacts_per_cycle': (
+                self.impacts_per_cycle if self.impacts_per_cycle is not None else impacts
+            ),
+            'energy_per_cycle': energy,
+            'amplitude_measured': x_max,
+            'x_max_ratio_measured': ratio,
+            'x_max_ratio_predicted': predicted,
+        }
+        return {'type': 'numbers', **as_json(numbers)}
+
+    def _of_last_cycles(
+        self, rig: RigParameters
+    ) -> tuple[float | None, float | None, float | None]:
+        """Return impacts per cycle, largest |X|, and energy that the impacts take from M."""
+        frequency, end = rig.force_frequencies[0], self.end
+        if frequency <= 0.0 or not math.isfinite(end):
+            return None, None, None
+        cycle = math.tau / frequency
+        known = end - float(self.motion.samples[0, 0])
+        cycles = min(_CYCLES, math.floor(known / cycle))
+        if cycles < 1:
+            return None, None, None
+        start = end - cycles * cycle
+        impacts = self.motion.impacts_between(start, end)
+        x = self.motion.samples_between(start, end)[:, 1]
+        # X' changes at an impact, X does not.
+        lost = 0.5 * rig.primary_mass * float((impacts[:, 8] ** 2 - impacts[:, 3] ** 2).sum())
+        return len(impacts) / cycles, float(np.abs(x).max()), lost / cycles
+
+
+def slow_motion(motion: Motion, count: int, end: float) -> dict[str, Any]:
+    """
+    Return the last impacts closely sampled, to be shown slowly.
+
+    Between samples and impacts the motion is drawn by cubics through places and velocities, with
+    the velocity after an impact different from that before it.
+    """
+    impacts = motion.impacts_between(-math.inf, end)
+    impacts = impacts[-min(max(count, 1), _MOST_SLOW_IMPACTS) :]
+    message: dict[str, Any] = {'type': 'slow_motion', 't': [], 'impacts': []}
+    if not len(impacts):
+        return message | {name: [] for name in ('x', 'z', 'stop_1', 'stop_2')}
+    pause = 0.3 * max(float(impacts[-1, 0] - impacts[0, 0]) / max(len(impacts) - 1, 1), 1e-3)
+    start, end = impacts[0, 0] - pause, min(impacts[-1, 0] + pause, end)
+    first = np.searchsorted(motion.samples[:, 0], start, side='right') - 1
+    samples = motion.samples[max(int(first), 0) :]
+    count = int(min(_MOST_SLOW, max(2, (end - start) * _SLOW_RATE)))
+    t = np.linspace(max(start, samples[0, 0]), end, count)
+    (x, _), (z, _) = _at(t, samples, impacts)
+    at = np.clip(np.searchsorted(samples[:, 0], t, side='right') - 1, 0, None)
+    stops = {
+        f'stop_{stop}': as_json((x + (samples[at, column] - samples[at, 1])).tolist())
+        for stop, column in ((1, 5), (2, 7))
+    }
+    return message | {
+        't': t.tolist(),
+        'x': x.tolist(),
+        'z': z.tolist(),
+        **stops,
+        'impacts': [
+            {'t': float(row[0]), 'stop': int(row[1]), 'impulse': float(row[5])} for row in impacts
+        ],
+    }
+
+
+def state_at(motion: Motion, time: float) -> Rows:
+    """Return the state at an instant, as `SAMPLE_COLUMNS` without the time."""
+    samples = motion.samples
+    place = int(np.searchsorted(samples[:, 0], time, side='right')) - 1
+    place = min(max(place, 0), len(samples) - 1)
+    row: Rows = samples[place, 1:].copy()
+    if place + 1 >= len(samples) or time <= samples[place, 0]:
+        return row
+    two = samples[place : place + 2]
+    impacts = motion.impacts_between(two[0, 0], two[1, 0])
+    (x, x_velocity), (z, z_velocity) = _at(np.array([time]), two, impacts)
+    # The stops ride on M.
+    row[[4, 6]] += float(x[0]) - row[0]
+    row[[5, 7]] += float(x_velocity[0]) - row[1]
+    row[:4] = x[0], x_velocity[0], z[0], z_velocity[0]
+    if not math.isnan(row[9]) and not math.isnan(two[1, 10]):
+        turned = (two[1, 10] - two[0, 10]) % 1.0
+        share = (time - two[0, 0]) / (two[1, 0] - two[0, 0])
+        row[9] = (row[9] + share * turned) % 1.0
+    return row
+
+
+def _at(t: Rows, samples: Rows, impacts: Rows) -> tuple[tuple[Rows, Rows], tuple[Rows, Rows]]:
+    """Return X and Z with their velocities at instants."""
+    places = np.column_stack([impacts[:, 0], impacts[:, 2] + impacts[:, 7], impacts[:, [4, 9]]])
+    return (
+        _between_knots(t, samples[:, [0, 1, 2]], impacts[:, [0, 2, 3, 8]]),
+        _between_knots(t, samples[:, [0, 3, 4]], places),
+    )
+
+
+def _between_knots(t: Rows, samples: Rows, impacts: Rows) -> tuple[Rows, Rows]:
+    """Return places and velocities; impacts have the velocity after them and the one before."""
+    after = np.column_stack([impacts[:, :3], np.ones(len(impacts))])
+    before = np.column_stack([impacts[:, [0, 1, 3]], np.zeros(len(impacts))])
+    plain = np.column_stack([samples, np.full(len(samples), 0.5)])
+    knots = np.concatenate([plain, before, after])
+    knots = knots[np.lexsort((knots[:, 3], knots[:, 0]))]
+    left = np.clip(np.searchsorted(knots[:, 0], t, side='right') - 1, 0, len(knots) - 2)
+    begin, end = knots[left], knots[left + 1]
+    length = np.maximum(end[:, 0] - begin[:, 0], 1e-12)
+    share = np.clip((t - begin[:, 0]) / length, 0.0, 1.0)
+    rest = 1.0 - share
+    place: Rows = (
+        begin[:, 1] * rest**2 * (1.0 + 2.0 * share)
+        + end[:, 1] * share**2 * (1.0 + 2.0 * rest)
+        + length * share * rest * (begin[:, 2] * rest - end[:, 2] * share)
+    )
+    velocity: Rows = (
+        6.0 * share * rest * (end[:, 1] - begin[:, 1]) / length
+        + begin[:, 2] * rest * (1.0 - 3.0 * share)
+        + end[:, 2] * share * (1.0 - 3.0 * rest)
+    )
+    return place, velocity

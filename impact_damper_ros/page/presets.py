@@ -1,0 +1,87 @@
+"""Rigs that show something, by name: `presets.yaml`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
+from impact_damper_ros.rig import (
+    INITIAL_SPECS,
+    PARAMETER_SPECS,
+    InitialConditions,
+    RigParameters,
+)
+
+from .knobs import as_json
+
+__all__ = ['Preset', 'load_presets']
+
+
+_FILE = Path(__file__).with_name('presets.yaml')
+
+
+@dataclass(frozen=True)
+class Preset:
+    """
+    A rig, its control and its start.
+
+    Attributes
+    ----------
+    name, title, description : str
+        For people; the name for links, too.
+    rig : RigParameters
+        The rig.
+    control : GapControlParameters
+        Its control.
+    initial : InitialConditions
+        Where it starts.
+    """
+
+    name: str
+    title: str
+    description: str
+    rig: RigParameters
+    control: GapControlParameters
+    initial: InitialConditions
+
+    def as_dict(self) -> dict[str, str]:
+        """Return what the page lists."""
+        return {'name': self.name, 'title': self.title, 'description': self.description}
+
+    def all_values(self) -> dict[str, Any]:
+        """Return all parameters of the rig, of its control and of its start."""
+        parts = (self.rig, self.control, self.initial)
+        return {n: as_json(v) for part in parts for n, v in part.as_dict().items()}
+
+
+@cache
+def load_presets(path: Path = _FILE) -> tuple[Preset, ...]:
+    """
+    Read the presets.
+
+    Raises
+    ------
+    ValueError
+        If one is not a rig.
+    """
+    found = []
+    for name, entry in yaml.safe_load(path.read_text(encoding='utf-8')).items():
+        values = dict(entry['parameters'])
+        parts = [
+            {n: values.pop(n) for n in specs if n in values}
+            for specs in (PARAMETER_SPECS, GAP_CONTROL_SPECS, INITIAL_SPECS)
+        ]
+        if values:
+            raise ValueError(f'{path}: {name}: no parameters: {", ".join(values)}')
+        rig = RigParameters(**parts[0])
+        initial = InitialConditions(**parts[2])
+        initial.check_within(rig)
+        title, text = str(entry['title']), ' '.join(str(entry['description']).split())
+        control = GapControlParameters(**parts[1])
+        found.append(Preset(name, title, text, rig, control, initial))
+    return tuple(found)

@@ -1,0 +1,309 @@
+"""
+The rigs of the ROS network, as a client without an executor.
+
+Everything is polled: the server looks at its subscriptions and at the answers to its requests just
+before each display frame. An executor would wake up for each joint state, which costs several
+times the processor time of taking them in one go, and hand them over to another thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterEvent, ParameterType
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParametersAtomically,
+)
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from .knobs import Knob
+
+__all__ = ['NoAnswerError', 'Polled', 'RigLink', 'RosClient']
+
+
+#: A request is repeated after this time, for its answer may have been lost while node and client
+#: were finding one another, and given up after the second.
+ASK_AGAIN_S, PATIENCE_S = 1.0, 6.0
+_PAUSE, _RESET = '/pause', '/reset'
+_TYPES = {
+    ParameterType.PARAMETER_BOOL: 'bool',
+    ParameterType.PARAMETER_INTEGER: 'integer',
+    ParameterType.PARAMETER_DOUBLE: 'double',
+    ParameterType.PARAMETER_STRING: 'string',
+    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array',
+}
+_ROS_TYPES = {
+    'bool': Parameter.Type.BOOL,
+    'integer': Parameter.Type.INTEGER,
+    'double': Parameter.Type.DOUBLE,
+    'string': Parameter.Type.STRING,
+    'double_array': Parameter.Type.DOUBLE_ARRAY,
+}
+#: Messages that are taken of a topic at once.
+_MOST_TAKEN = 2000
+
+
+class NoAnswerError(Exception):
+    """A node that does not answer."""
+
+
+@dataclass
+class Polled:
+    """What has come in since the last look, still serialised."""
+
+    states: list[bytes] = field(default_factory=list)
+    impacts: list[bytes] = field(default_factory=list)
+    snapshots: list[bytes] = field(default_factory=list)
+    diagnostics: list[bytes] = field(default_factory=list)
+    events: list[bytes] = field(default_factory=list)
+
+
+class _Service:
+    """A client of one service, which is polled for its answers."""
+
+    def __init__(self, node: Node, kind: Any, name: str) -> None:
+        self._kind = kind
+        self._client = node.create_client(kind, name)
+        self._waiting: dict[int, asyncio.Future[Any]] = {}
+
+    def poll(self) -> None:
+        while self._waiting:
+            with self._client.handle:
+                header, answer = self._client.handle.take_response(self._kind.Response)
+            if header is None:
+                return
+            future = self._waiting.pop(header.request_id.sequence_number, None)
+            if future is not None and not future.done():
+                future.set_result(answer)
+
+    async def call(self, request: Any) -> Any:
+        answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        numbers = []
+        end = time.monotonic() + PATIENCE_S
+        try:
+            while time.monotonic() < end:
+                if self._client.service_is_ready():
+                    with self._client.handle:
+                        number = self._client.handle.send_request(request)
+                    self._waiting[number] = answer
+                    numbers.append(number)
+                # Shielded, so that an answer that comes late is still taken
+                done, _ = await asyncio.wait([answer], timeout=ASK_AGAIN_S)
+                if done:
+                    return answer.result()
+        finally:
+            for number in numbers:
+                self._waiting.pop(number, None)
+        raise NoAnswerError(f'the node does not answer ({self._client.srv_name})')
+
+    def close(self) -> None:
+        for future in self._waiting.values():
+            future.cancel()
+        self._client.destroy()
+
+
+class RigLink:
+    """
+    The topics, services and parameters of one rig.
+
+    Parameters
+    ----------
+    node : Node
+        Of the client.
+    name : str
+        Full name of the rig's node.
+    topics : mapping of str to str
+        Full names of its `joint_states`, `impacts` and `snapshot`.
+    """
+
+    def __init__(self, node: Node, name: str, topics: Mapping[str, str]) -> None:
+        self.name = name
+        self._node = node
+        latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        # The writer of reliable joint states would have to wait for, and hear of, each reader.
+        loose = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._subscriptions = {
+            field: node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
+            for field, kind, topic, qos in (
+                ('states', JointState, topics['joint_states'], loose),
+                ('impacts', JointState, topics['impacts'], QoSProfile(depth=1000)),
+                ('snapshots', String, topics['snapshot'], latched),
+                ('diagnostics', DiagnosticArray, '/diagnostics', QoSProfile(depth=20)),
+                ('events', ParameterEvent, '/parameter_events', QoSProfile(depth=100)),
+            )
+        }
+        self._services = {
+            service: _Service(node, kind, f'{name}/{service}')
+            for service, kind in (
+                ('list_parameters', ListParameters),
+                ('describe_parameters', DescribeParameters),
+                ('get_parameters', GetParameters),
+                ('set_parameters_atomically', SetParametersAtomically),
+                ('pause', SetBool),
+                ('reset', Trigger),
+            )
+        }
+        self._kinds: dict[str, str] = {}
+
+    def poll(self) -> Polled:
+        """Take what has come in, and hand on the answers."""
+        for service in self._services.values():
+            service.poll()
+        polled = Polled()
+        # Snapshots last: what was published after one, and has come, must not be without it.
+        for name, subscription in self._subscriptions.items():
+            messages = getattr(polled, name)
+            with subscription.handle:
+                while len(messages) < _MOST_TAKEN:
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                    if taken is None:
+                        break
+                    messages.append(taken[0])
+        return polled
+
+    def count(self) -> int:
+        """Return how many nodes have the name of the rig."""
+        nodes = self._node.get_node_names_and_namespaces()
+        return sum(f'{space.rstrip("/")}/{name}' == self.name for name, space in nodes)
+
+    async def knobs(self) -> list[Knob]:
+        """Return all parameters with descriptors and values."""
+        listed = await self._services['list_parameters'].call(ListParameters.Request())
+        names = list(listed.result.names)
+        described = await self._services['describe_parameters'].call(
+            DescribeParameters.Request(names=names)
+        )
+        got = await self._services['get_parameters'].call(GetParameters.Request(names=names))
+        values = [parameter_value_to_python(value) for value in got.values]
+        found = [
+            _knob(descriptor, value)
+            for descriptor, value in zip(described.descriptors, values, strict=False)
+            if descriptor.type in _TYPES
+        ]
+        self._kinds = {knob.name: knob.kind for knob in found}
+        return found
+
+    async def set(self, values: Mapping[str, Any]) -> str:
+        """Set parameters, all or none; return why they are rejected, or an empty text."""
+        if not self._kinds:
+            await self.knobs()
+        try:
+            parameters = [
+                Parameter(name, _ROS_TYPES[self._kinds[name]], _as(self._kinds[name], value))
+                for name, value in values.items()
+            ]
+        except KeyError as error:
+            return f'{error.args[0]} is not a parameter of {self.name}'
+        except (TypeError, ValueError) as error:
+            return str(error)
+        request = SetParametersAtomically.Request(
+            parameters=[parameter.to_parameter_msg() for parameter in parameters]
+        )
+        answer = await self._services['set_parameters_atomically'].call(request)
+        return '' if answer.result.successful else str(answer.result.reason)
+
+    async def pause(self, hold: bool) -> tuple[bool, str]:
+        """Hold the rig, or let it run on."""
+        answer = await self._services['pause'].call(SetBool.Request(data=hold))
+        return bool(answer.success), str(answer.message)
+
+    async def reset(self) -> tuple[bool, str]:
+        """Put the rig to its initial conditions."""
+        answer = await self._services['reset'].call(Trigger.Request())
+        return bool(answer.success), str(answer.message)
+
+    def close(self) -> None:
+        """Leave the topics and services."""
+        for subscription in self._subscriptions.values():
+            subscription.destroy()
+        for service in self._services.values():
+            service.close()
+
+
+def _as(kind: str, value: Any) -> Any:
+    """Return a value of JSON as the type of a parameter."""
+    if kind == 'double' and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if kind == 'integer' and isinstance(value, float) and value.is_integer():
+        return int(value)
+    if kind == 'double_array':
+        return [float(entry) for entry in (value if isinstance(value, list) else [value])]
+    return value
+
+
+def _knob(descriptor: Any, value: Any) -> Knob:
+    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        value = [float(entry) for entry in value]
+    return Knob.of_descriptor(
+        descriptor.name,
+        _TYPES[descriptor.type],
+        descriptor.description,
+        descriptor.additional_constraints,
+        (ranges[0].from_value, ranges[0].to_value) if ranges else (None, None),
+        descriptor.read_only,
+        value,
+    )
+
+
+class RosClient:
+    """A node in the ROS network, which sees the rigs there."""
+
+    def __init__(self) -> None:
+        self._context = Context()
+        # Signals are Python's.
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node(
+            'rig_page',
+            context=self._context,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+
+    def rigs(self) -> list[str]:
+        """Return the full names of the nodes that are rigs."""
+        services = dict(self._node.get_service_names_and_types())
+        return sorted(
+            node
+            for name, kinds in services.items()
+            if name.endswith(_PAUSE)
+            and 'std_srvs/srv/SetBool' in kinds
+            and (node := name.removesuffix(_PAUSE))
+            and f'{node}{_RESET}' in services
+            and f'{node}/set_parameters_atomically' in services
+        )
+
+    def join(self, rig: str) -> RigLink:
+        """Return the link to a rig; its topics may have been remapped."""
+        space, _, name = rig.rpartition('/')
+        topics = {topic: f'{space}/{topic}' for topic in ('joint_states', 'impacts', 'snapshot')}
+        try:
+            published = self._node.get_publisher_names_and_types_by_node(name, space or '/')
+        except RuntimeError:  # it has just left
+            published = []
+        for topic, _ in published:
+            base = topic.rpartition('/')[2]
+            if base in topics:
+                topics[base] = topic
+        return RigLink(self._node, rig, topics)
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._node.destroy_node()
+        self._context.try_shutdown()

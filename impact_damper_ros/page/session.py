@@ -1,0 +1,102 @@
+"""One page: what it asks for, and what it is shown."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any, Protocol
+
+from .frames import View
+from .outbox import Outbox, Sink
+
+__all__ = ['Refusal', 'Session', 'Source']
+
+
+#: Longest message of a page, bytes; Tornado closes the connection at longer ones.
+LONGEST_MESSAGE = 65_536
+_MOST_RATE = 60.0
+
+
+def _refuse(name: str) -> float:
+    raise ValueError(f'{name} is no number of JSON')
+
+
+class Refusal(Exception):  # noqa: N818
+    """Why a request of a page is not carried out, in words for its user."""
+
+
+class Source(Protocol):
+    """What a page shows: a live rig, or a recording."""
+
+    def hello(self) -> dict[str, Any]:
+        """Return the first message."""
+
+    def frame(self, view: View) -> bytes | None:
+        """Return what is new, if anything is."""
+
+    async def handle(self, message: dict[str, Any], session: Session) -> dict[str, Any] | None:
+        """Carry out a request; return the answer."""
+
+
+class Session:
+    """
+    One WebSocket.
+
+    Parameters
+    ----------
+    sink : Sink
+        The WebSocket.
+    source : Source
+        What is shown.
+    """
+
+    def __init__(self, sink: Sink, source: Source) -> None:
+        self.source = source
+        self.outbox = Outbox(sink)
+        self.view = View()
+        self._period = 0.0
+        self._due = 0.0
+        self.outbox.put(source.hello())
+
+    def greet(self) -> None:
+        """Say anew what is shown: it has become another one."""
+        self.view.begin_again()
+        self.outbox.put(self.source.hello())
+
+    def pump(self) -> None:
+        """Send what there is."""
+        self.outbox.pump(self._frame)
+
+    def _frame(self) -> bytes | None:
+        now = time.monotonic()
+        if now < self._due:
+            return None
+        # Half a tick early, so that a period of two ticks is not three
+        self._due = now + self._period - 0.5 / _MOST_RATE if self._period else 0.0
+        return self.source.frame(self.view)
+
+    async def take(self, text: str | bytes) -> None:
+        """Carry out a message of the page; whatever it holds, only that page hears of it."""
+        identity: Any = None
+        kind = 'set_result'
+        try:
+            message = json.loads(text, parse_constant=_refuse) if isinstance(text, str) else None
+            if not isinstance(message, dict) or not isinstance(message.get('type'), str):
+                raise Refusal('a message is an object with a type')
+            identity = message.get('id')
+            kind = 'set_result' if message['type'] in ('set', 'preset') else 'service_result'
+            answer = await self._carry_out(message)
+        except (ArithmeticError, KeyError, RecursionError, TypeError, ValueError) as error:
+            answer = {'ok': False, 'reason': f'the message cannot be read: {error}'[:500]}
+        except Refusal as refusal:
+            answer = {'ok': False, 'reason': str(refusal)[:2000]}
+        if answer is not None:
+            self.outbox.put({'type': kind, 'id': identity, **answer})
+
+    async def _carry_out(self, message: dict[str, Any]) -> dict[str, Any] | None:
+        if message['type'] != 'view':
+            return await self.source.handle(message, self)
+        self.view = View(float(message.get('window', 30.0)), int(message.get('width', 1000)))
+        rate = min(max(float(message.get('rate', _MOST_RATE)), 0.1), _MOST_RATE)
+        self._period = 1.0 / rate if rate < _MOST_RATE else 0.0
+        return None

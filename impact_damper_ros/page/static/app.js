@@ -1,0 +1,529 @@
+// The page: what comes in, what is drawn, what is asked for.
+
+import { isOwnAddress, readAddress, writeAddress } from './address.js';
+import { readColours } from './chart.js';
+import { Connection } from './connection.js';
+import { byId, element, mark, toast, write } from './dom.js';
+import { clock, digits, withUnit } from './format.js';
+import { GapCurve } from './gap_curve.js';
+import { startGlossary } from './glossary.js';
+import { History } from './history.js';
+import { Knobs } from './knobs.js';
+import { Player } from './player.js';
+import { ImpactMap, Multipliers, PhasePortrait } from './portraits.js';
+import { Recordings } from './recordings.js';
+import { RigDrawing } from './rig_drawing.js';
+import { SlowMotion } from './slow_motion.js';
+import { Clicks } from './sound.js';
+import { Theory } from './theory.js';
+import { startTour } from './tour.js';
+import { Traces, WINDOWS } from './traces.js';
+import { Verdict } from './verdict.js';
+
+const SILENCE = 8000;
+const TEXTS = {
+  connecting: 'connecting',
+  running: 'running',
+  paused: 'paused',
+  lagging: 'lagging',
+  gone: 'rig gone',
+  ended: 'ended',
+  offline: 'no server',
+};
+
+readColours();
+const history = new History();
+const theory = new Theory();
+const connection = new Connection();
+const rig = new RigDrawing(byId('rig-canvas'));
+const traces = new Traces(history, theory);
+const portrait = new PhasePortrait(byId('portrait-canvas'), history, theory);
+const map = new ImpactMap(byId('map-canvas'), history, theory);
+const multipliers = new Multipliers(byId('multipliers-canvas'));
+const slow = new SlowMotion(connection);
+const clicks = new Clicks();
+const verdict = new Verdict();
+const player = new Player(connection);
+const knobs = new Knobs((values) => setValues(values));
+const curve = new GapCurve(byId('curve-canvas'), theory, (gap) => turn({ gap }));
+const recordings = new Recordings((name) => join({ bag: name }));
+
+/** What the address holds, and what of it still has to be sent to the rig. */
+const asked = readAddress();
+let wanted = isOwnAddress() ? null : asked;
+const shared = { rig: asked.rig ?? '', bag: asked.bag ?? '', preset: '', values: {}, view: { ...asked.view } };
+let hello = { mode: 'live', parameters: [] };
+let ghostValues = {};
+let status = 'connecting';
+let presetList = [];
+
+// Measurements: times between frames and of drawing, and how much has come in.
+const counted = { frames: 0, bytes: 0, drawn: 0, work: [], latest: 0 };
+globalThis.impactDamper = { counted, history, theory };
+
+function setStatus(state, text = '') {
+  status = state;
+  const pill = byId('status');
+  mark(pill, 'data-state', state);
+  write(pill, TEXTS[state] ?? state);
+  const curtain = byId('curtain');
+  const said = {
+    gone: 'The node does not answer; waiting for it.',
+    offline: 'The page server does not answer; trying again.',
+    paused: player.on ? '' : 'Paused',
+    lagging: text || 'The rig is behind its clock.',
+  }[state] ?? '';
+  curtain.hidden = !said;
+  mark(curtain, 'data-state', state);
+  write(curtain, said);
+  mark(pill, 'title', text || said || TEXTS[state] || '');
+  const paused = state === 'paused';
+  mark(byId('pause'), 'aria-pressed', String(paused));
+  write(byId('pause'), paused ? 'Resume' : 'Pause');
+  rig.stale = true;
+}
+
+function join({ rig: name = '', bag = '' }) {
+  shared.rig = name;
+  shared.bag = bag;
+  if (bag) Object.assign(shared, { preset: '', values: {} });
+  wanted = null;
+  connection.join({ rig: name, bag });
+  keepAddress();
+}
+
+function keepAddress() {
+  writeAddress({ ...shared, time: shared.bag ? history.end : NaN });
+}
+
+// Requests
+
+/** Send values to the rig, or to the ghost beside a recording. */
+async function setValues(values) {
+  if (hello.mode === 'player') {
+    ghostValues = { ...ghostValues, ...values };
+    connection.send({ type: 'what_if', values: ghostValues });
+    byId('clear-ghost').hidden = false;
+    return { ok: true, reason: '' };
+  }
+  const answer = await connection.ask({ type: 'set', values });
+  if (answer.ok) {
+    Object.assign(shared.values, values);
+    keepAddress();
+  }
+  return answer;
+}
+
+/** Set values from elsewhere than a knob. */
+async function turn(values) {
+  const { ok, reason } = await setValues(values);
+  if (ok) knobs.take(values);
+  else toast(reason, 'bad');
+}
+
+let presetAt = -Infinity;
+
+/** Title of a preset that has just been asked for. */
+function newPreset() {
+  const title = presetList.find((one) => one.name === shared.preset)?.title;
+  return performance.now() - presetAt < 5000 ? title : '';
+}
+
+async function loadPreset(name) {
+  const before = [shared.preset, presetAt];
+  [shared.preset, presetAt] = [name, performance.now()];
+  const { ok, reason } = await connection.ask({ type: 'preset', name });
+  if (!ok) {
+    [shared.preset, presetAt] = before;
+    toast(reason, 'bad');
+    return;
+  }
+  presetAt = performance.now();
+  shared.values = {};
+  showPreset();
+  keepAddress();
+}
+
+async function service(name) {
+  const { ok, reason } = await connection.ask({ type: 'service', name });
+  if (!ok) toast(reason, 'bad');
+}
+
+function showPreset() {
+  write(byId('preset-name'), presetList.find((one) => one.name === shared.preset)?.title ?? '');
+  for (const button of document.querySelectorAll('#presets button')) {
+    mark(button, 'aria-current', String(button.dataset.name === shared.preset));
+  }
+}
+
+// What comes in
+
+connection.addEventListener('hello', ({ detail }) => {
+  hello = detail;
+  history.clear();
+  theory.clear();
+  rig.clear();
+  slow.clear();
+  verdict.clear();
+  ghostValues = {};
+  byId('clear-ghost').hidden = true;
+  history.window = Number(shared.view.window) || 30;
+  presetList = detail.presets ?? [];
+  player.begin({ ...detail, duration: detail.duration ?? (detail.bag?.end - detail.bag?.start) });
+  const live = detail.mode !== 'player';
+  for (const id of ['pause', 'reset']) byId(id).hidden = !live;
+  byId('record').hidden = !live || detail.can_record === false;
+  byId('presets-open').hidden = !live;
+  if (!live) verdict.recorded();
+  write(byId('knobs-title'), live ? 'Knobs' : 'What if');
+  write(byId('preset-name'), live ? '' : 'as a ghost');
+  curve.settable = live;
+  const choice = byId('rig-choice');
+  const names = live ? detail.rigs ?? [] : [detail.bag_name ?? shared.bag ?? detail.rig];
+  choice.replaceChildren(...(names.length ? names : ['no rig']).map((name) => element('option', { value: name, text: name })));
+  choice.value = live ? detail.rig : names[0];
+  choice.disabled = names.length < 2;
+  byId('presets').querySelector('ul').replaceChildren(...presetList.map((one) => element('li', {}, element(
+    'button',
+    { type: 'button', 'data-name': one.name, onclick: () => {
+      byId('presets').hidePopover();
+      loadPreset(one.name);
+    } },
+    element('strong', { text: one.title }),
+    element('span', { class: 'quiet', text: one.description }),
+  ))));
+  knobs.make(detail.parameters);
+  history.changes = (detail.changes ?? []).filter((one) => one.kind !== 'stretch' && Number.isFinite(one.time)).map(({ time, text }) => ({ time, text }));
+  takeValues(Object.fromEntries(detail.parameters.map((one) => [one.name, one.value])));
+  recordings.show(detail.recordings ?? []);
+  counted.latest = performance.now();
+  setStatus(detail.rig || !live ? 'running' : 'gone');
+  sendView();
+  if (live && detail.rig && detail.parameters.length) applyWanted();
+  if (!live && wanted?.time) player.seek(wanted.time);
+  if (live) showPreset();
+});
+
+/** Bring the rig to what the address asks for, once. */
+async function applyWanted() {
+  const state = wanted;
+  wanted = null;
+  if (!state) {
+    // Loaded anew: what this tab has set before still stands in the address.
+    Object.assign(shared, { preset: asked.preset ?? shared.preset, values: { ...asked.values, ...shared.values } });
+    return;
+  }
+  if (state.preset) await loadPreset(state.preset);
+  if (Object.keys(state.values).length) await turn(state.values);
+}
+
+function takeValues(values) {
+  if (values.force_frequencies) {
+    [theory.frequency] = values.force_frequencies;
+    if (!shared.view.window) chooseWindow((60 * Math.PI) / theory.frequency);
+  }
+  if ('record' in values) {
+    mark(byId('record'), 'aria-pressed', String(values.record));
+    byId('record').lastChild.textContent = values.record ? 'Recording' : 'Record';
+  }
+  const all = { ...knobs.values(), ...values };
+  const frequency = all.force_frequencies?.[0] / (2 * Math.PI);
+  if (all.primary_mass > 0) portrait.masses = [all.primary_mass, all.damper_mass];
+  portrait.seconds = frequency > 0 ? Math.min(40, 8 / frequency) : 10;
+  const force = Math.abs(all.force_amplitudes?.[0] ?? 0);
+  write(byId('rig-line'), [
+    force > 0 ? `${withUnit(force, 'N')} at ${withUnit(frequency, 'Hz', 4)}` : 'no single force',
+    all.force_amplitudes?.length > 1 ? `+${all.force_amplitudes.length - 1} harmonic${all.force_amplitudes.length > 2 ? 's' : ''}` : '',
+    all.multisine_level > 0 ? `multisine ${withUnit(all.multisine_level, 'N')} rms` : '',
+    `gap ${withUnit(all.gap, 'm')}`,
+    all.gap_control && all.gap_control !== 'off' ? `${all.gap_control} control` : '',
+  ].filter(Boolean).join(' · '));
+  rig.stale = true;
+}
+
+connection.addEventListener('parameters', ({ detail }) => {
+  const { changed, time } = detail;
+  // A knob that makes the ghost another rig stays where it was turned to.
+  const values = Object.fromEntries(Object.entries(detail.values).filter(([name]) => !(name in ghostValues)));
+  knobs.take(values);
+  takeValues(values);
+  const rigs = (changed ?? []).filter((name) => name in values && !['record', 'bag_directory', 'predict_motion'].includes(name));
+  if (!rigs.length || !Number.isFinite(time)) return;
+  const said = rigs.length > 2
+    ? newPreset() || `${rigs.length} parameters`
+    : rigs.map((name) => knobs.said(name, values[name])).join(', ');
+  history.change(time, said);
+  if (rigs.includes('gap') || rigs.length > 2) curve.stale = true;
+});
+connection.addEventListener('frame', ({ detail: frame }) => {
+  history.add(frame);
+  const now = performance.now();
+  for (const { stop, impulse } of history.fresh) {
+    rig.flash(stop, impulse, now);
+    clicks.play(stop, impulse);
+  }
+  counted.frames += 1;
+  counted.bytes += frame.bytes;
+  counted.latest = now;
+  const due = frame.paused ? 'paused' : 'running';
+  if (!player.on && status !== 'lagging' && status !== due) setStatus(due);
+});
+connection.addEventListener('status', ({ detail }) => {
+  counted.latest = performance.now();
+  player.status(detail);
+  setStatus(detail.state, detail.text);
+  if (detail.state === 'ended') player.show(detail.time);
+});
+connection.addEventListener('lost', () => setStatus('offline'));
+connection.addEventListener('missing', ({ detail }) => {
+  toast(detail.reason || 'There is no such rig or recording.', 'bad');
+  setStatus('gone');
+  // What the server offers instead.
+  if (shared.rig || shared.bag) join({});
+});
+connection.addEventListener('rigs', ({ detail }) => {
+  if (hello.mode === 'player') return;
+  const choice = byId('rig-choice');
+  const names = detail.list.includes(hello.rig) || !hello.rig ? detail.list : [hello.rig, ...detail.list];
+  choice.replaceChildren(...(names.length ? names : ['no rig']).map((name) => element('option', { value: name, text: name })));
+  if (hello.rig) choice.value = hello.rig;
+  choice.disabled = names.length < 2;
+});
+connection.addEventListener('diagnostics', ({ detail }) => verdict.diagnostics(detail));
+connection.addEventListener('numbers', ({ detail }) => {
+  verdict.numbers(detail);
+  curve.place(detail.gap, detail.x_max_ratio_measured ?? NaN);
+});
+for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
+  connection.addEventListener(type, ({ detail }) => {
+    theory.take(detail);
+    curve.stale = true;
+    multipliers.stale = true;
+    map.stale = true;
+    const best = theory.curve?.optimum?.gap;
+    write(byId('curve-line'), best > 0 ? `optimum ${withUnit(best, 'm')}` : '');
+    if (type !== 'gap_curve') write(byId('map-line'), theory.orbit ? theory.orbit.label ?? theory.orbit.text : '');
+  });
+}
+connection.addEventListener('recordings', ({ detail }) => recordings.show(detail.list));
+connection.addEventListener('compare_done', ({ detail }) => recordings.done(detail));
+connection.addEventListener('slow_motion', ({ detail }) => slow.take(detail));
+connection.addEventListener('what_if', ({ detail }) => {
+  byId('clear-ghost').hidden = !detail.on;
+  if (!detail.on && detail.text) toast(detail.text, 'bad');
+});
+connection.addEventListener('seek_done', () => keepAddress());
+
+// What is pressed
+
+byId('pause').addEventListener('click', () => service('pause'));
+byId('reset').addEventListener('click', () => service('reset'));
+byId('record').addEventListener('click', async () => {
+  const on = byId('record').getAttribute('aria-pressed') !== 'true';
+  const { ok, reason } = await connection.ask({ type: 'record', on });
+  if (!ok) toast(reason, 'bad');
+});
+byId('rig-choice').addEventListener('change', () => join({ rig: byId('rig-choice').value }));
+byId('back-live').addEventListener('click', () => join({}));
+byId('clear-ghost').addEventListener('click', () => {
+  ghostValues = {};
+  connection.send({ type: 'what_if', values: null });
+  knobs.make(hello.parameters);
+  byId('clear-ghost').hidden = true;
+});
+byId('slow').addEventListener('change', () => {
+  slow.switch(byId('slow').checked);
+  keepView('slow', byId('slow').checked ? '1' : '');
+});
+byId('sound').addEventListener('change', () => clicks.switch(byId('sound').checked));
+byId('theory').addEventListener('change', () => {
+  const on = byId('theory').checked;
+  for (const picture of [traces, portrait, map]) picture.showTheory = on;
+  map.stale = true;
+  connection.send({ type: 'theory', orbit: on, curve: true });
+  keepView('theory', on ? '' : '0');
+});
+byId('link').addEventListener('click', async () => {
+  if (!shared.preset && hello.mode === 'live') {
+    // Without a preset to start from, the link holds the whole rig.
+    const groups = new Set(['first', 'rig', 'forcing', 'control']);
+    const names = hello.parameters.filter((one) => groups.has(one.group) && !one.read_only).map((one) => one.name);
+    const values = knobs.values();
+    shared.values = Object.fromEntries(names.map((name) => [name, values[name]]));
+  }
+  writeAddress({ ...shared, time: shared.bag ? history.end : NaN });
+  await new Promise((resolve) => { setTimeout(resolve, 200); });
+  try {
+    await navigator.clipboard.writeText(location.href);
+    toast('The address of this rig has been copied.');
+  } catch {
+    toast('The address in the browser now holds the whole rig: copy it from there.');
+  }
+});
+for (const dialog of document.querySelectorAll('dialog')) {
+  dialog.querySelector('[data-close]').addEventListener('click', () => dialog.close());
+  dialog.addEventListener('click', (event) => {
+    if (event.target === dialog) dialog.close();
+  });
+}
+byId('report').addEventListener('close', () => byId('report-frame').removeAttribute('src'));
+byId('glossary-open').addEventListener('click', () => byId('glossary').showModal());
+document.addEventListener('keydown', (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.target.closest('input, select, textarea, button, a, summary, dialog, canvas, [role="dialog"]')) return;
+  if (event.key === ' ') {
+    event.preventDefault();
+    if (player.on) player.play(!player.playing);
+    else service('pause');
+  } else if (event.key === 'r' && !player.on) service('reset');
+  else if (player.on && event.key === 'ArrowRight') player.jump('impact', 1);
+  else if (player.on && event.key === 'ArrowLeft') player.jump('impact', -1);
+});
+
+// The view
+
+function keepView(name, value) {
+  if (value) shared.view[name] = value;
+  else delete shared.view[name];
+  keepAddress();
+}
+
+function sendView() {
+  connection.send({ type: 'view', window: history.window, width: traces.columns(), rate: document.hidden ? 1 : 60 });
+}
+
+function setWindow(seconds) {
+  history.window = seconds;
+  for (const button of byId('windows').querySelectorAll('button')) {
+    mark(button, 'aria-pressed', String(Number(button.value) === seconds));
+  }
+  sendView();
+}
+
+/** Of the windows, the shortest one with so many seconds: some thirty cycles of the force. */
+function chooseWindow(least) {
+  const seconds = [...WINDOWS].reverse().find((one) => one >= least) ?? WINDOWS[0];
+  if (seconds !== history.window) setWindow(seconds);
+}
+for (const seconds of WINDOWS) {
+  byId('windows').append(element('button', {
+    type: 'button', value: String(seconds), text: `${seconds} s`, 'aria-pressed': 'false', onclick: () => {
+      setWindow(seconds);
+      keepView('window', String(seconds));
+    },
+  }));
+}
+let widthDue = 0;
+traces.onWidth = () => {
+  clearTimeout(widthDue);
+  widthDue = setTimeout(sendView, 200);
+};
+document.addEventListener('visibilitychange', sendView);
+
+const SHADES = ['', 'light', 'dark'];
+const SHADE_NAMES = { '': 'Auto', light: 'Light', dark: 'Dark' };
+function recolour() {
+  readColours();
+  traces.restyle();
+  for (const picture of [rig, portrait, map, multipliers, curve, slow.drawing]) picture.stale = true;
+  player.marks();
+}
+function setTheme(shade) {
+  if (shade) document.documentElement.dataset.theme = shade;
+  else delete document.documentElement.dataset.theme;
+  write(byId('theme'), SHADE_NAMES[shade]);
+  try {
+    localStorage.setItem('theme', shade);
+  } catch {
+    // Storage may be switched off.
+  }
+  recolour();
+}
+byId('theme').addEventListener('click', () => {
+  const now = document.documentElement.dataset.theme ?? '';
+  const next = SHADES[(SHADES.indexOf(now) + 1) % SHADES.length];
+  setTheme(next);
+  keepView('theme', next);
+});
+matchMedia('(prefers-color-scheme: dark)').addEventListener('change', recolour);
+write(byId('theme'), SHADE_NAMES[document.documentElement.dataset.theme ?? '']);
+let size = 0;
+addEventListener('resize', () => {
+  const now = parseFloat(getComputedStyle(document.documentElement).fontSize);
+  if (now !== size) recolour();
+  size = now;
+});
+
+startGlossary();
+startTour({
+  preset: (part) => {
+    const found = presetList.find((one) => one.name.includes(part));
+    if (found) loadPreset(found.name);
+  },
+  window: setWindow,
+  widen: (factor) => {
+    const gap = knobs.values().gap * factor;
+    if (gap > 0) turn({ gap: Number(gap.toPrecision(3)) });
+  },
+  optimum: () => {
+    const best = theory.curve?.optimum?.gap;
+    if (best > 0) turn({ gap: Number(best.toPrecision(4)) });
+    else toast('No optimal gap is known for this rig.');
+  },
+  set: turn,
+});
+
+// Drawing: once for each frame of the screen, and only what has changed.
+
+let drawn = -1;
+let drawnImpacts = -1;
+let spoken = 0;
+function draw(now) {
+  requestAnimationFrame(draw);
+  const begun = performance.now();
+  const anew = history.version !== drawn;
+  const driven = (knobs.values().force_amplitudes?.[0] ?? 1) !== 0;
+  if ((anew || rig.stale || rig.flashing) && history.state) {
+    const extent = history.extent(4);
+    const oneSided = !Number.isFinite(history.state[6]);
+    rig.draw(history.state, { extent, ghost: history.ghost, driven, oneSided, now });
+    slow.options = { extent, oneSided };
+  } else if (!history.state && rig.stale) rig.begin();
+  if (slow.on && history.state) slow.draw(now, history.state, slow.options ?? { extent: { swing: 0, apart: 0 } });
+  if (anew) {
+    traces.draw();
+    portrait.draw(now);
+    write(byId('clock'), Number.isFinite(history.end) ? clock(history.end) : '');
+    player.show(history.end);
+    drawn = history.version;
+    counted.drawn += 1;
+  } else if (portrait.stale) portrait.draw(now);
+  if (history.impactVersion !== drawnImpacts || map.stale) {
+    map.draw(now);
+    drawnImpacts = history.impactVersion;
+  }
+  if (curve.stale) curve.draw();
+  if (multipliers.stale) multipliers.draw(theory.orbit?.multipliers);
+  // A server that is there says once a second how the rig is.
+  if (status === 'running' && !player.on && now - counted.latest > SILENCE) setStatus('offline');
+  if (now - spoken > 2000 && history.state) {
+    spoken = now;
+    const [x, , , , , , , , angle] = history.state;
+    mark(byId('rig-canvas'), 'aria-label', `The rig: M at ${withUnit(x, 'm')}, inclined by ${digits((angle * 180) / Math.PI, 3)} degrees, ${history.impacts.length} impacts in view`);
+  }
+  if (anew) {
+    counted.work.push(performance.now() - begun);
+    if (counted.work.length > 600) counted.work.shift();
+  }
+}
+
+// Where there is room for it, all parameters are in view.
+byId('more-knobs').open = matchMedia('(min-width: 110rem) and (min-height: 50rem)').matches;
+byId('theory').checked = shared.view.theory !== '0';
+for (const picture of [traces, portrait, map]) picture.showTheory = byId('theory').checked;
+byId('slow').checked = shared.view.slow === '1';
+slow.switch(byId('slow').checked);
+history.window = Number(shared.view.window) || 30;
+setWindow(history.window);
+connection.join(shared);
+requestAnimationFrame(draw);

@@ -1,0 +1,164 @@
+// A small canvas for a scientific picture: size, colours of the theme, axes with units.
+
+import { minus, ticks } from './format.js';
+
+const NAMES = [
+  'page', 'panel', 'line', 'ink', 'quiet', 'grid', 'stop', 'primary', 'damper', 'theory', 'special',
+  'good', 'bad', 'open', 'force', 'link', 'steel', 'shade', 'upper',
+];
+
+/** Colours of the theme in force; read anew when it changes. */
+export const colours = {};
+
+export function readColours() {
+  const style = getComputedStyle(document.documentElement);
+  for (const name of NAMES) colours[name] = style.getPropertyValue(`--${name}`).trim();
+  colours.size = parseFloat(style.fontSize);
+}
+
+/** Font of a size relative to the text of the page. */
+export const font = (scale = 0.8, weight = '') =>
+  `${weight} ${Math.max(10.5, scale * colours.size)}px system-ui, 'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', 'DejaVu Sans', sans-serif`;
+
+/** A canvas that knows its size in CSS pixels and draws sharply on every screen. */
+export class Canvas {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.context = canvas.getContext('2d');
+    this.width = 0;
+    this.height = 0;
+    this.stale = true;
+    new ResizeObserver(() => this.measure()).observe(canvas);
+    this.measure();
+  }
+
+  measure() {
+    const box = this.canvas.getBoundingClientRect();
+    const ratio = Math.min(3, devicePixelRatio || 1);
+    const [width, height] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
+    if (width !== this.canvas.width || height !== this.canvas.height) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+    }
+    this.ratio = ratio;
+    this.width = box.width;
+    this.height = box.height;
+    this.stale = true;
+  }
+
+  /** Begin a picture; false if the canvas is not shown. */
+  begin() {
+    this.stale = false;
+    if (this.width < 8 || this.height < 8) return false;
+    const { context, ratio } = this;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, this.width, this.height);
+    context.lineJoin = 'round';
+    context.lineCap = 'butt';
+    context.setLineDash([]);
+    context.globalAlpha = 1;
+    return true;
+  }
+}
+
+/** A range that grows at once and shrinks only if it has been far too large for a while. */
+export class SteadyRange {
+  constructor() {
+    this.range = 0;
+    this.since = 0;
+  }
+
+  fit(asked, now) {
+    if (!(asked > 0)) return this.range || 1;
+    if (asked > this.range || this.range === 0) {
+      this.range = asked;
+      this.since = now;
+    } else if (asked > 0.62 * this.range) {
+      this.since = now;
+    } else if (now - this.since > 1500) {
+      this.range = asked;
+      this.since = now;
+    }
+    return this.range;
+  }
+}
+
+/** Axes in a canvas: a frame with a light grid, numbers and the names of both quantities. */
+export class Axes extends Canvas {
+  /** Draw the frame and return how to get from values to pixels. */
+  axes({ x, y, xName, yName, xTicks = 4, yTicks = 4, equal = false, left = null }) {
+    const { context } = this;
+    const size = 0.78;
+    context.font = font(size);
+    const em = Math.max(10.5, size * colours.size);
+    let [xLow, xHigh] = x;
+    let [yLow, yHigh] = y;
+    const across = ticks(yLow, yHigh, Math.min(yTicks, Math.max(2, this.height / (3.2 * em))));
+    const labels = across.values.map((value) => minus(value.toFixed(across.decimals)));
+    const margin = {
+      left: left ?? Math.ceil(Math.max(...labels.map((text) => context.measureText(text).width), 8) + 10),
+      right: Math.ceil(0.9 * em),
+      top: Math.ceil(2.1 * em),
+      bottom: Math.ceil(2.75 * em),
+    };
+    const box = {
+      left: margin.left,
+      top: margin.top,
+      width: Math.max(10, this.width - margin.left - margin.right),
+      height: Math.max(10, this.height - margin.top - margin.bottom),
+    };
+    if (equal) {
+      const scale = Math.min(box.width / (xHigh - xLow), box.height / (yHigh - yLow));
+      const grow = (low, high, length) => {
+        const more = (length / scale - (high - low)) / 2;
+        return [low - more, high + more];
+      };
+      [xLow, xHigh] = grow(xLow, xHigh, box.width);
+      [yLow, yHigh] = grow(yLow, yHigh, box.height);
+    }
+    const toX = (value) => box.left + ((value - xLow) / (xHigh - xLow)) * box.width;
+    const toY = (value) => box.top + box.height - ((value - yLow) / (yHigh - yLow)) * box.height;
+    const along = ticks(xLow, xHigh, Math.min(xTicks, Math.max(2, box.width / (4.5 * em))));
+    context.lineWidth = 1;
+    context.strokeStyle = colours.grid;
+    context.fillStyle = colours.quiet;
+    context.beginPath();
+    for (const value of along.values) {
+      const place = Math.round(toX(value)) + 0.5;
+      context.moveTo(place, box.top);
+      context.lineTo(place, box.top + box.height);
+    }
+    for (const value of across.values) {
+      const place = Math.round(toY(value)) + 0.5;
+      context.moveTo(box.left, place);
+      context.lineTo(box.left + box.width, place);
+    }
+    context.stroke();
+    context.strokeStyle = colours.line;
+    context.strokeRect(Math.round(box.left) + 0.5, Math.round(box.top) + 0.5, Math.round(box.width), Math.round(box.height));
+    context.textBaseline = 'top';
+    context.textAlign = 'center';
+    for (const value of along.values) {
+      context.fillText(minus(value.toFixed(along.decimals)), toX(value), box.top + box.height + 4);
+    }
+    context.textAlign = 'right';
+    context.textBaseline = 'middle';
+    across.values.forEach((value, n) => context.fillText(labels[n], box.left - 5, toY(value)));
+    context.textBaseline = 'alphabetic';
+    context.fillText(xName, box.left + box.width, this.height - 3);
+    context.textAlign = 'left';
+    context.fillText(yName, Math.max(2, box.left - margin.left + 4), em + 1);
+    return { box, toX, toY, xLow, xHigh, yLow, yHigh };
+  }
+
+  /** Run a drawing within the frame only. */
+  inside(box, draw) {
+    const { context } = this;
+    context.save();
+    context.beginPath();
+    context.rect(box.left, box.top, box.width, box.height);
+    context.clip();
+    draw(context);
+    context.restore();
+  }
+}

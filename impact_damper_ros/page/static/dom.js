@@ -1,0 +1,45 @@
+// Elements built by hand: text is set as text, so that nothing received becomes markup.
+
+export const byId = (id) => document.getElementById(id);
+
+/** Return an element with attributes and children; strings become text nodes. */
+export function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name === 'text') made.textContent = value;
+    else if (name.startsWith('on')) made.addEventListener(name.slice(2), value);
+    else if (name === 'value' || name === 'checked' || name === 'disabled') made[name] = value;
+    else made.setAttribute(name, value === true ? '' : value);
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+/** Set the text of an element if it is another one, so that nothing is laid out in vain. */
+export function write(target, text) {
+  if (target.textContent !== text) target.textContent = text;
+}
+
+/** Set an attribute if it is another one. */
+export function mark(target, name, value) {
+  if (target.getAttribute(name) !== value) target.setAttribute(name, value);
+}
+
+/** Whether the reader asks for little motion. */
+const calm = matchMedia('(prefers-reduced-motion: reduce)');
+export const reducedMotion = () => calm.matches;
+
+let vanish = 0;
+
+/** Show a message for a while, above everything. */
+export function toast(text, kind = 'note') {
+  const place = byId('toast');
+  place.hidden = false;
+  place.dataset.kind = kind;
+  place.textContent = text;
+  clearTimeout(vanish);
+  vanish = setTimeout(() => {
+    place.hidden = true;
+  }, 3000 + 50 * text.length);
+}

@@ -1,0 +1,214 @@
+// Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
+
+import { Axes, colours, font } from './chart.js';
+import { digits, lengthUnit, niceAbove } from './format.js';
+
+const MARKS = {
+  fold: 'fold',
+  'period doubling': 'doubling',
+  'Neimark-Sacker': 'N.-S.',
+  'branch point': 'branch',
+  grazing: 'grazing',
+};
+
+export class GapCurve extends Axes {
+  constructor(canvas, theory, setGap) {
+    super(canvas);
+    this.theory = theory;
+    this.gap = NaN;
+    this.measured = NaN;
+    this.aim = null;
+    this.top = 1;
+    this.plan = null;
+    this.busy = false;
+    this.settable = true;
+    const pointed = (event) => {
+      if (!this.plan) return null;
+      const { box } = this.plan;
+      const at = event.clientX - canvas.getBoundingClientRect().left;
+      if (at < box.left || at > box.left + box.width) return null;
+      return (this.low + ((at - box.left) / box.width) * (this.high - this.low)) || null;
+    };
+    canvas.addEventListener('pointermove', (event) => {
+      this.aim = pointed(event);
+      this.stale = true;
+    });
+    canvas.addEventListener('pointerleave', () => {
+      this.aim = null;
+      this.stale = true;
+    });
+    canvas.addEventListener('click', (event) => {
+      const gap = pointed(event);
+      if (gap > 0 && this.settable) setGap(Number(gap.toPrecision(4)));
+    });
+    canvas.addEventListener('keydown', (event) => {
+      const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
+      if (!step || !(this.gap > 0) || !this.settable) return;
+      event.preventDefault();
+      setGap(Number((this.gap * 1.01 ** step).toPrecision(4)));
+    });
+  }
+
+  /** Where the rig is: its gap, and how far M moves. */
+  place(gap, measured) {
+    if (gap === this.gap && measured === this.measured) return;
+    this.gap = gap;
+    this.measured = measured;
+    this.stale = true;
+  }
+
+  draw() {
+    if (!this.begin()) return;
+    const { curve } = this.theory;
+    const branches = curve?.branches ?? [];
+    let [low, high, most] = [Infinity, 0, 0];
+    for (const branch of branches) {
+      for (let n = 0; n < branch.gap.length; n += 1) {
+        if (branch.gap[n] < low) low = branch.gap[n];
+        if (branch.gap[n] > high) high = branch.gap[n];
+        if (branch.x_max_ratio[n] > most) most = branch.x_max_ratio[n];
+      }
+    }
+    if (this.gap > 0) {
+      low = Math.min(low, 0.9 * this.gap);
+      high = Math.max(high, 1.1 * this.gap);
+    }
+    if (!(high > 0)) [low, high] = [0, 1];
+    if (this.measured > 0) most = Math.max(most, Math.min(this.measured, 3 * (most || this.measured)));
+    const { factor, unit } = lengthUnit(high);
+    // The range changes only if it has to, so that the curve stays where it was.
+    const end = niceAbove(high * factor) / factor;
+    const begin = low < 0.35 * end ? 0 : 0.9 * low;
+    if (!(this.high >= high && this.high <= 2 * end && this.low <= low && begin - this.low < 0.2 * end) || this.unit !== unit) {
+      [this.low, this.high, this.unit] = [begin, end, unit];
+    }
+    const top = niceAbove(1.1 * most || 1);
+    if (!(this.top >= top && this.top <= 2.5 * top)) this.top = top;
+    const axes = this.axes({
+      x: [this.low * factor, this.high * factor],
+      y: [0, this.top],
+      xName: `gap d (${unit})`,
+      yName: 'Xmax / A',
+    });
+    this.plan = axes;
+    const toX = (gap) => axes.toX(gap * factor);
+    const { toY, box } = axes;
+    this.inside(box, (context) => {
+      if (curve?.optimum) {
+        context.strokeStyle = colours.good;
+        context.globalAlpha = 0.5;
+        context.lineWidth = 1;
+        context.setLineDash([2, 3]);
+        context.beginPath();
+        context.moveTo(toX(curve.optimum.gap), box.top);
+        context.lineTo(toX(curve.optimum.gap), box.top + box.height);
+        context.stroke();
+        context.setLineDash([]);
+        context.globalAlpha = 1;
+      }
+      for (const branch of branches) this.branch(context, branch, toX, toY);
+      context.font = font(0.68);
+      const taken = [];
+      for (const special of curve?.special ?? []) {
+        const [a, b] = [toX(special.gap), toY(special.x_max_ratio)];
+        context.fillStyle = colours.page;
+        context.strokeStyle = colours.special;
+        context.lineWidth = 1.6;
+        context.beginPath();
+        context.arc(a, b, 3.6, 0, 7);
+        context.fill();
+        context.stroke();
+        if (taken.some(([u, v]) => Math.abs(u - a) < 40 && Math.abs(v - b) < 13)) continue;
+        taken.push([a, b]);
+        context.fillStyle = colours.special;
+        const right = a < box.left + 0.75 * box.width;
+        context.textAlign = right ? 'left' : 'right';
+        context.textBaseline = 'bottom';
+        context.fillText(MARKS[special.kind] ?? special.kind, a + (right ? 5 : -5), b - 4);
+      }
+      if (this.aim !== null && this.settable) {
+        context.strokeStyle = colours.link;
+        context.lineWidth = 1;
+        context.beginPath();
+        context.moveTo(toX(this.aim), box.top);
+        context.lineTo(toX(this.aim), box.top + box.height);
+        context.stroke();
+        context.fillStyle = colours.link;
+        context.font = font(0.75);
+        context.textBaseline = 'bottom';
+        const right = toX(this.aim) < box.left + box.width / 2;
+        context.textAlign = right ? 'left' : 'right';
+        context.fillText(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim) + (right ? 4 : -4), box.top + box.height - 3);
+      }
+      if (this.gap > 0) {
+        context.strokeStyle = colours.primary;
+        context.lineWidth = 1;
+        context.globalAlpha = 0.55;
+        context.beginPath();
+        context.moveTo(toX(this.gap), box.top);
+        context.lineTo(toX(this.gap), box.top + box.height);
+        context.stroke();
+        context.globalAlpha = 1;
+        if (Number.isFinite(this.measured)) {
+          context.fillStyle = colours.primary;
+          context.strokeStyle = colours.page;
+          context.lineWidth = 2;
+          context.beginPath();
+          context.arc(toX(this.gap), Math.max(toY(this.measured), box.top + 2), 6, 0, 7);
+          context.fill();
+          context.stroke();
+        }
+      }
+    });
+    if (!branches.length) {
+      const { context } = this;
+      context.font = font(0.85);
+      context.fillStyle = colours.quiet;
+      context.textAlign = 'center';
+      context.textBaseline = 'middle';
+      const said = this.theory.failed || (curve?.done ? 'no periodic motion found' : 'computing…');
+      this.wrapped(said, box);
+    }
+    const label = this.gap > 0 ? `${digits(this.gap * factor, 4)} ${unit}` : 'unknown';
+    const { canvas } = this;
+    canvas.setAttribute('aria-valuemin', String(this.low));
+    canvas.setAttribute('aria-valuemax', String(this.high));
+    canvas.setAttribute('aria-valuenow', String(this.gap || 0));
+    canvas.setAttribute('aria-valuetext', `gap ${label}, Xmax over A ${digits(this.measured, 3)}`);
+  }
+
+  /** Stable parts solid, unstable or not viable ones dashed. */
+  branch(context, branch, toX, toY) {
+    const fine = (n) => branch.stable[n] && (branch.viable?.[n] ?? true);
+    let n = 0;
+    while (n < branch.gap.length - 1) {
+      const solid = fine(n) && fine(n + 1);
+      context.strokeStyle = solid ? colours.theory : colours.quiet;
+      context.lineWidth = solid ? 2 : 1.2;
+      context.setLineDash(solid ? [] : [4, 3]);
+      context.beginPath();
+      context.moveTo(toX(branch.gap[n]), toY(branch.x_max_ratio[n]));
+      while (n < branch.gap.length - 1 && (fine(n) && fine(n + 1)) === solid) {
+        n += 1;
+        context.lineTo(toX(branch.gap[n]), toY(branch.x_max_ratio[n]));
+      }
+      context.stroke();
+    }
+    context.setLineDash([]);
+  }
+
+  /** A sentence in the middle of the frame, in as many lines as it needs. */
+  wrapped(text, box) {
+    const { context } = this;
+    const lines = [''];
+    for (const word of text.split(' ')) {
+      const longer = `${lines.at(-1)} ${word}`.trim();
+      if (context.measureText(longer).width > box.width - 16 && lines.at(-1)) lines.push(word);
+      else lines[lines.length - 1] = longer;
+    }
+    const height = 1.3 * colours.size * 0.85;
+    lines.slice(0, 5).forEach((line, n) => {
+      context.fillText(line, box.left + box.width / 2, box.top + box.height / 2 + (n - (Math.min(5, lines.length) - 1) / 2) * height);
+    });
+  }
+}

@@ -1,0 +1,66 @@
+// A sentence behind every technical word.
+
+import { byId, element } from './dom.js';
+
+export const TERMS = {
+  'gap': ['gap d', 'How far m can move between the stops; both stops together are moved by the gap control.'],
+  'optimal-gap': ['optimal gap', 'The gap at which theory has the smallest stable motion of M.'],
+  'natural-frequency': ['natural frequency', 'The frequency √(K/M)/2π at which M would vibrate freely on its spring.'],
+  'damping-ratio': ['damping ratio ζ', 'Damping as a share of the critical one: C/(2√(KM)). At 0.01 a free vibration halves in 11 cycles.'],
+  'frequency-ratio': ['frequency ratio r', 'Frequency of the force over the natural one, Ω/ω; at r = 1 the rig is at resonance.'],
+  'amplitude': ['amplitude A', 'How far M would move under the same force without any impact.'],
+  'mass-ratio': ['mass ratio µ', 'Loose mass over primary mass, m/M.'],
+  'xmax-a': ['Xmax / A', 'The largest |X| as a share of A: what the impacts leave of the vibration.'],
+  'impacts-per-cycle': ['impacts per cycle', 'Impacts in one cycle of the force; two in regular turn are the best case.'],
+  'energy': ['energy per cycle', 'Energy that the impacts take in one cycle of the force.'],
+  'restitution': ['restitution R', 'Relative speed after an impact over that before it: 1 for an elastic stop, 0 for a plastic one.'],
+  'friction': ['friction γ', 'Coulomb coefficient between m and M: friction force over normal force.'],
+  'inclination': ['inclination θ', 'Angle of the axis, positive downwards towards stop 1; weight then pulls m to that stop.'],
+  'gap-control': ['gap control', 'A law that moves the stops: amplitude follows the vibration, timed closes a stop on m where M is fastest.'],
+  'force': ['force F', 'The force F sin Ωt that shakes M.'],
+  'phase-portrait': ['phase portrait', 'Velocity drawn over position, so that a periodic motion is a closed curve.'],
+  'impact-map': ['impact map', 'One dot for each impact: a periodic motion is a few dots, a quasi-periodic one closed curves, a chaotic one a cloud.'],
+  'gap-curve': ['gap curve', 'How far M moves over the gap by exact theory: solid where the motion is stable, dashed where it is not. A click sets the gap.'],
+  'multiplier': ['multiplier', 'A factor by which a small deviation from a periodic motion is multiplied in each period; the motion is stable if all are within the unit circle.'],
+  'stable': ['stable', 'Small deviations from the motion die out: all multipliers are smaller than 1 in modulus.'],
+  'viable': ['viable', 'The rig can really move so: m stays between the stops and hits them just where the solution says.'],
+  'fold': ['fold', 'Where a branch of motions turns back: beyond it there is no such motion.'],
+  'doubling': ['period doubling', 'Where a multiplier passes −1, so that the motion repeats only after two periods.'],
+  'neimark-sacker': ['Neimark-Sacker', 'Where a pair of multipliers leaves the unit circle, so that the motion becomes quasi-periodic.'],
+  'grazing': ['grazing', 'Where m just touches a stop, and the motion becomes another one.'],
+  'periodic': ['periodic', 'The motion repeats after a whole number of cycles of the force.'],
+  'quasi-periodic': ['quasi-periodic', 'The motion mixes the frequency of the force with another one: it nearly repeats, but never does.'],
+  'chaotic': ['chaotic', 'The motion never repeats, and two runs that begin almost alike drift apart exponentially.'],
+  'phase': ['phase', 'Where in its cycle the force is, from 0 to 1; at 0 it passes zero, rising.'],
+  'impulse': ['impulse', 'What an impact transfers from one mass to the other: mass times change of velocity.'],
+  'stop': ['stop 1, stop 2', 'The ends of the gap: stop 1 is the lower one, at Y = d/2, stop 2 the upper one, at Y = −d/2.'],
+  'stretch': ['stretch', 'A part of a run with constant parameters.'],
+  'rig-time': ['rig time', 'The time of the simulated rig; it stands still while the rig is paused.'],
+  'what-if': ['what-if', 'The recorded run once more with other parameters from the same state on, drawn as a dashed ghost.'],
+  'xyz': ['M, m; X, Y, Z', 'X is the displacement of the primary mass M from its static equilibrium, Z that of the loose mass m, along the axis; Y = Z − X is where m is in the gap. A prime marks a velocity.'],
+};
+
+/** Return a word that shows its meaning when pressed. */
+export function term(key, text) {
+  return element('button', { class: 'term', type: 'button', 'data-term': key, text: text ?? TERMS[key][0] });
+}
+
+export function startGlossary() {
+  const list = byId('glossary-list');
+  for (const [name, sentence] of Object.values(TERMS).sort((a, b) => a[0].localeCompare(b[0]))) {
+    list.append(element('dt', { text: name }), element('dd', { text: sentence }));
+  }
+  const card = byId('term');
+  const [title, sentence] = card.children;
+  document.addEventListener('click', (event) => {
+    const pressed = event.target.closest?.('button.term');
+    if (!pressed || !TERMS[pressed.dataset.term]) return;
+    [title.textContent, sentence.textContent] = TERMS[pressed.dataset.term];
+    card.showPopover({ source: pressed });
+    const place = pressed.getBoundingClientRect();
+    const { offsetWidth: width, offsetHeight: height } = card;
+    const below = place.bottom + 6 + height < innerHeight;
+    card.style.left = `${Math.max(8, Math.min(place.left, innerWidth - width - 8))}px`;
+    card.style.top = `${below ? place.bottom + 6 : Math.max(8, place.top - height - 6)}px`;
+  });
+}

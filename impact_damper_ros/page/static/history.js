@@ -1,0 +1,141 @@
+// The last stretch of the motion: columns of the traces, impacts, samples, turned knobs.
+
+const ROOM = 16384;
+const IMPACTS = 4000;
+const SAMPLES = 6000;
+
+/** Rows of numbers of which the oldest are dropped; one typed array for each field. */
+class Rows {
+  constructor(fields, room) {
+    this.fields = fields;
+    this.room = room;
+    this.arrays = fields.map(() => new Float64Array(2 * room));
+    this.clear();
+  }
+
+  clear() {
+    this.start = 0;
+    this.end = 0;
+  }
+
+  get length() {
+    return this.end - this.start;
+  }
+
+  push(...values) {
+    if (this.end === 2 * this.room) {
+      const start = Math.max(this.start, this.end - this.room);
+      for (const array of this.arrays) array.copyWithin(0, start, this.end);
+      this.end -= start;
+      this.start = 0;
+    }
+    for (let n = 0; n < values.length; n += 1) this.arrays[n][this.end] = values[n];
+    this.end += 1;
+    if (this.length > this.room) this.start += 1;
+  }
+
+  /** Drop rows whose first field is below a value. */
+  dropBefore(value) {
+    while (this.start < this.end && this.arrays[0][this.start] < value) this.start += 1;
+  }
+
+  field(name) {
+    return this.arrays[this.fields.indexOf(name)];
+  }
+}
+
+export class History {
+  constructor() {
+    this.window = 30;
+    this.line = new Rows(['time', 'x', 'z', 'stop1', 'stop2'], ROOM);
+    this.impacts = new Rows(['time', 'stop', 'x', 'primary', 'damper', 'impulse', 'phase', 'y'], IMPACTS);
+    this.samples = new Rows(['time', 'x', 'xv', 'z', 'zv', 'phase'], SAMPLES);
+    this.changes = [];
+    this.clear();
+  }
+
+  clear() {
+    this.line.clear();
+    this.impacts.clear();
+    this.samples.clear();
+    this.changes = [];
+    this.end = NaN;
+    this.state = null;
+    this.ghost = null;
+    this.fresh = [];
+    this.lastX = 0;
+    this.lastZ = 0;
+    this.version = 0;
+    this.impactVersion = 0;
+  }
+
+  /** Take in a frame. */
+  add(frame) {
+    if (frame.replace || frame.end < this.end - 1e-9) {
+      const changes = this.changes;
+      this.clear();
+      this.changes = changes;
+    }
+    const { end, columns, impacts, samples } = frame;
+    for (let n = 0; n < columns.length; n += 8) this.column(end, columns.subarray(n, n + 8));
+    this.fresh = [];
+    for (let n = 0; n < impacts.length; n += 8) {
+      const [offset, stop, x, primary, damper, impulse, phase, y] = impacts.subarray(n, n + 8);
+      this.impacts.push(end + offset, stop, x, primary, damper, impulse, phase, y);
+      if (!frame.replace) this.fresh.push({ stop, impulse });
+    }
+    if (impacts.length) this.impactVersion += 1;
+    for (let n = 0; n < samples.length; n += 6) {
+      const [offset, x, xv, z, zv, phase] = samples.subarray(n, n + 6);
+      this.samples.push(end + offset, x, xv, z, zv, phase);
+    }
+    this.end = end;
+    this.state = frame.state;
+    this.ghost = frame.ghost;
+    this.paused = frame.paused;
+    this.line.dropBefore(end - this.window - 1);
+    if (this.changes.length && this.changes[0].time < end - 120) this.changes.shift();
+    this.version += 1;
+  }
+
+  /** Two points of a line through the column, in the order that follows on from the one before. */
+  column(end, [xLow, xHigh, zLow, zHigh, stop1, stop2, from, to]) {
+    const first = end + from + 0.25 * (to - from);
+    const second = end + from + 0.75 * (to - from);
+    const xUp = Math.abs(this.lastX - xLow) <= Math.abs(this.lastX - xHigh);
+    const zUp = Math.abs(this.lastZ - zLow) <= Math.abs(this.lastZ - zHigh);
+    const [xa, xb] = xUp ? [xLow, xHigh] : [xHigh, xLow];
+    const [za, zb] = zUp ? [zLow, zHigh] : [zHigh, zLow];
+    this.line.push(first, xa, za, xa + stop1, xa + stop2);
+    this.line.push(second, xb, zb, xb + stop1, xb + stop2);
+    this.lastX = xb;
+    this.lastZ = zb;
+  }
+
+  /** Keep a turned knob as a line in the traces. */
+  change(time, text) {
+    if (!Number.isFinite(time)) return;
+    this.changes.push({ time, text });
+    this.changes.sort((a, b) => a.time - b.time);
+    if (this.changes.length > 60) this.changes.shift();
+    this.version += 1;
+  }
+
+  /** When a knob was turned last, or minus infinity. */
+  get lastChange() {
+    const past = this.changes.filter((change) => !(change.time > this.end));
+    return past.length ? past.at(-1).time : -Infinity;
+  }
+
+  /** Largest |X| and |Y| of the last seconds, from the samples. */
+  extent(seconds) {
+    const { samples } = this;
+    const [time, x, z] = [samples.field('time'), samples.field('x'), samples.field('z')];
+    let [swing, apart] = [0, 0];
+    for (let n = samples.end - 1; n >= samples.start && time[n] >= this.end - seconds; n -= 1) {
+      swing = Math.max(swing, Math.abs(x[n]));
+      apart = Math.max(apart, Math.abs(z[n] - x[n]));
+    }
+    return { swing, apart };
+  }
+}

@@ -1,0 +1,364 @@
+// Knobs made from the descriptors of the parameters: degrees and hertz for people, SI for the rig.
+
+import { byId, element, mark, reducedMotion, write } from './dom.js';
+import { digits, lengthUnit, parsed, TAU, typed } from './format.js';
+import { term } from './glossary.js';
+
+/** Names for people, and the entry of the glossary; the order of the first knobs. */
+const FIRST = [
+  ['gap', 'Gap d', 'gap'],
+  ['angle', 'Inclination θ', 'inclination'],
+  ['force_frequencies', 'Force frequency', 'frequency-ratio'],
+  ['force_amplitudes', 'Force F', 'force'],
+  ['friction', 'Friction γ', 'friction'],
+  ['restitution_1', 'Restitution R₁', 'restitution'],
+  ['restitution_2', 'Restitution R₂', 'restitution'],
+  ['gap_control', 'Gap control', 'gap-control'],
+];
+const GROUPS = [
+  ['rig', 'Rig'],
+  ['forcing', 'Force'],
+  ['control', 'Gap control'],
+  ['run', 'Run'],
+];
+const worded = (name) => {
+  const text = name.replace(/_/g, ' ');
+  return text[0].toUpperCase() + text.slice(1);
+};
+
+/** How a parameter is shown: unit, factor, and whether only its first entry. */
+export function display(descriptor, scale) {
+  const { unit } = descriptor;
+  if (unit === 'rad/s') return { unit: 'Hz', factor: 1 / TAU };
+  if (unit === 'rad') return { unit: '°', factor: 360 / TAU };
+  if (unit === 'm') return scale;
+  if (unit === 'kg' || unit === 'N' || unit === 'N/m' || unit === 'N s/m') return { unit, factor: 1 };
+  return { unit: unit.replace('^2', '²').replace(' ', '\u202f'), factor: 1 };
+}
+
+/** One knob: a label, a number, and for the first ones a slider. */
+class Knob {
+  constructor(descriptor, knobs, { title, about = '', slider = false }) {
+    this.descriptor = descriptor;
+    this.knobs = knobs;
+    this.slider = slider;
+    this.value = descriptor.value;
+    this.busy = false;
+    this.next = null;
+    this.shown = display(descriptor, knobs.scale);
+    const { name, type } = descriptor;
+    this.id = `${slider ? 'knob' : 'parameter'}-${name}`;
+    const fixed = descriptor.read_only;
+    const range = descriptor.min === null || descriptor.min === undefined
+      ? ''
+      : ` From ${digits(descriptor.min * this.shown.factor, 3)} to ${digits(descriptor.max * this.shown.factor, 3)}${this.shown.unit ? ` ${this.shown.unit}` : ''}.`;
+    const help = `${descriptor.description}${range}${fixed ? ' Set at the start of the node.' : ''}`;
+    this.error = element('p', { class: 'error', id: `${this.id}-error`, role: 'alert', hidden: true });
+    const described = { 'aria-describedby': `${this.id}-help ${this.id}-error` };
+    if (type === 'bool') {
+      this.input = element('input', { type: 'checkbox', id: this.id, disabled: fixed, ...described });
+      this.input.addEventListener('change', () => this.send(this.input.checked));
+    } else if (type === 'string' && descriptor.choices?.length) {
+      this.input = element('select', { id: this.id, disabled: fixed, ...described });
+      for (const choice of descriptor.choices) {
+        this.input.append(element('option', { value: choice, text: choice.replace(/_/g, ' ') }));
+      }
+      this.input.addEventListener('change', () => this.send(this.input.value));
+    } else {
+      this.input = element('input', {
+        type: 'text', id: this.id, disabled: fixed, autocomplete: 'off', spellcheck: 'false',
+        inputmode: type === 'string' || type === 'double_array' ? 'text' : 'decimal', ...described,
+      });
+      this.input.addEventListener('change', () => this.enter());
+      this.input.addEventListener('keydown', (event) => this.key(event));
+      this.input.addEventListener('focus', () => this.input.select());
+    }
+    const label = element('label', { for: this.id, text: title });
+    this.unit = element('span', { class: 'unit', text: this.unitText() });
+    this.place = element(
+      'div',
+      { class: `knob ${slider ? 'big' : 'row'}`, 'data-name': name, title: help },
+      element('div', { class: 'name' }, label, about ? term(about, '?') : null),
+      element('div', { class: 'value' }, this.input, this.unit),
+    );
+    const button = this.place.querySelector('button.term');
+    if (button) button.setAttribute('aria-label', `What ${title} means`);
+    if (slider && type !== 'bool' && !descriptor.choices?.length) this.addSlider(title);
+    this.place.append(
+      element('p', { class: 'visually-hidden', id: `${this.id}-help`, text: help }),
+      this.error,
+    );
+    this.show();
+  }
+
+  unitText() {
+    return this.descriptor.type === 'string' || this.descriptor.type === 'bool' ? '' : this.shown.unit;
+  }
+
+  /** Whether this knob turns the first entry of an array. */
+  get firstOnly() {
+    return this.slider && this.descriptor.type === 'double_array';
+  }
+
+  get number() {
+    const value = Array.isArray(this.value) ? this.value[0] : this.value;
+    return value * this.shown.factor;
+  }
+
+  addSlider(title) {
+    this.range = element('input', {
+      type: 'range', min: 0, max: 1000, step: 1, 'aria-label': `${title}, slider`, tabindex: 0,
+    });
+    this.range.addEventListener('input', () => {
+      this.dragging = true;
+      const number = this.fromSlider(Number(this.range.value) / 1000);
+      this.input.value = typed(number, 1e-4);
+      this.sendNumber(number);
+    });
+    const done = () => {
+      this.dragging = false;
+      this.show();
+    };
+    this.range.addEventListener('change', done);
+    this.range.addEventListener('blur', done);
+    this.place.append(this.range);
+    this.scaleSlider();
+  }
+
+  /** Choose the range of the slider about what the knob stands at. */
+  scaleSlider() {
+    if (!this.range) return;
+    const { name, min, max } = this.descriptor;
+    const { factor } = this.shown;
+    const number = this.number;
+    this.log = false;
+    if (name === 'angle') this.span = [-90, 90, 0.5];
+    else if (name.startsWith('restitution')) this.span = [0, 1, 0.01];
+    else if (name === 'friction') this.span = [0, Math.max(1, 2 * number), 0.005];
+    else if (name === 'force_frequencies') {
+      const natural = this.knobs.natural || number || 1;
+      this.span = [0.5 * natural, Math.max(1.5 * natural, 1.2 * number), 0.001 * natural];
+    } else if (number > 0) {
+      this.log = true;
+      this.span = [Math.max(min * factor, number / 8), Math.min(max * factor, number * 8), 0];
+    } else this.span = [0, 1, 0.001];
+  }
+
+  fromSlider(part) {
+    const [low, high, step] = this.span;
+    if (this.log) return Number((low * (high / low) ** part).toPrecision(3));
+    return Number((Math.round((low + part * (high - low)) / step) * step).toPrecision(6));
+  }
+
+  toSlider(number) {
+    const [low, high] = this.span;
+    const part = this.log ? Math.log(number / low) / Math.log(high / low) : (number - low) / (high - low);
+    return Math.round(1000 * Math.min(1, Math.max(0, part)));
+  }
+
+  /** Read what was typed. */
+  enter() {
+    const { type } = this.descriptor;
+    const text = this.input.value;
+    if (type === 'string') return this.send(text);
+    if (type === 'double_array' && !this.firstOnly) {
+      const values = text.replace(/[[\]]/g, '').split(/[,;\s]+/).filter(Boolean).map(parsed);
+      if (!values.length || values.some((value) => !Number.isFinite(value))) {
+        return this.fail(`“${text}” is not a list of numbers, such as 1, 0.5`);
+      }
+      return this.send(values.map((value) => value / this.shown.factor));
+    }
+    const number = parsed(text);
+    if (!Number.isFinite(number)) return this.fail(`“${text}” is not a number`);
+    return this.sendNumber(number);
+  }
+
+  sendNumber(number) {
+    let value = number / this.shown.factor;
+    // As it is typed, not as it is computed: 5 Hz is 31.4159265358979 rad/s to the last digit.
+    if (this.descriptor.type === 'integer') value = Math.round(value);
+    else if (this.shown.factor !== 1) value = Number(value.toPrecision(15));
+    this.send(this.firstOnly ? [value, ...this.value.slice(1)] : value);
+  }
+
+  key(event) {
+    if (event.key === 'Escape') {
+      this.fail('');
+      this.show(true);
+      return;
+    }
+    const turn = { ArrowUp: 1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
+    if (!turn || !['double', 'integer', 'double_array'].includes(this.descriptor.type)) return;
+    if (this.descriptor.type === 'double_array' && !this.firstOnly) return;
+    const number = parsed(this.input.value);
+    if (!Number.isFinite(number)) return;
+    event.preventDefault();
+    const step = this.descriptor.type === 'integer' ? 1 : this.span?.[2] || 10 ** Math.floor(Math.log10(Math.abs(number) || 1) - 1);
+    const next = Number((number + turn * step).toPrecision(12));
+    this.input.value = typed(next);
+    this.sendNumber(next);
+  }
+
+  /** Send a value; while one is on its way, only the newest waits. */
+  async send(value) {
+    if (this.busy) {
+      this.next = { value };
+      return;
+    }
+    this.busy = true;
+    const { ok, reason } = await this.knobs.set({ [this.descriptor.name]: value });
+    this.busy = false;
+    this.fail(ok ? '' : reason);
+    if (ok) this.take(value, true);
+    if (this.next) {
+      const { value: newest } = this.next;
+      this.next = null;
+      await this.send(newest);
+    }
+  }
+
+  /** Show why a value was rejected, in the words of the node. */
+  fail(reason) {
+    this.error.hidden = !reason;
+    write(this.error, reason ?? '');
+    this.input.setAttribute('aria-invalid', reason ? 'true' : 'false');
+    this.place.classList.toggle('wrong', Boolean(reason));
+  }
+
+  /** Take in a value that the rig has. */
+  take(value, own = false) {
+    this.value = value;
+    if (this.busy || this.next) return;
+    if (!own && document.activeElement === this.input && this.input.type === 'text' && this.place.classList.contains('wrong')) return;
+    this.show();
+    if (!own) {
+      this.fail('');
+      if (!reducedMotion()) {
+        this.place.classList.remove('turned');
+        requestAnimationFrame(() => this.place.classList.add('turned'));
+      }
+    }
+  }
+
+  show(force = false) {
+    const { type } = this.descriptor;
+    if (type === 'bool') this.input.checked = Boolean(this.value);
+    else if (this.input.tagName === 'SELECT') this.input.value = this.value;
+    else if (type === 'string') this.input.value = this.value;
+    else if (type === 'double_array' && !this.firstOnly) {
+      this.input.value = this.value.map((one) => typed(one * this.shown.factor)).join(', ');
+    } else if (force || !this.dragging) this.input.value = typed(this.number, type === 'integer' ? 1e-15 : 5e-6);
+    if (this.range && !this.dragging) {
+      this.range.value = this.toSlider(this.number);
+      mark(this.range, 'aria-valuetext', `${this.input.value} ${this.shown.unit}`);
+    }
+  }
+
+  /** The unit of lengths, or the natural frequency, is another one. */
+  rescale() {
+    this.shown = display(this.descriptor, this.knobs.scale);
+    write(this.unit, this.unitText());
+    this.scaleSlider();
+    this.show(true);
+  }
+}
+
+export class Knobs {
+  /** `set` sends values and returns the answer {ok, reason}. */
+  constructor(set) {
+    this.set = set;
+    this.natural = 0;
+    this.scale = { factor: 1, unit: 'm' };
+    this.knobs = [];
+    byId('knob-search').addEventListener('input', () => this.filter());
+  }
+
+  /** Make knobs for all parameters of a rig. */
+  make(descriptors) {
+    const known = new Map(descriptors.map((one) => [one.name, one]));
+    const [mass, stiffness] = [known.get('primary_mass')?.value, known.get('stiffness')?.value];
+    this.natural = mass > 0 ? Math.sqrt(stiffness / mass) / TAU : 0;
+    this.scale = lengthUnit(known.get('gap')?.value ?? 1);
+    this.knobs = [];
+    const first = byId('first-knobs');
+    first.replaceChildren();
+    for (const [name, title, about] of FIRST) {
+      const descriptor = known.get(name);
+      if (!descriptor) continue;
+      const knob = new Knob(descriptor, this, { title, about, slider: true });
+      this.knobs.push(knob);
+      first.append(knob.place);
+    }
+    const all = byId('all-knobs');
+    all.replaceChildren();
+    for (const [key, title] of GROUPS) {
+      const members = descriptors.filter((one) => one.group === key || (key === 'rig' && one.group === 'first' && one.name !== 'gap_control')
+        || (key === 'control' && one.name === 'gap_control'));
+      if (!members.length) continue;
+      const group = element('fieldset', { class: 'group' }, element('legend', { text: title }));
+      for (const descriptor of members) {
+        const knob = new Knob(descriptor, this, { title: worded(descriptor.name) });
+        this.knobs.push(knob);
+        group.append(knob.place);
+      }
+      all.append(group);
+    }
+    const count = descriptors.length;
+    byId('more-knobs').querySelector('summary').textContent = `All ${count} parameters`;
+    this.filter();
+  }
+
+  /** Take in values that the rig has now. */
+  take(values) {
+    let anew = false;
+    for (const knob of this.knobs) {
+      const value = values[knob.descriptor.name];
+      if (value === undefined || JSON.stringify(value) === JSON.stringify(knob.value)) continue;
+      knob.take(value);
+    }
+    if ('gap' in values || 'primary_mass' in values || 'stiffness' in values) {
+      const find = (name) => this.knobs.find((knob) => knob.descriptor.name === name)?.value;
+      const natural = Math.sqrt(find('stiffness') / find('primary_mass')) / TAU || 0;
+      const scale = lengthUnit(find('gap') ?? 1);
+      const far = Math.abs(Math.log((natural || 1) / (this.natural || 1))) > 0.05;
+      anew = scale.unit !== this.scale.unit || far;
+      this.natural = natural;
+      if (anew) this.scale = scale;
+    }
+    for (const knob of this.knobs) {
+      const outside = knob.range && !knob.dragging && (knob.number < knob.span[0] || knob.number > knob.span[1]);
+      if (anew || outside) knob.rescale();
+    }
+  }
+
+  /** Present values by name. */
+  values() {
+    return Object.fromEntries(this.knobs.map((knob) => [knob.descriptor.name, knob.value]));
+  }
+
+  /** Name for people, and a value with its unit, for the lines in the traces. */
+  said(name, value) {
+    const knob = this.knobs.find((one) => one.descriptor.name === name);
+    if (!knob) return `${name} ${value}`;
+    const { unit, factor } = knob.shown;
+    const text = (one) => (typeof one === 'number' ? digits(one * factor, 4).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, '') : String(one));
+    const shown = Array.isArray(value) ? value.slice(0, 3).map(text).join(', ') : text(value);
+    const title = FIRST.find(([key]) => key === name)?.[1].split(' ').at(-1) ?? name.replace(/_/g, ' ');
+    const short = { gap: 'd', angle: 'θ', force_frequencies: 'f', force_amplitudes: 'F', gap_control: 'control' }[name] ?? title;
+    return `${short} = ${shown}${knob.unitText() ? ` ${unit}` : ''}`;
+  }
+
+  /** Show only parameters whose name or meaning has the words searched for. */
+  filter() {
+    const words = byId('knob-search').value.toLowerCase().split(/\s+/).filter(Boolean);
+    for (const group of document.querySelectorAll('#all-knobs .group')) {
+      let some = false;
+      for (const row of group.querySelectorAll('.knob')) {
+        const text = `${row.dataset.name} ${row.dataset.name.replace(/_/g, ' ')} ${row.title}`.toLowerCase();
+        row.hidden = !words.every((word) => text.includes(word));
+        some ||= !row.hidden;
+      }
+      group.hidden = !some;
+    }
+  }
+}

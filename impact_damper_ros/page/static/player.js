@@ -1,0 +1,115 @@
+// Playing a recording: scrub, speed, jumps, and what would have been with other parameters.
+
+import { byId, element, write } from './dom.js';
+import { clock } from './format.js';
+import { colours } from './chart.js';
+
+const SPEEDS = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
+const JUMPS = [['impact', 'impact'], ['change', 'change'], ['stretch', 'stretch']];
+
+export class Player {
+  constructor(connection) {
+    this.connection = connection;
+    this.on = false;
+    this.playing = false;
+    this.speed = 1;
+    this.scrubbing = false;
+    const speeds = byId('speed');
+    for (const speed of SPEEDS) speeds.append(element('option', { value: String(speed), text: `${speed}×` }));
+    speeds.value = '1';
+    speeds.addEventListener('change', () => {
+      this.speed = Number(speeds.value);
+      if (this.playing) this.play(true);
+    });
+    byId('play').addEventListener('click', () => this.play(!this.playing));
+    const scrub = byId('scrub');
+    let due = 0;
+    scrub.addEventListener('input', () => {
+      this.scrubbing = true;
+      write(byId('played'), this.said(Number(scrub.value)));
+      clearTimeout(due);
+      due = setTimeout(() => this.seek(Number(scrub.value)), 60);
+    });
+    scrub.addEventListener('change', () => {
+      clearTimeout(due);
+      this.seek(Number(scrub.value));
+      this.scrubbing = false;
+    });
+    for (const [to, name] of JUMPS) {
+      byId('jumps').append(element(
+        'span',
+        { class: 'jump' },
+        element('button', { type: 'button', text: '‹', 'aria-label': `Back to the ${name} before`, onclick: () => this.jump(to, -1) }),
+        element('span', { text: name }),
+        element('button', { type: 'button', text: '›', 'aria-label': `On to the next ${name}`, onclick: () => this.jump(to, 1) }),
+      ));
+    }
+    new ResizeObserver(() => this.marks()).observe(byId('marks').parentElement);
+  }
+
+  /** Begin with a recording, or end with none. */
+  begin({ mode, start = 0, duration = 0, changes = [] }) {
+    this.on = mode === 'player';
+    byId('player').hidden = !this.on;
+    document.body.classList.toggle('playing', this.on);
+    if (!this.on) return;
+    [this.start, this.duration, this.changes] = [start, duration, changes];
+    const scrub = byId('scrub');
+    scrub.min = String(start);
+    scrub.max = String(start + duration);
+    scrub.value = String(start);
+    this.marks();
+  }
+
+  said(time) {
+    return `${clock(time - this.start)} of ${clock(this.duration)}`;
+  }
+
+  play(on) {
+    this.playing = on;
+    this.connection.send({ type: 'play', speed: on ? this.speed : 0 });
+    write(byId('play'), on ? 'Pause' : 'Play');
+  }
+
+  seek(time) {
+    this.connection.send({ type: 'seek', time });
+  }
+
+  jump(to, direction) {
+    this.connection.send({ type: 'jump', to, direction });
+  }
+
+  status({ state }) {
+    if (!this.on) return;
+    this.playing = state === 'running';
+    write(byId('play'), this.playing ? 'Pause' : 'Play');
+  }
+
+  /** Show how far it has come. */
+  show(time) {
+    if (!this.on || this.scrubbing || !Number.isFinite(time)) return;
+    byId('scrub').value = String(time);
+    const said = this.said(time);
+    write(byId('played'), said);
+    byId('scrub').setAttribute('aria-valuetext', said);
+  }
+
+  /** Marks of changes and resets under the slider. */
+  marks() {
+    const canvas = byId('marks');
+    const box = canvas.getBoundingClientRect();
+    if (!this.on || box.width < 4) return;
+    const ratio = devicePixelRatio || 1;
+    canvas.width = Math.round(box.width * ratio);
+    canvas.height = Math.round(box.height * ratio);
+    const context = canvas.getContext('2d');
+    context.scale(ratio, ratio);
+    // The thumb of a slider never goes beyond its ends by half.
+    const inset = 8;
+    for (const { time, kind } of this.changes) {
+      const place = inset + ((time - this.start) / (this.duration || 1)) * (box.width - 2 * inset);
+      context.fillStyle = kind === 'change' ? colours.special : colours.quiet;
+      context.fillRect(place - 1, 0, 2, box.height);
+    }
+  }
+}

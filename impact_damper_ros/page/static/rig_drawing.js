@@ -1,0 +1,396 @@
+// The rig in side view, tilted as it is: wall, spring, dashpot, M with its stops, m, force, ruler.
+//
+// Lengths along the axis are to scale. M and m have a size of their own in the picture: m is drawn
+// as long as `slug` on either side of its position, and both stops are that much farther apart, so
+// that contact is seen exactly where it is.
+
+import { colours, font, Canvas, SteadyRange } from './chart.js';
+import { digits, lengthUnit, minus, niceAbove, ticks } from './format.js';
+import { reducedMotion } from './dom.js';
+
+const FLASH = 260;
+const COILS = 9;
+
+/** A place along the axis and across it, in pixels of a canvas turned by the angle of the rig. */
+export class RigDrawing extends Canvas {
+  constructor(canvas) {
+    super(canvas);
+    this.swing = new SteadyRange();
+    this.spread = new SteadyRange();
+    this.flashes = [];
+    this.loudest = 1e-12;
+    this.shown = null;
+  }
+
+  clear() {
+    this.swing = new SteadyRange();
+    this.spread = new SteadyRange();
+    this.flashes = [];
+    this.loudest = 1e-12;
+    this.shown = null;
+  }
+
+  /** Let a stop light up; its strength is the impulse over the largest seen lately. */
+  flash(stop, impulse, now) {
+    this.loudest = Math.max(0.995 * this.loudest, impulse);
+    this.flashes.push({ stop, strength: Math.sqrt(impulse / this.loudest), since: now });
+    if (this.flashes.length > 8) this.flashes.shift();
+  }
+
+  get flashing() {
+    return this.flashes.length > 0;
+  }
+
+  /** Choose the scale: all that moved lately has room, in steps so that the picture is calm. */
+  layout(extent, state, now) {
+    const rel1 = state[4] - state[0];
+    const rel2 = Number.isFinite(state[6]) ? state[0] - state[6] : rel1;
+    const half = Math.max(rel1, rel2, 1e-12);
+    const swing = this.swing.fit(niceAbove(Math.max(extent.swing, Math.abs(state[0]), 0.02 * half)), now);
+    const spread = this.spread.fit(niceAbove(Math.max(half, extent.apart)), now);
+    const angle = state[8];
+    const em = colours.size;
+    const [cos, sin] = [Math.abs(Math.cos(angle)), Math.abs(Math.sin(angle))];
+    // As long as the canvas allows in this direction; a shorter rig is a lower one, too.
+    let [length, tall, up, down] = [0, 0, 0, 0];
+    for (length = Math.hypot(this.width, this.height); length > 110; length *= 0.985) {
+      tall = Math.max(2.4 * em, Math.min(length / 5.5, 10 * em));
+      up = tall / 2 + 1.5 * em;
+      down = 0.66 * tall + 1.9 * em;
+      const [wide, high] = [length * cos + (up + down) * sin, length * sin + (up + down) * cos];
+      if (wide <= this.width - 1.6 * em && high <= this.height - 0.3 * em) break;
+      // A long one may be lower than it would like to be, but not by much.
+      if (wide <= this.width - 1.6 * em) {
+        const low = Math.max(2.4 * em, (this.height - 0.3 * em - length * sin) / cos - 3.4 * em) / 1.16;
+        if (low >= length / 9 && low < tall) {
+          tall = low;
+          up = tall / 2 + 1.5 * em;
+          down = 0.66 * tall + 1.9 * em;
+          if (length * sin + (up + down) * cos <= this.height) break;
+        }
+      }
+    }
+    const thick = Math.max(5, Math.min(0.16 * tall, 0.025 * length));
+    const slug = Math.max(6, Math.min(0.24 * tall, 0.04 * length));
+    const rod = 0.5 * thick + 4;
+    const wall = 0.7 * em;
+    const spring = Math.max(30, Math.min(0.12 * length, 6 * em));
+    const fixed = wall + spring + 2 * (thick + rod + slug) + 0.8 * em;
+    const scale = Math.max(1e-12, (length - fixed) / (2 * swing + 2 * spread));
+    const cavity = scale * spread + slug + rod;
+    const body = cavity + thick;
+    const reach = scale * swing;
+    // The middle of what is drawn is the middle of the canvas.
+    const left = -(body + reach + spring + wall);
+    const right = body + reach + 0.8 * em;
+    const geometry = { scale, slug, rod, thick, cavity, body, reach, tall, left, right, wall, angle, swing, spread, up, down };
+    const target = [scale, geometry.reach, body];
+    const before = this.shown;
+    if (before && !reducedMotion() && now - before.now < 200) {
+      const part = 1 - Math.exp(-(now - before.now) / 90);
+      // Another scale is gone to smoothly.
+      if (Math.abs(before.scale / target[0] - 1) > 1e-3) {
+        const mixed = before.scale * (target[0] / before.scale) ** part;
+        geometry.scale = mixed;
+      }
+    }
+    this.shown = { scale: geometry.scale, now };
+    return geometry;
+  }
+
+  /** Draw a state; `ghost` is a second one, outlined. */
+  draw(state, { extent, ghost = null, driven = true, oneSided = false, now }) {
+    if (!this.begin() || !state) return;
+    const g = this.layout(extent, state, now);
+    const { context } = this;
+    const middle = (g.left + g.right) / 2;
+    context.save();
+    context.translate(this.width / 2, this.height / 2);
+    context.rotate(g.angle);
+    context.translate(-middle, (g.up - g.down) / 2);
+    this.ground(g);
+    this.attachments(g, state);
+    if (ghost) this.carriage(g, ghost, { oneSided, ghostly: true });
+    this.carriage(g, state, { oneSided, now });
+    if (driven) this.force(g, state);
+    context.restore();
+    if (Math.abs(g.angle) > 0.003) this.inclination(g);
+  }
+
+  /** The incline with its ruler, which counts from the static equilibrium of M. */
+  ground(g) {
+    const { context } = this;
+    const em = colours.size;
+    const base = 0.66 * g.tall;
+    this.base = base;
+    context.strokeStyle = colours.steel;
+    context.lineWidth = 1.5;
+    context.beginPath();
+    context.moveTo(g.left, base);
+    context.lineTo(g.right, base);
+    context.stroke();
+    // the wall
+    context.beginPath();
+    context.moveTo(g.left + g.wall, base);
+    context.lineTo(g.left + g.wall, -g.tall / 2);
+    context.stroke();
+    context.lineWidth = 1;
+    context.strokeStyle = colours.stop;
+    context.beginPath();
+    const step = Math.max(6, 0.55 * em);
+    for (let v = -g.tall / 2 + step; v <= base + 0.1; v += step) {
+      context.moveTo(g.left + g.wall, v - step);
+      context.lineTo(g.left, v);
+    }
+    context.stroke();
+    const { factor, unit } = lengthUnit(g.swing + g.spread);
+    const reach = Math.min(g.right, g.body + g.reach) / g.scale;
+    const { values, decimals, step: apart } = ticks(-reach * factor, reach * factor, 8);
+    context.strokeStyle = colours.steel;
+    context.beginPath();
+    for (const value of values) {
+      const place = (value / factor) * g.scale;
+      context.moveTo(place, base);
+      context.lineTo(place, base + 6);
+      for (let n = 1; n < 5; n += 1) {
+        const minor = ((value + (n * apart) / 5) / factor) * g.scale;
+        if (minor > g.right) break;
+        context.moveTo(minor, base);
+        context.lineTo(minor, base + 3);
+      }
+    }
+    context.stroke();
+    context.font = font(0.75);
+    context.fillStyle = colours.quiet;
+    for (const value of values) {
+      const name = value === values.at(-1) ? `${minus(value.toFixed(decimals))} ${unit}` : minus(value.toFixed(decimals));
+      this.upright(g, name, (value / factor) * g.scale, base + 6 + 0.72 * em);
+    }
+  }
+
+  /** Write a text that stays level whatever the inclination. */
+  upright(g, text, u, v) {
+    const { context } = this;
+    context.save();
+    context.translate(u, v);
+    context.rotate(-g.angle);
+    context.textAlign = 'center';
+    context.textBaseline = 'middle';
+    context.fillText(text, 0, 0);
+    context.restore();
+  }
+
+  /** Spring and dashpot between the wall and M. */
+  attachments(g, state) {
+    const { context } = this;
+    const from = g.left + g.wall;
+    const to = state[0] * g.scale - g.body;
+    const span = Math.max(6, to - from);
+    const [upper, lower] = [-0.22 * g.tall, 0.24 * g.tall];
+    const radius = 0.12 * g.tall;
+    const lead = Math.min(10, 0.15 * span);
+    context.strokeStyle = colours.ink;
+    context.lineWidth = 1.6;
+    context.beginPath();
+    context.moveTo(from, upper);
+    context.lineTo(from + lead, upper);
+    const pitch = (span - 2 * lead) / COILS;
+    for (let n = 0; n < COILS; n += 1) {
+      context.lineTo(from + lead + (n + 0.25) * pitch, upper - radius);
+      context.lineTo(from + lead + (n + 0.75) * pitch, upper + radius);
+    }
+    context.lineTo(to - lead, upper);
+    context.lineTo(to, upper);
+    context.stroke();
+    // Dashpot: the cylinder is fixed to the wall, the piston to M.
+    const cylinder = Math.max(10, 0.5 * (g.reach + 0.3 * (g.body - g.cavity) + 30));
+    const start = from + lead;
+    const bore = Math.min(cylinder, 0.72 * span);
+    const piston = start + Math.max(4, Math.min(bore - 3, 0.5 * bore + 0.35 * (state[0] * g.scale)));
+    context.lineWidth = 1.4;
+    context.beginPath();
+    context.moveTo(from, lower);
+    context.lineTo(start, lower);
+    context.moveTo(start + bore, lower - radius);
+    context.lineTo(start, lower - radius);
+    context.lineTo(start, lower + radius);
+    context.lineTo(start + bore, lower + radius);
+    context.moveTo(piston, lower - radius + 3);
+    context.lineTo(piston, lower + radius - 3);
+    context.moveTo(piston, lower);
+    context.lineTo(to, lower);
+    context.stroke();
+  }
+
+  /** M with its stops, m, wheels; or the outline of another rig. */
+  carriage(g, state, { oneSided, now = 0, ghostly = false }) {
+    const { context } = this;
+    const em = colours.size;
+    const [x, z] = [state[0] * g.scale, state[2] * g.scale];
+    const top = -g.tall / 2;
+    const floor = g.tall / 2 - g.thick;
+    const round = Math.min(5, g.thick / 2);
+    const slugTall = Math.min(0.58 * (floor - top - g.thick), 3.4 * g.slug);
+    context.save();
+    if (ghostly) {
+      context.globalAlpha = 0.75;
+      context.setLineDash([5, 4]);
+      context.lineWidth = 1.5;
+      context.strokeStyle = colours.special;
+      context.beginPath();
+      context.roundRect(x - g.body, top, 2 * g.body, g.tall, round);
+      context.roundRect(z - g.slug, floor - slugTall, 2 * g.slug, slugTall, 3);
+      context.stroke();
+      context.restore();
+      return;
+    }
+    // wheels
+    const wheel = (this.base - g.tall / 2) / 2;
+    context.fillStyle = colours.panel;
+    context.strokeStyle = colours.steel;
+    context.lineWidth = 1.5;
+    for (const side of [-0.62, 0.62]) {
+      const axle = x + side * g.body;
+      context.beginPath();
+      context.arc(axle, this.base - wheel, wheel - 0.5, 0, 7);
+      context.fill();
+      context.stroke();
+      const turned = x / Math.max(1, wheel);
+      context.beginPath();
+      context.moveTo(axle, this.base - wheel);
+      context.lineTo(axle + 0.75 * wheel * Math.cos(turned), this.base - wheel + 0.75 * wheel * Math.sin(turned));
+      context.stroke();
+    }
+    // the frame of M, with the space for m cut out
+    context.beginPath();
+    context.roundRect(x - g.body, top, 2 * g.body, g.tall, round + 1);
+    context.roundRect(x - g.cavity, top + g.thick, 2 * g.cavity, floor - top - g.thick, 2);
+    context.fillStyle = colours.primary;
+    context.fill('evenodd');
+    // stops
+    const centre = floor - slugTall / 2;
+    const pad = Math.max(3.5, 0.3 * g.thick);
+    const tallPad = Math.min(slugTall * 1.15, floor - top - g.thick - 2);
+    const faces = [
+      [1, state[4] * g.scale + g.slug, 1],
+      [2, state[6] * g.scale - g.slug, -1],
+    ];
+    for (const [stop, face, side] of faces) {
+      if (stop === 2 && (oneSided || !Number.isFinite(face))) continue;
+      const anchor = x + side * g.cavity;
+      context.fillStyle = colours.steel;
+      const rod = Math.max(3, 0.2 * slugTall);
+      context.fillRect(Math.min(face, anchor), centre - rod / 2, Math.abs(anchor - face), rod);
+      const flash = this.flashes.filter((one) => one.stop === stop);
+      context.fillStyle = colours.ink;
+      context.fillRect(side > 0 ? face : face - pad, floor - tallPad, pad, tallPad);
+      for (const one of flash) {
+        const part = Math.max(0, now - one.since) / FLASH;
+        if (part >= 1) continue;
+        context.save();
+        if (reducedMotion()) {
+          context.fillStyle = colours.open;
+          context.fillRect(side > 0 ? face : face - pad, floor - tallPad, pad, tallPad);
+        } else {
+          context.globalAlpha = (1 - part) * (0.35 + 0.65 * one.strength);
+          const radius = slugTall * (0.5 + 0.55 * one.strength) * (0.6 + 0.6 * part);
+          const glow = context.createRadialGradient(face, centre, 0, face, centre, radius);
+          glow.addColorStop(0, colours.damper);
+          glow.addColorStop(0.35, colours.open);
+          glow.addColorStop(1, `${colours.open}00`);
+          context.fillStyle = glow;
+          context.beginPath();
+          context.arc(face, centre, radius, 0, 7);
+          context.fill();
+        }
+        context.restore();
+      }
+    }
+    this.flashes = this.flashes.filter((one) => now - one.since < FLASH);
+    // m
+    context.fillStyle = colours.damper;
+    context.beginPath();
+    context.roundRect(z - g.slug, floor - slugTall, 2 * g.slug, slugTall, Math.min(4, g.slug / 3));
+    context.fill();
+    context.fillStyle = '#ffffff';
+    context.font = font(Math.min(1.1, (1.35 * g.slug) / em), 'italic 600');
+    this.upright(g, 'm', z, floor - slugTall / 2);
+    // names: M above its frame, the stops above their pads
+    context.font = font(1, 'italic 600');
+    context.fillStyle = colours.primary;
+    this.upright(g, 'M', x - g.body + 0.7 * em, top - 0.75 * em);
+    context.font = font(0.72);
+    context.fillStyle = colours.quiet;
+    if (tallPad < floor - top - g.thick - 1.2 * em) {
+      for (const [stop, face, side] of faces) {
+        if (!Number.isFinite(face) || (stop === 2 && oneSided)) continue;
+        this.upright(g, String(stop), face + (side * pad) / 2, floor - tallPad - 0.62 * em);
+      }
+    }
+    // where M is, on the ruler
+    context.fillStyle = colours.primary;
+    context.beginPath();
+    context.moveTo(x, this.base + 1);
+    context.lineTo(x - 5, this.base + 10);
+    context.lineTo(x + 5, this.base + 10);
+    context.fill();
+    context.restore();
+  }
+
+  /** The force on M as an arrow, as long as its phase says. */
+  force(g, state) {
+    const phase = state[9];
+    if (!Number.isFinite(phase)) return;
+    const { context } = this;
+    const em = colours.size;
+    const value = Math.sin(2 * Math.PI * phase);
+    const at = state[0] * g.scale;
+    const height = -g.tall / 2 - 0.75 * em;
+    const length = value * Math.min(4.2 * em, 0.7 * g.body);
+    const head = Math.min(8, Math.abs(length));
+    const tip = at + length;
+    const side = Math.sign(length);
+    context.strokeStyle = colours.force;
+    context.fillStyle = colours.force;
+    context.lineWidth = 2.5;
+    context.beginPath();
+    context.moveTo(at, height);
+    context.lineTo(tip - side * head, height);
+    context.stroke();
+    context.beginPath();
+    context.moveTo(tip, height);
+    context.lineTo(tip - side * head, height - 0.6 * head);
+    context.lineTo(tip - side * head, height + 0.6 * head);
+    context.fill();
+    context.beginPath();
+    context.arc(at, height, 2.5, 0, 7);
+    context.fill();
+    context.font = font(0.85, 'italic 600');
+    this.upright(g, 'F', at - (side || 1) * 0.75 * em, height);
+  }
+
+  /** The angle against the horizontal, in degrees. */
+  inclination(g) {
+    const { context } = this;
+    const em = colours.size;
+    const degrees = (g.angle * 180) / Math.PI;
+    const radius = 3.2 * em;
+    const side = g.angle > 0 ? 1 : -1;
+    const [left, low] = [1.2 * em, this.height - 1.1 * em - (side > 0 ? radius * Math.sin(Math.min(1.2, Math.abs(g.angle))) : 0)];
+    context.strokeStyle = colours.quiet;
+    context.fillStyle = colours.quiet;
+    context.lineWidth = 1;
+    context.beginPath();
+    context.moveTo(left + radius + 6, low);
+    context.lineTo(left, low);
+    context.lineTo(left + (radius + 6) * Math.cos(g.angle), low + (radius + 6) * Math.sin(g.angle));
+    context.stroke();
+    context.beginPath();
+    context.arc(left, low, radius, 0, g.angle, side < 0);
+    context.stroke();
+    context.font = font(0.85);
+    context.textAlign = 'left';
+    context.textBaseline = 'middle';
+    context.fillText(`θ = ${digits(degrees, 3)}°`, left + radius + 10, low + (side * radius * Math.sin(Math.abs(g.angle))) / 2);
+  }
+}

@@ -1,0 +1,11 @@
+// Before the first paint, so that the page does not flash: light, dark, or as the system.
+(() => {
+  'use strict';
+  let kept = null;
+  try {
+    kept = new URLSearchParams(location.hash.slice(1)).get('theme') || localStorage.getItem('theme');
+  } catch {
+    // Storage may be switched off.
+  }
+  if (kept === 'light' || kept === 'dark') document.documentElement.dataset.theme = kept;
+})();

@@ -1,0 +1,102 @@
+// Six steps through the page, each with something to try.
+
+import { byId, reducedMotion } from './dom.js';
+
+/** `act` has what the steps do: preset(name part), set(values), and so on. */
+export function startTour(act) {
+  const steps = [
+    {
+      at: 'rig',
+      title: 'The rig',
+      text: 'A force F shakes the mass M on its spring. The loose mass m rattles in the gap and hits the two stops. Each impact takes energy out of the vibration.',
+      label: 'Load the bench rig',
+      run: () => act.preset('bench'),
+    },
+    {
+      at: 'traces',
+      title: 'The motion',
+      text: 'X is M (blue), Z is m (orange); the grey lines are the stops, which ride on M. Dots are impacts. Look closer with a shorter window.',
+      label: 'Show the last second',
+      run: () => act.window(1),
+    },
+    {
+      at: 'knobs',
+      title: 'Turn a knob',
+      text: 'Change the gap and watch the rhythm. In a gap that is too wide, two impacts per cycle are no longer kept up. A labelled line in the traces shows what you did.',
+      label: 'Widen the gap by a half',
+      run: () => act.widen(1.5),
+    },
+    {
+      at: 'map',
+      title: 'Regular or chaotic?',
+      text: 'Every impact is a dot: force phase across, speed of m up. A few dots are a periodic motion, closed curves a quasi-periodic one, a cloud a chaotic one.',
+      label: 'Narrow it again',
+      run: () => act.widen(1 / 1.5),
+    },
+    {
+      at: 'curve',
+      title: 'What theory says',
+      text: 'Solid: stable periodic motions over the gap; dashed: unstable ones. The dot is the rig. Click on the curve to set the gap. Multipliers within the unit circle mean stable.',
+      label: 'Go to the optimal gap',
+      run: () => act.optimum(),
+    },
+    {
+      at: 'knobs',
+      title: 'Let the stops move',
+      text: 'With gap control, the stops follow the vibration, at any force. Record a run, play it back, and compare it with the exact theory.',
+      label: 'Switch on timed control',
+      run: () => act.set({ gap_control: 'timed' }),
+    },
+  ];
+  const card = byId('tour');
+  let at = 0;
+  let marked = null;
+  let before = null;
+
+  const leave = () => marked?.classList.remove('toured');
+  const show = () => {
+    const step = steps[at];
+    leave();
+    marked = byId(step.at);
+    marked.classList.add('toured');
+    marked.scrollIntoView({ block: 'nearest', behavior: reducedMotion() ? 'auto' : 'smooth' });
+    byId('tour-count').textContent = `Step ${at + 1} of ${steps.length}`;
+    byId('tour-title').textContent = step.title;
+    byId('tour-text').textContent = step.text;
+    byId('tour-try').textContent = step.label;
+    byId('tour-back').disabled = at === 0;
+    byId('tour-next').textContent = at === steps.length - 1 ? 'Done' : 'Next';
+    // The card is put where it does not hide what it speaks of.
+    const box = marked.getBoundingClientRect();
+    card.dataset.side = box.left + box.width / 2 > innerWidth * 0.62 ? 'left' : 'right';
+    card.dataset.end = box.top + box.height / 2 > innerHeight * 0.55 ? 'top' : 'bottom';
+  };
+  const close = () => {
+    card.hidden = true;
+    leave();
+    before?.focus();
+  };
+  byId('tour-open').addEventListener('click', (event) => {
+    before = event.currentTarget;
+    at = 0;
+    card.hidden = false;
+    show();
+    card.focus();
+  });
+  byId('tour-try').addEventListener('click', () => steps[at].run());
+  byId('tour-back').addEventListener('click', () => {
+    at = Math.max(0, at - 1);
+    show();
+  });
+  byId('tour-next').addEventListener('click', () => {
+    if (at === steps.length - 1) close();
+    else {
+      at += 1;
+      show();
+    }
+  });
+  byId('tour-close').addEventListener('click', close);
+  card.addEventListener('keydown', (event) => {
+    if (event.key === 'Escape') close();
+  });
+}

@@ -1,0 +1,298 @@
+// Scrolling traces of X, Z and both stops by uPlot, with impacts, turned knobs and theory.
+
+/* global uPlot */
+
+import { colours, font, SteadyRange } from './chart.js';
+import { byId, element, write } from './dom.js';
+import { digits, lengthUnit, minus, niceAbove } from './format.js';
+
+const MOST_DOTS = 1200;
+/** Steps between the numbers of an axis: 1, 2 and 5 times powers of ten. */
+const STEPS = Array.from({ length: 22 }, (_, n) => n - 11).flatMap((power) => [1, 2, 5].map((one) => Number(`${one}e${power}`)));
+export const WINDOWS = [30, 10, 3, 1];
+
+export class Traces {
+  constructor(history, theory) {
+    this.history = history;
+    this.theory = theory;
+    this.place = byId('plot');
+    this.range = new SteadyRange();
+    this.unit = lengthUnit(1);
+    this.showTheory = true;
+    this.empty = [0].map(() => new Float64Array(0));
+    this.legend = this.makeLegend();
+    this.onWidth = null;
+    this.drawn = -1;
+    this.make();
+    new ResizeObserver(() => this.resize()).observe(this.place);
+  }
+
+  makeLegend() {
+    const list = byId('legend');
+    const made = {};
+    for (const [key, name, title] of [
+      ['x', 'X', 'Displacement of M from its static equilibrium'],
+      ['z', 'Z', 'Displacement of m'],
+      ['stop', 'stops', 'Places of the stops, which ride on M; here their distance, the gap'],
+    ]) {
+      const value = element('dd', {});
+      list.append(element('div', { title, 'data-series': key }, element('dt', { text: name }), value));
+      made[key] = value;
+    }
+    return made;
+  }
+
+  size() {
+    return { width: Math.max(120, this.place.clientWidth), height: Math.max(90, this.place.clientHeight) };
+  }
+
+  make() {
+    this.chart?.destroy();
+    const axisFont = font(0.78);
+    const em = Math.max(10.5, 0.78 * colours.size);
+    const axis = {
+      incrs: STEPS,
+      stroke: () => colours.quiet,
+      font: axisFont,
+      grid: { stroke: () => colours.grid, width: 1 },
+      ticks: { stroke: () => colours.line, width: 1, size: 4 },
+      border: { show: true, stroke: () => colours.line, width: 1 },
+    };
+    const line = (stroke, width) => ({ stroke, width, points: { show: false }, spanGaps: false });
+    this.chart = new uPlot(
+      {
+        ...this.size(),
+        padding: [Math.round(1.9 * em), Math.round(0.9 * em), 0, 0],
+        legend: { show: false },
+        cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
+        select: { show: false },
+        scales: {
+          x: { time: false, range: () => this.span() },
+          y: { range: () => this.reach() },
+        },
+        axes: [
+          {
+            ...axis,
+            size: Math.round(2.6 * em),
+            gap: 3,
+            space: 5 * em,
+            values: (_, values) => this.times(values),
+          },
+          {
+            ...axis,
+            size: Math.round(3.9 * em),
+            gap: 4,
+            space: 2.6 * em,
+            values: (_, values) => this.lengths(values),
+          },
+        ],
+        series: [
+          {},
+          line(() => colours.stop, 1),
+          line(() => colours.stop, 1),
+          line(() => colours.damper, 1.2),
+          line(() => colours.primary, 1.8),
+        ],
+        hooks: { drawClear: [(u) => this.under(u)], draw: [(u) => this.over(u)], setCursor: [() => this.readOut()] },
+      },
+      this.data(),
+      this.place,
+    );
+    this.chart.over.setAttribute('aria-hidden', 'true');
+  }
+
+  /** Colours or text size have changed. */
+  restyle() {
+    this.make();
+  }
+
+  resize() {
+    const { width, height } = this.size();
+    if (width !== this.chart.width || height !== this.chart.height) this.chart.setSize({ width, height });
+    this.onWidth?.(this.columns());
+  }
+
+  /** Columns of the window that the screen can show. */
+  columns() {
+    return Math.max(100, Math.min(2000, Math.round(this.chart.bbox.width / (devicePixelRatio || 1))));
+  }
+
+  span() {
+    const { end, window } = this.history;
+    return Number.isFinite(end) ? [end - window, end] : [-window, 0];
+  }
+
+  reach() {
+    const { line } = this.history;
+    let most = 0;
+    for (const name of ['x', 'z', 'stop1', 'stop2']) {
+      const values = line.field(name);
+      for (let n = line.start; n < line.end; n += 1) {
+        const size = Math.abs(values[n]);
+        if (size > most) most = size;
+      }
+    }
+    const range = this.range.fit(most > 0 ? niceAbove(1.04 * most) : 0, performance.now());
+    this.unit = lengthUnit(range);
+    return [-range, range];
+  }
+
+  times(values) {
+    const step = values.length > 1 ? values[1] - values[0] : 1;
+    const decimals = Math.max(0, Math.min(4, -Math.floor(Math.log10(step) + 1e-9)));
+    return values.map((value) => minus(value.toFixed(decimals)));
+  }
+
+  lengths(values) {
+    const scaled = values.map((value) => value * this.unit.factor);
+    const step = scaled.length > 1 ? scaled[1] - scaled[0] : 1;
+    const decimals = Math.max(0, -Math.floor(Math.log10(Math.abs(step)) + 1e-9));
+    return scaled.map((value) => minus((value + 0).toFixed(decimals)));
+  }
+
+  data() {
+    const { line } = this.history;
+    const cut = (name) => line.field(name).subarray(line.start, line.end);
+    return [cut('time'), cut('stop1'), cut('stop2'), cut('z'), cut('x')];
+  }
+
+  /** Draw what is new. */
+  draw() {
+    this.chart.setData(this.data(), false);
+    const [min, max] = this.span();
+    this.chart.setScale('x', { min, max });
+    this.readOut();
+  }
+
+  /** Under the lines: knobs turned, as labelled lines. */
+  under(u) {
+    const { ctx: context, bbox } = u;
+    const ratio = devicePixelRatio || 1;
+    const em = Math.max(10.5, 0.78 * colours.size) * ratio;
+    context.save();
+    // names of both axes
+    context.font = font(0.78).replace(/([\d.]+)px/, (_, size) => `${size * ratio}px`);
+    context.fillStyle = colours.quiet;
+    context.textBaseline = 'alphabetic';
+    context.textAlign = 'left';
+    context.fillText(this.unit.unit, 4 * ratio, bbox.top - 0.85 * em);
+    context.textAlign = 'right';
+    context.fillText('rig time (s)', bbox.left + bbox.width, bbox.top + bbox.height + 2.35 * em);
+    context.beginPath();
+    context.rect(bbox.left, bbox.top - 1.8 * em, bbox.width, bbox.height + 1.8 * em);
+    context.clip();
+    const ends = [-Infinity, -Infinity];
+    const [from, to] = this.span();
+    context.textAlign = 'left';
+    for (const { time, text } of this.history.changes) {
+      if (time < from || time > to) continue;
+      const place = u.valToPos(time, 'x', true);
+      const width = context.measureText(text).width;
+      const row = place > ends[0] ? 0 : place > ends[1] ? 1 : 2;
+      if (row < 2) ends[row] = place + width + em;
+      context.strokeStyle = colours.special;
+      context.lineWidth = ratio;
+      context.setLineDash([4 * ratio, 3 * ratio]);
+      context.beginPath();
+      context.moveTo(place, bbox.top - 1.3 * em);
+      context.lineTo(place, bbox.top + bbox.height);
+      context.stroke();
+      context.setLineDash([]);
+      context.fillStyle = colours.special;
+      if (row === 2) continue;
+      const height = row === 0 ? bbox.top - 0.45 * em : bbox.top + 1.1 * em;
+      const inside = place + width + 0.4 * em < bbox.left + bbox.width;
+      context.textAlign = inside ? 'left' : 'right';
+      context.fillText(text, place + (inside ? 0.35 : -0.35) * em, height);
+    }
+    context.restore();
+  }
+
+  /** Over the lines: impacts as dots where m is, and the predicted motion. */
+  over(u) {
+    const { ctx: context, bbox } = u;
+    const { impacts } = this.history;
+    const ratio = devicePixelRatio || 1;
+    const [from, to] = this.span();
+    context.save();
+    context.beginPath();
+    context.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    context.clip();
+    const [time, stop, x, y] = ['time', 'stop', 'x', 'y'].map((name) => impacts.field(name));
+    const perPixel = impacts.length / Math.max(1, bbox.width / ratio);
+    const size = (perPixel > 0.25 || this.history.window > 12 ? 1.6 : 2.6) * ratio;
+    for (const side of [1, 2]) {
+      context.fillStyle = side === 1 ? colours.ink : colours.upper;
+      context.beginPath();
+      for (let n = impacts.end - 1, count = 0; n >= impacts.start && time[n] >= from && count < MOST_DOTS; n -= 1) {
+        if (stop[n] !== side) continue;
+        const place = u.valToPos(time[n], 'x', true);
+        const height = u.valToPos(x[n] + y[n], 'y', true);
+        context.rect(place - size, height - size, 2 * size, 2 * size);
+        count += 1;
+      }
+      context.fill();
+    }
+    if (this.showTheory && this.theory.orbit?.found) this.predicted(u, context, ratio, from, to);
+    context.restore();
+  }
+
+  predicted(u, context, ratio, from, to) {
+    const { orbit } = this.theory;
+    const count = orbit.t.length;
+    const begin = Math.max(from, this.history.lastChange);
+    context.strokeStyle = colours.theory;
+    context.lineWidth = 1.2 * ratio;
+    context.setLineDash([5 * ratio, 4 * ratio]);
+    context.beginPath();
+    const perPeriod = (orbit.period / (to - from)) * (u.bbox.width / ratio);
+    if (perPeriod < 36) {
+      // Too dense to be seen as a line: how far M is predicted to move.
+      const most = orbit.x.reduce((far, value) => Math.max(far, Math.abs(value)), 0);
+      for (const value of [most, -most]) {
+        const height = u.valToPos(value, 'y', true);
+        context.moveTo(u.valToPos(begin, 'x', true), height);
+        context.lineTo(u.bbox.left + u.bbox.width, height);
+      }
+    } else {
+      const zero = this.theory.zero(this.history);
+      const first = Math.floor((begin - zero - orbit.t[0]) / orbit.period);
+      // No more points than pixels.
+      const stride = Math.max(1, Math.floor(count / perPeriod));
+      for (const values of [orbit.x, orbit.z]) {
+        let pen = false;
+        for (let turn = first; zero + orbit.t[0] + turn * orbit.period < to; turn += 1) {
+          for (let n = 0; n < count; n += stride) {
+            const time = zero + orbit.t[n] + turn * orbit.period;
+            if (time < begin || time > to) continue;
+            const place = u.valToPos(time, 'x', true);
+            const height = u.valToPos(values[n], 'y', true);
+            if (pen) context.lineTo(place, height);
+            else context.moveTo(place, height);
+            pen = true;
+          }
+        }
+      }
+    }
+    context.stroke();
+    context.setLineDash([]);
+  }
+
+  /** Values at the cursor, or now. */
+  readOut() {
+    const { state, line } = this.history;
+    if (!state) return;
+    const { factor, unit } = this.unit;
+    let [x, z, gap] = [state[0], state[2], state[4] - state[6]];
+    const index = this.chart.cursor.idx;
+    if (index !== null && index !== undefined && this.chart.cursor.left >= 0 && index < line.length) {
+      const n = line.start + index;
+      [x, z, gap] = [line.field('x')[n], line.field('z')[n], line.field('stop1')[n] - line.field('stop2')[n]];
+    }
+    const said = (value) => (Number.isFinite(value) ? `${digits(value * factor, 3)} ${unit}` : '–');
+    write(this.legend.x, said(x));
+    write(this.legend.z, said(z));
+    write(this.legend.stop, said(gap));
+  }
+}
+

@@ -1,0 +1,88 @@
+// What the rig does in words and numbers: verdict, measured and predicted Xmax/A, first numbers.
+
+import { byId, element, mark, write } from './dom.js';
+import { digits, withUnit } from './format.js';
+import { term } from './glossary.js';
+
+const NUMBERS = [
+  ['natural_frequency_hz', 'natural-frequency', 'natural freq.', (value) => withUnit(value, 'Hz')],
+  ['damping_ratio', 'damping-ratio', 'damping ζ', (value) => digits(value, 3)],
+  ['frequency_ratio', 'frequency-ratio', 'r = Ω/ω', (value) => digits(value, 4)],
+  ['static_amplitude', 'amplitude', 'amplitude A', (value) => withUnit(value, 'm')],
+  ['mass_ratio', 'mass-ratio', 'µ = m/M', (value) => digits(value, 3)],
+  ['gap_ratio', 'optimal-gap', 'gap / optimum', (value) => digits(value, 3)],
+  ['impacts_per_cycle', 'impacts-per-cycle', 'impacts / cycle', (value) => digits(value, 3)],
+  ['energy_per_cycle', 'energy', 'energy / cycle', (value) => withUnit(value, 'J')],
+];
+const LEVELS = { ok: 'ok', warn: 'warn', error: 'error' };
+const AGREEMENT = {
+  agrees: 'Agrees with theory',
+  disagrees: 'Differs from theory',
+  'not settled': 'Not settled yet',
+};
+
+export class Verdict {
+  constructor() {
+    this.values = {};
+    const list = byId('numbers');
+    for (const [key, about, name] of NUMBERS) {
+      const value = element('dd', { text: '–' });
+      list.append(element('div', {}, element('dt', {}, term(about, name)), value));
+      this.values[key] = value;
+    }
+    const ratios = byId('ratios');
+    this.bars = {};
+    for (const [key, name] of [['measured', 'measured'], ['predicted', 'predicted'], ['without', 'no impacts']]) {
+      const value = element('dd', { text: '–' });
+      const bar = element('span', { class: `fill ${key}` });
+      ratios.append(element('div', {}, element('dt', { text: name }), element('dd', { class: 'gauge', 'aria-hidden': 'true' }, bar), value));
+      this.bars[key] = { value, bar };
+    }
+    ratios.before(element('p', { class: 'ratios-title' }, term('xmax-a', 'Xmax / A')));
+  }
+
+  clear() {
+    write(byId('verdict-text'), 'waiting for the rig');
+    byId('verdict-text').dataset.level = 'none';
+    for (const id of ['motion-text', 'theory-text']) write(byId(id), '');
+    for (const value of Object.values(this.values)) write(value, '–');
+    this.ratio('measured', null);
+    this.ratio('predicted', null);
+  }
+
+  /** Beside a recording there is no live prediction. */
+  recorded() {
+    write(byId('verdict-text'), 'Recording');
+    this.line('motion-text', 'Recordings, Compare: all of it against theory.');
+  }
+
+  ratio(key, value) {
+    const { value: place, bar } = this.bars[key];
+    write(place, Number.isFinite(value) && value !== null ? digits(value, 3) : '–');
+    const part = Number.isFinite(value) && value !== null ? Math.min(1, value) : 0;
+    bar.style.transform = `scaleX(${part.toFixed(4)})`;
+  }
+
+  diagnostics({ level, message, verdict, agreement }) {
+    const place = byId('verdict-text');
+    const waiting = /wait|transient|cycles/i.test(message ?? '') && !agreement;
+    write(place, AGREEMENT[agreement] ?? (verdict && !message ? verdict : waiting ? 'Settling' : 'No verdict'));
+    const shade = agreement === 'agrees' ? 'ok' : agreement === 'disagrees' ? 'warn' : agreement === undefined ? LEVELS[level] ?? 'none' : 'none';
+    place.dataset.level = level === 'error' ? 'error' : shade;
+    this.line('motion-text', message ? `Measured: ${message}` : '');
+    this.line('theory-text', verdict ? `Theory: ${verdict}` : '');
+  }
+
+  line(id, text) {
+    const place = byId(id);
+    write(place, text);
+    mark(place, 'title', text);
+  }
+
+  numbers(message) {
+    for (const [key, , , said] of NUMBERS) write(this.values[key], said(message[key]));
+    this.ratio('measured', message.x_max_ratio_measured);
+    this.ratio('predicted', message.x_max_ratio_predicted);
+    this.ratio('without', message.static_amplitude > 0 ? 1 : null);
+  }
+}

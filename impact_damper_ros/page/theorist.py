@@ -1,0 +1,106 @@
+"""Theory for the pages: a process that is asked at each change, and what it has found."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from .child import Child
+
+__all__ = ['Theorist']
+
+
+_PROCESS = 'impact_damper_ros.page.theory_process'
+#: A process that has ended is started again by a request, but not sooner than this, s.
+_BACK_OFF_S = 2.0
+
+
+class Theorist:
+    """
+    What theory says of the present rig.
+
+    Parameters
+    ----------
+    tell : callable
+        Takes each message.
+    command : sequence of str, optional
+        What starts the process.
+
+    Attributes
+    ----------
+    predicted, optimum : float or None
+        Xmax/A of the predicted motion, and the gap with the least; None if they are not known.
+    """
+
+    def __init__(
+        self,
+        tell: Callable[[dict[str, Any]], None],
+        command: Sequence[str] = (sys.executable, '-m', _PROCESS),
+    ) -> None:
+        self._tell = tell
+        self._command = list(command)
+        self._known: dict[str, dict[str, Any]] = {}
+        self._wanted = {'orbit': True, 'curve': True}
+        self._state: dict[str, Any] | None = None
+        self._number = 0
+        self._child: Child | None = None
+        self._began = -_BACK_OFF_S
+        self.predicted: float | None = None
+        self.optimum: float | None = None
+
+    def ask(self, state: dict[str, Any]) -> None:
+        """Begin to work on a rig, and forget the one before."""
+        self.forget()
+        self._state = state
+        self._number += 1
+        self.start()
+        if self._child is not None:
+            request = {'number': self._number, 'state': state, **self._wanted}
+            self._child.send(request)
+
+    def start(self) -> None:
+        """Start the process, which takes a while, unless it runs."""
+        now = time.monotonic()
+        ended = self._child is None or self._child.ended
+        if ended and now >= self._began + _BACK_OFF_S:
+            self._began = now
+            self._child = Child(self._command, self._take)
+
+    def want(self, orbit: bool, curve: bool) -> None:
+        """Say what is wanted."""
+        wanted = {'orbit': orbit, 'curve': curve}
+        if wanted != self._wanted:
+            self._wanted = wanted
+            if self._state is not None:
+                self.ask(self._state)
+
+    def forget(self) -> None:
+        """Forget what is known: the rig is another one."""
+        self._known.clear()
+        self.predicted = self.optimum = None
+
+    def known(self) -> list[dict[str, Any]]:
+        """Return the newest message of each kind."""
+        return list(self._known.values())
+
+    def _take(self, line: bytes) -> None:
+        try:
+            message = json.loads(line)
+        except ValueError:  # cut off by the next request, or empty
+            return
+        if message.get('for') != self._number:
+            return
+        self._known[message['type']] = message
+        if message['type'] == 'orbit' and message['found']:
+            self.predicted = message.get('x_max_ratio')
+        if message['type'] == 'gap_curve' and message['optimum']:
+            self.optimum = message['optimum']['gap']
+        self._tell(message)
+
+    async def close(self) -> None:
+        """End the process."""
+        if self._child is not None:
+            await self._child.close()

@@ -1,0 +1,98 @@
+"""
+The process that works out theory for the page.
+
+It reads requests from its standard input and writes messages to its standard output, one JSON
+object in a line each. Only the newest request counts: each is worked on by a fork of this process,
+which has all modules loaded, and ended by killing it. A line that was cut off by that is left
+unfinished; so each one begins with the end of another. All ends with the input.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import json
+import os
+import select
+import signal
+import time
+import warnings
+from typing import NoReturn
+
+from .theory import theory
+
+__all__ = ['main']
+
+
+NICENESS = 5
+#: Somebody who turns a knob sets off a request at each step; the last one is worked on.
+_QUIET_S = 0.04
+#: Longest work, s.
+_PATIENCE_S = 120
+_BLOCK = 65_536
+_PR_SET_PDEATHSIG = 1
+
+
+def _write(message: dict[str, object]) -> None:
+    line = f'\n{json.dumps(message, allow_nan=False)}\n'.encode()
+    while line:
+        line = line[os.write(1, line) :]
+
+
+def _work(line: bytes) -> NoReturn:
+    """Work on a request, in a fork."""
+    code = 0
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.alarm(_PATIENCE_S)
+    try:
+        request = json.loads(line)
+        time.sleep(_QUIET_S)
+        try:
+            for message in theory(
+                request['state'], orbit=request['orbit'], curve=request['curve']
+            ):
+                _write({**message, 'for': request['number']})
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            _write({'type': 'theory_failed', 'text': f'{error}', 'for': request['number']})
+    except Exception:
+        code = 1
+    finally:
+        os._exit(code)
+
+
+def _end(fork: int) -> None:
+    with contextlib.suppress(ProcessLookupError, ChildProcessError):
+        os.kill(fork, signal.SIGKILL)
+        os.waitpid(fork, 0)
+
+
+def main() -> None:
+    """Serve requests until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.simplefilter('ignore')
+    os.nice(NICENESS)
+    gc.freeze()
+    fork, waiting = 0, b''
+    while True:
+        select.select([0], [], [])
+        block = os.read(0, _BLOCK)
+        if not block:
+            break
+        waiting += block
+        *lines, waiting = waiting.split(b'\n')
+        if not lines:
+            continue
+        if fork:
+            _end(fork)
+            fork = 0
+        if lines[-1]:
+            fork = os.fork()
+            if not fork:
+                _work(lines[-1])
+    if fork:
+        _end(fork)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,94 @@
+"""
+The process that runs another rig on the history of a recorded one.
+
+It reads one request from its standard input, a JSON object with the path of the bag and the values
+that are held, and writes the motion as it is computed: lines of base64, each some rows of float64;
+last a line of JSON that says how it ended.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.replay.recorded_run import RecordedRun
+from impact_damper_ros.replay.replay import Replay
+from impact_damper_ros.replay.replayed_rig import setting_of
+from impact_damper_ros.replay.what_if import WhatIf
+from impact_damper_ros.rig import INITIAL_SPECS
+from impact_damper_ros.rig.hybrid_motion import RunawayError
+
+__all__ = ['main']
+
+
+_NICENESS = 10
+_PERIOD_S = 0.2
+
+
+def _write(line: str) -> None:
+    sys.stdout.write(f'{line}\n')
+    sys.stdout.flush()
+
+
+def _run(path: Path, values: dict[str, Any]) -> str:
+    """Run the rig; return how it started."""
+    replay = Replay(RecordedRun(path), adopt=True)
+    known = setting_of(replay.recorded.start.state).as_dict()
+    strange = [name for name in values if name not in known and name not in INITIAL_SPECS]
+    if strange:
+        raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')
+    held = {name: value for name, value in values.items() if name in known}
+    held_initial = {name: value for name, value in values.items() if name in INITIAL_SPECS}
+    rows: list[tuple[float, ...]] = []
+    other: WhatIf | None = None
+    due = time.monotonic() + _PERIOD_S
+    for tick in replay.ticks():
+        if other is None:
+            initial = replay.replayed.first_initial
+            other = WhatIf(replay.recorded.start, initial, held, held_initial)
+        sample, _ = other.follow(tick)
+        x, x_velocity, z, z_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample[1:]
+        rig = other.rig.parameters
+        if rig.one_sided:
+            stop_2 = velocity_2 = float('nan')
+        rows.append(
+            (
+                *(tick.time_ns / 1e9, x, x_velocity, z, z_velocity),
+                *(stop_1, velocity_1, stop_2, velocity_2, rig.angle, float('nan')),
+            )
+        )
+        if time.monotonic() > due:
+            _write(base64.b64encode(np.array(rows).tobytes()).decode())
+            rows.clear()
+            due = time.monotonic() + _PERIOD_S
+    if rows:
+        _write(base64.b64encode(np.array(rows).tobytes()).decode())
+    if other is None:
+        return 'the recording holds no motion'
+    start = 'its initial conditions' if other.from_initial else 'the recorded state'
+    return f'computed from {start}'
+
+
+def main() -> None:
+    """Run what is asked for."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(_NICENESS)
+    request = json.loads(sys.stdin.readline())
+    try:
+        text, ok = _run(Path(request['path']), dict(request['values'])), True
+    except (RecordingError, RunawayError, ArithmeticError, ValueError, TypeError) as error:
+        text, ok = str(error), False
+    _write(json.dumps({'ok': ok, 'text': text}))
+
+
+if __name__ == '__main__':
+    main()

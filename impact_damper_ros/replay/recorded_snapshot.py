@@ -1,0 +1,255 @@
+"""
+A recorded snapshot, checked before a rig is restored from it.
+
+A state that no rig can have would otherwise show much later, as an error of arithmetic.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from math import inf, isfinite, ulp
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from impact_damper_ros.bag import Record, RecordingError, String
+from impact_damper_ros.bag.messages import STRING, decode
+from impact_damper_ros.bag.rig_topics import FORMAT
+from impact_damper_ros.control import ControlledRig, completed
+from impact_damper_ros.control.controller import Controller
+from impact_damper_ros.rig import Mode
+from impact_damper_ros.rig.origin import Origin
+from impact_damper_ros.rig.quoting import as_line, shown
+from impact_damper_ros.rig.simulator import ARITHMETIC, FORMATS, upgraded
+
+__all__ = ['RecordedSnapshot', 'parsed', 'read_snapshot']
+
+
+#: Formats of the messages that this version reads; see `bag.rig_topics.FORMAT`.
+_FORMATS = (1, FORMAT)
+#: Stamps of ROS have 32 bits of seconds, with a sign.
+_LATEST_NS = 2**31 * 10**9
+#: Longest text of a snapshot, in characters, and how deep it may be nested. The text of a rig with
+#: 1,024 harmonics has some 100 kB.
+_LONGEST = 4 * 1024 * 1024
+_DEEPEST = 12
+#: Whole numbers are times in ns, or counts.
+_LARGEST_INTEGER = 2**63
+#: Rounding: the rig time of a state may differ by this from that of its message, s.
+_SAME_TIME = 1e-6
+_MODES = tuple(int(mode) for mode in Mode)
+#: Values allowed for the fields of an origin that are not plain numbers.
+_CHOICES: dict[str, tuple[object, ...]] = {
+    'mode': _MODES,
+    'last_stop': (0, 1, 2),
+    'side': (-1, 0, 1),
+    'released': (False, True),
+}
+#: Infinite where there is no stop; JSON has no number for that.
+_MAY_BE_INFINITE = ('clearance_1', 'clearance_2', 'stop_1', 'stop_2', 'target_1', 'target_2')
+
+
+def _refuse(name: str) -> float:
+    raise ValueError(f'{name} is no number of JSON')
+
+
+def _whole(text: str) -> int:
+    if len(text) > 20 or abs(int(text)) > _LARGEST_INTEGER:
+        raise ValueError(f'a whole number has {len(text)} digits; none is beyond 2**63')
+    return int(text)
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not isfinite(number):
+        raise ValueError(f'{shown(text)} is beyond the range of a double')
+    return number
+
+
+class RecordedSnapshot(NamedTuple):
+    """
+    A snapshot of the rig: its state, and how rig time and stamps are related.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Its stamp: `offset_ns` + `time_ns`.
+    offset_ns, time_ns : int
+        Stamp of rig time 0, and rig time.
+    reason : str
+        Why it was published.
+    state : dict
+        What the rig's future depends on; see `ControlledRig.restore`.
+    arithmetic : int
+        Arithmetic of the version that recorded it; see `rig.simulator.ARITHMETIC`.
+    version : int
+        Format of its messages; see `bag.rig_topics.FORMAT`.
+    """
+
+    stamp_ns: int
+    offset_ns: int
+    time_ns: int
+    reason: str
+    state: dict[str, Any]
+    arithmetic: int = ARITHMETIC
+    version: int = FORMAT
+
+
+def read_snapshot(record: Record, path: Path, purpose: str) -> RecordedSnapshot:
+    """Decode and check the snapshot of a bag at `path`, which is read for a purpose."""
+    where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
+    try:
+        message = decode(STRING, record.content)
+        assert isinstance(message, String)
+        held = parsed(message.data)
+        version = held.get('format')
+    except ValueError as error:
+        raise RecordingError(purpose, path, f'{where} cannot be read: {error}') from error
+    found, known = version, _FORMATS
+    if version in _FORMATS and isinstance(held.get('state'), dict):
+        found, known = held['state'].get('format'), FORMATS
+    if found not in known:
+        formats = ' and '.join(map(str, known))
+        cause = f'{where} is of format {shown(found)}; this version reads format {formats}'
+        remedy = 'use the version of impact_damper_ros that recorded the bag'
+        raise RecordingError(purpose, path, cause, remedy)
+    try:
+        return _checked(held)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        said = str(error) if isinstance(error, ValueError) else repr(error)
+        what = 'cannot be used' if isinstance(error, ValueError) else 'is not complete'
+        raise RecordingError(purpose, path, f'{where} {what}: {said}') from error
+
+
+def _checked(held: dict[str, Any]) -> RecordedSnapshot:
+    offset_ns, time_ns = held['stamp_offset_ns'], held['time_ns']
+    text = f'stamp_offset_ns is {shown(offset_ns)} and time_ns {shown(time_ns)}'
+    if type(offset_ns) is not int or type(time_ns) is not int or time_ns < 0:
+        raise ValueError(f'{text}: whole numbers of nanoseconds are allowed')
+    if abs(offset_ns) + time_ns >= _LATEST_NS:
+        raise ValueError(f'{text}: stamps of ROS end at {_LATEST_NS} ns')
+    reason, state = as_line(str(held['reason'])), completed(upgraded(held['state']))
+    _check_state(state, time_ns / 1e9)
+    arithmetic = held['state'].get('arithmetic', 1)
+    if type(arithmetic) is not int:
+        raise ValueError(f'arithmetic is {shown(arithmetic)}: a whole number is allowed')
+    return RecordedSnapshot(
+        offset_ns + time_ns, offset_ns, time_ns, reason, state, arithmetic, int(held['format'])
+    )
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """Parse the text of a snapshot, within limits."""
+    if len(text) > _LONGEST:
+        raise ValueError(f'it is {len(text)} characters long; at most {_LONGEST} are read')
+    try:
+        held = json.loads(text, parse_constant=_refuse, parse_int=_whole, parse_float=_finite)
+    except RecursionError:
+        raise ValueError(f'it is nested more than {_DEEPEST} deep') from None
+    if _deeper(held, _DEEPEST):
+        raise ValueError(f'it is nested more than {_DEEPEST} deep')
+    if not isinstance(held, dict):
+        raise ValueError(f'it is {shown(held)}, not an object')
+    return held
+
+
+def _deeper(held: object, depth: int) -> bool:
+    parts = held.values() if isinstance(held, dict) else held if isinstance(held, list) else ()
+    return any(
+        not depth or _deeper(part, depth - 1) for part in parts if isinstance(part, dict | list)
+    )
+
+
+def _check_state(state: Mapping[str, Any], time: float) -> None:
+    """Check that a rig can be restored from a state of a rig time, s."""
+    origin = state['origin']
+    _check_origin(origin)
+    _check_number('time', state['time'])
+    _check_number('sweep.start', state['sweep']['start'])
+    _check_whole('sweep.step', state['sweep']['step'])
+    if abs(state['time'] - time) > _SAME_TIME:
+        raise ValueError(
+            f'its state is of rig time {state["time"]!r} s, the message of {time!r} s'
+        )
+    if abs(origin['time_low']) > ulp(max(abs(origin['time']), 1.0)):
+        raise ValueError(
+            f'origin.time_low is {origin["time_low"]!r} s: no more than the last digit of '
+            f'origin.time, {origin["time"]!r} s, is allowed'
+        )
+    begun = origin['time'] + origin['time_low']
+    if begun > state['time'] + _SAME_TIME:
+        raise ValueError(f'origin.time is {begun!r} s, after time, {state["time"]!r} s')
+    control = state['gap_control']['state']
+    try:
+        _check_control('gap_control.state', control, Controller().as_dict())
+        rig = ControlledRig.restore(dict(state))
+        harmonics = len(rig.parameters.harmonics[0])
+        if len(origin['angles']) != harmonics:
+            raise ValueError(
+                f'origin.angles has {len(origin["angles"])} entries, the force has {harmonics} '
+                'harmonics: give one each'
+            )
+        _check_numbers('sample', rig.sample())
+    except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
+        raise ValueError(f'{type(error).__name__}: {error}') from error
+
+
+def _check_number(name: str, value: object) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        raise ValueError(f'{name} is {shown(value)}: a finite number is allowed')
+
+
+def _check_whole(name: str, value: object) -> None:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f'{name} is {shown(value)}: a whole number is allowed')
+
+
+def _check_numbers(name: str, values: object) -> None:
+    if not isinstance(values, list | tuple):
+        raise ValueError(f'{name} is {shown(values)}: a list of numbers is allowed')
+    for value in values:
+        _check_number(f'an entry of {name}', value)
+
+
+def _check_origin(origin: object) -> None:
+    if not isinstance(origin, dict):
+        raise ValueError(f'origin is {shown(origin)}: an object is allowed')
+    for name in Origin._fields:
+        value = origin.get(name, Origin._field_defaults.get(name))
+        if name == 'angles':
+            _check_numbers('origin.angles', value)
+        elif name in _CHOICES:
+            choices = _CHOICES[name]
+            if not any(type(value) is type(choice) and value == choice for choice in choices):
+                allowed = ', '.join(map(str, choices))
+                raise ValueError(f'origin.{name} is {shown(value)}: {allowed} are allowed')
+        elif not (name in _MAY_BE_INFINITE and value in (None, inf, -inf)):
+            _check_number(f'origin.{name}', value)
+
+
+#: Lengths allowed for lists of the control's state that do not keep their length.
+_LENGTHS = {'last': (0, 7), 'hit_1': (0, 2), 'hit_2': (0, 2), 'places': (0, 1, 2)}
+
+
+def _check_control(name: str, held: Mapping[str, Any], pattern: Mapping[str, Any]) -> None:
+    """Check that a state of the control is built as the one at its start."""
+    for key, like in pattern.items():
+        value, where = held[key], f'{name}.{key}'
+        if isinstance(like, dict):
+            _check_control(where, value, like)
+        elif key == 'waiting':
+            for command in value:
+                time, *targets = command
+                _check_number(f'{where}: time', time)
+                _check_numbers(where, [target for target in targets if target is not None])
+        elif isinstance(like, list):
+            _check_numbers(where, value)
+            if len(value) not in _LENGTHS.get(key, (len(like),)):
+                raise ValueError(f'{where} has {len(value)} entries')
+        elif isinstance(like, bool):
+            if not isinstance(value, bool):
+                raise ValueError(f'{where} is {shown(value)}: true or false are allowed')
+        elif isinstance(like, int):
+            _check_whole(where, value)
+        elif not (like is None and value is None):
+            _check_number(where, value)

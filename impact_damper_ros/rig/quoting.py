@@ -1,0 +1,72 @@
+"""Values and texts from outside as messages quote them: short, without control characters."""
+
+from __future__ import annotations
+
+import re
+
+_LONGEST = 80
+_LONGEST_LINE = 2000
+# Control characters but newline and tab; those that turn the direction of writing; halves of pairs
+_UNPRINTABLE = re.compile('[\0-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]')
+
+
+def printable(text: str) -> str:
+    r"""
+    Return a text with escapes in place of characters that a terminal would act on.
+
+    Examples
+    --------
+    >>> printable('a\x1b[31mb')
+    'a\\x1b[31mb'
+    """
+    return _UNPRINTABLE.sub(lambda match: ascii(match[0])[1:-1], text)
+
+
+def as_line(text: str) -> str:
+    r"""
+    Return a text that may hold anything as one printable line of bounded length.
+
+    Examples
+    --------
+    >>> as_line('two\nlines')
+    'two\\nlines'
+    """
+    if len(text) > _LONGEST_LINE:
+        text = f'{text[:_LONGEST_LINE]}...'
+    return printable(text).replace('\n', '\\n').replace('\t', '\\t')
+
+
+def shown(value: object, longest: int = _LONGEST) -> str:
+    """
+    Return a value as `repr` has it, on one line; a long one is cut in the middle.
+
+    Examples
+    --------
+    >>> shown('a' * 1000, 20)
+    "'aaaaaaaaa ... (1002 characters) ... aaaa'"
+    """
+    if isinstance(value, str) and len(value) > 8 * longest:
+        # Without a copy of all of it
+        text, count = repr(value[: 4 * longest] + value[-4 * longest :]), len(value) + 2
+    else:
+        try:
+            text = repr(value)
+        except ValueError:
+            text = f'{type(value).__name__} of too many digits'
+        count = len(text)
+    text = printable(text).replace('\n', '\\n').replace('\t', '\\t')
+    if count <= longest:
+        return text
+    return f'{text[: longest // 2]} ... ({count} characters) ... {text[-(longest // 4) :]}'
+
+
+def named(name: object, longest: int = _LONGEST) -> str:
+    r"""
+    Return a name or another text as `shown`, without quotes.
+
+    Examples
+    --------
+    >>> named('gap'), named('two\nlines')
+    ('gap', 'two\\nlines')
+    """
+    return shown(str(name), longest)[1:-1]

@@ -1,0 +1,265 @@
+"""
+The series behind each figure of Bapat (1995), planned and computed.
+
+The axes of the scan have no numbers: the ranges here cover all that the paper says of a figure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from impact_damper_ros.orbits import find_orbits
+from impact_damper_ros.orbits.optimum import OptimalGap, optimal_gap
+from impact_damper_ros.orbits.shooting import section_on, shoot
+from impact_damper_ros.rig import Simulator
+
+from .curves import (
+    Curve,
+    SeriesPlan,
+    SettledMotion,
+    disturbed,
+    enumerated_curves,
+    followed_curves,
+    settle,
+    settled_motions,
+)
+from .rigs import BASIC, OPERATIONS
+
+__all__ = [
+    'FIGURES',
+    'STRONG_FORCE',
+    'AngleOptimum',
+    'Series',
+    'compute_series',
+    'figure_5_angles',
+    'figure_of',
+    'optimum_at',
+    'plans_of',
+]
+
+
+#: Figures, in order.
+FIGURES = ('2', '3', '4', '5', '6')
+
+#: Every n-th value that a quick look takes.
+_QUICK = 4
+#: Gaps, m, at which the level rig has stable motion with four and three impacts.
+_LEVEL_GAPS = (8.5, 18.0)
+#: The basic rig above resonance.
+_ABOVE = BASIC.replace(force_frequencies=(1.02,))
+
+
+@dataclass(frozen=True)
+class Series:
+    """A series of a figure: its curves and the simulated motions."""
+
+    plan: SeriesPlan
+    curves: tuple[Curve, ...]
+    marks: tuple[SettledMotion, ...]
+
+    def of(self, impacts: int) -> list[Curve]:
+        """Return the curves with a number of impacts per cycle."""
+        return [curve for curve in self.curves if curve.impacts == impacts]
+
+
+def _values(*pieces: tuple[float, float, float]) -> tuple[float, ...]:
+    """Return the values of (low, high, step) pieces, each once."""
+    values: set[float] = set()
+    for low, high, step in pieces:
+        count = round((high - low) / step)
+        values |= {round(low + step * i, 9) for i in range(count + 1)}
+    return tuple(sorted(values))
+
+
+def _figure_2() -> list[SeriesPlan]:
+    values = _values((4.0, 26.0, 0.25), (26.0, 64.0, 0.5))
+    marks = _values((6.0, 24.0, 0.5), (24.0, 64.0, 2.0))
+    horizontal, inclined, friction = OPERATIONS
+    plans = [
+        SeriesPlan('2 horizontal', horizontal.rig(_ABOVE, 1.0), 'gap', values, marks, (2, 3, 4))
+    ]
+    plans += [
+        SeriesPlan(
+            f'2 {operation.key} g={gravity:g}',
+            operation.rig(_ABOVE, gravity),
+            'gap',
+            values,
+            marks,
+            (2, 3, 4),
+        )
+        for gravity in (1.0, 2.0)
+        for operation in (inclined, friction)
+    ]
+    return plans
+
+
+def _figure_3() -> list[SeriesPlan]:
+    gaps, gap_marks = _values((20.0, 70.0, 0.5)), _values((20.0, 70.0, 2.5))
+    plans = [
+        SeriesPlan(
+            f'3a {operation.key} {kind}',
+            operation.rig(BASIC, 2.0).replace(restitution_1=first, restitution_2=second),
+            'gap',
+            gaps,
+            gap_marks if kind == 'unequal' else (),
+        )
+        for operation in OPERATIONS
+        for kind, first, second in (('equal', 0.75, 0.75), ('unequal', 0.78, 0.72))
+    ]
+    angles, angle_marks = _values((0.0, 90.0, 1.0)), _values((0.0, 50.0, 2.0))
+    plans += [
+        SeriesPlan(f'3b r={rig.force_frequencies[0]:g}', rig, 'angle', angles, angle_marks)
+        for rig in (BASIC, _ABOVE)
+    ]
+    rates, rate_marks = (
+        _values((0.999, 1.006, 0.0005), (1.006, 1.12, 0.002)),
+        _values((1.0, 1.12, 0.01)),
+    )
+    plans += [
+        SeriesPlan(
+            f'3c θ={angle:g}°',
+            BASIC.replace(angle=float(np.radians(angle))),
+            'frequency',
+            rates,
+            rate_marks,
+        )
+        for angle in (0.0, 5.0, 10.0, 15.0)
+    ]
+    frictions, friction_marks = _values((0.0, 1.0, 0.02)), _values((0.0, 1.0, 0.05))
+    plans.append(SeriesPlan('3d', BASIC.replace(gap=50.0), 'friction', frictions, friction_marks))
+    return plans
+
+
+def _figure_4() -> list[SeriesPlan]:
+    values = tuple(float(f'{v:.4g}') for v in np.geomspace(0.5, 20.0, 97))
+    tilted = BASIC.replace(gap=50.0, angle=float(np.radians(15.0)), friction=0.5)
+    plans = [SeriesPlan('4 ζ=0.005', tilted, 'omega', values, values[::8])]
+    level = tilted.replace(angle=0.0, friction=0.0)
+    plans.append(SeriesPlan('4 ζ=0.005 level', level, 'omega', values, values[::16]))
+    # zeta = 0.05 as printed, and A as large as in the basic rig, 100 m, by ten times the force
+    damped = tilted.replace(damping=0.1)
+    plans.append(SeriesPlan('4 ζ=0.05', damped, 'omega', values))
+    strong = damped.replace(force_amplitudes=(STRONG_FORCE,))
+    plans.append(SeriesPlan('4 ζ=0.05 strong', strong, 'omega', values))
+    return plans
+
+
+#: Force that gives the rig with zeta = 0.05 the amplitude A = 100 m of the basic rig.
+STRONG_FORCE = 10.0
+
+
+def _figure_6() -> list[SeriesPlan]:
+    values, marks = _values((0.0, 6.0, 0.1)), _values((0.0, 6.0, 0.25))
+    return [
+        SeriesPlan(
+            f'6 r={rig.force_frequencies[0]:g}', rig.replace(friction=0.5), 'air', values, marks
+        )
+        for rig in (BASIC, _ABOVE)
+    ]
+
+
+def plans_of(figure: str, *, quick: bool = False) -> list[SeriesPlan]:
+    """Return the series of a figure, a quarter of their values if quick; Figure 5 has none."""
+    figures = {'2': _figure_2, '3': _figure_3, '4': _figure_4, '6': _figure_6}
+    plans = figures[figure]() if figure in figures else []
+    if not quick:
+        return plans
+    return [
+        replace(
+            plan,
+            values=tuple(sorted({*plan.values[::_QUICK], *plan.marks[::_QUICK]})),
+            marks=plan.marks[::_QUICK],
+        )
+        for plan in plans
+    ]
+
+
+def figure_of(name: str) -> str:
+    """Return the figure that a name such as 3a belongs to, or raise a `ValueError`."""
+    panels = {'2': 'abcdef', '3': 'abcd', '4': '', '5': 'ab', '6': ''}
+    figure, panel = name[:1], name[1:].lower()
+    if figure not in panels or len(panel) > 1 or panel not in panels[figure]:
+        raise ValueError(
+            f'{name!r} is not a figure: give some of 2, 3, 4, 5, 6, or their panels such as 2a '
+            'or 3d, with commas between them'
+        )
+    return figure
+
+
+#: Gaps searched, m: all with stable motions of two impacts per cycle at r = 1.
+_GAPS, _GAP_COUNT = (35.0, 62.0), 16
+
+
+@dataclass(frozen=True)
+class AngleOptimum:
+    """The optimal gap at an angle, degrees, and the motion simulated from near the theory's."""
+
+    angle: float
+    best: OptimalGap
+    settled: SettledMotion
+
+
+def figure_5_angles(*, quick: bool = False) -> tuple[float, ...]:
+    """Return the angles of Figure 5, degrees."""
+    if quick:
+        return (0.0, 10.0, 45.0, 90.0)
+    fine = np.arange(0.0, 20.0, 2.5)
+    return tuple(float(angle) for angle in np.concatenate([fine, np.arange(20.0, 90.1, 5.0)]))
+
+
+def optimum_at(angle: float) -> AngleOptimum:
+    """Find the optimal gap at an angle, degrees; g = 9.81 and r = 1, no friction."""
+    rig = BASIC.replace(angle=float(np.radians(angle)))
+    best = optimal_gap(rig, gaps=_GAPS, points=_GAP_COUNT, tolerance=1e-6)
+    return AngleOptimum(angle, best, settle(disturbed(best.orbit, 1e-3), angle))
+
+
+def _tilted(plan: SeriesPlan) -> list[SettledMotion]:
+    """Follow motions of more than two impacts from the level rig to the inclined one."""
+    found = []
+    for gap in _LEVEL_GAPS:
+        rig = plan.at(gap)
+        for orbit in settle(Simulator(rig.replace(angle=0.0, friction=0.0))).seeds[:1]:
+            last, section = orbit, section_on(orbit)
+            for share in np.linspace(0.05, 1.0, 20):
+                tilted = rig.replace(
+                    angle=float(share) * rig.angle, friction=float(share) * rig.friction
+                )
+                shot = None if section is None else shoot(tilted, section, orbit.cycles)
+                if shot is None or shot[0].impacts != orbit.impacts:
+                    break
+                last, section = shot[0], section_on(shot[0])
+            else:
+                found.append(SettledMotion(gap, (), 0, np.nan, (), None, (last,)))
+    return found
+
+
+def compute_series(plan: SeriesPlan) -> Series:
+    """
+    Compute a series: theory and simulation.
+
+    The simulator starts from rest, as in the paper, and near each predicted motion with two
+    impacts. Where the force stays the same, motions are also carried from mark to mark, up and
+    down. This finds attractors that are not reached from rest.
+    """
+    predicted = {
+        v: [
+            orbit
+            for orbit in find_orbits(plan.at(v), (1, 2), simulate=False).orbits
+            if orbit.stable and orbit.viable
+        ]
+        for v in plan.marks
+    }
+    marks = settled_motions(
+        [(v, plan.at(v)) for v in plan.marks],
+        carried=plan.variable in ('gap', 'angle', 'friction', 'air'),
+        predicted=predicted,
+    )
+    curves = enumerated_curves(plan)
+    level = plan.rig.angle == 0.0 and plan.rig.friction == 0.0
+    led = [] if level or max(plan.impacts) < 3 else _tilted(plan)
+    for impacts in plan.impacts:
+        curves += followed_curves(plan, [*marks, *led], impacts)
+    return Series(plan, tuple(curves), tuple(marks))

@@ -1,0 +1,102 @@
+"""What all commands share: exit codes, messages, the rig that is given, processes that die."""
+
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import pytest
+
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.cli import command_line
+from impact_damper_ros.cli.command_line import CommandError, outcome, process_pool
+from impact_damper_ros.cli.compare_run import main as compare_run
+from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.cli.reproduce_paper import main as reproduce_paper
+from impact_damper_ros.cli.rig_options import given_rig
+from impact_damper_ros.cli.study_gap_control import main as study_gap_control
+from impact_damper_ros.cli.sweep_rig import main as sweep_rig
+from impact_damper_ros.rig.hybrid_motion import RunawayError
+
+
+@pytest.mark.parametrize(
+    ('error', 'code', 'message'),
+    [
+        (CommandError('no such thing'), 2, 'no such thing'),
+        (CommandError('not done', 4), 4, 'not done'),
+        (ValueError('gap is wrong'), 2, 'gap is wrong'),
+        (RecordingError('read', Path('b'), 'it is empty'), 2, "cannot read 'b': it is empty"),
+        (KeyboardInterrupt(), 130, 'interrupted; all is kept'),
+        (RunawayError(10_000, 0.1), 1, 'the rig has more than 10000 events at once, at 0.1 s'),
+        (OSError(28, 'No space left on device', 'f'), 1, 'cannot write f: No space left'),
+    ],
+)
+def test_errors_are_exit_codes_and_a_line(error, code, message, capsys):
+    def work():
+        raise error
+
+    assert outcome('compare_run', work, 'interrupted; all is kept') == code
+    said = capsys.readouterr().err
+    assert said.startswith(f'compare_run: {message}')
+    assert said.count('\n') == 1
+
+
+def test_other_errors_are_not_hidden():
+    def work():
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        outcome('compare_run', work)
+
+
+def test_a_process_that_dies():
+    with pytest.raises(CommandError, match='give fewer --jobs') as caught, process_pool(1):
+        raise BrokenProcessPool
+    assert caught.value.code == 1
+
+
+@pytest.mark.parametrize(
+    ('main', 'words'),
+    [
+        (compare_run, ['no_bag', '--report', 'report']),
+        (replay_run, ['no_bag', '--set', 'gap=0.02', '--figure', 'a.png']),
+        (reproduce_paper, []),
+        (study_gap_control, []),
+        (sweep_rig, ['paper', '--vary', 'gap=5:9:2', '-o', 'a.csv', '--figure', 'a.png']),
+    ],
+)
+def test_a_missing_matplotlib(main, words, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(command_line, 'find_spec', lambda _: None)
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    assert 'matplotlib, which draws the figures, is not installed' in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_rig_that_is_given(tmp_path):
+    params = tmp_path / 'rig.yaml'
+    params.write_text('/**:\n  ros__parameters:\n    gap: 12.0\n    gap_control: timed\n')
+    settings = ['gap_max=20', 'angle=1e-1', 'initial_damper_offset=2']
+    rig, initial, control = given_rig(params, settings)
+    assert (rig.gap, rig.angle, initial.initial_damper_offset) == (12.0, 0.1, 2.0)
+    assert (control.gap_control, control.gap_max) == ('timed', 20.0)
+    # Where the control is not used, that of the file is left aside, and none can be set
+    given = given_rig(params, ['angle=1e-1'], with_control=False)
+    assert not given.control.active
+    with pytest.raises(ValueError, match='there is no parameter gap_max to set'):
+        given_rig(params, ['gap_max=20'], with_control=False)
+
+
+@pytest.mark.parametrize(
+    ('setting', 'remedy'),
+    [
+        ('gab=3', 'did you mean gap?'),
+        ('gap_contol=off', 'did you mean gap_control?'),
+        ('restitution1=0.5', 'did you mean restitution_1?'),
+        ('xyzzy=3', 'simulate_rig --parameters lists all'),
+        ('gap', 'give NAME=VALUE'),
+    ],
+)
+def test_misspelt_names(setting, remedy):
+    with pytest.raises(ValueError) as caught:
+        given_rig(Path('paper'), [setting])
+    assert str(caught.value).startswith(f'--set {setting}: ')
+    assert remedy in str(caught.value)

@@ -1,0 +1,155 @@
+"""A rig without ROS: its messages as the node serialises them, run on by hand."""
+
+from dataclasses import dataclass, field
+
+from impact_damper_ros.bag import String
+from impact_damper_ros.bag.messages import CdrWriter, encode
+from impact_damper_ros.bag.rig_recorder import parameter_event
+from impact_damper_ros.bag.rig_topics import RigMessages, snapshot_text
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.page.knobs import knobs_of
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
+
+OFFSET_NS = 1_700_000_000 * 10**9
+RATE = 200
+
+
+class NoAnswerError(Exception):
+    pass
+
+
+@dataclass
+class Messages:
+    states: list[bytes] = field(default_factory=list)
+    impacts: list[bytes] = field(default_factory=list)
+    snapshots: list[bytes] = field(default_factory=list)
+    diagnostics: list[bytes] = field(default_factory=list)
+    events: list[bytes] = field(default_factory=list)
+
+
+def diagnostics(*statuses):
+    """Return a DiagnosticArray of (level, name, message, values)."""
+    writer = CdrWriter().time_ns(OFFSET_NS).string('').put('I', len(statuses))
+    for level, name, message, values in statuses:
+        writer.put('B', level).string(name).string(message).string('').put('I', len(values))
+        for key, value in values.items():
+            writer.string(key).string(value)
+    return bytes(writer.content)
+
+
+class FakeLink:
+    """A node that runs as far as it is told to."""
+
+    def __init__(self, name='/sim_node', rig=None, reason='start'):
+        self.name = name
+        self.rig = ControlledRig(rig or RigParameters(gravity=0.0), InitialConditions())
+        self.messages = Messages()
+        self.calls = []
+        self.answers = True
+        self.closed = False
+        self.namesakes = 1
+        self._tick = 0
+        self._pattern = RigMessages()
+        self._announce(reason)
+
+    @property
+    def _now_ns(self):
+        return self._tick * 10**9 // RATE
+
+    def _announce(self, reason):
+        state = self.rig.snapshot()
+        text = snapshot_text(OFFSET_NS, self._now_ns, reason, state)
+        self.messages.snapshots.append(encode(String(text)))
+
+    def run(self, seconds):
+        """Run on, sample by sample."""
+        for _ in range(round(seconds * RATE)):
+            self._tick += 1
+            events = self.rig.advance(self._now_ns / 1e9)
+            rest = self.rig.parameters.static_deflection
+            for event in events:
+                if event.kind is EventKind.IMPACT:
+                    stamp = OFFSET_NS + round(event.time * 1e9)
+                    self.messages.impacts.append(self._pattern.impact(stamp, event, rest))
+            states = self._pattern.states(OFFSET_NS + self._now_ns, self.rig.sample(), rest)
+            self.messages.states.append(states)
+
+    def change(self, **values):
+        """Turn knobs, as somebody else on the network."""
+        self.rig.change(self.rig.parameters.replace(**values), self.rig.control)
+        self._announce('change')
+
+    def settings(self, **values):
+        """Change settings of the node, which no snapshot holds."""
+        self.messages.events.append(parameter_event(OFFSET_NS, self.name, values))
+
+    def report(self, *statuses):
+        """Report on /diagnostics."""
+        name = self.name.removeprefix('/')
+        self.messages.diagnostics.append(
+            diagnostics(*((level, f'{name}: {task}', *rest) for level, task, *rest in statuses))
+        )
+
+    def restart(self, rig):
+        """Be a node that was started anew."""
+        self.rig = ControlledRig(rig, InitialConditions())
+        self._tick = 0
+        self._announce('start')
+
+    # Link
+
+    def poll(self):
+        taken, self.messages = self.messages, Messages()
+        return taken
+
+    def count(self):
+        return self.namesakes
+
+    async def knobs(self):
+        if not self.answers:
+            raise NoAnswerError('the node does not answer')
+        parts = (self.rig.parameters, self.rig.control, InitialConditions())
+        return knobs_of({n: v for part in parts for n, v in part.as_dict().items()})
+
+    async def set(self, values):
+        self.calls.append(('set', values))
+        if not self.answers:
+            raise NoAnswerError('the node does not answer')
+        try:
+            rig = {n: v for n, v in values.items() if hasattr(self.rig.parameters, n)}
+            control = {n: v for n, v in values.items() if n in GapControlParameters().as_dict()}
+            self.rig.change(
+                self.rig.parameters.replace(**rig), self.rig.control.replace(**control)
+            )
+        except ValueError as error:
+            return str(error)
+        self._announce('change')
+        return ''
+
+    async def pause(self, hold):
+        self.calls.append(('pause', hold))
+        return True, 'paused' if hold else 'running on'
+
+    async def reset(self):
+        self.calls.append(('reset',))
+        return True, 'reset'
+
+    def close(self):
+        self.closed = True
+
+
+class FakeNetwork:
+    """A network with some rigs."""
+
+    def __init__(self, *links):
+        self.links = {link.name: link for link in links}
+        self.closed = False
+
+    def rigs(self):
+        return sorted(self.links)
+
+    def join(self, rig):
+        return self.links.get(rig) or self.links.setdefault(rig, FakeLink(rig))
+
+    def close(self):
+        self.closed = True

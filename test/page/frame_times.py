@@ -1,0 +1,83 @@
+"""
+Frame times of the page, with traces of 30 s, as headless Chromium measures them.
+
+From the directory of the package: `PYTHONPATH=.:test python -m page.frame_times`. Chromium draws
+without a graphics processor here, so that any real one is faster.
+"""
+
+import argparse
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
+
+from node.rig_client import SOURCE, SimProcess
+
+from page.devtools import NAMES, Browser
+from page.page_process import PageProcess
+
+BENCH = SOURCE / 'config' / 'bench_rig.yaml'
+LONG = 200.0
+SIZES = ((360, 780), (1280, 800), (2560, 1440))
+#: The traces have come to their length.
+FULL = '(({line, end}) => end - line.arrays[0][line.start] > 29.5)(impactDamper.history)'
+#: Between frames of the screen, and in drawing one that has something new.
+PROBE = """new Promise(resolve => {{
+    impactDamper.counted.work.length = 0;
+    const times = [], frames = impactDamper.counted.frames, begun = performance.now();
+    requestAnimationFrame(function next(now) {{
+        times.push(now);
+        if (now - begun < 1000 * {seconds}) return requestAnimationFrame(next);
+        const spans = times.slice(1).map((time, n) => time - times[n]);
+        resolve([spans, impactDamper.counted.work,
+            (impactDamper.counted.frames - frames) / {seconds}]);
+    }});
+}})"""
+
+
+def quantile(values, part):
+    """Return a quantile of the values."""
+    return sorted(values)[min(len(values) - 1, int(part * len(values)))]
+
+
+def main():
+    parser = argparse.ArgumentParser(description='Measure the frame times of the page.')
+    parser.add_argument('--seconds', type=float, default=10.0)
+    arguments = parser.parse_args()
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        parser.error('no Chromium here; on Debian or Ubuntu: apt install chromium')
+    with tempfile.TemporaryDirectory() as work:
+        browser = Browser(path)
+        server = PageProcess(Path(work))
+        node = SimProcess(Path(work), parameters_file=BENCH)
+        try:
+            page = browser.open(server.address + '#window=30')
+            page.wait('impactDamper.history.line.length > 1500', LONG)
+            page.wait(
+                'impactDamper.history.end - impactDamper.history.line.arrays[0][0] > 30', LONG
+            )
+            print(
+                '| window | between frames: median, p99 | drawing: median, p99 | frames received |'
+            )
+            print('| --- | --- | --- | --- |')
+            for width, height in SIZES:
+                page.resize(width, height)
+                page.run('new Promise(resolve => setTimeout(resolve, 1500))')
+                spans, drawn, rate = page.run(PROBE.format(seconds=arguments.seconds))
+                cells = [
+                    f'{quantile(values, 0.5):.1f}, {quantile(values, 0.99):.1f} ms'
+                    for values in (spans, drawn)
+                ]
+                print(f'| {width} × {height} | {cells[0]} | {cells[1]} | {rate:.0f} /s |')
+        finally:
+            node.stop()
+            browser.close()
+            server.close()
+
+
+if __name__ == '__main__':
+    main()

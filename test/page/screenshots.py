@@ -1,0 +1,222 @@
+"""
+Pictures of the page for README and docs, of a real rig in a real browser.
+
+From the directory of the package: `PYTHONPATH=.:test python -m page.screenshots docs/page`. With
+`--all DIR` five views at three sizes, light and dark, for a look before a change is published.
+"""
+
+import argparse
+import io
+import os
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+from PIL import Image
+
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
+
+from node.rig_client import SOURCE, SimProcess
+
+from page.devtools import NAMES, Browser
+from page.page_process import PageProcess
+
+BENCH = SOURCE / 'config' / 'bench_rig.yaml'
+LONG = 120.0
+SIZES = {'phone': (360, 780), 'desk': (1280, 800), 'wall': (2560, 1440)}
+RUNNING = """document.querySelector('#status').dataset.state === 'running'
+    && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"""
+CURVE = 'impactDamper.theory.curve?.branches.length > 0'
+#: Name of a view, address, seconds of the rig until it shows what it should, what to wait for.
+VIEWS = (
+    ('bench', '#preset=bench', 12.0, CURVE),
+    ('incline', '#preset=bench&angle=0.14&friction=0.05&gap=0.02', 12.0, CURVE),
+    ('chaos', '#preset=chaos', 25.0, 'true'),
+    ('control', '#preset=control_changing_load', 14.0, 'true'),
+)
+#: Shades of the pictures in the docs.
+SHADES = {
+    'bench': ['light', 'dark'],
+    'incline': ['light'],
+    'chaos': ['dark'],
+    'control': ['light'],
+}
+LARGEST = 400_000
+#: Of the animated picture: frames of rig time, their number, and how much slower the rig runs.
+FRAME_S, FRAMES, FACTOR = 0.08, 50, 0.08
+FILM = (1180, 760)
+FILM_WIDTH = 620
+
+
+def quantized(content, path):
+    """Write a picture, with fewer colours if it is too large."""
+    picture = Image.open(io.BytesIO(content)).convert('RGB')
+    picture.save(path, optimize=True)
+    if path.stat().st_size > LARGEST:
+        picture.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=0).save(
+            path, optimize=True
+        )
+    print(f'{path}: {path.stat().st_size} bytes')
+
+
+def settle(page, seconds, condition):
+    """Let the rig run for so long, on its own clock."""
+    page.wait(RUNNING, LONG)
+    start = page.run('impactDamper.history.end')
+    page.wait(f'impactDamper.history.end > {start + seconds}', LONG + 10.0 * seconds)
+    page.wait(condition, 4.0 * LONG)
+
+
+def shoot(page, name, directory, sizes, shades=('light', 'dark')):
+    """Take a view at all sizes in light and dark."""
+    for size in sizes:
+        width, height = SIZES[size]
+        page.resize(width, height)
+        for shade in shades:
+            page.shade(dark=shade == 'dark')
+            time.sleep(1.5)
+            whole = page.run('document.documentElement.scrollHeight')
+            if size == 'phone':
+                page.resize(width, whole)
+                time.sleep(0.5)
+            quantized(page.screenshot(), directory / f'{name}_{size}_{shade}.png')
+            page.resize(width, height)
+
+
+def scrub(page, part):
+    """Go to a part of the recording."""
+    asked = page.run(f"""(() => {{ const scrub = document.querySelector('#scrub');
+        scrub.value = String({1.0 - part} * Number(scrub.min) + {part} * Number(scrub.max));
+        scrub.dispatchEvent(new Event('change')); return Number(scrub.value); }})()""")
+    page.wait(f'Math.abs(impactDamper.history.end - {asked}) < 0.5', LONG)
+
+
+def recording(page):
+    """Record a change of the gap, and play it with another rig beside it."""
+    page.wait(RUNNING, LONG)
+    page.click('#record')
+    settle(page, 4.0, 'true')
+    page.type('#knob-gap', '30')
+    settle(page, 5.0, 'true')
+    page.click('#record')
+    page.wait("document.querySelector('#record').ariaPressed === 'false'", LONG)
+    page.click('#recordings-open')
+    page.wait("document.querySelector('.recording .primary')", LONG)
+    page.click('.recording .primary')
+    page.wait("document.body.classList.contains('playing') && impactDamper.history.state", LONG)
+    scrub(page, 0.25)
+    page.type('#knob-gap', '18')
+    page.wait('impactDamper.history.ghost !== null', LONG)
+    scrub(page, 0.8)
+    page.run('document.activeElement.blur()')
+    time.sleep(3.0)
+
+
+def moving(browser, work, path):
+    """Write the animated picture: a gap that becomes too wide."""
+    server = PageProcess(work)
+    # Slow enough for a picture of every frame.
+    node = SimProcess(work, parameters_file=BENCH, real_time_factor=FACTOR)
+    try:
+        pictures = filmed(browser.open(server.address, width=FILM[0], height=FILM[1]))
+    finally:
+        node.stop()
+        server.close()
+    for quality in (70, 55, 40, 25):
+        pictures[0].save(
+            path,
+            save_all=True,
+            append_images=pictures[1:],
+            duration=round(1000 * FRAME_S),
+            loop=0,
+            quality=quality,
+            method=6,
+            minimize_size=True,
+        )
+        if path.stat().st_size <= LARGEST:
+            break
+    print(f'{path}: {path.stat().st_size} bytes, {len(pictures)} frames, quality {quality}')
+
+
+def filmed(page):
+    """Return pictures of the page at equal steps of the rig's time."""
+    page.wait(RUNNING, 5.0 * LONG)
+    page.run('document.querySelector(\'#windows button[value="3"]\').click()')
+    page.click('#theory')
+    settle(page, 3.0, 'true')
+    left, top, right, bottom = page.run("""(() => {
+        const first = document.querySelector('#rig').getBoundingClientRect();
+        const last = document.querySelector('#traces').getBoundingClientRect();
+        return [first.left, first.top, last.right, last.bottom]; })()""")
+    scale = FILM_WIDTH / (right - left)
+    clip = {
+        'x': left,
+        'y': top,
+        'width': right - left,
+        'height': bottom - top,
+        'scale': scale,
+    }
+    start = page.run('impactDamper.history.end')
+    pictures = []
+    for number in range(FRAMES):
+        if number == FRAMES // 4:
+            page.type('#knob-gap', '34')
+            page.run('document.activeElement.blur()')
+        page.wait(f'impactDamper.history.end >= {start + number * FRAME_S}', LONG)
+        content = page.screenshot(clip=clip)
+        pictures.append(Image.open(io.BytesIO(content)).convert('RGB'))
+    page.close()
+    return pictures
+
+
+def still(browser, work, arguments):
+    """Write the pictures of all views."""
+    server = PageProcess(work)
+    node = SimProcess(work, parameters_file=BENCH, bag_directory=str(server.recordings))
+    try:
+        for name, address, seconds, condition in VIEWS:
+            page = browser.open(server.address + address)
+            settle(page, seconds, condition)
+            if arguments.all is not None:
+                shoot(page, name, arguments.all, SIZES)
+            else:
+                shoot(page, name, arguments.directory, ['desk'], SHADES[name])
+            page.close()
+        page = browser.open(server.address + '#preset=bench')
+        recording(page)
+        if arguments.all is not None:
+            shoot(page, 'player', arguments.all, SIZES)
+        else:
+            shoot(page, 'player', arguments.directory, ['desk'], ['light'])
+        page.close()
+    finally:
+        node.stop()
+        server.close()
+
+
+def main():
+    parser = argparse.ArgumentParser(description='Take pictures of the page.')
+    parser.add_argument('directory', type=Path, help='where those of the docs go')
+    parser.add_argument('--all', type=Path, metavar='DIR', help='take all views, into this one')
+    arguments = parser.parse_args()
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        parser.error('no Chromium here; on Debian or Ubuntu: apt install chromium')
+    arguments.directory.mkdir(parents=True, exist_ok=True)
+    if arguments.all is not None:
+        arguments.all.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as work:
+        work = Path(work)
+        browser = Browser(path)
+        try:
+            if arguments.all is None:
+                moving(browser, work / 'moving', arguments.directory / 'page.webp')
+            still(browser, work / 'still', arguments)
+        finally:
+            browser.close()
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,246 @@
+"""Frames: nothing of a motion is lost by decimation, nothing is sent twice, sizes are bounded."""
+
+import math
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.page.frames import GHOST, PAUSED, REPLACE, View
+from impact_damper_ros.page.measures import RigNumbers, slow_motion, state_at
+from impact_damper_ros.page.motion import ForcePhase, Motion, impact_rows
+from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+
+from .browser import taken_apart
+
+RATE = 200.0
+
+
+def recorded(rig, seconds, rate=RATE):
+    """Return the motion of a rig from rest, as a recording of it would hold it."""
+    simulator = Simulator(rig)
+    phase = ForcePhase.of_state(simulator.snapshot())
+    motion = Motion(100_000, 10_000)
+    samples, impacts = [], []
+    for k in range(round(seconds * rate) + 1):
+        events = simulator.advance(k / rate)
+        for event in events:
+            if event.kind is EventKind.IMPACT:
+                sign = 1.0 if event.stop == 1 else -1.0
+                impacts.append(
+                    (
+                        *(event.time, event.stop, event.x, event.x + event.y),
+                        *(event.primary_velocity_after, event.damper_velocity_after),
+                        *(sign * event.impulse, -sign * event.impulse),
+                    )
+                )
+        s = simulator.sample()
+        samples.append(
+            (
+                *(s.time, s.x, s.primary_velocity, s.z, s.damper_velocity),
+                *(s.stop_1, s.stop_1_velocity, s.stop_2, s.stop_2_velocity, rig.angle, 0.0),
+            )
+        )
+    rows = np.array(samples)
+    rows[:, -1] = phase.at(rows[:, 0])
+    motion.add_samples(rows)
+    if impacts:
+        hits = np.array(impacts)
+        motion.add_impacts(impact_rows(hits, rig, phase.at(hits[:, 0]), 0.0))
+    return motion
+
+
+@pytest.fixture(scope='module')
+def rig():
+    """5 Hz, with impacts from the first second on."""
+    return RigParameters(
+        primary_mass=1.0,
+        stiffness=1000.0,
+        damping=0.6,
+        damper_mass=0.1,
+        gap=0.01,
+        force_amplitudes=(10.0,),
+        force_frequencies=(31.6,),
+    )
+
+
+@pytest.fixture(scope='module')
+def motion(rig):
+    return recorded(rig, 12.0)
+
+
+def frames_of(motion, view, instants):
+    return [taken_apart(view.frame(motion, instant, 0.0)) for instant in instants]
+
+
+@pytest.mark.parametrize('width', [50, 300, 4000])
+def test_increments_tile_the_motion(motion, width):
+    """All frames together have each sample, each impact and each column once."""
+    instants = np.arange(0.5, 10.0, 1 / 60)
+    frames = frames_of(motion, View(window=5.0, width=width), instants)
+    assert frames[0].flags == REPLACE
+    assert all(frame.flags == 0 for frame in frames[1:])
+    column = 5.0 / width
+    starts = np.concatenate([f.columns[:, 6] + f.end for f in frames])
+    numbers = np.round(starts / column)
+    assert np.allclose(starts, numbers * column, atol=2e-5)
+    assert (np.diff(numbers) >= 1).all()
+    impacts = np.concatenate([f.impacts[:, 0] + f.end for f in frames])
+    expected = motion.impacts[motion.impacts[:, 0] <= instants[-1], 0]
+    assert impacts == pytest.approx(expected, abs=1e-5)
+    samples = np.concatenate([f.samples[:, 0] + f.end for f in frames])
+    times = motion.samples[:, 0]
+    assert samples == pytest.approx(times[times <= instants[-1]], abs=1e-5)
+    # The columns hold the extremes of the samples in them.
+    low, high = (np.concatenate([f.columns[:, i] for f in frames]) for i in (0, 1))
+    cells = np.floor(motion.samples[:, 0] / column)
+    for number, least, most in zip(numbers, low, high, strict=True):
+        x = motion.samples[cells == number, 1]
+        assert (least, most) == pytest.approx((x.min(), x.max()), rel=1e-6)
+
+
+def test_columns_lie_within_the_window_and_stops_ride_on_the_mass(motion, rig):
+    (frame,) = frames_of(motion, View(window=5.0, width=100), [10.0])
+    assert len(frame.columns) == pytest.approx(100, abs=1)
+    assert frame.columns[0, 6] == pytest.approx(frame.start - frame.end, abs=1e-5)
+    assert frame.columns[0, 6] >= -5.0
+    assert frame.columns[-1, 7] <= 1e-6
+    assert frame.columns[:, 4] == pytest.approx(0.5 * rig.gap, rel=1e-5)
+    assert frame.columns[:, 5] == pytest.approx(-0.5 * rig.gap, rel=1e-5)
+
+
+def test_an_impact_that_comes_late_is_sent(motion):
+    """Its topic may be slower than that of the samples."""
+    late, view = Motion(10_000, 100), View(window=2.0)
+    late.add_samples(motion.samples[:1000])
+    end = float(motion.samples[900, 0])
+    view.frame(late, end, 0.0)
+    late.add_impacts(motion.impacts[motion.impacts[:, 0] < end][-1:])
+    frame = taken_apart(view.frame(late, float(motion.samples[905, 0]), 0.0))
+    assert len(frame.impacts) == 1
+    assert len(taken_apart(view.frame(late, float(motion.samples[910, 0]), 0.0)).impacts) == 0
+
+
+def test_a_jump_replaces_all(motion):
+    view = View(window=2.0, width=100)
+    first, on, back, again = frames_of(motion, view, [5.0, 5.1, 3.0, 9.5])
+    assert [f.flags & REPLACE for f in (first, on, back, again)] == [REPLACE, 0, REPLACE, REPLACE]
+    assert back.impacts[:, 0].min() >= -2.0
+    assert len(again.columns) == pytest.approx(100, abs=1)
+    view.begin_again()
+    assert frames_of(motion, view, [9.5])[0].flags == REPLACE
+
+
+def test_flags_ghost_and_state(motion):
+    ghost = np.arange(10.0)
+    frame = taken_apart(View().frame(motion, 6.0, 12.5, PAUSED, ghost))
+    assert frame.flags == PAUSED | GHOST | REPLACE
+    assert frame.ghost.tolist() == ghost.tolist()
+    assert frame.epoch == 12.5
+    row = motion.samples[motion.samples[:, 0] <= 6.0][-1]
+    assert frame.state == pytest.approx(row[1:], rel=1e-6)
+
+
+@pytest.mark.parametrize(('window', 'width'), [(1e9, 10**9), (-1.0, -5), (0.0, 0)])
+def test_no_view_is_without_bounds(motion, window, width):
+    content = View(window, width).frame(motion, 11.0, 0.0)
+    assert len(content) < 600_000
+    frame = taken_apart(content)
+    assert len(frame.columns) <= 4097
+    assert len(frame.samples) <= 512
+
+
+def test_fast_samples_are_thinned_out(rig):
+    motion = recorded(rig.replace(stiffness=100.0), 1.5, 2000.0)
+    view = View(window=1.0)
+    view.frame(motion, 1.0, 0.0)
+    frame = taken_apart(view.frame(motion, 1.5, 0.0))
+    assert 30 <= len(frame.samples) <= 64
+    # The newest is among them, and they are evenly spaced.
+    assert frame.samples[-1, 0] == pytest.approx(0.0, abs=1e-6)
+    assert np.diff(frame.samples[:, 0]).std() < 1e-6
+
+
+def test_the_newest_rows_are_kept():
+    motion = Motion(1000, 10)
+    for k in range(300):
+        rows = np.zeros((37, 11))
+        rows[:, 0] = 37 * k + np.arange(37)
+        motion.add_samples(rows)
+    assert motion.samples[:, 0].tolist() == list(range(300 * 37 - 1000, 300 * 37))
+    assert motion.end == 300 * 37 - 1
+    assert math.isnan(Motion(10, 10).end)
+
+
+def test_phase_of_the_force(rig):
+    phase = ForcePhase.of_state(Simulator(rig.replace(force_phases=(0.3,))).snapshot())
+    time = np.array([0.0, 0.1, 7.3])
+    assert phase.at(time) == pytest.approx((31.6 * time + 0.3) / math.tau % 1.0)
+    still = ForcePhase.of_state(Simulator(rig.replace(force_amplitudes=(0.0,))).snapshot())
+    assert np.isnan(still.at(time)).all()
+
+
+def test_phase_of_a_stepped_sine_is_that_of_the_rig(rig):
+    """Against the angle that the simulator keeps."""
+    swept = rig.replace(
+        sweep_mode='up_down', sweep_low=20.0, sweep_high=22.0, sweep_step=0.7, sweep_dwell=0.9
+    )
+    simulator = Simulator(swept)
+    phase = ForcePhase.of_state(simulator.snapshot())
+    for time in (0.5, 1.0, 2.5, 4.1, 9.0):
+        simulator.advance(time)
+        later = ForcePhase.of_state(simulator.snapshot())
+        one, other = (float(p.at(np.array([time]))[0]) for p in (phase, later))
+        assert math.remainder(one - other, 1.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_slow_motion_goes_through_the_impacts(rig, motion):
+    """The motion between samples is that of the rig, impacts included."""
+    slow = slow_motion(motion, 4, 11.0)
+    t, x, z = (np.array(slow[name]) for name in ('t', 'x', 'z'))
+    assert [hit['stop'] for hit in slow['impacts']] == motion.impacts[
+        motion.impacts[:, 0] <= 11.0
+    ][-4:, 1].tolist()
+    simulator = Simulator(rig)
+    exact = []
+    for time in t:
+        simulator.advance(time)
+        exact.append((simulator.sample().x, simulator.sample().z))
+    exact_x, exact_z = np.array(exact).T
+    assert np.abs(x - exact_x).max() < 1e-3 * np.abs(exact_x).max()
+    assert np.abs(z - exact_z).max() < 1e-3 * np.abs(exact_z).max()
+    assert np.diff(t).max() < 1 / 1000
+    gap = np.array(slow['stop_1']) - np.array(slow['stop_2'])
+    assert gap == pytest.approx(rig.gap)
+    assert slow_motion(Motion(10, 10), 5, 1.0)['t'] == []
+
+
+def test_state_between_samples(rig, motion):
+    simulator = Simulator(rig)
+    for time in np.arange(9.0, 9.5, 0.0013):
+        simulator.advance(time)
+        s, row = simulator.sample(), state_at(motion, time)
+        assert row[[0, 2, 4]] == pytest.approx([s.x, s.z, s.stop_1], abs=2e-5)
+        assert row[[1, 3]] == pytest.approx([s.primary_velocity, s.damper_velocity], abs=1e-2)
+        assert math.remainder(row[9] - 31.6 * time / math.tau, 1.0) == pytest.approx(0, abs=1e-6)
+
+
+def test_numbers(rig, motion):
+    numbers = RigNumbers(rig, motion, 12.0).as_dict(0.2, 0.02)
+    assert numbers['natural_frequency_hz'] == pytest.approx(math.sqrt(1000.0) / math.tau)
+    assert numbers['damping_ratio'] == pytest.approx(0.6 / (2 * math.sqrt(1000.0)))
+    assert numbers['frequency_ratio'] == pytest.approx(31.6 / math.sqrt(1000.0))
+    assert numbers['static_amplitude'] == rig.response_amplitude
+    assert numbers['mass_ratio'] == 0.1
+    assert (numbers['gap'], numbers['optimal_gap'], numbers['gap_ratio']) == (0.01, 0.02, 0.5)
+    cycle = math.tau / 31.6
+    hits = motion.impacts_between(12.0 - 20 * cycle, 12.0)
+    assert numbers['impacts_per_cycle'] == len(hits) / 20
+    # What the impacts take from M: impulse times the mean of its velocities before and after
+    sign = np.where(hits[:, 1] == 1.0, 1.0, -1.0)
+    taken = -(sign * hits[:, 5] * 0.5 * (hits[:, 3] + hits[:, 8])).sum() / 20
+    assert numbers['energy_per_cycle'] == pytest.approx(taken)
+    x = motion.samples_between(12.0 - 20 * cycle, 12.0)[:, 1]
+    assert numbers['amplitude_measured'] == pytest.approx(np.abs(x).max())
+    assert numbers['x_max_ratio_predicted'] == 0.2
+    undamped = RigNumbers(rig.replace(damping=0.0, force_frequencies=(rig.omega,)), motion, 1.0)
+    assert undamped.as_dict(None, None)['static_amplitude'] is None

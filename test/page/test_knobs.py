@@ -1,0 +1,102 @@
+"""Parameters from ROS descriptors, and the modules that need no ROS."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+from impact_damper_ros.control import GAP_CONTROL_SPECS
+from impact_damper_ros.page.knobs import as_json, knobs_of, label
+from impact_damper_ros.rig import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS
+
+SPECS = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS, **INITIAL_SPECS}
+PACKAGE = Path(impact_damper_ros.__file__).parent
+
+
+def test_descriptors_of_the_node_tell_what_the_package_knows():
+    """Units and choices are read from the texts of the descriptors."""
+    pytest.importorskip('rclpy')
+    from impact_damper_ros.node.parameters import descriptor
+    from impact_damper_ros.page.ros_client import _knob
+
+    for name, spec in ALL_SPECS.items():
+        knob = _knob(descriptor(spec), spec.default)
+        assert (knob.name, knob.kind, knob.unit) == (name, spec.kind, spec.unit)
+        assert knob.description == spec.description
+        assert knob.choices == (spec.choices if spec.kind == 'string' else ())
+        assert (knob.low, knob.high) == (spec.low, spec.high)
+        assert knob.read_only is (spec.effect == 'start')
+        assert knob.group in ('first', 'rig', 'control', 'forcing', 'run')
+
+
+def test_what_matters_first_comes_first():
+    first = {name for name in SPECS if knobs_of({name: SPECS[name].default})[0].group == 'first'}
+    assert first == {
+        *('gap', 'force_frequencies', 'force_amplitudes', 'angle', 'friction'),
+        *('restitution_1', 'restitution_2', 'gap_control'),
+    }
+
+
+def test_knobs_without_ros_are_those_with_values():
+    knobs = knobs_of({'gap': 0.02, 'force_amplitudes': (1.0, 2.0), 'unknown': 3})
+    assert [knob.as_dict()['value'] for knob in knobs] == [0.02, [1.0, 2.0]]
+
+
+def test_values_that_json_lacks_are_none():
+    assert as_json({'a': [float('nan'), 1.0, (float('inf'), 'x')]}) == {
+        'a': [None, 1.0, [None, 'x']]
+    }
+
+
+def test_labels():
+    assert label('gap', 0.024) == 'gap 0.024 m'
+    assert label('force_frequencies', [31.416]) == 'force_frequencies 31.416 rad/s'
+    assert label('force_amplitudes', [1.0, 2.0]) == 'force_amplitudes [1, 2] N'
+    assert label('one_sided', True) == 'one_sided true'
+    assert label('record', True) == 'record true'
+    assert len(label('bag_directory', 'x' * 1000)) < 100
+
+
+BLOCKED = """
+import importlib, pkgutil, sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] in {blocked!r}:
+            raise ModuleNotFoundError(f'{{name}} is blocked', name=name)
+
+sys.meta_path.insert(0, Blocked())
+for name in {names!r}:
+    importlib.import_module(name)
+"""
+ROS = ('rclpy', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs')
+
+
+@pytest.mark.parametrize(
+    ('blocked', 'left_out'),
+    [
+        (ROS, ('ros_client',)),
+        # Only the server needs Tornado, and the command says so if it is not there.
+        (('tornado',), ('server',)),
+    ],
+    ids=['ros', 'tornado'],
+)
+def test_only_one_module_needs(blocked, left_out):
+    names = [
+        f'impact_damper_ros.page.{path.stem}'
+        for path in sorted((PACKAGE / 'page').glob('*.py'))
+        if path.stem not in (*left_out, '__init__')
+    ]
+    names.append('impact_damper_ros.cli.rig_page')
+    assert len(names) > 15
+    done = subprocess.run(
+        [sys.executable, '-c', BLOCKED.format(blocked=blocked, names=names)],
+        env={**os.environ, 'PYTHONPATH': str(PACKAGE.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,252 @@
+"""The page on a real node, over DDS; and the command."""
+
+import asyncio
+import contextlib
+import json
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, until
+
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.page.child import environment
+
+from .browser import opened, serving
+
+pytest.importorskip('rclpy')
+
+from impact_damper_ros.page.ros_client import NoAnswerError, RosClient
+
+
+@pytest.fixture
+def node(tmp_path):
+    process = SimProcess(tmp_path / 'node', bag_directory=tmp_path / 'runs', **LIVELY)
+    try:
+        yield process
+    finally:
+        process.kill()
+
+
+@contextlib.asynccontextmanager
+async def page_of(directory, **options):
+    """Open the page on what is in the network."""
+    network = RosClient()
+    async with (
+        serving(directory, network, no_answer=NoAnswerError, **options) as server,
+        opened(server) as page,
+    ):
+        yield server, page
+
+
+def with_knobs(page):
+    return [message for message in page.of('hello') if message['parameters']]
+
+
+@pytest.mark.usefixtures('node')
+def test_a_knob_turned_in_the_page_turns_that_of_the_node(tmp_path):
+    async def test():
+        async with page_of(tmp_path, node='/sim_node') as (server, page):
+            await page.until(lambda: with_knobs(page), 'no parameters')
+            knobs = {k['name']: k for k in with_knobs(page)[-1]['parameters']}
+            assert knobs['gap']['value'] == 0.01
+            assert (knobs['gap']['unit'], knobs['gap']['max']) == ('m', 1e9)
+            assert knobs['gap_control']['choices'] == ['off', 'amplitude', 'timed']
+            assert knobs['state_rate']['read_only']
+            assert with_knobs(page)[-1]['can_record']
+            # The motion comes, with its impacts, in order.
+            await page.until(lambda: sum(len(f.impacts) for f in page.frames) > 10)
+            ends = [frame.end for frame in page.frames]
+            assert ends == sorted(ends)
+            taken = server._sources['/sim_node'].rig.motion.samples[:, 0]
+            assert np.median(np.diff(taken)) == pytest.approx(0.005)
+            # All or nothing, in the words of the node
+            refused = await page.ask(type='set', values={'gap': 0.02, 'friction': -1.0})
+            assert refused['reason'].startswith('friction is -1.0')
+            assert (await page.ask(type='set', values={'gap': 0.02}))['ok']
+            turned = await page.next('parameters', changed=['gap'])
+            assert turned['time'] > 0.0
+            await page.until(
+                lambda: (
+                    page.frames[-1].state[4] - page.frames[-1].state[0]
+                    == pytest.approx(0.01, rel=1e-4)
+                )
+            )
+            unknown = await page.ask(type='set', values={'nonsense': 1.0})
+            assert 'not a parameter' in unknown['reason']
+            async with opened(server) as other:
+                await other.until(lambda: with_knobs(other))
+                values = {k['name']: k['value'] for k in with_knobs(other)[-1]['parameters']}
+                assert values['gap'] == 0.02
+                # Turned by the other page, and by somebody else on the network
+                assert (await other.ask(type='preset', name='bench'))['ok']
+                for one in (page, other):
+                    await one.until(
+                        lambda one=one: [
+                            m for m in one.of('parameters') if m['values'].get('stiffness')
+                        ]
+                    )
+                seen = len(page.of('parameters'))
+                await asyncio.to_thread(turn, 'friction', 0.3)
+                assert (await page.next('parameters', after=seen))['values'] == {'friction': 0.3}
+            report = await page.until(
+                lambda: [m for m in page.of('diagnostics') if m['verdict'] and m['message']]
+            )
+            tasks = {status['task'] for status in report[-1]['statuses']}
+            assert tasks >= {'pacing', 'rig', 'recording', 'measured motion', 'predicted motion'}
+            assert (await page.next('orbit'))['found'] in (True, False)
+
+    asyncio.run(test())
+
+
+def turn(name, value):
+    with RigClient() as client:
+        assert RigParametersClient(client).set(**{name: value}) == ''
+
+
+def test_pause_reset_and_record(node, tmp_path):
+    async def test():
+        async with page_of(tmp_path / 'runs', node='/sim_node') as (_, page):
+            await page.until(lambda: page.frames)
+            assert (await page.ask(type='record', on=True))['ok']
+            await page.next('parameters', changed=['record'])
+            assert (await page.ask(type='service', name='pause'))['ok']
+            await page.next('status', state='paused')
+            await page.until(lambda: page.of('status')[-1]['state'] == 'paused')
+            assert (await page.ask(type='service', name='pause'))['ok']
+            await page.until(lambda: page.of('status')[-1]['state'] != 'paused')
+            reset = await page.ask(type='service', name='reset')
+            assert reset['reason'].startswith('reset to primary at 0 m')
+            assert (await page.ask(type='record', on=False))['ok']
+            listed = await page.until(
+                lambda: [m for m in page.of('recordings') if any(r['whole'] for r in m['list'])]
+            )
+            assert re.fullmatch(r'run_\d+_\d+(_\d+)?', listed[-1]['list'][0]['name'])
+
+    (tmp_path / 'runs').mkdir()
+    asyncio.run(test())
+    assert node.running()
+
+
+def test_the_node_is_killed_and_started_anew(node, tmp_path, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 1.5)
+
+    async def test():
+        async with page_of(tmp_path, node='/sim_node') as (_, page):
+            await page.until(lambda: page.frames and with_knobs(page))
+            seen = len(page.of('hello'))
+            node.kill()
+            gone = await page.next('status', state='gone')
+            assert 'no message from /sim_node' in gone['text']
+            answer = asyncio.ensure_future(page.ask(type='set', values={'gap': 0.02}))
+            again = SimProcess(tmp_path / 'again', **{**LIVELY, 'gap': 0.03})
+            try:
+                hello = await page.until(
+                    lambda: [
+                        m
+                        for m in page.of('hello')[seen:]
+                        if {k['name']: k['value'] for k in m['parameters']}.get('gap')
+                    ]
+                )
+                count = len(page.frames)
+                await page.until(lambda: len(page.frames) > count)
+                # It was asked while nobody was there: refused, or done by the new one.
+                assert (await answer)['type'] == 'set_result'
+                assert hello
+            finally:
+                await asyncio.to_thread(again.stop)
+
+    asyncio.run(test())
+
+
+def test_several_rigs_can_be_chosen_from(tmp_path):
+    nodes = [
+        SimProcess(tmp_path / name, remaps=[f'__ns:=/{name}'], **{**LIVELY, 'gap': gap})
+        for name, gap in (('left', 0.01), ('right', 0.02))
+    ]
+
+    async def test():
+        async with page_of(tmp_path) as (server, page):
+            both = ['/left/sim_node', '/right/sim_node']
+            await page.until(
+                lambda: [m for m in page.messages if both in (m.get('rigs'), m.get('list'))]
+            )
+            async with opened(server, '/ws?rig=/right/sim_node') as right:
+                await right.until(lambda: with_knobs(right))
+                values = {k['name']: k['value'] for k in with_knobs(right)[-1]['parameters']}
+                assert values['gap'] == 0.02
+                assert with_knobs(right)[-1]['rig'] == '/right/sim_node'
+
+    try:
+        asyncio.run(test())
+    finally:
+        for node in nodes:
+            node.kill()
+
+
+def started(directory, *arguments):
+    """Start the command; return it, and the address that it prints."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'impact_damper_ros.cli.rig_page', '--port', '0', *arguments],
+        cwd=directory,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    address = ''
+    while not address:
+        line = process.stdout.readline()
+        assert line or process.poll() is None, 'it has ended'
+        found = re.search(r'http://\S+', line)
+        address = found[0] if found else ''
+    return process, address
+
+
+def end(process, number=signal.SIGINT):
+    process.send_signal(number)
+    code = process.wait(100.0)
+    process.stdout.close()
+    return code
+
+
+async def first_words(address):
+    from tornado.websocket import websocket_connect
+
+    socket = await websocket_connect(address.replace('http', 'ws') + 'ws')
+    message = json.loads(await socket.read_message())
+    socket.close()
+    while await socket.read_message() is not None:
+        pass
+    return message
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_the_command_starts_a_rig_and_ends_it(number, tmp_path):
+    process, address = started(tmp_path, '--start', 'bench_rig')
+    try:
+        assert re.fullmatch(r'http://127\.0\.0\.1:\d+/', address)
+        assert asyncio.run(first_words(address))['rig'] == '/sim_node'
+        children = Path(f'/proc/{process.pid}/task/{process.pid}/children')
+        nodes = [Path('/proc', word) for word in children.read_text(encoding='utf-8').split()]
+        assert nodes
+        assert end(process, number) == 0
+        until(lambda: not any(node.exists() for node in nodes), 'it runs on')
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_the_command_plays_a_recording_without_ros(tmp_path):
+    bag = tmp_path / 'run'
+    assert simulate_rig(['bench_rig', '--duration', '2', '--bag', str(bag), '--quiet']) == 0
+    process, address = started(tmp_path, '--bag', str(bag))
+    try:
+        assert asyncio.run(first_words(address))['bag'] == 'run'
+        assert end(process) == 0
+    finally:
+        process.kill()
+        process.wait()

@@ -1,0 +1,280 @@
+"""Recordings: played to their end, cut ones too, with jumps and another rig beside."""
+
+import asyncio
+import base64
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.page.child import environment
+from impact_damper_ros.page.recorded import load_recording
+from impact_damper_ros.page.recordings import Recordings
+from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
+from impact_damper_ros.rig.parameters_file import presets
+
+from .browser import get, opened, serving, url
+
+SECONDS = 12.0
+
+
+@pytest.fixture(scope='module')
+def runs(tmp_path_factory):
+    """Make a directory with a recording that changes its gap and then its angle."""
+    directory = tmp_path_factory.mktemp('runs')
+    arguments = ['--change', '4:gap=0.03', '--change', '8:angle=0.1', '--quiet']
+    bag = str(directory / 'run')
+    assert simulate_rig(['bench_rig', '--duration', f'{SECONDS}', '--bag', bag, *arguments]) == 0
+    return directory
+
+
+@pytest.fixture(scope='module')
+def recorded(runs):
+    return load_recording(runs / 'run')
+
+
+def test_recording_is_read_as_it_was(recorded):
+    rig, _, _ = load_parameters(presets()['bench_rig'])
+    samples = recorded.motion.samples
+    assert len(samples) == pytest.approx(200 * SECONDS, abs=2)
+    assert recorded.start == pytest.approx(0.0, abs=0.006)
+    assert recorded.motion.end == pytest.approx(SECONDS)
+    simulator = Simulator(rig)
+    for row in samples[100:700:50]:
+        simulator.advance(row[0])
+        sample = simulator.sample()
+        assert row[1:5] == pytest.approx(
+            [sample.x, sample.primary_velocity, sample.z, sample.damper_velocity], rel=1e-12
+        )
+    # Positions count from the equilibrium of each time: X goes on around zero when tilted.
+    late = samples[samples[:, 0] > 9.0]
+    assert abs(late[:, 1].mean()) < 1e-3
+    assert late[-1, 9] == 0.1
+    assert [(c['time'], c['kind'], c['text']) for c in recorded.changes] == [
+        (0.0, 'stretch', 'start of the recording'),
+        (4.0, 'change', 'gap 0.03 m'),
+        (8.0, 'change', 'angle 0.1 rad'),
+    ]
+    assert [recorded.era(time) for time in (0.0, 3.99, 4.0, 7.0, 8.0, 99.0)] == [0, 0, 1, 1, 2, 2]
+    assert recorded.eras[1].values['initial_damper_offset'] == 0.0
+    assert recorded.remark == ''
+
+
+def test_a_cut_recording_is_read_as_far_as_it_goes(runs, tmp_path, recorded):
+    bag = tmp_path / 'cut'
+    bag.mkdir()
+    (file,) = (runs / 'run').glob('*.mcap')
+    content = file.read_bytes()
+    (bag / file.name).write_bytes(content[: len(content) // 2])
+    cut = load_recording(bag)
+    assert 'cut short' in cut.remark
+    count = len(cut.motion.samples)
+    assert 200 < count < len(recorded.motion.samples)
+    assert np.array_equal(cut.motion.samples, recorded.motion.samples[:count], equal_nan=True)
+
+
+def test_what_is_no_recording_is_refused(tmp_path):
+    (tmp_path / 'broken_0.mcap').write_bytes(b'\x89MCAP0\r\n' + b'x' * 1000)
+    with pytest.raises(RecordingError):
+        load_recording(tmp_path / 'broken_0.mcap')
+
+
+def test_a_recording_is_played_to_its_end(runs):
+    async def test():
+        async with serving(runs / 'run') as server, opened(server) as page:
+            hello = await page.next('hello', mode='player', bag='run')
+            assert hello['duration'] == pytest.approx(SECONDS, abs=0.01)
+            assert len(hello['changes']) == 3
+            assert {k['name']: k['value'] for k in hello['parameters']}['gap'] == 0.024
+            await page.send(type='play', speed=100)
+            await page.next('status', state='ended')
+            gap = await page.next('parameters', changed=['gap'])
+            assert (gap['values'], gap['text']) == ({'gap': 0.03}, 'gap 0.03 m')
+            await page.next('parameters', changed=['angle'])
+            assert page.frames[-1].end == pytest.approx(SECONDS)
+            columns = np.concatenate([f.columns[:, 6] + f.end for f in page.frames])
+            assert (np.diff(columns) > 0.0).all()
+            impacts = sum(len(f.impacts) for f in page.frames)
+            assert impacts == len(load_recording(runs / 'run').motion.impacts)
+            # From the end it begins again.
+            await page.send(type='play', speed=0.01)
+            await page.until(lambda: page.frames[-1].end < 1.0)
+            assert page.frames[-1].flags & 4 or page.frames[-2].flags & 4
+
+    asyncio.run(test())
+
+
+def test_scrub_and_jumps(runs, recorded):
+    async def test():
+        async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+            await page.next('hello', mode='player')
+            await page.send(type='play', speed=0)
+            await page.next('status', state='paused')
+            times = []
+            for message in (
+                {'type': 'seek', 'time': 6.0},
+                {'type': 'jump', 'to': 'impact', 'direction': 1},
+                {'type': 'jump', 'to': 'impact', 'direction': 1},
+                {'type': 'jump', 'to': 'impact', 'direction': -1},
+                {'type': 'jump', 'to': 'change', 'direction': 1},
+                {'type': 'jump', 'to': 'change', 'direction': -1},
+                {'type': 'jump', 'to': 'stretch', 'direction': -1},
+                {'type': 'jump', 'to': 'change', 'direction': -1},
+                {'type': 'seek', 'time': 1e9},
+            ):
+                await page.send(**message)
+                times.append((await page.next('seek_done', after=len(times)))['time'])
+            impacts = recorded.motion.impacts[:, 0]
+            after = impacts[impacts > 6.0]
+            assert times[:4] == pytest.approx([6.0, after[0], after[1], after[0]])
+            assert times[4:6] == pytest.approx([8.0, 4.0])
+            assert times[6:] == pytest.approx([recorded.start, recorded.start, SECONDS], abs=0.006)
+            # A step goes to the next impact, and shows it.
+            await page.send(type='seek', time=6.0)
+            assert (await page.ask(type='service', name='step'))['ok']
+            await page.until(lambda: page.frames[-1].end == pytest.approx(after[0], abs=1e-9))
+            assert 'recording' in (await page.ask(type='set', values={'gap': 1.0}))['reason']
+            for wrong in ({'to': 'moon'}, {'to': 'impact', 'direction': 'up'}):
+                answer = await page.ask(type='jump', **wrong)
+                assert not answer['ok']
+
+    asyncio.run(test())
+
+
+def test_what_if_shows_another_rig(runs, recorded):
+    async def test():
+        async with serving(runs / 'run') as server, opened(server) as page:
+            await page.next('hello', mode='player')
+            await page.send(type='play', speed=0)
+            await page.send(type='what_if', values={'gap': 0.02})
+            end = await page.next('what_if', done=True)
+            assert end['on']
+            assert end['until'] == pytest.approx(SECONDS)
+            assert end['text'] == 'computed from its initial conditions'
+            await page.send(type='seek', time=3.0)
+            frame = (
+                await page.until(
+                    lambda: [f for f in page.frames if f.end == 3.0 and f.ghost is not None]
+                )
+            )[-1]
+            rig, _, _ = load_parameters(presets()['bench_rig'])
+            other = Simulator(rig.replace(gap=0.02))
+            other.advance(3.0)
+            assert frame.ghost[[0, 2]] == pytest.approx(
+                [other.sample().x, other.sample().z], rel=1e-5
+            )
+            assert frame.ghost[4] - frame.ghost[0] == pytest.approx(0.01, rel=1e-4)
+            place = np.searchsorted(recorded.motion.samples[:, 0], 3.0)
+            assert frame.state[0] == pytest.approx(recorded.motion.samples[place, 1], rel=1e-4)
+            seen = len(page.of('what_if'))
+            await page.send(type='what_if', values={'gap': -1.0})
+            refused = await page.next('what_if', after=seen, done=True)
+            assert not refused['on']
+            assert 'gap is -1.0 m' in refused['text']
+            seen = len(page.of('what_if'))
+            await page.send(type='what_if', values={'state_rate': 1.0})
+            assert 'not a parameter' in (await page.next('what_if', after=seen, done=True))['text']
+            seen = len(page.of('what_if'))
+            await page.send(type='what_if', values=None)
+            assert (await page.next('what_if', after=seen, on=False))['done']
+
+    asyncio.run(test())
+
+
+def test_the_process_of_the_what_if_alone(runs):
+    """Rows of float64 in base64, and a last line of JSON."""
+    request = {'path': str(runs / 'run'), 'values': {'initial_primary_position': 0.001}}
+    done = subprocess.run(
+        [sys.executable, '-m', 'impact_damper_ros.page.what_if_process'],
+        input=json.dumps(request) + '\n',
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    *lines, last = done.stdout.splitlines()
+    assert json.loads(last) == {'ok': True, 'text': 'computed from its initial conditions'}
+    rows = np.concatenate(
+        [np.frombuffer(base64.b64decode(line)).reshape(-1, 11) for line in lines]
+    )
+    assert rows[:, 0].tolist() == load_recording(runs / 'run').motion.samples[:, 0].tolist()
+    rig, _, _ = load_parameters(presets()['bench_rig'])
+    assert rows[0, 1] == pytest.approx(0.001, rel=0.1)
+    assert isinstance(rig, RigParameters)
+
+
+def test_recordings_are_listed_and_handed_out(runs, tmp_path):
+    place = tmp_path / 'runs'
+    shutil.copytree(runs, place)
+    secret = tmp_path / 'secret'
+    secret.mkdir()
+    (secret / 'x_0.mcap').write_bytes(b'secret')
+    (place / 'link').mkdir()
+    (place / 'link' / 'link_0.mcap').symlink_to(secret / 'x_0.mcap')
+    (place / 'empty').mkdir()
+    (place / '.hidden').mkdir()
+
+    async def test():
+        async with serving(place) as server:
+            listed = json.loads((await get(server, '/recordings')).body)
+            assert {entry['name'] for entry in listed} == {'run', 'link'}
+            run = next(entry for entry in listed if entry['name'] == 'run')
+            (file,) = (place / 'run').glob('*.mcap')
+            assert run['whole']
+            assert run['size'] == file.stat().st_size
+            assert run['duration'] == pytest.approx(SECONDS, abs=0.01)
+            answer = await get(server, '/recordings/run/download')
+            assert answer.body == file.read_bytes()
+            assert answer.headers['Content-Disposition'] == f'attachment; filename="{file.name}"'
+            # A link out of the directory is no recording of it.
+            assert (await get(server, '/recordings/link/download')).code == 404
+
+    asyncio.run(test())
+    only = Recordings(place / 'run')
+    assert (only.single, only.names()) == ('run', ['run'])
+    with pytest.raises(LookupError):
+        only.path('link')
+
+
+def test_a_comparison_is_shown_in_the_page(runs):
+    async def test():
+        async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+            await page.next('hello')
+            own = {'Origin': url(server, '')}
+            answer = await get(
+                server, '/recordings/run/compare', method='POST', body='', headers=own
+            )
+            assert (answer.code, json.loads(answer.body)) == (202, {'started': True})
+            again = await get(
+                server, '/recordings/run/compare', method='POST', body='', headers=own
+            )
+            assert again.code == 409
+            done = await page.next('compare_done')
+            assert done['ok'], done['text']
+            assert done['url'] == '/reports/run/report.html'
+            report = await get(server, done['url'])
+            assert report.headers['Content-Type'].startswith('text/html')
+            policy = report.headers['Content-Security-Policy']
+            assert "default-src 'none'" in policy
+            assert 'sandbox' in policy
+            assert 'script' not in policy
+            assert b'<!doctype html>' in report.body.lower()
+            assert (await get(server, '/reports/run/other.html')).code == 404
+
+    asyncio.run(test())
+
+
+def test_a_recording_that_is_not_there(runs):
+    async def test():
+        async with serving(runs) as server:
+            for path, words in (('/ws?bag=none', 'no recording none'), ('/ws', 'no ROS')):
+                async with opened(server, path) as page:
+                    await page.until(lambda page=page: page.closed == 4404)
+                    assert words in page.messages[0]['text']
+
+    asyncio.run(test())

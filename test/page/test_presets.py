@@ -1,0 +1,148 @@
+"""Each preset does what its description says."""
+
+import math
+import re
+
+import pytest
+
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.page.presets import load_presets
+from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+
+PRESETS = {preset.name: preset for preset in load_presets()}
+#: Of the rigs that settle: stops of a period of one cycle, Xmax/A, and cycles until then.
+SETTLED = {
+    'bench': ([1, 2], 0.107195, 100),
+    'paper': ([1, 2], 0.104644, 250),
+    'figure_2_incline': ([1, 2], 0.211344, 30),
+    'figure_2_three': ([1, 2, 2], 0.3724, 30),
+    'figure_2_four': ([1, 1, 2, 2], 0.4316, 30),
+    'figure_5_best_gap': ([1, 2], 0.03114, 30),
+    'bouncing_ball': ([1], 1.0, 60),
+}
+
+
+def run(preset, start, cycles, control=None):
+    """Return impacts and X of some cycles of the force."""
+    rig = ControlledRig(preset.rig, preset.initial, control=control or preset.control)
+    cycle = math.tau / preset.rig.force_frequencies[0]
+    rig.advance(start * cycle)
+    impacts, x = [], []
+    for k in range(1, 40 * cycles + 1):
+        events = rig.advance((start + k / 40) * cycle)
+        impacts += [event for event in events if event.kind is EventKind.IMPACT]
+        x += [rig.sample().x, *(event.x for event in events)]
+    return impacts, x
+
+
+def test_all_are_there_with_words():
+    assert set(SETTLED) | {'conveyor', 'chaos', 'control_changing_load'} == set(PRESETS)
+    for preset in PRESETS.values():
+        assert preset.title
+        assert preset.description.endswith('.')
+        assert re.fullmatch('[a-z0-9_]+', preset.name)
+        assert '\n' not in preset.description
+
+
+@pytest.mark.parametrize('name', SETTLED)
+def test_settled_rigs(name):
+    preset = PRESETS[name]
+    stops, ratio, start = SETTLED[name]
+    impacts, x = run(preset, start, 10)
+    assert len(impacts) == pytest.approx(10 * len(stops), abs=1)
+    hit = [event.stop for event in impacts]
+    turned = [stops[k:] + stops[:k] for k in range(len(stops))]
+    assert any(all(h == t[k % len(stops)] for k, h in enumerate(hit)) for t in turned), hit
+    # Every tenth of a cycle is close enough to the largest |X| for this.
+    assert max(map(abs, x)) / preset.rig.response_amplitude == pytest.approx(ratio, rel=0.01)
+    speeds = [event.damper_velocity_after for event in impacts if event.stop == hit[0]]
+    assert speeds[:: len([s for s in stops if s == hit[0]])] == pytest.approx(
+        [speeds[0]] * len(speeds[:: len([s for s in stops if s == hit[0]])]), rel=0.01
+    )
+
+
+def test_paper_rigs_are_those_of_the_paper():
+    """In other units: the ratios are the paper's."""
+    basic = RigParameters(gravity=1.0)
+    for name, changes in {
+        'paper': {},
+        'figure_2_incline': {
+            'angle': math.pi / 4,
+            'friction': 0.5,
+            'force_frequencies': (1.02,),
+        },
+        'figure_2_three': {'gap': 18.0, 'force_frequencies': (1.02,)},
+        'figure_2_four': {'gap': 8.0, 'force_frequencies': (1.02,)},
+        'figure_5_best_gap': {'gap': 55.0},
+    }.items():
+        rig, paper = PRESETS[name].rig, basic.replace(**changes)
+        for ratio in (
+            lambda r: r.frequency_ratio,
+            lambda r: r.zeta,
+            lambda r: r.mass_ratio,
+            lambda r: r.gap * r.stiffness / r.force_amplitudes[0],
+            lambda r: r.gravity * r.primary_mass / r.force_amplitudes[0],
+            lambda r: r.friction,
+            lambda r: r.angle,
+        ):
+            assert ratio(rig) == pytest.approx(ratio(paper), rel=1e-6), name
+        assert rig.omega == pytest.approx(4 * math.pi)
+
+
+def test_the_best_gap_is_not_reached_from_rest():
+    preset = PRESETS['figure_5_best_gap']
+    rig = Simulator(preset.rig)
+    rig.advance(100.0)
+    events = [e for e in rig.advance(110.0) if e.kind is EventKind.IMPACT]
+    assert len(events) != 40
+
+
+def test_bouncing_ball_bounces_high_and_low_in_turn_under_more_force():
+    preset = PRESETS['bouncing_ball']
+    rig = ControlledRig(preset.rig.replace(force_amplitudes=(1060.0,)), preset.initial)
+    rig.advance(60.0)
+    speeds = [e.damper_velocity_after for e in rig.advance(62.0) if e.kind is EventKind.IMPACT]
+    assert len(speeds) == 10
+    assert speeds[0] == pytest.approx(speeds[2], rel=1e-3)
+    assert abs(speeds[0] - speeds[1]) > 0.3
+
+
+def test_conveyor_carries_the_mass_to_stop_1_again_and_again():
+    preset = PRESETS['conveyor']
+    rig = ControlledRig(preset.rig, preset.initial)
+    start = rig.sample().z - rig.sample().x
+    events = [e for e in rig.advance(30.0) if e.kind is EventKind.IMPACT]
+    assert start == -0.09
+    assert len(events) > 10
+    assert {event.stop for event in events} == {1}
+
+
+def test_chaos_never_repeats_and_feels_its_start():
+    preset = PRESETS['chaos']
+    one = ControlledRig(preset.rig, preset.initial)
+    one.advance(20.0)
+    state = one.snapshot()
+    other = ControlledRig.restore(state)
+    other.change(preset.rig.replace(gap=preset.rig.gap * (1 + 1e-9)))
+    one.advance(60.0)
+    other.advance(60.0)
+    assert abs(one.sample().x - other.sample().x) > 1e-4
+    impacts, _ = run(preset, 100, 100)
+    phases = [event.time * 31.416 / math.tau % 1.0 for event in impacts if event.stop == 1]
+    assert len({round(phase, 2) for phase in phases}) > 25
+
+
+def test_control_halves_the_motion_under_the_changing_load():
+    preset = PRESETS['control_changing_load']
+    _, controlled = run(preset, 50, 150)
+    _, fixed = run(preset, 50, 150, GapControlParameters())
+    assert max(map(abs, controlled)) < 0.5 * max(map(abs, fixed))
+
+
+def test_values_are_complete():
+    """So that a preset leaves nothing of the rig before it."""
+    values = PRESETS['bench'].all_values()
+    names = {*RigParameters().as_dict(), *GapControlParameters().as_dict()}
+    assert names < set(values)
+    assert sum(name.startswith('initial_') for name in values) == 4
+    assert values['force_amplitudes'] == [1.2]

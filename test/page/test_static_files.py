@@ -1,0 +1,60 @@
+"""The files of the page: what the policy allows, and what is vendored."""
+
+import hashlib
+import re
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+
+STATIC = Path(impact_damper_ros.__file__).parent / 'page' / 'static'
+MODULES = sorted(STATIC.glob('*.js'))
+VENDORED = STATIC / 'vendor' / 'uplot'
+
+
+def test_the_page_has_nothing_inline():
+    text = (STATIC / 'index.html').read_text(encoding='utf-8')
+    assert not re.search(r'\s(style|on\w+)\s*=', text)
+    assert '<style' not in text
+    assert all('src=' in tag for tag in re.findall(r'<script[^>]*>', text))
+
+
+def test_everything_is_loaded_from_here():
+    for path in (STATIC / 'index.html', STATIC / 'style.css', *MODULES):
+        text = path.read_text(encoding='utf-8').replace('http://www.w3.org/2000/svg', '')
+        assert not re.search(r'(https?:)?//[a-z0-9-]+\.[a-z]{2,}', text), path.name
+
+
+@pytest.mark.parametrize('path', MODULES, ids=lambda path: path.name)
+def test_no_text_becomes_markup(path):
+    text = path.read_text(encoding='utf-8')
+    for word in ('innerHTML', 'outerHTML', 'insertAdjacentHTML', 'document.write', 'eval('):
+        assert word not in text
+    assert not re.search(r"setAttribute\('(style|on\w+)'", text)
+
+
+def test_vendored_files_are_those_of_the_release():
+    sums = dict(
+        reversed(line.split()) for line in (VENDORED / 'SHA256SUMS').read_text().splitlines()
+    )
+    for name, expected in sums.items():
+        assert hashlib.sha256((VENDORED / name).read_bytes()).hexdigest() == expected
+    assert set(sums) == {path.name for path in VENDORED.iterdir()} - {'SHA256SUMS'}
+    version = re.search(r'\| ([\d.]+) \|', (STATIC / 'vendor' / 'README.md').read_text())[1]
+    assert f'(v{version})' in (VENDORED / 'uPlot.iife.min.js').read_text(encoding='utf-8')[:200]
+    assert (
+        'MIT' in (VENDORED / 'LICENSE').read_text()
+        or 'Permission is hereby granted' in (VENDORED / 'LICENSE').read_text()
+    )
+
+
+def test_every_module_and_word_is_there():
+    names = {path.name for path in MODULES}
+    for path in MODULES:
+        text = path.read_text(encoding='utf-8')
+        assert set(re.findall(r"from '\./([\w.]+)'", text)) <= names
+    terms = set(re.findall(r"^  '([\w-]+)': \[", (STATIC / 'glossary.js').read_text(), re.M))
+    used = set(re.findall(r'data-term="([\w-]+)"', (STATIC / 'index.html').read_text()))
+    assert used <= terms
+    assert len(terms) > 30

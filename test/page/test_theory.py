@@ -1,0 +1,172 @@
+"""Theory for the page: the numbers of the solvers, and nothing old after a change."""
+
+import asyncio
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.orbits import find_orbits, optimal_gap
+from impact_damper_ros.page.theorist import Theorist
+from impact_damper_ros.page.theory import theory
+from impact_damper_ros.rig import RigParameters, Simulator
+
+INCLINED = RigParameters(angle=0.7853981633974483, gravity=1.0, friction=0.5).replace(
+    force_frequencies=(1.02,)
+)
+
+
+def messages(rig, control=None, **wanted):
+    state = ControlledRig(rig, control=control or GapControlParameters()).snapshot()
+    found = list(theory(state, **{'orbit': True, 'curve': True, **wanted}))
+    # As they are sent
+    return json.loads(json.dumps(found, allow_nan=False))
+
+
+@pytest.fixture(scope='module')
+def paper():
+    return messages(RigParameters(gravity=0.0))
+
+
+def test_predicted_orbit_is_that_of_the_solver():
+    found = messages(INCLINED, curve=False)
+    assert {m['type'] for m in found} == {'orbit'}
+    assert [m['complete'] for m in found] == [*([False] * (len(found) - 1)), True]
+    last = found[-1]
+    orbit = next(o for o in find_orbits(INCLINED, (1, 2), 1).orbits if o.stable and o.viable)
+    assert last['label'] == '2 impacts in 1 cycle'
+    assert last['x_max_ratio'] == pytest.approx(0.2113439, abs=1e-7)
+    assert last['stable']
+    assert last['viable']
+    moduli = [abs(complex(*pair)) for pair in last['multipliers']]
+    assert moduli == pytest.approx([0.94107, 0.94107, 0.57960, 0.57960], abs=1e-4)
+    assert [i['phase'] for i in last['impacts']] == pytest.approx([0.7579950, 0.2697923], abs=1e-6)
+    assert last['period'] == orbit.period
+
+
+def test_drawn_orbit_is_the_motion_of_the_rig():
+    """Set going on the orbit, the rig is where the message says."""
+    last = messages(INCLINED, curve=False)[-1]
+    t, x, z = (np.array(last[name]) for name in ('t', 'x', 'z'))
+    assert (np.diff(t) >= 0.0).all()
+    assert last['t_zero'] == pytest.approx(0.0)
+    rig = Simulator(INCLINED)
+    rig.advance(1000 * last['period'])
+    began = rig.time
+    for share in (0.05, 0.3, 0.55, 0.9):
+        rig.advance(began + share * last['period'])
+        at = (rig.time - last['t_zero']) % last['period']
+        sample = rig.sample()
+        assert np.interp(at, t, x) == pytest.approx(sample.x, abs=5e-3)
+        assert np.interp(at, t, z) == pytest.approx(sample.z, abs=3e-2)
+    y, velocity = np.array(last['y']), np.array(last['relative_velocity'])
+    assert np.abs(y).max() == pytest.approx(0.5 * INCLINED.gap, rel=1e-6)
+    assert velocity.max() > 0.0 > velocity.min()
+
+
+def test_gap_curve_comes_part_by_part(paper):
+    curves = [m for m in paper if m['type'] == 'gap_curve']
+    assert len(curves) >= 3
+    assert [m['done'] for m in curves] == [*([False] * (len(curves) - 1)), True]
+    assert len(curves[0]['branches'][0]['gap']) < 40
+    last = curves[-1]
+    main = last['branches'][0]
+    gap, ratio = np.array(main['gap']), np.array(main['x_max_ratio'])
+    assert gap.min() == pytest.approx(37.0 / 4)
+    assert gap.max() == pytest.approx(37.0 * 4)
+    # Golden case at the rig's own gap
+    here = int(np.abs(gap - 37.0).argmin())
+    assert ratio[here] == pytest.approx(last['x_max_ratio'])
+    for k in range(0, len(gap), 15):
+        rig = RigParameters(gravity=0.0, gap=float(gap[k]))
+        near = min(
+            find_orbits(rig, (1, 2), 1).orbits, key=lambda o: abs(o.amplitude_ratio - ratio[k])
+        )
+        assert near.amplitude_ratio == pytest.approx(ratio[k], rel=1e-6)
+        assert (near.stable, near.viable) == (main['stable'][k], main['viable'][k])
+    assert 'Neimark-Sacker' in {special['kind'] for special in last['special']}
+
+
+def test_optimum_of_the_curve_is_the_optimal_gap(paper):
+    best = optimal_gap(RigParameters(gravity=0.0), gaps=(40.0, 70.0), points=15)
+    optimum = paper[-1]['optimum']
+    assert optimum['gap'] == pytest.approx(best.gap, rel=0.01)
+    assert optimum['x_max_ratio'] == pytest.approx(best.orbit.amplitude_ratio, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ('rig', 'control', 'words'),
+    [
+        (RigParameters(multisine_level=1.0), None, ''),
+        (RigParameters(sweep_mode='up'), None, ''),
+        (RigParameters(), GapControlParameters(gap_control='timed'), 'gap_control is timed'),
+    ],
+    ids=['multisine', 'sweep', 'control'],
+)
+def test_where_there_is_no_theory_it_says_why(rig, control, words):
+    *_, last = messages(rig, control)
+    assert last['type'] == 'theory_failed'
+    assert last['text'].startswith(words)
+    assert last['text']
+
+
+def test_what_is_not_wanted_is_not_computed():
+    assert messages(INCLINED, orbit=False, curve=False) == []
+
+
+def test_only_the_newest_rig_is_answered():
+    """Also while a rig that takes long is being worked on."""
+
+    async def test():
+        found = []
+        done = asyncio.Event()
+
+        def take(message):
+            found.append(message)
+            if message['type'] == 'gap_curve' and message['done']:
+                done.set()
+
+        theorist = Theorist(take)
+        slow = ControlledRig(RigParameters(gravity=0.0, gap=8.0)).snapshot()
+        for _ in range(5):
+            theorist.ask(slow)
+            await asyncio.sleep(0.02)
+        while not found:
+            await asyncio.sleep(0.01)
+        number = found[-1]['for']
+        found.clear()
+        theorist.ask(ControlledRig(RigParameters(gravity=0.0)).snapshot())
+        assert theorist.known() == []
+        await asyncio.wait_for(done.wait(), 100.0)
+        await theorist.close()
+        assert {message['for'] for message in found} == {number + 1}
+        assert theorist.predicted == pytest.approx(0.104644, abs=1e-6)
+        assert theorist.optimum == pytest.approx(58.3, rel=0.02)
+        assert {message['type'] for message in theorist.known()} == {'orbit', 'gap_curve'}
+
+    asyncio.run(test())
+
+
+def test_a_process_that_ends_is_started_again(monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.theorist._BACK_OFF_S', 0.0)
+    program = (
+        'import json, sys\n'
+        'number = json.loads(sys.stdin.readline())["number"]\n'
+        'print("no JSON")\n'
+        'print(json.dumps({"type": "orbit", "found": False, "for": number}))\n'
+    )
+
+    async def test():
+        found = []
+        theorist = Theorist(found.append, (sys.executable, '-c', program))
+        for count in (1, 2):
+            async with asyncio.timeout(100.0):
+                theorist.ask({})
+                while len(found) < count or not theorist._child.ended:
+                    await asyncio.sleep(0.01)
+        assert [message['for'] for message in found] == [1, 2]
+        await theorist.close()
+
+    asyncio.run(test())
