@@ -10,9 +10,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-__all__ = ['check_directory', 'check_file', 'in_words', 'whole', 'write_text', 'write_texts']
-
-
 _PLACE = 'give a place that can be written'
 _ROOM = 'free some space there, or give another place'
 _REMEDIES = {

@@ -56,9 +56,6 @@ from .errors import RecordingError
 from .metadata import FILE_NAME, PART, BagMetadata, FileInformation, sync_directory
 from .topics import Channel
 
-__all__ = ['BagFile', 'BagSummary', 'ChunkWriter', 'Output']
-
-
 _COMPRESSION = 'zstd'
 _MESSAGE_CODE = int(Opcode.MESSAGE)
 # Opcode and length of the rest; channel, sequence, log time and publish time
@@ -93,18 +90,7 @@ def _bytes_of(*records: McapRecord) -> bytes:
 
 
 class ChunkWriter:
-    """
-    Write an MCAP file with zstd-compressed chunks and an index.
-
-    Parameters
-    ----------
-    output : Output
-        Where to.
-    chunk_size : int
-        Bytes of messages after which a chunk is closed.
-    profile, library : str
-        For the header.
-    """
+    """Write an MCAP file with zstd-compressed chunks and an index."""
 
     def __init__(self, output: Output, chunk_size: int, profile: str, library: str) -> None:
         self._output = output
@@ -392,18 +378,7 @@ class BagSummary:
 
 class BagFile:
     """
-    A bag being written.
-
-    Parameters
-    ----------
-    directory : Path
-        Of the bag. Made if absent; must not hold a bag already.
-    channels : sequence of Channel
-        The topics; later named by their index here.
-    custom : mapping of str to str
-        Notes for ``metadata.yaml``.
-    name : str, optional
-        Stem of the MCAP files without their number; the directory's name if not given.
+    A bag being written; its directory must not hold one already.
 
     Attributes
     ----------
@@ -411,11 +386,6 @@ class BagFile:
         The MCAP file being written.
     counts : list of int
         Messages by channel, in all files.
-
-    Raises
-    ------
-    RecordingError
-        If the directory or the file cannot be made.
     """
 
     def __init__(

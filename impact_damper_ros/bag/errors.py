@@ -7,9 +7,6 @@ from pathlib import Path
 
 from impact_damper_ros.rig.quoting import as_line
 
-__all__ = ['RecordingError']
-
-
 _SPACE = 'free some space there, or record to another file system (parameter bag_directory)'
 _RIGHTS = 'give yourself write permission there, or choose another directory'
 

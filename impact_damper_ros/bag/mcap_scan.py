@@ -31,28 +31,6 @@ from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 
-__all__ = [
-    'CHUNK',
-    'HEAD',
-    'LARGEST_CHUNK',
-    'LENGTH',
-    'LONGEST_DESCRIPTIONS',
-    'MAGIC',
-    'MESSAGE',
-    'Block',
-    'ChunkHead',
-    'IndexPart',
-    'RawMessage',
-    'Scan',
-    'jump_text',
-    'note_description',
-    'open_file',
-    'plain_content',
-    'read_block',
-    'scan_file',
-]
-
-
 MAGIC = b'\x89MCAP0\r\n'
 #: Opcode and length of a record.
 HEAD = struct.Struct('<BQ')

@@ -22,33 +22,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = [
-    'DECODABLE',
-    'DIAGNOSTIC_ARRAY',
-    'JOINT_STATE',
-    'PARAMETER_EVENT',
-    'STRING',
-    'CdrError',
-    'CdrReader',
-    'CdrWriter',
-    'DiagnosticArray',
-    'DiagnosticStatus',
-    'JointState',
-    'JointStateColumns',
-    'JointStateDecoder',
-    'JointStateLayout',
-    'JointStateTable',
-    'Message',
-    'Parameter',
-    'ParameterEvent',
-    'String',
-    'clock_message',
-    'decode',
-    'encode',
-    'header_ns',
-    'restamped',
-]
-
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 STRING = 'std_msgs/msg/String'

@@ -27,22 +27,6 @@ from .errors import RecordingError
 from .mcap_scan import Scan, jump_text, open_file
 from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml
 
-__all__ = [
-    'FILE_NAME',
-    'PART',
-    'BagMetadata',
-    'FileInformation',
-    'check_summary',
-    'listed_files',
-    'listing_faults',
-    'listing_remarks',
-    'notes_of',
-    'number_faults',
-    'read_listing',
-    'sync_directory',
-]
-
-
 FILE_NAME = 'metadata.yaml'
 #: Note in a file of this package that is not the first of its bag: its number there.
 PART = 'part'

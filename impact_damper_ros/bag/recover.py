@@ -19,8 +19,6 @@ from .mcap_scan import Scan, open_file, plain_content, read_block
 from .run_reader import RecordedTopic, RunReader
 from .topics import Channel, load_yaml
 
-__all__ = ['Recovery', 'recover_run']
-
 
 @dataclass(frozen=True)
 class Recovery:

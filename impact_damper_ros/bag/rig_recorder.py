@@ -23,9 +23,6 @@ from .messages import Parameter, ParameterEvent, String, encode
 from .rig_topics import RIG_TOPICS, RigMessages, recorded_topics, recording_notes, snapshot_text
 from .run_writer import RunWriter
 
-__all__ = ['RigRecorder', 'RunningRig', 'parameter_event', 'write_description']
-
-
 #: Messages that may wait for the disk before the rig waits for them.
 _BACKLOG = 50_000
 _NAP = 0.01

@@ -24,22 +24,6 @@ from .messages import (
 )
 from .topics import LATCHED, QosProfile, Topic
 
-__all__ = [
-    'FORMAT',
-    'IMPACT_JOINTS',
-    'JOINTS',
-    'PAUSED_FRAME',
-    'RIG_TOPICS',
-    'RigMessages',
-    'impact_numbers',
-    'is_paused',
-    'recorded_topics',
-    'recording_notes',
-    'snapshot_text',
-    'state_numbers',
-]
-
-
 #: What a rig publishes, by the name under which the notes of a bag list it. A name without a slash
 #: is in the namespace of the node, which has the topics remapped if its user wants that.
 RIG_TOPICS: dict[str, Topic] = {

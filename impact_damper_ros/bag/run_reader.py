@@ -49,17 +49,6 @@ from .metadata import (
 )
 from .topics import definition, load_yaml
 
-__all__ = [
-    'LARGEST_FILE',
-    'Decoded',
-    'Record',
-    'RecordedTopic',
-    'RunReader',
-    'Unpacked',
-    'bag_files',
-]
-
-
 #: Bytes to which the compressed files of a bag may expand in all.
 LARGEST_FILE = 8 * 1024**3
 #: Bytes that are left free on the disk.

@@ -15,9 +15,6 @@ from .bag_file import BagFile, BagSummary
 from .errors import RecordingError
 from .topics import Topic
 
-__all__ = ['SHORTEST_FILE', 'SMALLEST_FILE', 'RunWriter', 'create_run_directory']
-
-
 #: Names tried within one second before giving up.
 _ATTEMPTS = 1000
 

@@ -18,21 +18,6 @@ from typing import Any
 
 import yaml
 
-__all__ = [
-    'LATCHED',
-    'LONGEST_YAML',
-    'Channel',
-    'QosProfile',
-    'Topic',
-    'definition',
-    'definition_file',
-    'dump_yaml',
-    'load_yaml',
-    'type_hash',
-    'type_hashes',
-]
-
-
 _DEFINITIONS = files('impact_damper_ros.bag') / 'definitions'
 _SEPARATOR = '=' * 80
 _FIELD = re.compile(r'^\s*([A-Za-z]\w*/)?([A-Z]\w*)(?:\[[^\]]*\])?\s+\w+', re.MULTILINE)

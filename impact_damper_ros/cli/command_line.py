@@ -23,29 +23,6 @@ if TYPE_CHECKING:
 
     from impact_damper_ros.sweep.execution import ProcessPool
 
-__all__ = [
-    'EXIT_FAILED',
-    'EXIT_INPUT',
-    'EXIT_INTERRUPTED',
-    'CommandError',
-    'add_bag_argument',
-    'add_jobs_option',
-    'add_json_option',
-    'add_node_option',
-    'add_quiet_option',
-    'check_figure',
-    'command_parser',
-    'discard_output',
-    'need_matplotlib',
-    'outcome',
-    'process_pool',
-    'progress_bar',
-    'say',
-    'text_stream',
-    'up_to',
-    'write_json',
-]
-
 
 #: Something could not be written, or the work itself failed; the input is not usable; Ctrl-C.
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130

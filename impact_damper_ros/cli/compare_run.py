@@ -30,9 +30,6 @@ from .command_line import (
 )
 from .rig_options import announce
 
-__all__ = ['main']
-
-
 _DESCRIPTION = """\
 Compare a recorded run with the periodic theory. The run is cut where its parameters change and
 where it is reset. Each stretch is classified as transient, periodic, quasi-periodic or chaotic,

@@ -30,9 +30,6 @@ from impact_damper_ros.rig import RigParameters, load_parameters
 
 from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
 
-__all__ = ['main']
-
-
 PATIENCE_S = 30.0
 CLOSEUP_CYCLES = 3
 #: Seconds of the rig per second of the demonstration, so that each stage has time to settle.

@@ -14,9 +14,6 @@ from impact_damper_ros.rig.quoting import as_line, printable
 
 from .command_line import EXIT_FAILED, CommandError, add_bag_argument, command_parser, outcome
 
-__all__ = ['main']
-
-
 _DESCRIPTION = """\
 Save what is whole in a recording that was cut short (kill -9, power cut, full disk) into a
 complete bag. The recording itself stays untouched.

@@ -41,9 +41,6 @@ from .command_line import (
 )
 from .rig_options import GivenRig, announce, overridden
 
-__all__ = ['main']
-
-
 #: Samples between two updates of the progress bar.
 _STRIDE = 256
 

@@ -23,8 +23,6 @@ from .command_line import (
 if TYPE_CHECKING:
     from impact_damper_ros.studies.paper.series import AngleOptimum, Series
 
-__all__ = ['main']
-
 
 _DESCRIPTION = """\
 Compute the figures of Bapat (1995) from the periodic theory and the exact simulator, draw them,

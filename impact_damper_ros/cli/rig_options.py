@@ -26,19 +26,6 @@ from impact_damper_ros.rig.quoting import named, shown
 
 from .command_line import say
 
-__all__ = [
-    'GivenRig',
-    'TimedChange',
-    'add_params_argument',
-    'add_set_option',
-    'announce',
-    'given_rig',
-    'hint',
-    'overridden',
-    'rig_line',
-    'timed_changes',
-]
-
 
 class GivenRig(NamedTuple):
     """A rig, where it starts, and its gap control."""

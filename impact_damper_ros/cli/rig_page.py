@@ -25,9 +25,6 @@ from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
 
 from .command_line import command_parser, outcome, say
 
-__all__ = ['main']
-
-
 COMMAND = 'rig_page'
 NODE_END_S = 10.0
 _PR_SET_PDEATHSIG = 1

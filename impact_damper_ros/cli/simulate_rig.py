@@ -50,9 +50,6 @@ from .rig_options import (
     timed_changes,
 )
 
-__all__ = ['main', 'parameter_table']
-
-
 EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:], 'force_frequency')
 
 # The end of a run that its summary describes, and how closely it looks for the largest |X|

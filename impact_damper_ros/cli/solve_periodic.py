@@ -37,9 +37,6 @@ from .command_line import (
 )
 from .rig_options import add_params_argument, add_set_option, given_rig, hint, rig_line
 
-__all__ = ['main']
-
-
 EXIT_NONE, EXIT_NOT_VIABLE = 3, 4
 
 _DESCRIPTION = """\
@@ -149,7 +146,7 @@ def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     lines.extend(
         f'        {node.phase:14.9f}  {node.kind.name.lower()}'
         + (f' on stop {node.stop}' if node.stop else '')
-        for node in orbit.nodes
+        for node in orbit.events
     )
     swing = f'  largest |X|  {orbit.x_max:.9g} m'
     amplitude = orbit.parameters.response_amplitude

@@ -22,8 +22,6 @@ from .command_line import (
 if TYPE_CHECKING:
     from impact_damper_ros.studies.gap_control.runs import Extent, Measured
 
-__all__ = ['main']
-
 
 _DESCRIPTION = """\
 Run rigs under each law of the gap control and with fixed gaps: over a sixteenfold range of force

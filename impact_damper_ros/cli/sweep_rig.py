@@ -61,9 +61,6 @@ from .command_line import (
 )
 from .rig_options import add_params_argument, add_set_option, announce, given_rig
 
-__all__ = ['main']
-
-
 _DEFAULT = Settling()
 #: Exit code if every rig failed.
 _ALL_FAILED = 4

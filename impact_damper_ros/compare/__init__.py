@@ -9,8 +9,11 @@ predicts the motion of a rig that is running. Importable without ROS; needs nump
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from impact_damper_ros.orbits.recognition import MotionKind
+
 from .measured_motion import cubic_rates, cubic_swing
 from .prediction import ObservedMotion, Prediction, predictions
+from .recorded_stretch import ForceClock
 from .result import (
     Array,
     Beginning,
@@ -24,7 +27,6 @@ from .result import (
     LogCheck,
     MeasuredMotion,
     MotionCurve,
-    MotionKind,
     Overall,
     PredictedCurve,
     RunComparison,
@@ -36,9 +38,9 @@ from .result import (
 )
 
 if TYPE_CHECKING:
-    from .bag_stretches import BagStretches
+    from .bag_stretches import BagStretches, LoggedRig
     from .comparison import LogReplay, compare_bag, replay_log
-    from .periodic_motion import GapCurves
+    from .periodic_motion import GapCurves, predicted_curve
 
 __all__ = [
     'Array',
@@ -48,12 +50,14 @@ __all__ = [
     'Decay',
     'EnergyBalance',
     'Finding',
+    'ForceClock',
     'GapCurve',
     'GapCurves',
     'ImpactCurve',
     'ImpactStates',
     'LogCheck',
     'LogReplay',
+    'LoggedRig',
     'MeasuredMotion',
     'MotionCurve',
     'MotionKind',
@@ -70,6 +74,7 @@ __all__ = [
     'compare_bag',
     'cubic_rates',
     'cubic_swing',
+    'predicted_curve',
     'predictions',
     'replay_log',
 ]
@@ -77,9 +82,9 @@ __all__ = [
 
 #: Imported on first use: the node predicts without them.
 _MODULES = {
-    'bag_stretches': ('BagStretches',),
+    'bag_stretches': ('BagStretches', 'LoggedRig'),
     'comparison': ('LogReplay', 'compare_bag', 'replay_log'),
-    'periodic_motion': ('GapCurves',),
+    'periodic_motion': ('GapCurves', 'predicted_curve'),
 }
 
 

@@ -40,9 +40,6 @@ from .recorded_stretch import (
 )
 from .result import Array, Beginning, SwingEnvelope
 
-__all__ = ['BagStretches', 'CheckedStretch', 'LoggedRig', 'StretchBuilder']
-
-
 # The rig
 
 
@@ -52,13 +49,28 @@ _NO_CONTROL = {'gap_control': _OFF}
 
 @dataclass(frozen=True)
 class LoggedRig:
-    """A rig as logged."""
+    """
+    A rig as logged.
+
+    Attributes
+    ----------
+    parameters : RigParameters
+        The rig.
+    clock : ForceClock or None
+        The force; None if its phase is not known, or its frequency is swept.
+    last_stop : int
+        Stop hit last, 0 for none.
+    control : mapping of str to value
+        Gap-control parameters.
+    stops_move : bool
+        Whether stops are moving, by a control or back to the gap.
+    """
 
     parameters: RigParameters
-    clock: ForceClock | None = None  # the force; None if its phase is not known
-    last_stop: int = 0  # stop hit last, 0 for none
+    clock: ForceClock | None = None
+    last_stop: int = 0
     control: Mapping[str, Any] = field(default_factory=lambda: dict(_NO_CONTROL))
-    stops_move: bool = False  # by a control, or back to the gap
+    stops_move: bool = False
 
     @classmethod
     def of_dump(cls, values: Mapping[str, Any]) -> Self | None:

@@ -24,9 +24,6 @@ from .log_findings import with_fitted_clock
 from .result import Finding, LogCheck, RunComparison, StretchComparison
 from .verdict import compare_stretch
 
-__all__ = ['LogReplay', 'compare_bag', 'replay_log']
-
-
 _FROM_MOTION = 'the recorded motion was checked against the equations of motion to round-off'
 
 Progress = Callable[[float], object]

@@ -20,7 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits.event_map import Course, Incident, origin_at, run_course
+from impact_damper_ros.orbits.event_map import (
+    Trajectory,
+    TrajectoryEvent,
+    follow_trajectory,
+    origin_at,
+)
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, rig_constants
@@ -28,9 +33,6 @@ from impact_damper_ros.rig.origin import offset_of
 
 from .recorded_stretch import ForceClock, Knots, RecordedImpacts, largest_size
 from .result import Array
-
-__all__ = ['Fault', 'FaultSearch', 'Intervals', 'Repair', 'check_intervals']
-
 
 _Complex = NDArray[np.complex128]
 
@@ -205,7 +207,7 @@ class _SimulatedRig:
 
     def course(
         self, knots: Knots, first: int, duration: float, *, differentiate: bool = False
-    ) -> Course | None:
+    ) -> Trajectory | None:
         """Return the motion from just after a knot on."""
         x, z = float(knots.x[first]), float(knots.z[first])
         velocity = float(knots.velocity[first])
@@ -227,7 +229,7 @@ class _SimulatedRig:
             int(knots.last_stop[first]),
         )
         try:
-            return run_course(self._machine, origin, duration, differentiate=differentiate)
+            return follow_trajectory(self._machine, origin, duration, differentiate=differentiate)
         except (ArithmeticError, RunawayError):
             # With a wrong number of the log the rig may be impossible.
             return None
@@ -246,7 +248,7 @@ class _SimulatedRig:
         course = self.course(knots, first, duration + (_ROUNDED_S if at_impact else 0.0))
         if course is None:
             return None
-        hits = [i for i in course.incidents if i.kind is EventKind.IMPACT]
+        hits = [i for i in course.events if i.kind is EventKind.IMPACT]
         speed = max(abs(float(knots.velocity[first])), abs(float(knots.damper_velocity[first])))
         # The weak impacts that end a chatter are not in the log.
         strong = [hit for hit in hits if abs(hit.relative_before) > _WEAK * speed]
@@ -263,7 +265,7 @@ class _SimulatedRig:
         return np.array([hit.x, hit.velocity_before, z, hit.velocity_before + hit.relative_before])
 
 
-def _state_of(course: Course) -> Array:
+def _state_of(course: Trajectory) -> Array:
     """Return X, X', Z and Z' at the end."""
     end = course.end
     offset = offset_of(end.clearance_1, end.clearance_2, end.stop_1, end.stop_2)
@@ -277,7 +279,7 @@ def _before(knots: Knots, knot: int) -> Array:
     return np.array([column[knot] for column in columns])
 
 
-def _reaches(course: Course, knots: Knots, last: int, tolerances: Array) -> bool:
+def _reaches(course: Trajectory, knots: Knots, last: int, tolerances: Array) -> bool:
     """Return whether a course leads to a joint state, in so far as round-off does not hide it."""
     missed = _before(knots, last) - _state_of(course)
     scale = np.array(
@@ -429,11 +431,11 @@ class FaultSearch:
             self._unexplained(knots, first + int(np.argmax(wrong[first:last])), found)
 
     def _compare(
-        self, course: Course, knots: Knots, first: int, last: int, found: Intervals
+        self, course: Trajectory, knots: Knots, first: int, last: int, found: Intervals
     ) -> None:
         """Compare the recorded impacts between two knots with the simulated ones."""
         start = float(knots.time[first])
-        hits = [i for i in course.incidents if i.kind is EventKind.IMPACT]
+        hits = [i for i in course.events if i.kind is EventKind.IMPACT]
         rows = [k for k in range(first + 1, last + 1) if knots.stop[k] > 0.0]
         faults: list[Fault] = []
         for row, hit in _pairs(knots, rows, hits, start):
@@ -451,7 +453,7 @@ class FaultSearch:
         self.repairs.append(Repair(start, float(knots.time[last]), self._expected(hits, start)))
 
     def _differences(
-        self, knots: Knots, row: int, hit: Incident, start: float, found: Intervals
+        self, knots: Knots, row: int, hit: TrajectoryEvent, start: float, found: Intervals
     ) -> Iterator[Fault]:
         tol_x, tol_v, _, tol_w = (_MARGIN * float(t) for t in found.tolerances)
         mass = self._rig.rig.primary_mass
@@ -473,7 +475,7 @@ class FaultSearch:
                     'impact', quantity, unit, hit.stop, time, recorded, expected, tolerance
                 )
 
-    def _expected(self, hits: Sequence[Incident], start: float) -> RecordedImpacts:
+    def _expected(self, hits: Sequence[TrajectoryEvent], start: float) -> RecordedImpacts:
         if not hits:
             return RecordedImpacts.none()
         rig = self._rig.rig
@@ -536,8 +538,8 @@ def _troubles(wrong: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Iterator[
 
 
 def _pairs(
-    knots: Knots, rows: Sequence[int], hits: Sequence[Incident], start: float
-) -> Iterator[tuple[int | None, Incident | None]]:
+    knots: Knots, rows: Sequence[int], hits: Sequence[TrajectoryEvent], start: float
+) -> Iterator[tuple[int | None, TrajectoryEvent | None]]:
     """Yield recorded with expected impacts; None for what has no counterpart."""
     if [int(knots.stop[row]) for row in rows] == [hit.stop for hit in hits]:
         yield from zip(rows, hits, strict=True)

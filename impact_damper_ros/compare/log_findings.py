@@ -30,9 +30,6 @@ from .recorded_stretch import (
 )
 from .result import Array, Finding
 
-__all__ = ['log_findings', 'repaired_impacts', 'with_fitted_clock']
-
-
 # Stops, restitution and impulses
 
 

@@ -28,20 +28,6 @@ from .result import (
     Spectrum,
 )
 
-__all__ = [
-    'CubicSwing',
-    'SwingAndEnergy',
-    'cubic_rates',
-    'cubic_swing',
-    'energy_balance',
-    'impact_curve',
-    'measured_motion',
-    'motion_curve',
-    'spectrum',
-    'turning_points',
-]
-
-
 # Gauss points on [0, 1] that integrate the square of a cubic exactly
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(4)
 _PLACES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _GAUSS

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from impact_damper_ros.orbits.event_map import origin_at, run_course
+from impact_damper_ros.orbits.event_map import follow_trajectory, origin_at
 from impact_damper_ros.orbits.irregularity import (
     IRREGULAR_SPREAD,
     REGULAR_SPREAD,
@@ -44,21 +44,6 @@ from impact_damper_ros.rig.simulator import Snapshot
 
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from .result import Array
-
-__all__ = [
-    'MotionAhead',
-    'Oscillation',
-    'StretchKind',
-    'counted_impacts',
-    'impact_table',
-    'kind_ahead',
-    'kind_of',
-    'kind_without_force_phase',
-    'largest_exponent',
-    'motion_ahead',
-    'oscillation',
-]
-
 
 # Without impacts
 
@@ -419,7 +404,7 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications
     for i in range(1, len(impacts)):
         origin = _after_impact(machine, clock, impacts, i - 1)
         duration = float(impacts.time[i] - impacts.time[i - 1])
-        course = run_course(machine, origin, max(duration - _GUARD_S, 0.0))
+        course = follow_trajectory(machine, origin, max(duration - _GUARD_S, 0.0))
         if course is None or before[0][i] == before[1][i]:
             continue
         deviation = hits[i] @ (course.matrix @ deviation)

@@ -24,7 +24,7 @@ from impact_damper_ros.orbits import (
     find_orbits,
     orbit_near,
 )
-from impact_damper_ros.orbits.event_map import origin_at, run_course
+from impact_damper_ros.orbits.event_map import follow_trajectory, origin_at
 from impact_damper_ros.orbits.impact_roots import polish
 from impact_damper_ros.orbits.recognition import SETTLED, ImpactTable, Recurrence
 from impact_damper_ros.orbits.search import orbit_of, within_theory
@@ -46,18 +46,6 @@ from .result import (
     StretchComparison,
     StretchCurves,
 )
-
-__all__ = [
-    'DecayRate',
-    'GapCurves',
-    'MatchedOrbit',
-    'PeriodicMotion',
-    'decay_rate',
-    'impulses_of',
-    'periodic_motion',
-    'predicted_curve',
-]
-
 
 # The predicted motion
 
@@ -118,14 +106,8 @@ def _nearest_turn(
     orbit: PeriodicOrbit, measured: Array, stops: tuple[int, ...], table: ImpactTable
 ) -> tuple[float, PeriodicOrbit] | None:
     """Return a motion begun where it is nearest to a measured row, and the distance."""
-    counted = _without_weak_impacts(orbit)
-    n, found = counted.impacts, []
-    if n != len(stops):
-        return None
-    for shift in range(n):
-        turn = counted.begun_at(shift)
-        if turn.stops != stops:
-            continue
+    n, found = len(stops), []
+    for turn in _without_weak_impacts(orbit).turned_to(stops):
         row = _state_row(turn, table)
         # Phases in order, from the first one on, and whole cycles taken out
         phases = turn.phases[0] + (row[:n] - turn.phases[0]) % turn.cycles
@@ -436,7 +418,20 @@ _PER_CYCLE = 250
 def predicted_curve(
     clock: ForceClock, orbit: PeriodicOrbit, period: ImpactStates | None, time: float
 ) -> PredictedCurve | None:
-    """Return one period of a predicted motion, placed beside the measured one at a rig time."""
+    """
+    Return one period of a predicted motion; None if the rig cannot move so.
+
+    Parameters
+    ----------
+    clock : ForceClock
+        The force and the rig.
+    orbit : PeriodicOrbit
+        The motion.
+    period : ImpactStates or None
+        The measured period beside which it is placed, if there is one.
+    time : float
+        Instant of the first impact of that period, or any other, rig time, s.
+    """
     if not orbit.viable or not orbit.impacts:
         return None
     machine = rig_constants(clock.counted_from_zero())
@@ -455,11 +450,11 @@ def predicted_curve(
         0,
         stop,
     )
-    course = run_course(machine, origin, orbit.period, differentiate=False)
+    course = follow_trajectory(machine, origin, orbit.period, differentiate=False)
     if course is None:
         return None
     rows = []
-    for part in course.stretches:
+    for part in course.flights:
         start = part.origin
         y = offset_of(start.clearance_1, start.clearance_2, start.stop_1, start.stop_2)
         count = max(2, math.ceil(_PER_CYCLE * part.duration / clock.cycle))

@@ -24,9 +24,6 @@ from impact_damper_ros.rig import Event, ParameterError, RigParameters, Simulato
 from .motion_kind import motion_ahead
 from .recorded_stretch import ForceClock, RecordedImpacts
 
-__all__ = ['Basis', 'ObservedMotion', 'Prediction', 'predictions', 'run_ahead']
-
-
 AnyRig: TypeAlias = Simulator | ControlledRig
 #: Why a motion is the predicted one: the rig was measured to move like it, or comes to it when it
 #: is run ahead, or it is only the first of those that exist.

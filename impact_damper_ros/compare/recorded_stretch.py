@@ -14,24 +14,25 @@ from impact_damper_ros.rig import Event, RigParameters
 
 from .result import Array, LoggedStretch, Overall, SwingEnvelope
 
-__all__ = [
-    'ForceClock',
-    'Knots',
-    'RecordedImpacts',
-    'RecordedStates',
-    'RecordedStretch',
-    'knots_of',
-    'largest_size',
-]
-
 
 @dataclass(frozen=True)
 class ForceClock:
-    """The harmonics of a force whose frequencies do not change."""
+    """
+    The harmonics of a force whose frequencies do not change.
+
+    Attributes
+    ----------
+    parameters : RigParameters
+        The rig.
+    time : float
+        An instant, rig time, s.
+    angles : tuple of float
+        Angles that the harmonics have turned by then, without their phases, rad.
+    """
 
     parameters: RigParameters
-    time: float  # an instant, rig time, s
-    angles: tuple[float, ...]  # of the harmonics then, without their phases, rad
+    time: float
+    angles: tuple[float, ...]
 
     @property
     def frequency(self) -> float:

@@ -22,32 +22,6 @@ from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.rig import RigParameters
 
-__all__ = [
-    'Array',
-    'Beginning',
-    'Convergence',
-    'Decay',
-    'EnergyBalance',
-    'Finding',
-    'GapCurve',
-    'ImpactCurve',
-    'ImpactStates',
-    'LogCheck',
-    'LoggedStretch',
-    'MeasuredMotion',
-    'MotionCurve',
-    'MotionKind',
-    'Overall',
-    'PredictedCurve',
-    'RunComparison',
-    'Spectrum',
-    'StretchComparison',
-    'StretchCurves',
-    'SwingEnvelope',
-    'Verdict',
-]
-
-
 Array = NDArray[np.float64]
 
 

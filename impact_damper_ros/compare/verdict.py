@@ -41,9 +41,6 @@ from .result import (
     Verdict,
 )
 
-__all__ = ['compare_stretch']
-
-
 _LISTED_STOPS = 12
 
 

@@ -19,9 +19,6 @@ from .motion_report import MotionReport
 from .pacing import CATCH_UP_NS
 from .publishing import RecordingStatus
 
-__all__ = ['Diagnostics']
-
-
 HARDWARE_ID = 'impact damper rig'
 #: The rig itself slows the engine down from this computing time per rig time on, if the computing
 #: time per wall time exceeds the second number.
@@ -33,18 +30,7 @@ OK, WARN, ERROR = 0, 1, 2
 
 
 class Diagnostics:
-    """
-    Makes reports of the state of the engine, the recording and the motion.
-
-    Parameters
-    ----------
-    node_name : str
-        Fully qualified.
-    state_rate, real_time_factor : float
-        The pace that the user asked for.
-    clock : callable
-        Monotonic clock in seconds, for tests.
-    """
+    """Makes reports of the state of the engine, the recording and the motion."""
 
     def __init__(
         self,

@@ -41,8 +41,6 @@ from .pacing import (
 )
 from .publishing import Emitter, Log, OutgoingMessage, RigPublishers
 
-__all__ = ['ControlStatus', 'Engine', 'EngineStatus', 'Load', 'RequestQueue', 'Ticket']
-
 
 class ControlStatus(NamedTuple):
     """State of the gap control: its parameters, the number of commands, and its last act."""

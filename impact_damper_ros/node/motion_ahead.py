@@ -29,9 +29,6 @@ from impact_damper_ros.rig.swing import extremes
 from .pacing import TickGrid
 from .publishing import OutgoingMessage, RigPublishers
 
-__all__ = ['KEPT', 'RIG_FAILURES', 'MotionAhead', 'MotionTrace', 'Moved', 'ticks_ahead']
-
-
 #: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
 KEPT = 512
 
@@ -42,23 +39,18 @@ class MotionTrace:
 
     The engine's thread writes. Other threads may read; they copy at once.
 
-    Parameters
+    Attributes
     ----------
     parameters : RigParameters
         The rig.
     began : float
         Rig time at the beginning, s.
+    frequency : float
+        Circular frequency of the first harmonic, rad/s.
     turned : float
-        Angle of the first harmonic then, in cycles since its zero.
+        Angle of the first harmonic at the beginning, in cycles since its zero.
     step : int
         Steps of the stepped sine done by then.
-
-    Attributes
-    ----------
-    parameters, began
-        As given.
-    frequency : float
-        Of the first harmonic, rad/s.
     """
 
     def __init__(
@@ -67,8 +59,8 @@ class MotionTrace:
         self.parameters = parameters
         self.began = began
         self.frequency = frequency_at(parameters, step)
-        self._turned = turned
-        self._step = step
+        self.turned = turned
+        self.step = step
         self._impacts: deque[Event] = deque(maxlen=KEPT)
         self._turns: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._last: Sample | None = None
@@ -89,7 +81,7 @@ class MotionTrace:
                 trace._impacts.append(event)
             elif event.kind is EventKind.FREQUENCY_STEP:
                 turned = trace.cycles(event.time)
-                trace = MotionTrace(trace.parameters, event.time, turned, trace._step + 1)
+                trace = MotionTrace(trace.parameters, event.time, turned, trace.step + 1)
                 first = i + 1
         # Between two ticks there may be several moves of the rig, each with many events.
         before = [] if trace is not self else trace._passed
@@ -118,7 +110,7 @@ class MotionTrace:
 
     def cycles(self, time: float) -> float:
         """Return the angle of the first harmonic at an instant (s), in cycles since its zero."""
-        return self._turned + (time - self.began) * self.frequency / tau
+        return self.turned + (time - self.began) * self.frequency / tau
 
     def impacts(self) -> list[Event]:
         """Return the last impacts."""
@@ -192,19 +184,6 @@ class MotionAhead:
     The rig itself is at the tick before the first one that is known, or earlier in the same
     flight: before a request changes it, `stand_at` moves it to the present tick, and afterwards
     `discard` drops the joint states that no longer hold.
-
-    Parameters
-    ----------
-    rig : ControlledRig
-        The rig.
-    publishers : mapping of str to TopicPublisher
-        Where impacts and acts of the gap control go.
-    grid : TickGrid
-        The instants of the ticks.
-    trace : MotionTrace
-        Takes note of the motion.
-    most : int
-        Number of ticks for which joint states are made at once.
 
     Attributes
     ----------

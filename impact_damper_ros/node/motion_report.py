@@ -28,18 +28,6 @@ from impact_damper_ros.rig import Event, RigParameters
 from .motion_ahead import KEPT, MotionTrace
 from .prediction import Answer, PredictedMotion, Predictor, PredictorStatus
 
-__all__ = [
-    'Agreement',
-    'MeasuredMotion',
-    'MotionMonitor',
-    'MotionReport',
-    'compare',
-    'measure',
-    'measured_report',
-    'predicted_report',
-]
-
-
 #: The last cycles of the force that are measured where there is no rhythm; a motion with no impact
 #: in as many cycles is one without impacts.
 MEASURED_CYCLES = 20
@@ -237,18 +225,7 @@ class MotionReport(NamedTuple):
 
 
 class MotionMonitor:
-    """
-    Measures the motion of the rig at each report and compares it with the prediction.
-
-    Parameters
-    ----------
-    trace : callable
-        Returns the present trace of the engine.
-    predictor : Predictor
-        Is asked again if the rig settles into a motion that it has not found.
-    state_rate : float
-        Samples per second of rig time.
-    """
+    """Measures the motion of the rig at each report and compares it with the prediction."""
 
     def __init__(
         self, trace: Callable[[], MotionTrace], predictor: Predictor, state_rate: float

@@ -1,38 +1,35 @@
 """
 Pacing: the instants of ticks, the priority of their thread, and the request to end.
 
-Policy for lateness. Deadlines are absolute, so a late tick does not delay the next one. As long
-as the rig is less than `CATCH_UP` behind, it makes up for it: the missed ticks are computed and
-published back to back, none is left out. Further behind, it gives the lost wall time up and takes
-its deadlines from there (a slip): rig time then lags wall time by so much more, but the samples
-stay on their grid without a hole. Stamps that count from the system time are moved on by as much,
-so that they stay with the time of the other nodes. Both are counted, and reported in the
-diagnostics.
+Policy for lateness. Deadlines are absolute, so a late tick does not delay the next one. A rig less
+than `CATCH_UP` behind catches up: the missed ticks are computed and published back to back, and
+none is left out. Further behind, it gives the lost wall time up and counts its deadlines from
+there (a slip): rig time then lags wall time by as much, but the samples stay on their grid without
+a gap.
+Stamps that count from the system time are moved on, so that they agree with the time of the other
+nodes. Late ticks and slips are counted and reported in the diagnostics.
 
-Under the ordinary scheduler whoever else runs may hold the thread up for some milliseconds. With a
-real-time priority it is given a processor as soon as a tick is due; the lowest ones are enough,
-since ordinary threads have none. They take a permission: root's, the capability CAP_SYS_NICE, or a
-limit RTPRIO (`ulimit -r`). Without, the rig runs on as it did before.
+Under the ordinary scheduler other programs may delay the thread by some milliseconds. With a
+real-time priority it gets a processor as soon as a tick is due; the lowest ones are enough, since
+ordinary threads have none. They need a permission: root's, the capability CAP_SYS_NICE, or a limit
+RTPRIO (`ulimit -r`). Without one, the thread keeps ordinary scheduling.
 
-The other threads of the node, the executor, the writer of a recording and those that speak with
-the process that predicts, have a priority too, one less: if one of them lost its processor to
-another program while it holds the interpreter's lock, the rig would wait for that program. What
-they do takes little time.
+The other threads of the node (the executor, the writer of a recording, those of the prediction)
+have a priority one lower: if one of them lost its processor to another program while it holds the
+interpreter's lock, the rig would wait for that program. They need little time.
 
-The interpreter's lock knows no priorities: a thread that wants it asks for it after the switch
-interval, whoever it is. A short one would let the others interrupt the rig all the time, which
-costs both sides more than they have to do; with a long one the rig would wait for it. So it is
-short only while the rig sleeps, see `sleep_first_in_line`.
+The interpreter's lock has no priorities: any waiting thread requests it after the switch interval.
+A short interval would let the others interrupt the rig all the time; with a long one the rig would
+wait. So it is short only while the rig sleeps, see `sleep_first_in_line`.
 
-A thread that never sleeps would leave others nothing of its processor. So a rig that cannot hold
-its pace has ordinary scheduling until it has held it for some time, and one that runs as fast as
-possible has it for good.
+A thread with priority that never sleeps would block its processor. So a rig that cannot hold its
+pace has ordinary scheduling until it has held it for some time, and one that runs as fast as
+possible always has.
 
-rclpy's own signal handler wakes executors and shuts ROS down from a thread of its own, for each
-signal anew. A second signal, while the node is being taken apart after the first, finds guard
-conditions that are just being freed, and the process crashes. Here a signal only writes a byte
-into a socket, whatever the process is doing, and the node takes itself apart in its own order.
-A SIGHUP, of a terminal that is gone, is ignored if the process was started so, as nohup does.
+rclpy's own signal handler wakes executors and shuts ROS down from a thread of its own, at each
+signal. A second signal during the shutdown meets guard conditions that are just being freed, and
+the process crashes. Here a signal only writes a byte into a socket, and the node shuts down in its
+own order. SIGHUP, of a closed terminal, is ignored if the process was started so, as by nohup.
 """
 
 from __future__ import annotations
@@ -47,25 +44,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-__all__ = [
-    'ORDINARY',
-    'SWITCH_INTERVAL_S',
-    'WAKING_INTERVAL_S',
-    'EndRequest',
-    'Pacer',
-    'PacingCounts',
-    'Scheduling',
-    'StampClock',
-    'TickGrid',
-    'priority_of_others',
-    'sleep_first_in_line',
-]
-
-
 NS_PER_S = 1_000_000_000
 #: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
 CATCH_UP_NS = 250_000_000
-# Longest sleep at a stretch: what has to be answered between two ticks far apart waits no longer.
+# Longest uninterrupted sleep: a request between two ticks far apart waits no longer.
 NAP_NS = 20_000_000
 #: Lateness, in wall time, up to which the pace is held.
 STEADY_NS = 50_000_000
@@ -76,14 +58,7 @@ FREE_RUN_REST_S = 0.0005
 
 
 class TickGrid:
-    """
-    Instants of the ticks in whole nanoseconds, each rounded from its exact value k / rate.
-
-    Parameters
-    ----------
-    rate : float
-        Ticks per second of rig time.
-    """
+    """Instants of the ticks in whole nanoseconds, each rounded from its exact value k / rate."""
 
     def __init__(self, rate: float) -> None:
         """Take the rate as the exact fraction that the float is."""
@@ -99,11 +74,8 @@ class StampClock:
     """
     Stamps of rig time.
 
-    Parameters
-    ----------
-    simulated : bool
-        Stamps count from 0, as those of a simulator do. Otherwise from the system time at the
-        start, and a pause or a slip moves them on with the wall clock.
+    Simulated stamps count from 0. Others count from the system time at the start, and a pause or a
+    slip moves them on with the wall clock.
 
     Attributes
     ----------
@@ -125,7 +97,7 @@ class StampClock:
             self.catch_up(0)
 
     def now(self, time_ns: int) -> int:
-        """Return the stamp of what is said now of a rig that stands at a rig time."""
+        """Return the stamp of a message sent now by a rig that is paused at a rig time."""
         stamp_ns = self.offset_ns + time_ns
         if self._simulated:
             return stamp_ns
@@ -203,7 +175,7 @@ class Pacer:
         return self._clock() - self._unsteady_ns
 
     def approach(self, rig_ns: int, interrupted: Callable[[], bool]) -> bool:
-        """Sleep until an instant is no more than a nap away."""
+        """Sleep until an instant is at most a nap away."""
         if self._factor:
             deadline = self._deadline(rig_ns)
             while deadline - self._clock() > NAP_NS:
@@ -226,7 +198,7 @@ class Pacer:
             self._rest_at_times()
 
     def counts(self) -> PacingCounts:
-        """Return what was counted; called from another thread, at a report."""
+        """Return the counts; called from another thread, at a report."""
         worst, self._worst = self._worst, _Worst()
         return PacingCounts(
             self._ticks, self._overruns, self._slips, self._slipped_ns, worst.lateness_ns
@@ -290,25 +262,19 @@ def priority_of_others(priority: int) -> int:
 
 class Scheduling:
     """
-    The scheduling of one thread.
+    The scheduling of one thread: a real-time priority of 1 to 99, or 0 for an ordinary thread.
 
-    Parameters
-    ----------
-    priority : int
-        Real-time priority asked for, 1 to 99; 0 for ordinary scheduling.
-    inherited : bool, optional
-        Whether threads and processes that the thread starts have it, too.
+    If it is inherited, threads and processes that the thread starts have it, too.
 
     Attributes
     ----------
     text : str
-        What it has: ``'SCHED_FIFO 1'``, or ``'ordinary'``, with the reason if more was asked for.
+        The present one: ``'SCHED_FIFO 1'``, or ``'ordinary'`` with the reason why not more.
     given_up : bool
         Whether it has ordinary scheduling until it holds its pace again.
     """
 
     def __init__(self, priority: int, *, inherited: bool = True) -> None:
-        """Change nothing yet."""
         self.text = ORDINARY
         self.given_up = False
         self._inherited = inherited
@@ -367,7 +333,7 @@ class EndRequest:
 
     @property
     def received(self) -> bool:
-        """Whether the process has been told to end."""
+        """Whether a signal has asked the process to end."""
         return self._received.is_set()
 
     def wake_with(self, wake: Callable[[], object] | None) -> None:

@@ -36,17 +36,6 @@ from impact_damper_ros.rig import (
 )
 from impact_damper_ros.rig.quoting import named, printable, shown
 
-__all__ = [
-    'LiveParameters',
-    'NodeParameters',
-    'descriptor',
-    'nearest_name',
-    'parameters_from_overrides',
-    'promoted',
-    'resized_force',
-]
-
-
 FORCE_ARRAYS = ('force_amplitudes', 'force_frequencies', 'force_phases')
 #: Longest name that may be a misspelt one.
 _LONGEST_NAME = 80

@@ -26,8 +26,6 @@ import impact_damper_ros
 from impact_damper_ros.orbits.recognition import Apart, Rhythm
 from impact_damper_ros.rig import Event
 
-__all__ = ['Answer', 'PredictedMotion', 'Predictor', 'PredictorStatus']
-
 
 @dataclass(frozen=True)
 class PredictedMotion:

@@ -33,15 +33,12 @@ from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import Event, EventKind
 
-__all__ = ['main']
-
-
 NICENESS = 5
 #: Without a first answer after this time, or the last one after the second, a fork of ordinary
 #: priority takes over.
 HURRY_S, LONG_HURRY_S = 0.25, 2.0
 #: After the first, quick answer the parameters must have been left alone for so long before the
-#: search goes on: somebody who turns a knob sets off no more than the quick ones.
+#: search goes on, so that a parameter that is still being changed causes quick searches only.
 QUIET_S = 0.3
 #: Longest search.
 PATIENCE_S = 60

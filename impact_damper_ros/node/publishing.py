@@ -13,16 +13,6 @@ if TYPE_CHECKING:
 
     from .engine import Engine
 
-__all__ = [
-    'Emitter',
-    'Log',
-    'OutgoingMessage',
-    'Recorder',
-    'RecordingStatus',
-    'RigPublishers',
-    'TopicPublisher',
-]
-
 
 class TopicPublisher(NamedTuple):
     """A topic: its resolved name, and the function that publishes encoded messages on it."""
@@ -63,13 +53,6 @@ class Log(Protocol):
 class Emitter:
     """
     Publishes messages, and records them while there is a log.
-
-    Parameters
-    ----------
-    alive : callable
-        Whether ROS still runs; publishing fails once it does not.
-    on_end : callable
-        Called if it does not.
 
     Attributes
     ----------
@@ -123,20 +106,7 @@ class RecordingStatus(NamedTuple):
 
 
 class Recorder:
-    """
-    Begins and finishes recordings; used from the executor's thread.
-
-    Parameters
-    ----------
-    engine : Engine
-        Writes into the recording.
-    publishers : mapping of str to TopicPublisher
-        The topics.
-    node_name : str
-        Fully qualified, for the notes of the bag.
-    on_failure : callable
-        Called from another thread when a recording fails.
-    """
+    """Begins and finishes recordings; used from the executor's thread."""
 
     def __init__(
         self,

@@ -66,18 +66,6 @@ from .parameters import (
 from .prediction import Predictor
 from .publishing import Recorder, RigPublishers, TopicPublisher
 
-__all__ = [
-    'Namesakes',
-    'SimNode',
-    'answer_foreign',
-    'check_params_files',
-    'in_words',
-    'main',
-    'refuse',
-    'start_message',
-]
-
-
 USAGE = """usage: sim_node [-h] [--version]
                 [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
 
@@ -163,18 +151,7 @@ def _pace(factor: float) -> str:
 
 
 class Namesakes:
-    """
-    Detects other nodes of the same name, which answer in the place of this one.
-
-    Parameters
-    ----------
-    node : str
-        Fully qualified name of this node.
-    names : callable
-        Returns name and namespace of every node on the network, this one included.
-    warn : callable
-        Takes a warning.
-    """
+    """Detects other nodes of the same name, which answer in the place of this one."""
 
     #: Number of checks; a node of the same name that starts later warns by itself.
     LOOKS = 30

@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     )
     from .equations import ImpactEquations, OrbitError, plausible_stops
     from .optimum import OptimalGap, optimal_gap
-    from .orbit import Node, PeriodicOrbit
+    from .orbit import OrbitEvent, PeriodicOrbit
     from .search import OrbitSearch, StartReport, find_orbits
     from .shooting import Section, orbit_near, section_on, shoot
 
 __all__ = [
     'Branch',
     'ImpactEquations',
-    'Node',
     'OptimalGap',
     'OrbitError',
+    'OrbitEvent',
     'OrbitSearch',
     'PeriodicOrbit',
     'Section',

@@ -33,21 +33,9 @@ from impact_damper_ros.rig.mode import rig_constants
 
 from .equations import Array, ImpactEquations, OrbitError, single_harmonic
 from .impact_roots import Root
-from .newton import solve
 from .orbit import PeriodicOrbit
 from .search import counted_as, orbit_of, within_theory
 from .shooting import Section, follow_section, orbit_on, section_on
-
-__all__ = [
-    'Branch',
-    'SpecialKind',
-    'SpecialPoint',
-    'continue_orbit',
-    'switch_branch',
-    'value_of',
-    'with_value',
-]
-
 
 #: A name for both coefficients of restitution at once.
 BOTH_RESTITUTIONS = 'restitution'
@@ -204,7 +192,7 @@ def _family_of(orbit: PeriodicOrbit, name: str) -> _Family:
     """Return the family of a motion."""
     value_of(orbit.parameters, name)
     solvable = single_harmonic(orbit.parameters) and within_theory(orbit.parameters, orbit.stops)
-    if solvable and not orbit.nodes:
+    if solvable and not orbit.events:
         return _EquationFamily(orbit.parameters, name, orbit.stops, orbit.cycles)
     return _ShootingFamily(orbit, name)
 
@@ -213,6 +201,20 @@ def _family_of(orbit: PeriodicOrbit, name: str) -> _Family:
 RESIDUAL_TOLERANCE = 1e-11
 
 _ROUND_OFF = 1e-12
+
+
+# The residual where there is no motion, and one that is small enough
+_NOWHERE = 1e9
+_ENOUGH = 1e-15
+_CORRECTOR = {'xtol': 1e-14, 'ftol': 1e-16, 'gtol': 0.0, 'maxiter': 40}
+
+
+class _CorrectedError(Exception):
+    """A place at which the residual is small enough."""
+
+    def __init__(self, place: Array) -> None:
+        super().__init__()
+        self.place = place.copy()
 
 
 @dataclass(frozen=True)
@@ -258,20 +260,38 @@ class _Curve:
 
     def correct(self, guess: Array, normal: Array) -> _Point | None:
         """Return the point of the curve in the plane through a guess, or None."""
+        # Not needed by most users of this package, and slow to import
+        from scipy.optimize import root
+
+        history: list[float] = []
 
         def in_plane(place: Array) -> tuple[Array, Array]:
-            residual, matrix = self.system(place)
-            return np.append(residual, normal @ (place - guess)), np.vstack([matrix, normal])
+            try:
+                residual, matrix = self.system(place)
+            except (ArithmeticError, ParameterError):
+                matrix = np.full(1, np.nan)
+            if not np.isfinite(matrix).all():
+                # A step to where there is no motion is taken back
+                return np.full(len(place), _NOWHERE), np.eye(len(place))
+            history.append(float(np.abs(residual).max()))
+            missing = np.append(residual, normal @ (place - guess))
+            if np.abs(missing).max() < _ENOUGH:
+                raise _CorrectedError(place)
+            return missing, np.vstack([matrix, normal])
 
-        found = solve(in_plane, guess)
-        place = found.unknowns
+        try:
+            # At a branch point the matrix is singular, which MINPACK's method stands
+            place: Array = root(in_plane, guess, jac=True, method='lm', options=_CORRECTOR).x
+        except _CorrectedError as corrected:
+            place = corrected.place
         try:
             residual, matrix = self.system(place)
-            if not np.abs(residual).max() < RESIDUAL_TOLERANCE:
+            history.append(float(np.abs(residual).max()))
+            if not history[-1] < RESIDUAL_TOLERANCE:
                 return None
             tangent = np.linalg.svd(matrix)[2][-1]
             tangent = tangent if tangent @ normal >= 0.0 else -tangent
-            orbit = self.family.orbit(place[:-1], self.value(place), found.history)
+            orbit = self.family.orbit(place[:-1], self.value(place), tuple(history))
         except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
             return None
         return _Point(place, tangent, orbit)
@@ -358,7 +378,7 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
     words: Counter[str] = Counter(f'impact on stop {stop}' for stop in orbit.stops)
     words.update(
         node.kind.name.lower() + (f' on stop {node.stop}' if node.stop else '')
-        for node in orbit.nodes
+        for node in orbit.events
     )
     return words
 
@@ -498,8 +518,8 @@ def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | No
     """
     Return the curve with the period begun at another instant, and the point on it.
 
-    What happens at the instant at which the period of the event map begins may have come to be
-    a reversal or an impact.
+    Along the branch a reversal or an impact may have moved to the instant at which the period of
+    the event map begins.
     """
     if not isinstance(curve.family, _ShootingFamily):
         return None

@@ -24,18 +24,6 @@ from numpy.typing import NDArray
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.mode import rig_constants
 
-__all__ = [
-    'Array',
-    'ImpactEquations',
-    'ImpactVelocities',
-    'OrbitError',
-    'check_forcing',
-    'check_stops',
-    'plausible_stops',
-    'single_harmonic',
-]
-
-
 #: Most impacts in a period for which all stop sequences are listed.
 MOST_LISTED_IMPACTS = 6
 

@@ -45,14 +45,13 @@ from impact_damper_ros.rig.transition import moving_mode, resolve
 from .equations import Array
 from .multipliers import event_matrices, flight_matrices
 
-__all__ = ['Course', 'Incident', 'Stretch', 'origin_at', 'run_course']
-
-
 #: More events in one period than any motion that is sought.
 MOST_EVENTS = 2000
 
+_STOP_OF = {REST_1: 1, REST_2: 2}
 
-class Stretch(NamedTuple):
+
+class FlightPart(NamedTuple):
     """One flight within a period, since whose beginning times are counted, s."""
 
     start: float
@@ -61,7 +60,7 @@ class Stretch(NamedTuple):
     flight: Flight
 
 
-class Incident(NamedTuple):
+class TrajectoryEvent(NamedTuple):
     """One event within a period, since whose beginning its time is counted, s."""
 
     time: float
@@ -75,7 +74,7 @@ class Incident(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Course:
+class Trajectory:
     """
     Motion from one instant to a later one.
 
@@ -84,8 +83,8 @@ class Course:
 
     end: Origin
     matrix: Array
-    incidents: list[Incident]
-    stretches: list[Stretch]
+    events: list[TrajectoryEvent]
+    flights: list[FlightPart]
 
 
 def origin_at(
@@ -150,26 +149,19 @@ def _rates(motion: Motion, flight: Flight) -> Array:
     )
 
 
-class _Passage:
-    """What carries deviations: the flights and the events between them, in order."""
+class _Crossings:
+    """What the events of a trajectory do to deviations."""
 
     def __init__(self, machine: RigConstants) -> None:
         self.machine = machine
-        self.modes: list[int] = []
-        self.spans: list[float] = []
         self.impacts: list[bool] = []
         self.restitutions: list[float] = []
         self.crosses: list[bool] = []
         self.before: list[Array] = []
         self.after: list[Array] = []
 
-    def fly(self, origin: Origin, span: float) -> None:
-        """Pass through a flight."""
-        self.modes.append(origin.mode)
-        self.spans.append(span)
-
-    def meet(self, kind: int, origin: Origin, before: Array, after: Array) -> None:
-        """Pass through an event that leads to an origin."""
+    def add(self, kind: int, origin: Origin, before: Array, after: Array) -> None:
+        """Add an event that leads to an origin, with the rates before and after it."""
         machine = self.machine
         restitution = machine.restitution_1 if kind == CONTACT_1 else machine.restitution_2
         self.impacts.append(kind in (CONTACT_1, CONTACT_2))
@@ -178,11 +170,11 @@ class _Passage:
         self.before.append(before)
         self.after.append(after)
 
-    def matrix(self) -> Array:
+    def matrix(self, flights: list[FlightPart]) -> Array:
         """Return the derivative of the state at the end by the state at the beginning."""
-        flights = flight_matrices(
-            self.machine, np.array(self.modes, np.int64), np.array(self.spans)
-        )
+        modes = np.array([part.origin.mode for part in flights], np.int64)
+        spans = np.array([part.duration for part in flights])
+        carried_by = flight_matrices(self.machine, modes, spans)
         events = event_matrices(
             self.machine.mass_ratio,
             np.array(self.impacts, dtype=bool),
@@ -191,8 +183,8 @@ class _Passage:
             np.reshape(self.after, (-1, 4)),
             np.array(self.crosses, dtype=bool),
         )
-        matrix: Array = flights[0]
-        for event, flight in zip(events, flights[1:], strict=True):
+        matrix: Array = carried_by[0]
+        for event, flight in zip(events, carried_by[1:], strict=True):
             matrix = flight @ (event @ matrix)
         return matrix
 
@@ -207,17 +199,17 @@ def _kind_of(kind: int, mode: int) -> EventKind:
     return EventKind.STICK if mode == STICK else EventKind.REVERSAL
 
 
-def run_course(
+def follow_trajectory(
     machine: RigConstants, origin: Origin, duration: float, *, differentiate: bool = True
-) -> Course | None:
+) -> Trajectory | None:
     """
     Follow the motion for a time; return None if it has more than `MOST_EVENTS` events.
 
     Without `differentiate` the matrix is the identity.
     """
-    passage = _Passage(machine)
-    incidents: list[Incident] = []
-    stretches: list[Stretch] = []
+    crossings = _Crossings(machine)
+    events: list[TrajectoryEvent] = []
+    flights: list[FlightPart] = []
     elapsed = 0.0
     flight = launch(machine, origin)
     for _ in range(MOST_EVENTS):
@@ -231,29 +223,24 @@ def run_course(
         if not ended:
             end = end_at(flight, NO_EVENT, left)
         kind, span = end.kind, end.tau
-        stretches.append(Stretch(elapsed, span, origin, flight))
-        passage.fly(origin, span)
+        flights.append(FlightPart(elapsed, span, origin, flight))
         if not ended:
-            matrix = passage.matrix() if differentiate else np.eye(4)
-            return Course(carried(origin, flight, end), matrix, incidents, stretches)
+            matrix = crossings.matrix(flights) if differentiate else np.eye(4)
+            return Trajectory(carried(origin, flight, end), matrix, events, flights)
         mode = origin.mode
         transition = resolve(machine, origin, flight, end)
         origin = transition.origin
         ending, flight = flight, launch(machine, origin)
         if differentiate:
             before = _rates(motion_at(ending, span), ending)
-            passage.meet(kind, origin, before, _rates(starting_motion(flight), flight))
+            crossings.add(kind, origin, before, _rates(starting_motion(flight), flight))
         elapsed += span
-        stop = transition.stop
-        if origin.mode in (REST_1, REST_2):
-            stop = 1 if origin.mode == REST_1 else 2
-        elif mode in (REST_1, REST_2):
-            stop = 1 if mode == REST_1 else 2
+        stop = _STOP_OF.get(origin.mode) or _STOP_OF.get(mode) or transition.stop
         reported = _kind_of(kind, origin.mode)
         if kind == NO_EVENT and reported is not EventKind.REST:
             continue
-        incidents.append(
-            Incident(
+        events.append(
+            TrajectoryEvent(
                 elapsed,
                 reported,
                 stop,
@@ -265,8 +252,8 @@ def run_course(
             )
         )
         if kind in (CONTACT_1, CONTACT_2) and origin.mode in (REST_1, REST_2):
-            incidents.append(
-                Incident(
+            events.append(
+                TrajectoryEvent(
                     elapsed,
                     EventKind.REST,
                     stop,

@@ -21,17 +21,6 @@ from impact_damper_ros.rig import Event
 from .equations import Array, ImpactEquations
 from .settling import settled_impacts, starting_points
 
-__all__ = [
-    'RESIDUAL_TOLERANCE',
-    'Root',
-    'approach_roots',
-    'many_impact_roots',
-    'one_impact_roots',
-    'polish',
-    'two_impact_roots',
-]
-
-
 #: Largest relative residual of a root; just beyond a fold the least residual is not zero.
 RESIDUAL_TOLERANCE = 1e-12
 

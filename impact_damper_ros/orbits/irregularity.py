@@ -24,9 +24,6 @@ import numpy as np
 from .equations import Array
 from .recognition import MotionKind
 
-__all__ = ['Indications', 'average_spread', 'quiet_phase', 'zero_one_test']
-
-
 #: Numbers that the 0-1 test needs at least, and takes at most.
 _LEAST_NUMBERS, _MOST_NUMBERS = 100, 1000
 _FREQUENCIES = 60
@@ -39,7 +36,7 @@ CERTAIN_ERRORS, CERTAIN_GROWTH, IRREGULAR_SPREAD = 5.0, 10.0, 3e-3
 BOUNDED_GROWTH, DOUBTFUL_ERRORS, REGULAR_SPREAD = 2.0, 3.0, 1e-3
 #: Values from which on the weighted averages mean something.
 LEAST_VALUES = 300
-#: What would decide is not foretold beyond this.
+#: Most cycles that are named as needed for a decision.
 _MOST_FORETOLD = 1_000_000
 _CONSTANT = 1e-6
 
@@ -126,8 +123,8 @@ def quiet_phase(phases: Array) -> float:
     """
     Return the middle of the widest gap between the phases of impacts, in cycles, in [0, 1).
 
-    There a cycle should be looked at for `average_spread`: what is looked at where impacts fall
-    jumps, and its averages converge slowly.
+    `average_spread` needs values taken there: where impacts fall they jump, and their averages
+    converge slowly.
     """
     if not len(phases):
         return 0.0

@@ -40,18 +40,6 @@ from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
 
 from .multipliers import event_matrices, flight_matrices, state_rates
 
-__all__ = [
-    'BATCHES',
-    'Deviations',
-    'Exponent',
-    'deviations',
-    'growth_exponent',
-    'monodromy_of',
-    'parting_exponent',
-    'period_exponent',
-]
-
-
 Array = NDArray[np.float64]
 
 #: Parts of a run whose mean growths are compared, for the uncertainty of the exponent.
@@ -241,7 +229,7 @@ def _batched_exponent(growth: Array, spans: Array) -> Exponent:
 _NEAR, _CLEAR, _WIDER = 1e-7, 1e4, 10.0
 #: Separation from which on neighbours are taken to have parted.
 _PARTED = 1e-2
-#: Cycles in which neighbours may come to agree again, one of them having had an event earlier.
+#: Cycles in which neighbours may agree again after one of them had an event earlier.
 _PATIENCE = 3
 #: Share of the cycles in which they may not.
 _MOST_LEFT_OUT = 0.05

@@ -27,16 +27,6 @@ from impact_damper_ros.rig.oscillator import Oscillator
 
 from .equations import Array, ImpactEquations
 
-__all__ = [
-    'event_matrices',
-    'flight_matrices',
-    'free_vibration',
-    'monodromy',
-    'multipliers_of',
-    'state_rates',
-]
-
-
 Mask = NDArray[np.bool_]
 
 #: Gradients of the surfaces: Y = Z - X at an impact, Y' at all other events.

@@ -24,13 +24,10 @@ from .equations import OrbitError, check_forcing
 from .orbit import PeriodicOrbit
 from .search import find_orbits
 
-__all__ = ['Limit', 'OptimalGap', 'gap_range', 'optimal_gap', 'smallest_motion']
-
-
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _MOST_STEPS = 80
 _WINDOW_STEPS = 12
-#: Smallest gap looked at unless told otherwise, relative to the largest.
+#: Smallest gap of the default range, relative to the largest.
 _LEAST_SHARE = 0.004
 _SAME_BRANCH = 0.02
 #: A pair of multipliers this close to 1 and -1 in angle counts as real, rad.
@@ -95,7 +92,7 @@ def _gap_scale(rig: RigParameters) -> float:
 
 
 def gap_range(rig: RigParameters) -> tuple[float, float]:
-    """Return the gaps that `optimal_gap` looks at unless told otherwise, m."""
+    """Return the range of gaps that `optimal_gap` searches by default, m."""
     scale = _gap_scale(rig)
     if not math.isfinite(scale) or scale == 0.0:
         raise OrbitError(
@@ -103,13 +100,6 @@ def gap_range(rig: RigParameters) -> tuple[float, float]:
             'look at, as gaps=(low, high)'
         )
     return _LEAST_SHARE * scale, scale
-
-
-def smallest_motion(
-    rig: RigParameters, stops: Sequence[int] = (1, 2), cycles: int = 1, *, simulate: bool = False
-) -> PeriodicOrbit | None:
-    """Return the stable, viable motion with the smallest |X|, if there is one."""
-    return _smallest(_motions(rig, stops, cycles, simulate))
 
 
 def _motions(
@@ -233,11 +223,11 @@ def _instability(orbit: PeriodicOrbit) -> str:
 def _coexisting(orbit: PeriodicOrbit, viable: Sequence[PeriodicOrbit]) -> str:
     """Say what other stable motions the rig of a motion has."""
     others = [other for other in viable if other.stable and orbit.differs(other) > _SAME_BRANCH]
-    told = [('with the same stops', other.x_max) for other in others]
-    told += _without_impacts(orbit.parameters)
+    found = [('with the same stops', other.x_max) for other in others]
+    found += _without_impacts(orbit.parameters)
     return '; '.join(
         f'M can also move by {swing:.6g} m {words}, {swing / orbit.x_max:.3g} times as much'
-        for words, swing in told
+        for words, swing in found
     )
 
 

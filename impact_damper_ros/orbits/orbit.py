@@ -10,9 +10,6 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.rig import EventKind, RigParameters
 
-__all__ = ['Node', 'PeriodicOrbit']
-
-
 #: Values at the impacts, in the order of the stops.
 _AT_IMPACTS = (
     'stops',
@@ -24,7 +21,7 @@ _AT_IMPACTS = (
 )
 
 
-class Node(NamedTuple):
+class OrbitEvent(NamedTuple):
     """
     An event of a periodic motion that is not an impact.
 
@@ -81,7 +78,7 @@ class PeriodicOrbit:
         Largest residual of the equations, relative to the displacements.
     residual_history : tuple of float
         The residual before each Newton step and at the end.
-    nodes : tuple of Node
+    events : tuple of OrbitEvent
         Reversals, sticking and rest within the period; empty where friction keeps its sign from
         impact to impact.
     """
@@ -102,7 +99,7 @@ class PeriodicOrbit:
     reason: str
     residual: float
     residual_history: tuple[float, ...]
-    nodes: tuple[Node, ...] = ()
+    events: tuple[OrbitEvent, ...] = ()
 
     @property
     def impacts(self) -> int:
@@ -148,8 +145,8 @@ class PeriodicOrbit:
 
         changed: dict[str, Any] = {name: turned(name) for name in _AT_IMPACTS}
         changed['phases'] = tuple((p - whole) % self.cycles for p in turned('phases'))
-        changed['nodes'] = tuple(
-            node._replace(phase=(node.phase - whole) % self.cycles) for node in self.nodes
+        changed['events'] = tuple(
+            event._replace(phase=(event.phase - whole) % self.cycles) for event in self.events
         )
         return replace(self, **changed)
 
@@ -184,11 +181,12 @@ class PeriodicOrbit:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the orbit for JSON; multipliers as pairs of real and imaginary part."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'parameters'}
+        left_out = ('parameters', 'events')
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in left_out}
         stored = {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
         stored['multipliers'] = [[m.real, m.imag] for m in self.multipliers]
         stored['nodes'] = [
-            {'kind': node.kind.name.lower(), 'stop': node.stop, 'phase': node.phase}
-            for node in self.nodes
+            {'kind': event.kind.name.lower(), 'stop': event.stop, 'phase': event.phase}
+            for event in self.events
         ]
         return stored

@@ -22,27 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_damper_ros.rig import Event
 
-__all__ = [
-    'LONGEST_PERIOD',
-    'LONGEST_RHYTHM',
-    'RECOGNISED',
-    'SETTLED',
-    'SETTLED_DRIFT',
-    'Apart',
-    'ImpactTable',
-    'MotionKind',
-    'Recurrence',
-    'Rhythm',
-    'approaches',
-    'find_recurrence',
-    'period_distances',
-    'repeated_impacts',
-    'rhythm_of',
-    'section_distance',
-    'turned_cycles',
-]
-
-
 Array = NDArray[np.float64]
 
 #: Longest period looked for in a recording or a run that settles, and in a running rig, in cycles

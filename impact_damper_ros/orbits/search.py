@@ -13,25 +13,13 @@ from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.mode import rig_constants
 
 from .equations import Array, ImpactEquations, check_forcing, check_stops, single_harmonic
-from .event_map import origin_at, run_course
+from .event_map import follow_trajectory, origin_at
 from .impact_roots import Root, many_impact_roots, one_impact_roots, two_impact_roots
 from .multipliers import monodromy, multipliers_of
 from .orbit import PeriodicOrbit
 from .settling import starting_points
 from .shooting import Section, section_of, section_on, shoot
 from .viability import assumed_flights, largest_displacement, why_not_viable
-
-__all__ = [
-    'OrbitSearch',
-    'StartReport',
-    'carried_over',
-    'counted_as',
-    'find_orbits',
-    'orbit_of',
-    'settled_sections',
-    'within_theory',
-]
-
 
 #: Motions closer than this, relative to their size, are the same.
 SAME = 1e-7
@@ -249,10 +237,10 @@ def settled_sections(
         busy = 0
         periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
         for i in range(periods):
-            course = run_course(machine, origin, period, differentiate=False)
+            course = follow_trajectory(machine, origin, period, differentiate=False)
             if course is None:
                 break
-            busy = busy + 1 if len(course.incidents) > most_events else 0
+            busy = busy + 1 if len(course.events) > most_events else 0
             if busy > _BUSY_PERIODS:
                 break
             origin = course.end

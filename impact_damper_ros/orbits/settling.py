@@ -26,19 +26,6 @@ from impact_damper_ros.rig.mode import rig_constants
 
 from .recognition import LONGEST_PERIOD, Array, section_distance
 
-__all__ = [
-    'EndlessEventsError',
-    'Look',
-    'Settling',
-    'SettlingRig',
-    'cycle_of',
-    'run_by_cycles',
-    'section_of',
-    'settled_impacts',
-    'starting_points',
-]
-
-
 # Far more events than the motions sought have; a rig that chatters all the time is left early.
 _EVENTS_PER_CYCLE = 60
 #: Cycles between two looks at whether the motion repeats.
@@ -315,28 +302,28 @@ class SettlingRig:
         grid *= self.cycle
         grid += self._start
         most = self.settling.events - self.events
-        stretch = self._run.advance(float(grid[-1]), grid, most_events=max(most, 1))
-        if stretch.outcome is not Outcome.COMPLETE:
-            raise EndlessEventsError(stretch.reason)
+        result = self._run.advance(float(grid[-1]), grid, most_events=max(most, 1))
+        if result.outcome is not Outcome.COMPLETE:
+            raise EndlessEventsError(result.reason)
         self.cycles += cycles
-        self.events += stretch.event_count
-        return stretch
+        self.events += result.event_count
+        return result
 
     def settle(self) -> Events:
         """Go on until the next look at whether the motion repeats; return the events."""
         left = max(1, self.settling.cycles - self.cycles)
-        stretch = self.run(min(CYCLES_BETWEEN_LOOKS, left))
-        section = section_of(stretch.samples[1:])
+        result = self.run(min(CYCLES_BETWEEN_LOOKS, left))
+        section = section_of(result.samples[1:])
         size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
         # A rig without force has settled once next to nothing of its start is left
         self._size = size if self.forced else max(size, self._size)
         if self.controlled:
             # Stops that still move are not settled, whether m reaches them or not
-            x = stretch.samples['x'][1:]
-            places = [stretch.samples[name][1:] - x for name in ('stop_1', 'stop_2')]
+            x = result.samples['x'][1:]
+            places = [result.samples[name][1:] - x for name in ('stop_1', 'stop_2')]
             section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
         self._recent = np.concatenate([self._recent, section])[-4 * LONGEST_PERIOD :]
-        return stretch.events
+        return result.events
 
     def forget(self) -> None:
         """Judge from now on only by states to come whether the motion repeats."""

@@ -20,25 +20,18 @@ from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, RigConstants, rig_
 from impact_damper_ros.rig.origin import Origin
 
 from .equations import Array, check_forcing
-from .event_map import Course, Stretch, origin_at, run_course
+from .event_map import FlightPart, Trajectory, follow_trajectory, origin_at
 from .multipliers import multipliers_of
-from .newton import solve
-from .orbit import Node, PeriodicOrbit
+from .orbit import OrbitEvent, PeriodicOrbit
 from .viability import largest_displacement
-
-__all__ = [
-    'Section',
-    'follow_section',
-    'orbit_near',
-    'orbit_on',
-    'section_of',
-    'section_on',
-    'shoot',
-]
-
 
 #: Largest change of the state over a period, relative to its size.
 RESIDUAL_TOLERANCE = 1e-11
+
+# Newton's method with shorter steps where needed. `scipy.optimize.root` takes 25 % longer (192 to
+# 240 ms for 15 starts) and converges from other far starts (one row of 2052 of figure 3 changes).
+_NEWTON_STEPS = 30
+_LEAST_PART = 1.0 / 256.0
 
 # Deviations of (X, X', Y, Y') from those of (X, X', Z, Z')
 _RELATIVE = np.array(
@@ -98,22 +91,22 @@ def _resting(origin: Origin) -> int:
     return origin.mode if origin.mode in (STICK, REST_1, REST_2) else 0
 
 
-def _promise(stretch: Stretch) -> tuple[int, float]:
-    """Rate a stretch as a place to begin a period: resting first, then long and fast."""
-    if _resting(stretch.origin):
-        return 1, stretch.duration
-    if stretch.flight.joint:
+def _promise(part: FlightPart) -> tuple[int, float]:
+    """Rate a flight as a place to begin a period: resting first, then long and fast."""
+    if _resting(part.origin):
+        return 1, part.duration
+    if part.flight.joint:
         return 0, 0.0
-    return 0, stretch.duration * abs(stretch.flight.relative_velocity)
+    return 0, part.duration * abs(part.flight.relative_velocity)
 
 
-def section_of(machine: RigConstants, course: Course, instant: float) -> Section:
+def section_of(machine: RigConstants, course: Trajectory, instant: float) -> Section:
     """Choose where the period of a motion that starts at an instant (s) begins."""
-    best = max(course.stretches, key=_promise)
+    best = max(course.flights, key=_promise)
     resting = _resting(best.origin)
     # In flight closer to its beginning, away from a reversal that may be half-way
     tau = best.duration * (0.5 if resting else 0.25)
-    there = run_course(machine, best.origin, tau)
+    there = follow_trajectory(machine, best.origin, tau)
     assert there is not None
     section = Section(instant + best.start + tau, resting, there.end.last_stop, np.empty(0))
     return Section(
@@ -138,7 +131,7 @@ def _section_after(
     beyond = 0.0 if stop == 1 else -2.0 * machine.stop
     relative = damper_velocity - velocity
     origin = origin_at(machine, instant, x, velocity, beyond, relative, 0, stop)
-    course = run_course(machine, origin, period)
+    course = follow_trajectory(machine, origin, period)
     return None if course is None else section_of(machine, course, instant)
 
 
@@ -173,7 +166,7 @@ class _Shot:
 
     change: Array
     matrix: Array
-    course: Course
+    course: Trajectory
 
 
 def _shot(machine: RigConstants, section: Section, state: Array, period: float) -> _Shot | None:
@@ -182,7 +175,7 @@ def _shot(machine: RigConstants, section: Section, state: Array, period: float) 
         return None
     # Through hundreds of impacts a derivative may grow beyond all numbers
     with np.errstate(over='ignore', invalid='ignore'):
-        course = run_course(machine, origin, period)
+        course = follow_trajectory(machine, origin, period)
     if course is None or _resting(course.end) != section.resting:
         return None
     if not np.isfinite(course.matrix).all():
@@ -240,27 +233,42 @@ def shoot(
     """
     check_forcing(parameters, cycles)
     machine = rig_constants(parameters)
-    period = cycles * math.tau / parameters.force_frequencies[0]
-    static = abs(parameters.force_amplitudes[0]) / parameters.stiffness
-    length = max(static, abs(float(section.state[0])))
-    speed = parameters.omega * length
-    units = np.array([length, speed, length, speed])[: section.dimension]
-
-    def system(unknowns: Array) -> tuple[Array, Array]:
-        shot = _shot(machine, section, unknowns * units, period)
-        if shot is None:
-            raise ArithmeticError('the motion changes its kind where the period begins')
-        change = shot.matrix - np.eye(section.dimension)
-        return shot.change / units, change * units / units[:, None]
-
-    found = solve(system, section.state / units)
-    if not found.residual <= RESIDUAL_TOLERANCE:
+    cycle = math.tau / parameters.force_frequencies[0]
+    state = section.state
+    shot = _shot(machine, section, state, cycles * cycle)
+    history: list[float] = []
+    if shot is None:
         return None
-    settled = replace(section, state=found.unknowns * units)
-    shot = _shot(machine, settled, settled.state, period)
-    if shot is None or shot.course.end.last_stop != section.last_stop:
+    rate = parameters.omega
+
+    def size(change: Array, at: Array) -> float:
+        length = max(abs(parameters.force_amplitudes[0]) / parameters.stiffness, abs(at[0]))
+        units = np.array([length, rate * length, length, rate * length])[: len(change)]
+        return float(np.abs(change / units).max())
+
+    best = size(shot.change, state)
+    for _ in range(_NEWTON_STEPS):
+        history.append(best)
+        if best == 0.0:
+            break
+        step = np.linalg.lstsq(np.eye(len(state)) - shot.matrix, shot.change, rcond=1e-14)[0]
+        part = 1.0
+        better = None
+        while part >= _LEAST_PART:
+            trial = _shot(machine, section, state + part * step, cycles * cycle)
+            if trial is not None and size(trial.change, state + part * step) < best:
+                better = trial
+                break
+            part *= 0.25
+        if better is None:
+            break
+        state, shot = state + part * step, better
+        best = size(shot.change, state)
+    history.append(best)
+    if best > RESIDUAL_TOLERANCE or shot.course.end.last_stop != section.last_stop:
         return None
-    return _orbit(parameters, settled, cycles, shot, found.history), settled
+    settled = replace(section, state=state)
+    return _orbit(parameters, settled, cycles, shot, tuple(history)), settled
 
 
 def _orbit(
@@ -272,15 +280,15 @@ def _orbit(
 ) -> PeriodicOrbit:
     """Gather what is known about a fixed point."""
     cycle = math.tau / parameters.force_frequencies[0]
-    incidents = shot.course.incidents
-    impacts = [i for i in incidents if i.kind is EventKind.IMPACT]
+    events = shot.course.events
+    impacts = [i for i in events if i.kind is EventKind.IMPACT]
     first = impacts[0].time if impacts else 0.0
     whole = cycle * math.floor((section.instant + first) / cycle)
 
     def phase(time: float) -> float:
         return ((section.instant - whole) + time) / cycle % cycles
 
-    flights = shot.course.stretches
+    flights = shot.course.flights
     multipliers = multipliers_of(shot.matrix) + (0j,) * (4 - section.dimension)
     return PeriodicOrbit(
         parameters=parameters,
@@ -301,9 +309,9 @@ def _orbit(
         reason='',
         residual=history[-1],
         residual_history=history,
-        nodes=tuple(
-            Node(i.kind, i.stop, phase(i.time))
-            for i in incidents
+        events=tuple(
+            OrbitEvent(i.kind, i.stop, phase(i.time))
+            for i in events
             if i.kind is not EventKind.IMPACT
         ),
     )

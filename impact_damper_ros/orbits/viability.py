@@ -37,16 +37,6 @@ from impact_damper_ros.rig.transition import struck
 from .equations import Array, ImpactEquations, ImpactVelocities
 from .event_map import origin_at
 
-__all__ = [
-    'Extremes',
-    'assumed_flights',
-    'largest_displacement',
-    'relative_extremes',
-    'swing_extremes',
-    'why_not_viable',
-]
-
-
 _TIME_TOLERANCE = 1e-13
 
 
@@ -74,8 +64,8 @@ def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[
     """
     Yield the times at which the velocity is zero, in order.
 
-    From node to node the velocity keeps its sign: its third derivative is bounded, and
-    `safe_step` tells how far that is certain.
+    From step to step the velocity keeps its sign: its third derivative is bounded, and
+    `safe_step` returns how far that is certain.
     """
     oscillator = flight.oscillator
     least = _TIME_TOLERANCE * duration

@@ -12,9 +12,6 @@ from typing import Any
 
 import impact_damper_ros
 
-__all__ = ['Child', 'environment']
-
-
 #: Longest line of its output.
 _LONGEST_LINE = 8 * 1024 * 1024
 

@@ -15,9 +15,6 @@ import numpy as np
 
 from .motion import Motion, Rows
 
-__all__ = ['GHOST', 'MOST_WINDOW', 'PAUSED', 'REPLACE', 'View']
-
-
 PAUSED, GHOST, REPLACE = 1, 2, 4
 _HEADER = struct.Struct('<BBHHHddd')
 _KIND = 1

@@ -16,9 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
-__all__ = ['Gate', 'is_loopback']
-
-
 _LOOPBACK_NAMES = ('localhost', '127.0.0.1', '::1')
 
 

@@ -16,9 +16,6 @@ from .child import Child
 from .motion import SAMPLE_COLUMNS, Motion, Rows
 from .recorded import MOST_SAMPLES
 
-__all__ = ['Ghost']
-
-
 _PROCESS = 'impact_damper_ros.page.what_if_process'
 
 

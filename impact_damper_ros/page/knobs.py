@@ -11,9 +11,6 @@ from typing import Any, Self
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, ParameterSpec
 
-__all__ = ['Knob', 'as_json', 'knobs_of', 'label']
-
-
 #: What matters first, in this order.
 _FIRST = (
     *('gap', 'force_frequencies', 'force_amplitudes', 'angle', 'friction'),

@@ -21,9 +21,6 @@ from .knobs import Knob, as_json, label
 from .measures import RigNumbers
 from .motion import ForcePhase, Motion, Rows, impact_rows
 
-__all__ = ['Link', 'LiveRig', 'Messages']
-
-
 #: Samples and impacts that are kept for the traces.
 _MOST_SAMPLES, _MOST_IMPACTS = 60_000, 20_000
 #: Without any message for so long a node is gone, s; its diagnostics come each second.
@@ -270,6 +267,10 @@ class LiveRig:
     def _take_impacts(self, contents: list[bytes]) -> None:
         if not self._eras:
             return
+        # A change comes between two impacts: those of the era before it are the first ones.
+        rows: dict[int, list[tuple[float, ...]]] = {}
+        impacts = self.motion.impacts
+        end = float(impacts[-1, 0]) if len(impacts) else -math.inf
         for content in contents:
             try:
                 message = self._impacts.decode(content)
@@ -281,12 +282,14 @@ class LiveRig:
                 continue
             era = self._era(message.stamp_ns)
             time_ = (message.stamp_ns - era.offset_ns) / 1e9
-            impacts = self.motion.impacts
-            if len(impacts) and time_ < impacts[-1, 0]:
-                continue
-            row = np.array([[time_, stop, *numbers]])
-            phases = era.phase.at(row[:, 0])
-            self.motion.add_impacts(impact_rows(row, era.rig, phases, era.rest))
+            if time_ >= end:
+                end = time_
+                rows.setdefault(self._eras.index(era), []).append((time_, stop, *numbers))
+        for index, group in sorted(rows.items()):
+            era, table = self._eras[index], np.array(group)
+            self.motion.add_impacts(
+                impact_rows(table, era.rig, era.phase.at(table[:, 0]), era.rest)
+            )
 
     def _take_event(self, content: bytes) -> None:
         """Take parameters that no snapshot holds: settings of the node."""

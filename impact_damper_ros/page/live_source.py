@@ -16,9 +16,6 @@ from .presets import Preset
 from .session import Refusal, Session
 from .theorist import Theorist
 
-__all__ = ['LiveSource']
-
-
 _NO_STEP = (
     'a live rig has no single step: pause it, or record it and step through the recording from '
     'impact to impact'

@@ -13,9 +13,6 @@ from impact_damper_ros.rig import RigParameters
 from .knobs import as_json
 from .motion import Motion, Rows
 
-__all__ = ['RigNumbers', 'slow_motion', 'state_at']
-
-
 #: Cycles of the force over which energy is counted.
 _CYCLES = 20
 #: Samples per second of a replay at 1/20 of the speed, on a screen with 60 frames per second.

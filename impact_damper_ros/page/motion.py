@@ -13,16 +13,6 @@ from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
 from impact_damper_ros.rig.simulator import Snapshot
 
-__all__ = [
-    'IMPACT_COLUMNS',
-    'SAMPLE_COLUMNS',
-    'ForcePhase',
-    'Motion',
-    'Rows',
-    'impact_rows',
-]
-
-
 Rows = NDArray[np.float64]
 
 #: Columns of samples; positions count from the static equilibrium of M, m, s, cycles.
@@ -119,7 +109,7 @@ class _Table:
     def add(self, rows: Rows) -> None:
         rows = rows[-self._most :]
         if self._end + len(rows) > len(self._rows):
-            kept = self.rows[-max(0, self._most - len(rows)) :].copy() if self._most else rows[:0]
+            kept = self.rows[max(0, len(self.rows) + len(rows) - self._most) :].copy()
             room = min(2 * self._most, max(2 * (len(kept) + len(rows)), 256))
             if room != len(self._rows):
                 self._rows = np.empty((room, self._rows.shape[1]))

@@ -13,9 +13,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-__all__ = ['Outbox', 'Sink']
-
-
 #: Messages each of which takes the place of the one before.
 _STATES = frozenset(
     (

@@ -20,9 +20,6 @@ from .recorded import Recorded
 from .session import Refusal, Session
 from .theorist import Theorist
 
-__all__ = ['Player']
-
-
 _SLOWEST, _FASTEST = 0.01, 100.0
 _STATUS_PERIOD_S = 1.0
 _NO_KNOB = 'this is a recording: ask what if, or turn the knob on a live rig'

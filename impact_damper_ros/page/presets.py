@@ -19,9 +19,6 @@ from impact_damper_ros.rig import (
 
 from .knobs import as_json
 
-__all__ = ['Preset', 'load_presets']
-
-
 _FILE = Path(__file__).with_name('presets.yaml')
 
 

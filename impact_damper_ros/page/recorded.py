@@ -19,9 +19,6 @@ from impact_damper_ros.rig.simulator import Snapshot
 from .knobs import as_json, label
 from .motion import ForcePhase, Motion, impact_rows
 
-__all__ = ['Era', 'Recorded', 'load_recording']
-
-
 #: Most samples and impacts that are kept of a recording, the first ones.
 MOST_SAMPLES, MOST_IMPACTS = 2_000_000, 1_000_000
 _BATCH = 16_384

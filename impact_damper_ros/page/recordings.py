@@ -25,9 +25,6 @@ from impact_damper_ros.rig.quoting import printable
 
 from .child import environment
 
-__all__ = ['Recordings']
-
-
 _SUFFIXES = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
 _MOST_LISTED = 500
 #: Longest comparison, s.
@@ -52,6 +49,8 @@ class Recordings:
             self.single, self._place = self._place.name, self._place.parent
         self._reports: Path | None = None
         self._comparing: set[str] = set()
+        # What has been read of each bag, and the files that it was read of
+        self._known: dict[str, tuple[object, dict[str, Any]]] = {}
 
     def names(self) -> list[str]:
         """Return the names of the bags, the newest first."""
@@ -98,7 +97,25 @@ class Recordings:
 
     def list(self) -> list[dict[str, Any]]:
         """Return what is to be said of each."""
-        return [self._described(name) for name in self.names()]
+        names = self.names()
+        found = []
+        for name in names:
+            files = self._files(name)
+            known = self._known.get(name)
+            if known is None or known[0] != files:
+                known = self._known[name] = files, self._described(name)
+            found.append(known[1])
+        for name in self._known.keys() - set(names):
+            self._known.pop(name, None)
+        return found
+
+    def _files(self, name: str) -> object:
+        """Return what differs when a bag has changed."""
+        path = self._place / name
+        with contextlib.suppress(OSError):
+            files = sorted(path.iterdir()) if path.is_dir() else [path]
+            return [(f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files]
+        return None
 
     def _described(self, name: str) -> dict[str, Any]:
         path = self._place / name

@@ -34,9 +34,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from .knobs import Knob
 
-__all__ = ['NoAnswerError', 'Polled', 'RigLink', 'RosClient']
-
-
 #: A request is repeated after this time, for its answer may have been lost while node and client
 #: were finding one another, and given up after the second.
 ASK_AGAIN_S, PATIENCE_S = 1.0, 6.0

@@ -31,9 +31,6 @@ from .recorded import Recorded, load_recording
 from .recordings import Recordings
 from .session import LONGEST_MESSAGE, Refusal, Session
 
-__all__ = ['Network', 'PageServer']
-
-
 STATIC = Path(__file__).with_name('static')
 _POLICY = (
     "default-src 'self'; connect-src 'self'; img-src 'self' data: blob:; style-src 'self'; "
@@ -246,7 +243,8 @@ class PageServer:
             self._look_for_rigs()
             self._leave_rigs(now)
         if self._sessions and now > self._listed_at + _LIST_PERIOD_S:
-            self._list_recordings()
+            self._listed_at = now
+            self._spawn(self.list_recordings())
 
     def _look_for_rigs(self) -> None:
         if self._network is None:
@@ -269,13 +267,16 @@ class PageServer:
                 self._end(self._sources.pop(name))
                 self._left_at.pop(name, None)
 
-    def _list_recordings(self) -> None:
-        self._listed_at = time.monotonic()
-        self._list = self.recordings.list()
+    async def list_recordings(self) -> list[dict[str, Any]]:
+        """Return the recordings, and say so to the pages if there are others."""
+        # By a thread: a slow disk must not hold up the frames.
+        loop = asyncio.get_running_loop()
+        self._list = await loop.run_in_executor(None, self.recordings.list)
         listed = json.dumps(self._list)
         if listed != self._listed:
             self._listed = listed
             self._send({'type': 'recordings', 'list': self._list})
+        return self._list
 
     def _send(self, message: dict[str, Any]) -> None:
         for session in list(self._sessions):
@@ -310,12 +311,14 @@ class PageServer:
         Refusal
             If there is no such thing.
         """
-        self._list_recordings()
-        bag = bag or ('' if self._network is not None else self.recordings.single)
+        await self.list_recordings()
+        if not bag and self._network is None:
+            # The newest
+            bag = next((entry['name'] for entry in self._list), '')
         if bag:
             return await self._play(socket, bag)
         if self._network is None:
-            raise Refusal('name a recording: there is no ROS here')
+            raise Refusal('there is no recording here, and no ROS')
         rig = rig or self._node or (self._rigs[0] if self._rigs else '')
         if rig and rig not in self._rigs and rig not in (self._node, *self._sources):
             raise Refusal(f'there is no rig {rig[:200]}')
@@ -473,8 +476,8 @@ class _Presets(_Guarded):
 
 
 class _List(_Guarded):
-    def get(self) -> None:
-        self.answer(self.server.recordings.list())
+    async def get(self) -> None:
+        self.answer(await self.server.list_recordings())
 
 
 class _Files(_Guarded):

@@ -9,9 +9,6 @@ from typing import Any, Protocol
 from .frames import View
 from .outbox import Outbox, Sink
 
-__all__ = ['Refusal', 'Session', 'Source']
-
-
 #: Longest message of a page, bytes; Tornado closes the connection at longer ones.
 LONGEST_MESSAGE = 65_536
 _MOST_RATE = 60.0

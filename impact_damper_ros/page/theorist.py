@@ -10,9 +10,6 @@ from typing import Any
 
 from .child import Child
 
-__all__ = ['Theorist']
-
-
 _PROCESS = 'impact_damper_ros.page.theory_process'
 #: A process that has ended is started again by a request, but not sooner than this, s.
 _BACK_OFF_S = 2.0

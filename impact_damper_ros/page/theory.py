@@ -13,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.compare.bag_stretches import LoggedRig
-from impact_damper_ros.compare.periodic_motion import predicted_curve
-from impact_damper_ros.compare.prediction import Prediction, predictions
-from impact_damper_ros.compare.recorded_stretch import ForceClock
+from impact_damper_ros.compare import (
+    ForceClock,
+    LoggedRig,
+    Prediction,
+    predicted_curve,
+    predictions,
+)
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import Branch, OrbitError, PeriodicOrbit, continue_orbit
 from impact_damper_ros.rig import RigParameters
 
 from .knobs import as_json
-
-__all__ = ['GapCurve', 'theory']
-
 
 #: Gaps that are followed, as shares of the present one.
 _SPAN = 4.0

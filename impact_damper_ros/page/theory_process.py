@@ -22,9 +22,6 @@ from typing import NoReturn
 
 from .theory import theory
 
-__all__ = ['main']
-
-
 NICENESS = 5
 #: Somebody who turns a knob sets off a request at each step; the last one is worked on.
 _QUIET_S = 0.04

@@ -27,9 +27,6 @@ from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.rig import INITIAL_SPECS
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 
-__all__ = ['main']
-
-
 _NICENESS = 10
 _PERIOD_S = 0.2
 

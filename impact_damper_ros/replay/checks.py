@@ -19,9 +19,6 @@ from impact_damper_ros.control import CONTROL_JOINTS, ControlRecord
 
 from .findings import Difference, Findings, SampleGap
 
-__all__ = ['ControlMatcher', 'ImpactMatcher', 'SampleCheck', 'SampleSpacing', 'bits']
-
-
 _Numbers = tuple[tuple[float, ...], ...]
 #: Number of impacts within which a match is searched.
 _REACH = 16
@@ -64,17 +61,7 @@ class ImpactMatcher:
     """
     Pairs the impacts of a bag with those of its replay.
 
-    The subclass `ControlMatcher` does so with acts of the gap control.
-
-    Parameters
-    ----------
-    topic : str
-        Of the impacts.
-    findings : Findings
-        Takes the findings.
-    stamped : bool
-        Whether the bag holds every message of the node from its start on. Otherwise the recorder
-        may not have received a missing impact.
+    The recorder of a bag that is not stamped with rig time may not have received a missing impact.
 
     Attributes
     ----------
@@ -295,16 +282,7 @@ _LEARNT_FROM = 50
 
 
 class SampleCheck:
-    """
-    Compares joint states.
-
-    Parameters
-    ----------
-    topic : str
-        Their topic.
-    findings : Findings
-        Takes the findings.
-    """
+    """Compares joint states."""
 
     def __init__(self, topic: str, findings: Findings) -> None:
         self._topic = topic
@@ -379,11 +357,6 @@ class SampleCheck:
 class SampleSpacing:
     """
     Finds gaps without samples.
-
-    Parameters
-    ----------
-    findings : Findings
-        Takes the findings.
 
     Attributes
     ----------

@@ -7,9 +7,6 @@ from enum import Enum
 from math import inf, nan, ulp
 from typing import Any
 
-__all__ = ['Difference', 'Divergence', 'Findings', 'SampleGap', 'Verdict']
-
-
 #: Differences kept one by one.
 _MOST_KEPT = 20
 #: Differences kept after each change of the rig.
@@ -22,8 +19,8 @@ _LIBRARY_ULPS = 8
 _EARLY, _ROUND_OFF = 10, 1e-9
 
 
-class Verdict(Enum):
-    """Verdict of a replay, and the exit code."""
+class ReplayVerdict(Enum):
+    """ReplayVerdict of a replay, and the exit code."""
 
     IDENTICAL = 0
     DIFFERENT = 1
@@ -199,11 +196,11 @@ class Findings:
     _kept_count: int = 0
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> ReplayVerdict:
         """Whether everything recorded is reproduced."""
         if self.difference_count:
-            return Verdict.DIFFERENT
-        return Verdict.PARTIAL if self.faults else Verdict.IDENTICAL
+            return ReplayVerdict.DIFFERENT
+        return ReplayVerdict.PARTIAL if self.faults else ReplayVerdict.IDENTICAL
 
     @property
     def first(self) -> Difference | None:

@@ -41,9 +41,6 @@ from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 
 from .recorded_snapshot import RecordedSnapshot, parsed, read_snapshot
 
-__all__ = ['Disorder', 'Item', 'RecordedChange', 'RecordedRun', 'RigTopics']
-
-
 #: Parameters that nodes of other packages hardly have.
 _RIG_PARAMETERS = frozenset(PARAMETER_SPECS) | {'gap_control'}
 #: Parameters that the walk reports.

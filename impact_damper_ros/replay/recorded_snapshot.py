@@ -22,9 +22,6 @@ from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.quoting import as_line, shown
 from impact_damper_ros.rig.simulator import ARITHMETIC, FORMATS, upgraded
 
-__all__ = ['RecordedSnapshot', 'parsed', 'read_snapshot']
-
-
 #: Formats of the messages that this version reads; see `bag.rig_topics.FORMAT`.
 _FORMATS = (1, FORMAT)
 #: Stamps of ROS have 32 bits of seconds, with a sign.

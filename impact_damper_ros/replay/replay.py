@@ -38,23 +38,11 @@ from .recorded_run import RecordedChange, RecordedRun
 from .recorded_snapshot import RecordedSnapshot
 from .replayed_rig import Batch, ReplayedRig, Step
 
-__all__ = ['BatchReplay', 'Replay', 'Tick']
-
-
 _Ints = NDArray[np.int64]
 
 
 class BatchReplay:
-    """
-    Replays batches of messages.
-
-    Parameters
-    ----------
-    version : int
-        Format of the messages, see `bag.rig_topics.FORMAT`.
-    compiled : bool
-        Whether to run compiled code, which takes some seconds to load or longer to compile.
-    """
+    """Replays batches of messages."""
 
     def __init__(self, version: int, *, compiled: bool) -> None:
         self._version = version
@@ -575,7 +563,7 @@ class Replay:
         if batch.adopted and not known:
             self.findings.remark(
                 f'the initial conditions of the reset at {self._time_ns * 1e-9:.9g} s were taken '
-                'from its snapshot: no parameter event tells them'
+                'from its snapshot: no parameter event gives them'
             )
             return
         if not batch.agrees and not self.recorded.stamped and not self.findings.difference_count:

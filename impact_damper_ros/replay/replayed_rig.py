@@ -33,17 +33,6 @@ from impact_damper_ros.rig import (
 from .recorded_run import RecordedChange
 from .recorded_snapshot import RecordedSnapshot
 
-__all__ = [
-    'Batch',
-    'Effect',
-    'ReplayedRig',
-    'Setting',
-    'Step',
-    'initial_of',
-    'setting_of',
-    'state_differences',
-]
-
 
 class Setting(NamedTuple):
     """All parameters of a rig and of its gap control."""
@@ -199,11 +188,6 @@ class ReplayedRig:
     """
     A rig to which a recorded run is repeated.
 
-    Parameters
-    ----------
-    start : RecordedSnapshot
-        Where it begins.
-
     Attributes
     ----------
     rig : ControlledRig
@@ -212,11 +196,6 @@ class ReplayedRig:
         Initial conditions of the next reset; None if not known yet.
     first_initial : InitialConditions or None
         The same at the start.
-
-    Raises
-    ------
-    ValueError
-        If the snapshot is of another format or not complete.
     """
 
     def __init__(self, start: RecordedSnapshot) -> None:

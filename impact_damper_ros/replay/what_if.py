@@ -21,9 +21,6 @@ from .recorded_snapshot import RecordedSnapshot
 from .replay import Replay, Tick
 from .replayed_rig import Setting, Step, setting_of
 
-__all__ = ['Ending', 'RecordedValues', 'Trace', 'WhatIf', 'trace']
-
-
 #: Values of a parameter that are kept with their times.
 _MOST_VALUES = 100
 

@@ -32,8 +32,6 @@ from .formatting import number, power_of_ten, unit_for
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ['PICTURES', 'Picture', 'draw_history', 'draw_run']
-
 
 #: Widths in inches. A narrow picture fits a phone as it is; a wide one is scrolled there.
 _NARROW, _WIDE = 5.3, 10.9

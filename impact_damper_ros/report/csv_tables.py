@@ -10,9 +10,6 @@ from typing import IO
 
 from impact_damper_ros.rig import Event, EventKind
 
-__all__ = ['IMPACT_COLUMNS', 'impact_rows', 'open_table', 'row']
-
-
 IMPACT_COLUMNS = (
     'time',
     'stop',

@@ -14,9 +14,6 @@ from impact_damper_ros.compare import (
     cubic_rates,
 )
 
-__all__ = ['filled_motion', 'predicted_impacts', 'predicted_lines', 'predicted_motion']
-
-
 #: Samples in a cycle of the force from which on straight lines between them look smooth.
 _FINE = 100
 #: Into how many parts each interval is cut otherwise.

@@ -16,22 +16,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-__all__ = [
-    'BLUE',
-    'COLORS',
-    'DASHED',
-    'DOTTED',
-    'GREEN',
-    'ORANGE',
-    'PURPLE',
-    'blank_figure',
-    'draw_stop',
-    'finish_panel',
-    'legend_handles',
-    'page_style',
-    'save_figure',
-]
-
 
 # Of Okabe and Ito: distinguished with any kind of colour vision
 BLUE, ORANGE, GREEN, PURPLE = '#0072b2', '#d55e00', '#009e73', '#aa4499'

@@ -10,22 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = [
-    'NONE',
-    'Unit',
-    'aligned',
-    'counted',
-    'difference',
-    'instant',
-    'number',
-    'power_of_ten',
-    'quantity',
-    'setting',
-    'unit_for',
-    'worded',
-]
-
-
 _PREFIXES = ((1.0, ''), (1e3, 'm'), (1e6, 'µ'), (1e9, 'n'))
 _MINUS = '\N{MINUS SIGN}'
 _RAISED = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')

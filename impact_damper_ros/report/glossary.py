@@ -10,8 +10,6 @@ from typing import NamedTuple
 from .formatting import worded
 from .html import Html, element, joined
 
-__all__ = ['TERMS', 'Term', 'glossary_html', 'linked']
-
 
 class Term(NamedTuple):
     """A term of the field: the end of its id in the page, and a pattern of words linked to it."""

@@ -8,9 +8,6 @@ from html import escape
 from typing import NamedTuple
 from unicodedata import category
 
-__all__ = ['Column', 'Html', 'element', 'joined', 'listed', 'safe', 'table']
-
-
 #: Columns of a table that a phone has room for.
 _NARROW_COLUMNS = 5
 _TAG = re.compile('<[^>]*>')

@@ -40,9 +40,6 @@ from .html_tables import (
 )
 from .inline_svg import inline_svg
 
-__all__ = ['MOST_DETAILED', 'MOST_LISTED', 'report_page', 'shown_stretches', 'write_report']
-
-
 #: Stretches that are shown in detail, and those that are listed: more would make the page useless.
 MOST_DETAILED, MOST_LISTED = 12, 300
 _MOST_FINDINGS = 20

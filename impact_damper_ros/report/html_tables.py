@@ -5,30 +5,16 @@ from __future__ import annotations
 import cmath
 import math
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from impact_damper_ros.compare import Overall, StretchComparison, Verdict
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import ALL_SPECS
 
-from .formatting import NONE, Unit, aligned, counted, difference, instant, number, unit_for, worded
+from .formatting import NONE, aligned, counted, difference, instant, number, unit_for, worded
 from .glossary import linked
 from .html import Column, Html, element, table
-
-__all__ = [
-    'cause_of',
-    'comparison_table',
-    'energy_table',
-    'linked_badge',
-    'motion_of',
-    'multiplier_table',
-    'overall_table',
-    'overview_table',
-    'parameter_table',
-    'sign_of',
-]
-
 
 #: Class of a verdict in the page's style, and a sign that needs no colour.
 _BADGES = {
@@ -95,99 +81,83 @@ def motion_of(stretch: StretchComparison) -> str:
     return f'{stretch.kind.value}: {counted(count, "impact")} in {counted(cycles, "cycle")}'
 
 
-def _swing_of(orbit: PeriodicOrbit | None, unit: Unit) -> str:
-    if orbit is None:
-        return NONE
-    return number(unit.factor * orbit.x_max, 5) + ('' if orbit.stable else ' (unstable)')
-
-
 def overview_table(
     stretches: Sequence[StretchComparison], detailed: Collection[int], note: str
 ) -> Html:
     """Return the table of all stretches."""
-    swings = [s.measured.x_max for s in stretches if s.measured is not None]
-    unit = unit_for('m', swings)
-    rows = []
-    for stretch in stretches:
-        name = str(stretch.number)
-        if stretch.number in detailed:
-            name = element('a', name, href=f'#stretch-{name}')
-        measured, predicted = stretch.measured, stretch.predicted
-        rows.append(
-            (
-                name,
-                _badge(stretch.verdict, stretch.verdict.value),
-                f'{instant(stretch.start)} to {instant(stretch.end)}',
-                cause_of(stretch),
-                motion_of(stretch),
-                NONE if measured is None else number(measured.impacts_per_cycle, 4),
-                NONE if measured is None else number(unit.factor * measured.x_max, 5),
-                _swing_of(predicted, unit),
-            )
-        )
-    columns = (
-        Column(linked('stretch'), 'text'),
-        Column('verdict', 'text'),
-        Column(linked('rig time [s]'), 'span'),
-        Column('begins with', 'text'),
-        Column('motion', 'text'),
-        Column(linked('impacts per cycle')),
-        Column(f'largest |X| [{unit.name}]'),
-        Column(linked(f'predicted [{unit.name}]')),
-    )
+    measured = [stretch.measured for stretch in stretches]
+    unit = unit_for('m', [m.x_max for m in measured if m is not None])
+
+    def name(stretch: StretchComparison) -> str:
+        text = str(stretch.number)
+        return element('a', text, href=f'#stretch-{text}') if stretch.number in detailed else text
+
+    def swing(orbit: PeriodicOrbit | None) -> str:
+        if orbit is None:
+            return NONE
+        return number(unit.factor * orbit.x_max, 5) + ('' if orbit.stable else ' (unstable)')
+
+    columns = {
+        Column(linked('stretch'), 'text'): map(name, stretches),
+        Column('verdict', 'text'): (_badge(s.verdict, s.verdict.value) for s in stretches),
+        Column(linked('rig time [s]'), 'span'): (
+            f'{instant(s.start)} to {instant(s.end)}' for s in stretches
+        ),
+        Column('begins with', 'text'): map(cause_of, stretches),
+        Column('motion', 'text'): map(motion_of, stretches),
+        Column(linked('impacts per cycle')): (
+            NONE if m is None else number(m.impacts_per_cycle, 4) for m in measured
+        ),
+        Column(f'largest |X| [{unit.name}]'): (
+            NONE if m is None else number(unit.factor * m.x_max, 5) for m in measured
+        ),
+        Column(linked(f'predicted [{unit.name}]')): (swing(s.predicted) for s in stretches),
+    }
+    rows = list(zip(*columns.values(), strict=True))
     note = (
         'Impacts per cycle and largest |X| are those of the steady part, or of the second half of '
         f'a stretch that has none. {note}'
     )
-    return table('All stretches', columns, [('', rows)], note=linked(note))
+    return table('All stretches', tuple(columns), [('', rows)], note=linked(note))
 
 
 def overall_table(
     stretches: Sequence[StretchComparison], overall: Overall | None, note: str
 ) -> Html:
     """Return swing, impacts and energy of whole stretches and of the run; empty if not known."""
-    known = [(str(s.number), s.overall) for s in stretches if s.overall is not None]
+    known = {str(s.number): s.overall for s in stretches if s.overall is not None}
     if overall is None or not known:
         return Html()
-    entries = [*known, ('all', overall)] if len(known) > 1 else known
-    numbers = [entry for _, entry in entries]
-    length = unit_for('m', [entry.x_max for entry in numbers])
-    work = [(e.force_work, e.impact_energy, e.dashpot_energy) for e in numbers]
+    entries = {**known, 'all': overall} if len(known) > 1 else known
+    length = unit_for('m', [e.x_max for e in entries.values()])
+    work = [(e.force_work, e.impact_energy, e.dashpot_energy) for e in entries.values()]
     energy = unit_for('J', work)
-    rows = []
-    for name, entry in entries:
-        values = (entry.force_work, entry.impact_energy, entry.dashpot_energy)
-        rows.append(
-            (
-                name,
-                instant(entry.duration),
-                number(length.factor * entry.x_max, 5),
-                number(length.factor * entry.x_rms, 5),
-                str(entry.impacts),
-                str(entry.impacts_on_stop_1),
-                str(entry.impacts_on_stop_2),
-                *(number(energy.factor * value, 5) for value in values),
-            )
-        )
-    columns = (
-        Column(linked('stretch'), 'text'),
-        Column('length [s]'),
-        Column(f'largest |X| [{length.name}]'),
-        Column(linked(f'rms of X [{length.name}]')),
-        Column('impacts'),
-        Column(linked('on stop 1')),
-        Column('on stop 2'),
-        Column(f'work of the force [{energy.name}]'),
-        Column(f'taken from M by impacts [{energy.name}]'),
-        Column(f'by the dashpot [{energy.name}]'),
-    )
+    columns: dict[Column, Callable[[Overall], str]] = {
+        Column('length [s]'): lambda e: instant(e.duration),
+        Column(f'largest |X| [{length.name}]'): lambda e: number(length.factor * e.x_max, 5),
+        Column(linked(f'rms of X [{length.name}]')): lambda e: number(length.factor * e.x_rms, 5),
+        Column('impacts'): lambda e: str(e.impacts),
+        Column(linked('on stop 1')): lambda e: str(e.impacts_on_stop_1),
+        Column('on stop 2'): lambda e: str(e.impacts_on_stop_2),
+        Column(f'work of the force [{energy.name}]'): lambda e: number(
+            energy.factor * e.force_work, 5
+        ),
+        Column(f'taken from M by impacts [{energy.name}]'): lambda e: number(
+            energy.factor * e.impact_energy, 5
+        ),
+        Column(f'by the dashpot [{energy.name}]'): lambda e: number(
+            energy.factor * e.dashpot_energy, 5
+        ),
+    }
+    rows = [(name, *(text(e) for text in columns.values())) for name, e in entries.items()]
     text = 'Over whole stretches, transients included; between the samples, X follows cubics '
     text += f'through positions and velocities, accurate to about {number(overall.accuracy, 1)}. '
     if overall.covered < _COVERED * overall.duration:
         text += f'Samples are missing: rms and work go over {instant(overall.covered)} s of '
         text += f'{instant(overall.duration)} s. '
+    heads = (Column(linked('stretch'), 'text'), *columns)
     groups = [('', rows[: len(known)]), ('', rows[len(known) :])]
-    return table('Swing, impacts and energy', columns, groups, note=linked(text + note))
+    return table('Swing, impacts and energy', heads, groups, note=linked(text + note))
 
 
 def _pair(

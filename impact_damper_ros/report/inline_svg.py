@@ -17,8 +17,6 @@ from .drawing import COLORS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ['inline_svg']
-
 
 _SVG = '{http://www.w3.org/2000/svg}'
 _LINK = '{http://www.w3.org/1999/xlink}href'

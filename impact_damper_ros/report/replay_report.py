@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from impact_damper_ros.replay.findings import Difference, Findings, Verdict
+from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.rig.quoting import as_line
 
 from .formatting import counted
 
-__all__ = ['findings_json', 'findings_text']
-
-
 _VERDICTS = {
-    Verdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',
-    Verdict.DIFFERENT: 'DIFFERENT: the run is not reproduced from its log',
-    Verdict.PARTIAL: 'identical as far as it could be compared; the bag is not complete',
+    ReplayVerdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',
+    ReplayVerdict.DIFFERENT: 'DIFFERENT: the run is not reproduced from its log',
+    ReplayVerdict.PARTIAL: 'identical as far as it could be compared; the bag is not complete',
 }
 
 

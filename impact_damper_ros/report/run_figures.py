@@ -15,8 +15,6 @@ from .formatting import Unit, unit_for
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ['Closeup', 'Motion', 'Side', 'draw_motion', 'draw_what_if']
-
 
 Array = NDArray[np.float64]
 

@@ -19,9 +19,6 @@ from impact_damper_ros.rig.quoting import as_line
 
 from .formatting import counted
 
-__all__ = ['comparison_text']
-
-
 _MOST_IMPACTS, _MOST_FINDINGS, _MOST_STOPS = 8, 6, 12
 _HEAD = (
     "             stop  phase [cycles]          X [m]   X' before    X' after   Z' before    "

@@ -30,8 +30,6 @@ from .run_figures import Motion, Side, draw_what_if
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ['RunTotals', 'WhatIfReport', 'lost_energy']
-
 
 Array = NDArray[np.float64]
 

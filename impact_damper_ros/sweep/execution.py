@@ -31,21 +31,6 @@ from .plan import Follow, RigSetup, Settings, SweepPlan
 from .steady_state import steady_state
 from .table import Row, failed_row, row_of
 
-__all__ = [
-    'Block',
-    'DaskWorkers',
-    'Here',
-    'LocalWorkers',
-    'ProcessPool',
-    'SweepExecutor',
-    'Workers',
-    'WorkersError',
-    'rig_row',
-    'run_block',
-    'run_sweep',
-]
-
-
 #: What a run depends on from here on, as its `snapshot` gives it.
 _State = dict[str, Any]
 

@@ -20,8 +20,6 @@ from .table import FAILED, MEASURES, SweepTable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ['basin_figure', 'bifurcation_figure', 'draw_sweep', 'surface_figure']
-
 
 Array = NDArray[np.float64]
 
@@ -409,30 +407,26 @@ def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    def entry(label: str, **look: Any) -> Any:
+        return Line2D([], [], label=label, **{'linestyle': 'none', **look})
+
     handles: list[Any] = []
     if optimum is not None:
         at = ', '.join(f'{value:.5g}' for value in optimum.values)
         among = 'all' if table.plan.control.active else 'those that repeat'
         label = f'{optimum.best.value} of {among}: {optimum.value:.4g} at ({at})'
-        handles.append(Line2D([], [], label=label, **{**_STAR, 'markersize': 10}))
         symbols = [_axis_label(axis).split(' [')[0].rsplit(' ', 1)[-1] for axis in table.plan.axes]
-        blank: dict[str, Any] = {'linestyle': 'none'}
+        handles.append(entry(label, **{**_STAR, 'markersize': 10}))
         handles += [
-            Line2D(
-                *([], []),
-                label=f'edge at {symbols[i]} = {edge.values[i]:.5g}{_times(edge)}',
-                **blank,
-            )
+            entry(f'edge at {symbols[i]} = {edge.values[i]:.5g}{_times(edge)}')
             for edge in optimum.edges
             if (i := edge.axis) is not None
         ]
         handles += [
-            Line2D([], [], label=f'the same rig {other.start}{_times(other)}', **blank)
-            for other in optimum.coexisting
+            entry(f'the same rig {other.start}{_times(other)}') for other in optimum.coexisting
         ]
-    dot: dict[str, Any] = {'marker': 'o', 'linestyle': 'none', 'markersize': 3.0}
     handles += [
-        Line2D([], [], color=_DOTS[name], label=name, **dot)
+        entry(name, color=_DOTS[name], marker='o', markersize=3.0)
         for name, rows in _classes(table).items()
         if rows.any()
     ]
@@ -440,15 +434,8 @@ def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
         handles.append(Patch(facecolor=_FAILED, label='failed'))
     impacts = table.numbers('impacts_per_cycle')
     if (impacts == 0.0).any() and (impacts > 0.0).any():
-        handles.append(
-            Line2D(
-                *([], []),
-                color='white',
-                linewidth=1.0,
-                label='no impacts beyond',
-                path_effects=_outlined(),
-            )
-        )
+        outlined = {'linestyle': '-', 'linewidth': 1.0, 'path_effects': _outlined()}
+        handles.append(entry('no impacts beyond', color='white', **outlined))
     return handles
 
 

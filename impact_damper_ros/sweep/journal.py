@@ -19,9 +19,6 @@ from typing import Any, NamedTuple, Self
 
 from .table import Row
 
-__all__ = ['Done', 'Journal', 'JournalError', 'differences', 'journal_path']
-
-
 #: Seconds between two orders to the disk to keep what was written.
 _SYNC = 2.0
 

@@ -24,9 +24,6 @@ from .execution import rig_row
 from .plan import Axis, SweepPlan
 from .table import Row, SweepTable
 
-__all__ = ['Best', 'Nearby', 'Optimum', 'find_optimum']
-
-
 _State = dict[str, Any]
 #: Relative steps at which the search ends, of motions that repeat and of those that do not, whose
 #: measures scatter.

@@ -28,21 +28,6 @@ from impact_damper_ros.rig import (
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
 from impact_damper_ros.rig.quoting import shown
 
-__all__ = [
-    'Axis',
-    'AxisError',
-    'Follow',
-    'GridPoint',
-    'RigSetup',
-    'Settings',
-    'SweepPlan',
-    'SweptParameter',
-    'axes_from_file',
-    'axis_from_mapping',
-    'axis_from_text',
-]
-
-
 _SPECS: dict[str, ParameterSpec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS}
 _NAME = re.compile(r'(?P<name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<index>\d+)\])?')
 _BOOLS = {'true': True, 'false': False}

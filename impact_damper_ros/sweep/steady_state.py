@@ -27,13 +27,6 @@ from impact_damper_ros.orbits.settling import Settling, SettlingRig, section_of
 from impact_damper_ros.rig import EventKind, Mode
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, RunResult
 
-__all__ = [
-    'SteadyState',
-    'TimeShares',
-    'steady_state',
-]
-
-
 Array = NDArray[np.float64]
 
 #: Events that may fall within a chatter without ending it.

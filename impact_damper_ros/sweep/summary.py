@@ -15,9 +15,6 @@ from impact_damper_ros.report.formatting import counted
 from .optimum import Nearby, Optimum
 from .table import FAILED, SweepTable
 
-__all__ = ['attractor_text', 'attractors_of', 'summary_of', 'summary_text']
-
-
 #: Reasons and attractors that are listed.
 _MOST_SHOWN = 8
 

@@ -30,23 +30,6 @@ from .steady_state import SteadyState
 if TYPE_CHECKING:
     from .journal import Journal
 
-__all__ = [
-    'FAILED',
-    'FORMATS',
-    'MEASURES',
-    'Column',
-    'MetadataError',
-    'Row',
-    'SweepTable',
-    'attractor_numbers',
-    'columns_of',
-    'failed_row',
-    'need_pyarrow',
-    'row_of',
-    'stored_inputs',
-    'write_table',
-]
-
 
 Array = NDArray[np.float64]
 #: One row: a value, or None, for each column that has one.

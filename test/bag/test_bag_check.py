@@ -19,7 +19,7 @@ from impact_damper_ros.bag.bag_file import BagFile
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.findings import ReplayVerdict
 
 CHANNELS = {topic.name: index for index, topic in enumerate(samples.CONTROLLED)}
 
@@ -133,7 +133,7 @@ def test_a_chunk_removed(bag, tmp_path, number, listing, capsys):
 )
 def test_what_the_file_says_is_checked(bag, tmp_path, change, words):
     findings = replayed(altered(bag, tmp_path / 'bag', change))
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     assert any(words in fault for fault in findings.faults), findings.faults
     assert all(fault.startswith('the bag is not whole: ') for fault in findings.faults)
 
@@ -170,7 +170,7 @@ def test_what_metadata_yaml_says_is_checked(bag, tmp_path, field, value, words):
     held[field[-1]] = value
     (changed / 'metadata.yaml').write_text(yaml.safe_dump(content))
     findings = replayed(changed)
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     assert any(words in fault for fault in findings.faults), findings.faults
     assert len(findings.faults) == 1
 
@@ -184,7 +184,7 @@ def test_samples_taken_out_with_consistent_statistics(messages, tmp_path):
             if m[0] != '/joint_states' or not begin < (m[2] - samples.START) / 1e9 < end
         ]
         findings = replayed(write(tmp_path / name, kept))
-        assert findings.verdict is Verdict.PARTIAL
+        assert findings.verdict is ReplayVerdict.PARTIAL
         (fault,) = findings.faults
         lost = len(messages) - len(kept)
         assert abs(lost - int(fault.split()[5].replace(',', ''))) <= 20, fault
@@ -194,7 +194,7 @@ def test_a_topic_taken_out_with_consistent_statistics(messages, tmp_path):
     topics = [topic for topic in samples.CONTROLLED if topic.name != '/impacts']
     kept = [m for m in messages if m[0] != '/impacts']
     findings = replayed(samples.record(tmp_path / 'bag', kept, topics, custom=NOTES))
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     (fault,) = findings.faults
     assert fault.endswith('its notes name the topic /impacts, which is not in it')
 
@@ -217,7 +217,7 @@ def test_messages_of_the_node_are_counted_on(messages, tmp_path, numbers):
     for place in which:
         numbered[place] = (*numbered[place][:3], changes[numbers](numbered[place][3]))
     findings = replayed(write(tmp_path / 'bag', numbered))
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     fault, *_ = findings.faults
     first = min(numbered[place][3] for place in which[:2])
     if numbers in ('gap', 'between chunks'):
@@ -280,7 +280,7 @@ def test_a_whole_bag_has_no_faults(bag, tmp_path):
     assert faults_of(bag) == []
     assert faults_of(next(bag.glob('*.mcap'))) == []
     findings = replayed(bag)
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     assert findings.faults == findings.remarks == []
     assert recover_run([str(bag), '--output', str(tmp_path / 'copy')]) == 0
     assert faults_of(tmp_path / 'copy') == []
@@ -296,7 +296,7 @@ def test_a_cut_bag_has_no_fault_but_that(bag, tmp_path, share):
     assert 'the bag is not complete' in fault
     assert recover_run([str(path)]) == 0
     assert faults_of(tmp_path / 'cut_recovered') == []
-    assert replayed(tmp_path / 'cut_recovered').verdict is Verdict.IDENTICAL
+    assert replayed(tmp_path / 'cut_recovered').verdict is ReplayVerdict.IDENTICAL
 
 
 def test_several_files_of_the_node_recovered_into_one(messages, tmp_path):
@@ -319,7 +319,7 @@ def test_several_files_of_the_node_recovered_into_one(messages, tmp_path):
         assert faults_of(tmp_path / name) == []
         assert recover_run([str(tmp_path / name)]) == 0
         assert faults_of(tmp_path / f'{name}_recovered') == []
-        assert replayed(tmp_path / f'{name}_recovered').verdict is Verdict.IDENTICAL
+        assert replayed(tmp_path / f'{name}_recovered').verdict is ReplayVerdict.IDENTICAL
 
 
 @pytest.mark.parametrize('compression', list(CompressionType))
@@ -382,7 +382,7 @@ def test_bags_of_rosbags(messages, tmp_path, mode, storage):
             writer.write(connections[topic], stamp, content)
     assert faults_of(tmp_path / 'bag') == []
     assert [(r.topic, r.content, r.stamp_ns) for r in RunReader(tmp_path / 'bag')] == arrived
-    assert replayed(tmp_path / 'bag').verdict is Verdict.IDENTICAL
+    assert replayed(tmp_path / 'bag').verdict is ReplayVerdict.IDENTICAL
 
 
 def test_a_file_of_mcap_ros2_support(tmp_path):
@@ -411,7 +411,7 @@ def test_a_recorder_says_what_it_lost(messages, tmp_path):
     content['rosbag2_bagfile_information']['duration']['nanoseconds'] += 10**10
     (bag / 'metadata.yaml').write_text(yaml.safe_dump(content))
     findings = replayed(bag)
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     (remark,) = findings.remarks
     assert remark.endswith('it lost 123 of them')
 

@@ -15,7 +15,7 @@ from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 
 
@@ -66,7 +66,7 @@ def test_joined_so_many_impacts_late(tmp_path, messages, late):
     stamp = messages[places(messages, '/impacts')[late]][2] if late else 0
     arrived = ros2_bags.joined(messages, stamp)
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
-    assert findings.verdict is Verdict.IDENTICAL, findings.differences[:1]
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
     assert findings.faults == findings.remarks == []
     assert (findings.missing_impacts, findings.missing_samples) == (0, 0)
     assert [findings.samples, findings.impacts] == counts(arrived, '/joint_states', '/impacts')
@@ -76,7 +76,7 @@ def test_joined_so_many_impacts_late(tmp_path, messages, late):
 def test_joined_late_under_control(tmp_path, controlled, late):
     arrived = ros2_bags.joined(controlled, samples.START + round(late * 1e9))
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
-    assert findings.verdict is Verdict.IDENTICAL, findings.differences[:1]
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
     assert findings.faults == findings.remarks == []
     assert (findings.missing_impacts, findings.missing_control) == (0, 0)
     assert [findings.impacts, findings.control] == counts(arrived, '/impacts', '/gap_control')
@@ -90,7 +90,7 @@ def test_topics_joined_one_after_the_other(tmp_path, messages, first):
     topics = {'/impacts': later, '/joint_states': later, first: begun}
     arrived = ros2_bags.joined(messages, begun, topics=topics)
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     assert findings.missing_impacts == 0
     assert findings.impacts == counts(arrived, '/impacts')[0]
     if first == '/joint_states':
@@ -105,7 +105,7 @@ def test_what_a_recorder_loses_in_a_row_is_counted(tmp_path, messages, lost):
     kept = [m for i, m in enumerate(messages) if i not in hits]
     arrived = ros2_bags.joined(kept, samples.START + 10**8)
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
-    assert findings.verdict is Verdict.IDENTICAL, findings.differences[:1]
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
     assert findings.missing_impacts == lost
 
 
@@ -115,7 +115,7 @@ def test_an_altered_impact_of_a_late_recorder_is_still_found(tmp_path, messages)
     topic, content, stamp = arrived[place]
     arrived[place] = (topic, content[:-1] + bytes([content[-1] ^ 1]), stamp)
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
-    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.verdict is ReplayVerdict.DIFFERENT
     assert findings.by_topic == {'/impacts': 1}
 
 
@@ -162,7 +162,7 @@ def test_a_compressed_file_by_itself(tmp_path, messages):
     arrived = ros2_bags.joined(messages, samples.START)
     bag = ros2_bags.write_bag(tmp_path / 'bag', arrived, file_zstd=True)
     (file,) = bag.glob('*.mcap.zstd')
-    assert replayed(file).verdict is Verdict.IDENTICAL
+    assert replayed(file).verdict is ReplayVerdict.IDENTICAL
     assert [(r.topic, r.content, r.stamp_ns) for r in RunReader(file)] == arrived
 
 
@@ -183,7 +183,7 @@ def test_sqlite(tmp_path, messages):
     ros2_bags.write_database(tmp_path / 'bag', arrived)
     assert list((tmp_path / 'bag').glob('*.db3'))
     findings = replayed(tmp_path / 'bag')
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     assert findings.faults == []
     assert findings.impacts == counts(arrived, '/impacts')[0]
     assert recover_run([str(tmp_path / 'bag')]) == 0
@@ -218,7 +218,7 @@ def test_remapped_topics_are_found_by_what_is_in_them(tmp_path, controlled, rema
         (remapped.get(t, t), c, s) for t, c, s in ros2_bags.joined(controlled, samples.START)
     ]
     findings = replayed(ros2_bags.write_bag(tmp_path / 'bag', arrived))
-    assert findings.verdict is Verdict.IDENTICAL, findings.differences[:1]
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences[:1]
     assert [findings.impacts, findings.control] == counts(controlled, '/impacts', '/gap_control')
 
 
@@ -232,7 +232,7 @@ def test_two_rigs_with_remapped_impacts(tmp_path, messages):
     bag = ros2_bags.write_bag(tmp_path / 'bag', sorted(arrived, key=lambda m: m[2]))
     for space, held in (('/a/', messages), ('/b/', other)):
         findings = replayed(bag, space)
-        assert findings.verdict is Verdict.IDENTICAL
+        assert findings.verdict is ReplayVerdict.IDENTICAL
         late = [m for m in held if m[2] >= samples.START + 10**9]
         assert findings.impacts == counts(late, '/impacts')[0]
 
@@ -243,4 +243,4 @@ def test_a_recorder_that_runs_by_the_rig_s_clock(tmp_path, messages):
     arrived = [(t, c, s - (s - samples.START) % tick) for t, c, s in messages]
     history = RecordedRun(ros2_bags.write_bag(tmp_path / 'bag', arrived))
     assert not history.stamped
-    assert replayed(tmp_path / 'bag').verdict is Verdict.IDENTICAL
+    assert replayed(tmp_path / 'bag').verdict is ReplayVerdict.IDENTICAL

@@ -29,7 +29,7 @@ from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.findings import ReplayVerdict
 
 CHANGES = ('--change', '2.4:gap=0.012', '--change', '2.4:angle=0.2', '--change', '5:gap=0.009')
 HEAD = ('/snapshot', '/parameter_events', '/robot_description')
@@ -76,7 +76,7 @@ def contents(path):
 
 def faults(bag):
     findings = replayed(bag)
-    assert findings.verdict is not Verdict.IDENTICAL
+    assert findings.verdict is not ReplayVerdict.IDENTICAL
     return findings.faults
 
 
@@ -153,12 +153,12 @@ def test_independent_readers_take_each_file_and_the_bag(split):
 def test_each_file_and_the_whole_replay_bit_for_bit(one, split, capsys):
     whole = replayed(split)
     expected = replayed(one)
-    assert (whole.verdict, whole.faults) == (Verdict.IDENTICAL, [])
+    assert (whole.verdict, whole.faults) == (ReplayVerdict.IDENTICAL, [])
     assert (whole.samples, whole.impacts) == (expected.samples, expected.impacts)
     assert whole.samples == 1401
     assert (whole.changes, whole.snapshots) == (expected.changes, expected.snapshots + 3)
     parts = [replayed(path) for path in files_of(split)]
-    assert [(part.verdict, part.faults) for part in parts] == [(Verdict.IDENTICAL, [])] * 4
+    assert [(part.verdict, part.faults) for part in parts] == [(ReplayVerdict.IDENTICAL, [])] * 4
     assert [part.samples for part in parts] == [401, 400, 400, 200]
     assert sum(part.impacts for part in parts) == whole.impacts
     capsys.readouterr()
@@ -219,7 +219,7 @@ def test_random_histories_in_files(tmp_path, seed):
     assert len(files_of(tmp_path / 'bag')) == len(begins) + 1
     for bag in (tmp_path / 'bag', *files_of(tmp_path / 'bag')):
         findings = replayed(bag)
-        assert (findings.verdict, findings.faults) == (Verdict.IDENTICAL, []), bag
+        assert (findings.verdict, findings.faults) == (ReplayVerdict.IDENTICAL, []), bag
 
 
 def test_by_size(tmp_path):
@@ -231,8 +231,8 @@ def test_by_size(tmp_path):
     assert max(full) < 1.5 * limit
     assert min(full) > 0.6 * limit
     assert last < 1.5 * limit
-    assert replayed(bag).verdict is Verdict.IDENTICAL
-    assert [replayed(path).verdict for path in files_of(bag)] == [Verdict.IDENTICAL] * (
+    assert replayed(bag).verdict is ReplayVerdict.IDENTICAL
+    assert [replayed(path).verdict for path in files_of(bag)] == [ReplayVerdict.IDENTICAL] * (
         len(full) + 1
     )
 
@@ -275,7 +275,7 @@ def test_the_last_file_is_cut(copy, tmp_path, left, capsys):
     last = copy / 'run_3.mcap'
     last.write_bytes(last.read_bytes()[:left])
     findings = replayed(copy)
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     assert not findings.difference_count
     assert findings.samples >= 1201
     assert compare_run([str(copy)]) == 3
@@ -283,7 +283,7 @@ def test_the_last_file_is_cut(copy, tmp_path, left, capsys):
     assert recover_run([str(copy), '--output', str(tmp_path / 'saved')]) == 0
     capsys.readouterr()
     recovered = replayed(tmp_path / 'saved')
-    assert recovered.verdict is Verdict.IDENTICAL
+    assert recovered.verdict is ReplayVerdict.IDENTICAL
     assert recovered.samples == findings.samples
     (path,) = files_of(tmp_path / 'saved')
     with Reader(tmp_path / 'saved') as reader:
@@ -295,7 +295,7 @@ def test_recovered_wholes_and_parts_are_whole(split, tmp_path, capsys):
         output = tmp_path / str(number)
         assert recover_run([str(source), '--output', str(output)]) == 0
         assert 'is complete: nothing was lost' in capsys.readouterr().out
-        assert replayed(output).verdict is Verdict.IDENTICAL
+        assert replayed(output).verdict is ReplayVerdict.IDENTICAL
         held = contents(files_of(output)[0])
         assert min(n for _, n, *_ in held) == 0
         assert len({(topic, n) for topic, n, *_ in held}) == len(held)
@@ -338,7 +338,7 @@ def test_a_bag_of_more_files_than_may_be_open(tmp_path):
     used = max(int(path.name) for path in Path('/proc/self/fd').iterdir())
     resource.setrlimit(resource.RLIMIT_NOFILE, (used + 70, limits[1]))
     try:
-        assert replayed(bag).verdict is Verdict.IDENTICAL
+        assert replayed(bag).verdict is ReplayVerdict.IDENTICAL
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 import impact_damper_ros
-from impact_damper_ros.cli import study_gap_control
 from impact_damper_ros.cli.study_gap_control import main
 from impact_damper_ros.studies.gap_control import runs as gap_study_plan
 
@@ -54,4 +53,3 @@ def test_arguments(capsys):
             main(words)
         assert exit_.value.code == 2
     assert 'whole number from 1 to 64' in capsys.readouterr().err
-    assert study_gap_control.__all__ == ['main']

@@ -13,7 +13,7 @@ from compare.recorded import (
     compared,
 )
 
-from impact_damper_ros.compare.result import Verdict
+from impact_damper_ros.compare import Verdict
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.rig import RigParameters
 

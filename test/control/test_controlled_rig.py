@@ -127,7 +127,7 @@ def test_continues_from_a_snapshot_bit_for_bit(seed):
     assert rig.time > 5.0
 
 
-def test_nothing_is_foretold_until_the_stops_are_back_for_good():
+def test_there_is_no_preview_until_the_stops_are_back():
     rig = ControlledRig(TRIAL, control=control('timed', actuator_delay=0.4, actuator_speed=5.0))
     rig.advance(30.0)
     assert rig.preview([rig.time]) == []

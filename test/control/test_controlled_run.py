@@ -29,7 +29,7 @@ def without_mode(table):
 
 
 @pytest.mark.parametrize('seed', range(25))
-def test_it_goes_the_way_of_the_controlled_rig(seed):
+def test_it_has_the_motion_of_the_controlled_rig(seed):
     rng = random.Random(seed)
     rig = random_controlled_rig(seed, restitution_1=0.7)
     run = ControlledRun.restore(rig.snapshot())

@@ -59,7 +59,7 @@ def test_both_conditions_hold_at_every_timed_impact(name, stops):
 
 
 def test_delay_and_speed_are_made_up_for():
-    """The stop is told ahead, so as to meet m where |X'| is largest all the same."""
+    """The command is given ahead, so that the stop still meets m where |X'| is largest."""
     for values in (
         {'actuator_delay': 0.5},
         {'actuator_speed': 10.0},

@@ -19,7 +19,7 @@ from impact_damper_ros.node.engine import LOG_BACKLOG, Engine
 from impact_damper_ros.node.motion_ahead import ticks_ahead
 from impact_damper_ros.node.pacing import CATCH_UP_NS
 from impact_damper_ros.node.publishing import TopicPublisher
-from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
@@ -375,7 +375,7 @@ def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
     assert log.close().error is None
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(1 for _ in replay.ticks()) == len(bench.samples())
-    assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
+    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
 
 
 def test_several_pauses_do_not_add_up_to_a_delay():
@@ -511,7 +511,7 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
     assert log.close().error is None
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     count = sum(1 for _ in replay.ticks())
-    assert replay.findings.verdict is Verdict.IDENTICAL, replay.findings
+    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
     assert (count > 40, replay.findings.resets) == (True, 2)
 
 

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from impact_damper_ros.bag import RunReader, recover_run
-from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
@@ -299,7 +299,7 @@ def test_a_long_run_goes_to_several_files(client, launch, namespace, tmp_path):
         assert end_ns == next_ns >= begin_ns + 10**9
     for path in (directory, *paths):
         findings = Replay(RecordedRun(path)).run()
-        assert (findings.verdict, findings.faults) == (Verdict.IDENTICAL, []), path
+        assert (findings.verdict, findings.faults) == (ReplayVerdict.IDENTICAL, []), path
     assert parameters.set(record=True) == ''
     assert process.stop() == 0
     (other,) = (run for run in runs.iterdir() if run != directory)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
-from impact_damper_ros.orbits.event_map import run_course
+from impact_damper_ros.orbits.event_map import follow_trajectory
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent, monodromy_of
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
@@ -126,9 +126,9 @@ def test_product_is_that_of_the_event_map(name):
     origin = {**begun['origin'], 'angles': tuple(begun['origin']['angles'])}
     origin = {k: math.inf if v is None else v for k, v in origin.items()}
     first = Origin(**origin)
-    lead = run_course(rig_constants(rig), first, start - first.time - first.time_low)
-    course = run_course(rig_constants(rig), lead.end, end - start)
-    assert len(course.incidents) == len(stretch.events) > 5
+    lead = follow_trajectory(rig_constants(rig), first, start - first.time - first.time_low)
+    course = follow_trajectory(rig_constants(rig), lead.end, end - start)
+    assert len(course.events) == len(stretch.events) > 5
     assert whole == pytest.approx(course.matrix, rel=1e-7, abs=1e-7 * np.abs(whole).max())
 
 

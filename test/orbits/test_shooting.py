@@ -81,7 +81,7 @@ def test_agrees_with_the_impact_equations(rig, stops, cycles):
         # Of a pair with hardly any imaginary part only the product is well known
         moduli = [abs(m) for m in orbit.multipliers]
         assert [abs(m) for m in again.multipliers] == pytest.approx(moduli, rel=1e-6, abs=1e-9)
-        assert again.nodes == ()
+        assert again.events == ()
 
 
 @pytest.mark.parametrize(
@@ -98,12 +98,12 @@ def test_agrees_with_the_impact_equations(rig, stops, cycles):
 def test_motions_in_which_friction_reverses(rig, stops, reversals, stable):
     found = find_orbits(rig, stops, starts=200)
     orbits = [
-        o for o in found.orbits if o.viable and o.stable == stable and len(o.nodes) == reversals
+        o for o in found.orbits if o.viable and o.stable == stable and len(o.events) == reversals
     ]
     assert orbits
     for orbit in orbits:
         assert orbit.stops == stops
-        assert {node.kind for node in orbit.nodes} == {EventKind.REVERSAL}
+        assert {node.kind for node in orbit.events} == {EventKind.REVERSAL}
         assert orbit.residual < 1e-11
         # The simulator, begun on it, repeats it
         run = begun_on(orbit)
@@ -116,7 +116,7 @@ def test_motions_in_which_friction_reverses(rig, stops, reversals, stable):
             orbit.x[1:] + orbit.x[:1], rel=1e-10 * growth
         )
         turns = sorted(
-            (node.phase - orbit.phases[0]) % orbit.cycles * orbit.cycle for node in orbit.nodes
+            (node.phase - orbit.phases[0]) % orbit.cycles * orbit.cycle for node in orbit.events
         )
         seen = [e.time for e in events if e.kind is EventKind.REVERSAL][:reversals]
         assert seen == pytest.approx(turns, rel=1e-9)
@@ -162,7 +162,7 @@ def begun_on(orbit):
 )
 def test_multipliers_are_those_of_the_simulators_map(rig, mode, zeros, kinds):
     orbit, section = settled_orbit(rig)
-    assert {node.kind for node in orbit.nodes} == kinds
+    assert {node.kind for node in orbit.events} == kinds
     assert section.dimension == 4 - zeros
     assert orbit.multipliers[section.dimension :] == (0j,) * zeros
 
@@ -246,7 +246,7 @@ def test_one_sided_motion_with_friction():
     assert found.report.method == 'shooting'
     stable = [orbit for orbit in found.orbits if orbit.stable]
     assert len(stable) == 1
-    assert [node.kind for node in stable[0].nodes] == [EventKind.REVERSAL]
+    assert [node.kind for node in stable[0].events] == [EventKind.REVERSAL]
     unstable = [orbit for orbit in found.orbits if not orbit.stable]
     assert len(unstable) == 1
 

@@ -207,8 +207,16 @@ class Page(Channel):
         tried = f'(() => {{ try {{ return Boolean({script}); }} catch {{ return false; }} }})()'
         until = time.monotonic() + seconds
         while not self.run(tried):
-            assert time.monotonic() < until, f'in vain: {script}; console: {self.said}'
+            assert time.monotonic() < until, f'in vain: {script}; {self.described()}'
             time.sleep(0.05)
+
+    def described(self):
+        """Return what a failed test should say of the page."""
+        state = self.run("""[location.href, document.querySelector('#status')?.textContent,
+            document.querySelector('#curtain')?.textContent,
+            document.querySelector('#toast')?.textContent, globalThis.impactDamper?.counted.frames,
+            globalThis.impactDamper?.history.impacts.length]""")
+        return f'page: {state}; console: {self.said}; answers: {self.failed}'
 
     def text(self, selector):
         """Return the text of an element."""

@@ -124,7 +124,7 @@ def moving(browser, work, path):
     finally:
         node.stop()
         server.close()
-    for quality in (70, 55, 40, 25):
+    for quality in (50, 35, 20, 8):
         pictures[0].save(
             path,
             save_all=True,
@@ -132,8 +132,7 @@ def moving(browser, work, path):
             duration=round(1000 * FRAME_S),
             loop=0,
             quality=quality,
-            method=6,
-            minimize_size=True,
+            method=3,
         )
         if path.stat().st_size <= LARGEST:
             break

@@ -36,7 +36,8 @@ def live(tmp_path_factory):
     directory = tmp_path_factory.mktemp('live')
     server = node = None
     try:
-        server = PageProcess(directory)
+        # Whatever other rigs the tests start, this one is shown first.
+        server = PageProcess(directory, '--node', '/sim_node')
         node = SimProcess(directory, parameters_file=BENCH, bag_directory=str(server.recordings))
         yield server
     finally:

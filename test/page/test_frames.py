@@ -168,6 +168,13 @@ def test_the_newest_rows_are_kept():
         motion.add_samples(rows)
     assert motion.samples[:, 0].tolist() == list(range(300 * 37 - 1000, 300 * 37))
     assert motion.end == 300 * 37 - 1
+    for count in (999, 1000, 1001, 5000):
+        rows = np.zeros((count, 11))
+        rows[:, 0] = motion.end + 1 + np.arange(count)
+        motion.add_samples(rows)
+        assert (np.diff(motion.samples[:, 0]) == 1.0).all()
+        assert len(motion.samples) == 1000
+        assert motion.end == rows[-1, 0]
     assert math.isnan(Motion(10, 10).end)
 
 

@@ -241,6 +241,25 @@ def test_recordings_are_listed_and_handed_out(runs, tmp_path):
         only.path('link')
 
 
+def test_bags_that_do_not_change_are_described_once(runs, monkeypatch):
+    read = []
+    monkeypatch.setattr(
+        'impact_damper_ros.page.recordings.read_listing',
+        lambda path: read.append(path) or None,
+    )
+    recordings = Recordings(runs)
+    first = recordings.list()
+    assert recordings.list() == first
+    assert len(read) == 1
+    extra = runs / 'run' / 'note.txt'
+    extra.write_text('changed', encoding='utf-8')
+    try:
+        recordings.list()
+    finally:
+        extra.unlink()
+    assert len(read) == 2
+
+
 def test_a_comparison_is_shown_in_the_page(runs):
     async def test():
         async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
@@ -269,12 +288,22 @@ def test_a_comparison_is_shown_in_the_page(runs):
     asyncio.run(test())
 
 
-def test_a_recording_that_is_not_there(runs):
+def test_a_recording_that_is_not_there(runs, tmp_path):
     async def test():
-        async with serving(runs) as server:
-            for path, words in (('/ws?bag=none', 'no recording none'), ('/ws', 'no ROS')):
-                async with opened(server, path) as page:
-                    await page.until(lambda page=page: page.closed == 4404)
-                    assert words in page.messages[0]['text']
+        for place, path, words in (
+            (runs, '/ws?bag=none', 'no recording none'),
+            (tmp_path, '/ws', 'no recording here'),
+        ):
+            async with serving(place) as server, opened(server, path) as page:
+                await page.until(lambda page=page: page.closed == 4404)
+                assert words in page.messages[0]['text']
+
+    asyncio.run(test())
+
+
+def test_the_newest_recording_of_a_directory_is_played(runs):
+    async def test():
+        async with serving(runs) as server, opened(server) as page:
+            assert (await page.next('hello'))['bag'] == 'run'
 
     asyncio.run(test())

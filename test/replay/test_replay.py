@@ -13,7 +13,7 @@ from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
 from impact_damper_ros.bag import RecordingError, RunWriter
 from impact_damper_ros.bag.messages import CdrError, JointStateLayout, decode, header_ns
 from impact_damper_ros.bag.rig_recorder import parameter_event
-from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.what_if import WhatIf
@@ -69,7 +69,7 @@ def test_random_histories_come_out_bit_for_bit(tmp_path, seed):
     rig = random_run(seed, rate=[200.0, 20.0, 333.0, 1000.0][seed % 4])
     findings = replayed(rig.save(tmp_path / 'bag'))
     assert findings.differences == []
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     counts = {topic: len(places(rig.messages, topic)) for topic, *_ in rig.messages}
     assert findings.samples == counts['/joint_states']
     assert findings.impacts == counts.get('/impacts', 0)
@@ -111,7 +111,7 @@ def test_excitation_changed_on_the_way(tmp_path, seed):
             rig.run(1, ('change', {'multisine_low': 20.0, 'multisine_high': 50.0}))
         rig.run(rng.randrange(5, 40), request)
     findings = replayed(rig.save(tmp_path / 'bag'))
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     assert findings.samples == len(places(rig.messages, '/joint_states'))
     assert not findings.faults
     assert not findings.remarks
@@ -150,7 +150,7 @@ def test_bags_of_version_0_1_are_replayed(tmp_path, seed):
     messages = of_version_0_1(rig.messages)
     assert all(b'sweep' not in content for _, content, _ in messages)
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     assert findings.snapshots == len(places(messages, '/snapshot'))
 
 
@@ -169,7 +169,7 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
             rig.run(400, ('change', change))
         bag = rig.save(tmp_path / f'bag_{version}')
         findings = replayed(bag)
-        assert findings.verdict is Verdict.IDENTICAL, findings.differences
+        assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
         assert findings.impacts > 50
         assert findings.changes == len(changes)
         assert RecordedRun(bag).start.version == version
@@ -192,7 +192,10 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
         (topic, content.replace(b'"format": 2', b'"format": 1', 1), stamp)
         for topic, content, stamp in rig.messages
     ]
-    assert replayed(samples.record(tmp_path / 'mistaken', mistaken)).verdict is Verdict.DIFFERENT
+    assert (
+        replayed(samples.record(tmp_path / 'mistaken', mistaken)).verdict
+        is ReplayVerdict.DIFFERENT
+    )
     # What a what-if holds against is X, whatever the messages show.
     recorded = [list(Replay(RecordedRun(tmp_path / f'bag_{v}')).ticks()) for v in (1, 2)]
     assert [tick.x for tick in recorded[0]] == [tick.x for tick in recorded[1]]
@@ -203,7 +206,7 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
 def test_histories_of_format_1_come_out_too(tmp_path, seed):
     rig = random_run(seed, ticks=200, version=1)
     findings = replayed(rig.save(tmp_path / 'bag'))
-    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -223,7 +226,7 @@ def test_a_quiet_run_recorded_by_ros2_bag(tmp_path):
     rig.run(100, ('change', {'initial_primary_position': 0.002}), ('reset', None))
     messages = with_arrival_times(rig.messages)
     findings = replayed(samples.record(tmp_path / 'bag', messages))
-    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
     assert (findings.samples, findings.changes, findings.resets) == (401, 1, 1)
     assert findings.impacts == len(places(messages, '/impacts')) > 20
     # The recorder may lose messages.
@@ -231,7 +234,7 @@ def test_a_quiet_run_recorded_by_ros2_bag(tmp_path):
     for place in reversed(places(messages, '/joint_states')[50:60]):
         del messages[place]
     findings = replayed(samples.record(tmp_path / 'lossy', messages))
-    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
     assert (findings.missing_impacts, findings.missing_samples, findings.gap_count) == (1, 10, 1)
 
 
@@ -240,7 +243,7 @@ def test_without_a_dump_a_reset_is_taken_from_its_snapshot(tmp_path):
     rig.run(100, ('reset', None))
     messages = [m for m in rig.messages if m[0] != '/parameter_events']
     findings = replayed(samples.record(tmp_path / 'bag', messages))
-    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
     assert findings.resets == 1
     assert 'were taken from its snapshot' in findings.remarks[0]
 
@@ -253,7 +256,7 @@ def test_a_reset_that_begins_with_an_impact(tmp_path):
     rig.run(50, ('reset', None), ('change', {'angle': 0.3}))
     bag = rig.save(tmp_path / 'bag')
     findings = replayed(bag)
-    assert findings.verdict is Verdict.IDENTICAL, findings.differences
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
     assert findings.resets == 3
     assert findings.impacts == len(places(rig.messages, '/impacts'))
     other, rows = what_if(bag, damper_mass=0.1)
@@ -274,7 +277,7 @@ def test_one_flipped_bit_is_found(tmp_path, messages):
     positions = JointStateLayout(messages[place][1]).numbers(messages[place][1])[0]
     messages[place] = flipped(messages[place], positions[1])
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
-    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.verdict is ReplayVerdict.DIFFERENT
     (found,) = findings.differences
     assert (found.topic, found.quantity) == ('/joint_states', 'position of damper')
     assert found.time == 0.75
@@ -306,7 +309,7 @@ def test_a_shifted_impact_is_found(tmp_path, messages, shift, logged):
     messages[place] = (topic, moved, stamp + (shift if logged else 0))
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
     found = findings.first
-    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.verdict is ReplayVerdict.DIFFERENT
     assert found.topic == '/impacts'
     assert found.time == pytest.approx((stamp - samples.START) / 1e9, abs=1e-9)
     if shift < 1000:
@@ -393,7 +396,7 @@ def contradicted():
 def test_a_parameter_event_that_the_snapshot_contradicts(tmp_path, contradicted):
     messages = changed_event(contradicted, 0.0125)
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
-    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.verdict is ReplayVerdict.DIFFERENT
     assert findings.by_topic == {'/parameter_events': 1}
     assert (findings.first.quantity, findings.first.recorded) == ('gap', 0.0125)
     assert findings.first.replayed == 0.012
@@ -415,7 +418,7 @@ def test_a_gap_changed_in_a_snapshot_only(tmp_path, contradicted, number):
     altered = samples.serialise(samples.STRING, samples.make(samples.STRING, json.dumps(held)))
     messages = [*contradicted[:place], (topic, altered, stamp), *contradicted[place + 1 :]]
     findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
-    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.verdict is ReplayVerdict.DIFFERENT
 
 
 def test_a_rate_at_which_the_joint_states_do_not_lie(tmp_path):
@@ -433,12 +436,12 @@ def test_a_rate_at_which_the_joint_states_do_not_lie(tmp_path):
 def test_missing_samples_are_a_fault_unless_the_recorder_dropped_them(tmp_path, messages):
     kept = [m for m in messages if not 600_000_000 < m[2] - samples.START < 700_000_000]
     findings = replayed(samples.record(tmp_path / 'bag', kept, custom=NOTES))
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     text = 'the bag is not whole: 19 joint states are missing, the first after 0.6 s, of which'
     assert findings.faults == [f'{text} the recorder notes 0 as dropped']
     notes = {**NOTES, 'dropped': '19'}
     findings = replayed(samples.record(tmp_path / 'dropped', kept, custom=notes))
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     assert '19 joint states are missing' in findings.remarks[0]
     assert 'it has dropped 19 messages' in findings.remarks[1]
     assert (findings.missing_samples, findings.gap_count) == (19, 1)
@@ -450,14 +453,14 @@ def test_messages_twice_and_out_of_order(tmp_path, messages):
     states = places(messages, '/joint_states')
     doubled = [*messages[: states[20]], messages[states[20]], *messages[states[20] :]]
     findings = replayed(samples.record(tmp_path / 'doubled', doubled, custom=NOTES))
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     assert 'messages of /joint_states twice: 1' in findings.faults[0]
     a, b = states[30], states[31]
     swapped = list(messages)
     swapped[a] = (*messages[b][:2], messages[a][2])
     swapped[b] = (*messages[a][:2], messages[b][2])
     findings = replayed(samples.record(tmp_path / 'swapped', swapped, custom=NOTES))
-    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.verdict is ReplayVerdict.DIFFERENT
     assert (findings.first.quantity, findings.difference_count) == ('stamp', 2)
     assert 'messages of /joint_states out of order: 1' in findings.faults[0]
 
@@ -471,18 +474,18 @@ def test_a_cut_bag_is_compared_as_far_as_it_goes(tmp_path, messages):
                 time.sleep(0.03)
     (file,) = bag.glob('*.mcap')
     whole = file.read_bytes()
-    assert replayed(file).verdict is Verdict.IDENTICAL
+    assert replayed(file).verdict is ReplayVerdict.IDENTICAL
     damaged = bytearray(whole)
     damaged[len(whole) // 3] ^= 255
     file.write_bytes(damaged)
     findings = replayed(file)
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     assert 'is damaged' in findings.faults[0]
     assert 50 < findings.samples < 350
     for share in (0.5, 0.8, 0.95):
         file.write_bytes(whole[: int(len(whole) * share)])
         findings = replayed(file)
-        assert findings.verdict is Verdict.PARTIAL
+        assert findings.verdict is ReplayVerdict.PARTIAL
         assert 'the bag is not complete' in findings.faults[0]
         assert 0 < findings.samples <= 401
         assert findings.impacts > 0
@@ -492,7 +495,7 @@ def test_a_cut_bag_is_compared_as_far_as_it_goes(tmp_path, messages):
 def test_a_bag_may_end_anywhere(tmp_path, messages, lost):
     end = places(messages, '/impacts')[-lost] + 1
     findings = replayed(samples.record(tmp_path / 'bag', messages[:end], custom=NOTES))
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     assert findings.impacts == len(places(messages[:end], '/impacts'))
 
 
@@ -505,7 +508,7 @@ def test_other_formats_are_refused(tmp_path, messages):
     topic, content, stamp = messages[place]
     messages[place] = (topic, content.replace(b'"format": 2', b'"format": 3', 1), stamp)
     findings = replayed(samples.record(tmp_path / 'later', messages, custom=NOTES))
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     assert findings.samples == 201
     assert 'format 3' in findings.faults[0]
 
@@ -545,7 +548,7 @@ def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
     late = shape.filled(header_ns(content) + 2**25 * 10**9, *shape.numbers(content))
     arrived[place] = (topic, late, stamp)
     findings = replayed(samples.record(tmp_path / 'bag', arrived))
-    assert findings.verdict is Verdict.PARTIAL
+    assert findings.verdict is ReplayVerdict.PARTIAL
     assert findings.samples == 400
     assert any('impossible stamps: 1' in fault for fault in findings.faults)
 

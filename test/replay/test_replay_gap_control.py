@@ -12,7 +12,7 @@ from replay.test_replay import flipped, places, replayed, with_arrival_times
 from impact_damper_ros.bag.messages import CdrWriter, JointStateLayout, decode
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.control import ControlledRig, GapControlParameters
-from impact_damper_ros.replay.findings import Verdict
+from impact_damper_ros.replay.findings import ReplayVerdict
 
 # Of a rig of 5 Hz that moves centimetres
 CONTROL = GapControlParameters(
@@ -76,7 +76,7 @@ def test_random_switching_comes_out_bit_for_bit(tmp_path, seed):
     findings = replayed(rig.save(tmp_path / 'bag'))
     assert findings.differences == []
     assert findings.faults == []
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     count = len(places(rig.messages, '/gap_control'))
     assert findings.control == findings.recorded_control == count > 0
 
@@ -96,7 +96,7 @@ def test_a_changed_bit_of_an_act_is_found(tmp_path, messages, part, number):
     changed = list(messages)
     changed[place] = flipped(messages[place], value)
     findings = replayed(save(tmp_path / 'bag', changed))
-    assert findings.verdict is Verdict.DIFFERENT
+    assert findings.verdict is ReplayVerdict.DIFFERENT
     assert findings.by_topic == {'/gap_control': 1}
     (found,) = findings.differences
     assert abs(found.ulps) == 1.0
@@ -123,7 +123,7 @@ def test_another_noise_is_another_run(tmp_path, messages):
     other = start.replace(b'"gap_control_seed": 0', b'"gap_control_seed": 1')
     assert other != start
     changed = [(t, other if c == start else c, s) for t, c, s in messages]
-    assert replayed(save(tmp_path / 'bag', changed)).verdict is Verdict.DIFFERENT
+    assert replayed(save(tmp_path / 'bag', changed)).verdict is ReplayVerdict.DIFFERENT
 
 
 def test_a_bag_may_end_anywhere(tmp_path, messages):
@@ -141,7 +141,7 @@ def test_a_bag_from_before_there_was_control(tmp_path):
             stripped[k] = (topic, _without_control(content), stamp)
     notes = {name: topic for name, topic in NOTES.items() if name != 'gap_control'}
     findings = replayed(samples.record(tmp_path / 'bag', stripped, custom=notes))
-    assert findings.verdict is Verdict.IDENTICAL
+    assert findings.verdict is ReplayVerdict.IDENTICAL
     assert (findings.snapshots, findings.control) == (3, 0)
 
 

@@ -15,7 +15,7 @@ import pytest
 from compare.recorded import BENCH, VERTICAL, compared
 from report.example_comparison import example
 
-from impact_damper_ros.compare.result import Beginning, MotionKind, Verdict
+from impact_damper_ros.compare import Beginning, MotionKind, Verdict
 from impact_damper_ros.orbits.continuation import SpecialKind
 from impact_damper_ros.report.formatting import (
     aligned,

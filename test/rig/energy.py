@@ -22,7 +22,7 @@ def energy(parameters: RigParameters, sample: Sample) -> float:
 
 
 def turnover(parameters: RigParameters, sample: Sample) -> float:
-    """Return the sum of the moduli of what the energy is made of."""
+    """Return the sum of the moduli of all parts of the energy."""
     p = parameters
     kinetic = p.primary_mass * sample.primary_velocity**2 + p.damper_mass * (
         sample.damper_velocity**2

@@ -39,7 +39,7 @@ def compiled(request):
 
 
 def followed(rig, instants):
-    """Return what the simulator makes of a series of instants."""
+    """Return samples and events of the simulator at a series of instants."""
     events, samples = [], []
     for instant in instants:
         events += rig.advance(float(instant))
@@ -114,7 +114,7 @@ def test_stops_that_follow_m(compiled):
 
 
 def test_sides_of_x_are_taken_along(compiled):
-    """Impacts at X = 0 leave the sign of X to be told."""
+    """At an impact at X = 0 the sign of X comes from the flight before."""
     seen = set()
     for nudge in range(-40, 41):
         rig = Simulator(
@@ -253,7 +253,7 @@ START = (
 
 
 def start(**environment):
-    """Begin a process that compiles, or loads, and tells where it got to."""
+    """Begin a process that compiles, or loads, and prints how far it came."""
     return subprocess.Popen(
         [sys.executable, '-c', START],
         env={**os.environ, 'PYTHONPATH': str(ROOT), **environment},

@@ -1,4 +1,4 @@
-"""Parameters files that nobody should write: one line, with place and remedy."""
+"""Faulty parameters files: refused in one line, with place and remedy."""
 
 import os
 import shutil
@@ -117,7 +117,7 @@ def test_at_the_limits(tmp_path):
         check_yaml(path)
 
 
-def test_a_pipe_is_read_and_one_that_nobody_writes_to_is_not_waited_for(tmp_path):
+def test_a_pipe_is_read_and_one_without_a_writer_is_not_waited_for(tmp_path):
     pipe = tmp_path / 'pipe.yaml'
     os.mkfifo(pipe)
     with pytest.raises(ParametersFileError, match='holds no parameters'):

@@ -315,7 +315,7 @@ class TestReproducibility:
         } <= seen
 
     def test_snapshot_during_chatter(self):
-        """M is on the stop, in bounces too small to be told apart."""
+        """M is on the stop, in bounces too small to be resolved."""
         found = 0
         for seed in range(100):
             rig = Simulator(*random_rig(seed))
@@ -560,7 +560,7 @@ class TestLimits:
 
     @pytest.mark.parametrize('seed', range(10))
     def test_chatter_does_not_run_away(self, seed):
-        """A pressed m comes to rest after a number of impacts that ln R tells."""
+        """A pressed m comes to rest after a number of impacts that follows from ln R."""
         rng = random.Random(f'chatter {seed}')
         p = RigParameters(
             angle=rng.uniform(0.3, 1.5),

@@ -508,7 +508,7 @@ OLD = {
 
 
 def test_a_snapshot_of_version_0_1_goes_on_as_it_did():
-    """What the version that wrote it made of it, to round-off; this motion doubles it each s."""
+    """Same events as the version that wrote it, to round-off, which this motion doubles each s."""
     rig = Simulator.restore(OLD)
     assert targets(rig) == (1.0, -1.0)
     events = rig.advance(30.0)

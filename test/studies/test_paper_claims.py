@@ -115,7 +115,7 @@ def test_reversal_between_alternating_impacts_is_followed():
     motion = settle(Simulator(plan.at(20.0)), 20.0)
     assert motion.stops == (1, 2)
     assert motion.orbit is not None
-    assert motion.orbit.nodes
+    assert motion.orbit.events
     assert followed_curves(plan, [motion], 3) == []
     (curve,) = followed_curves(plan, [motion], 2)
     assert 20.0 in [point.value for point in curve.points if point.status is Status.STABLE]

@@ -71,12 +71,13 @@ function setStatus(state, text = '') {
     gone: 'The node does not answer; waiting for it.',
     offline: 'The page server does not answer; trying again.',
     paused: player.on ? '' : 'Paused',
-    lagging: text || 'The rig is behind its clock.',
   }[state] ?? '';
   curtain.hidden = !said;
   mark(curtain, 'data-state', state);
   write(curtain, said);
+  // A rig that lags says why in a tooltip and to a screen reader; it runs on.
   mark(pill, 'title', text || said || TEXTS[state] || '');
+  mark(pill, 'aria-label', state === 'lagging' && text ? `${TEXTS[state]}: ${text}` : TEXTS[state] ?? state);
   const paused = state === 'paused';
   mark(byId('pause'), 'aria-pressed', String(paused));
   write(byId('pause'), paused ? 'Resume' : 'Pause');
@@ -321,7 +322,8 @@ byId('reset').addEventListener('click', () => service('reset'));
 byId('record').addEventListener('click', async () => {
   const on = byId('record').getAttribute('aria-pressed') !== 'true';
   const { ok, reason } = await connection.ask({ type: 'record', on });
-  if (!ok) toast(reason, 'bad');
+  if (ok) takeValues({ record: on });
+  else toast(reason, 'bad');
 });
 byId('rig-choice').addEventListener('change', () => join({ rig: byId('rig-choice').value }));
 byId('back-live').addEventListener('click', () => join({}));

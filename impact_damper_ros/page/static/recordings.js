@@ -34,6 +34,10 @@ export class Recordings {
 
   show(list) {
     this.list = Array.isArray(list) ? list : list.list ?? [];
+    // What has not changed stays as it is: somebody may be about to press it.
+    const shown = JSON.stringify([this.list, [...this.busy]]);
+    if (shown === this.shown) return;
+    this.shown = shown;
     byId('recordings-none').hidden = this.list.length > 0;
     byId('recordings-list').replaceChildren(...this.list.map((one) => this.row(one)));
   }

@@ -53,7 +53,7 @@ export class Verdict {
   /** Beside a recording there is no live prediction. */
   recorded() {
     write(byId('verdict-text'), 'Recording');
-    this.line('motion-text', 'Recordings, Compare: all of it against theory.');
+    this.line('motion-text', 'To check it against theory: Recordings, then Compare.');
   }
 
   ratio(key, value) {

@@ -23,8 +23,6 @@ from .runs import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ['FIGURES']
-
 
 _GREY = '#777777'
 _STYLES: dict[str, dict[str, Any]] = {

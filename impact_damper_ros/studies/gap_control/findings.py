@@ -9,19 +9,6 @@ from statistics import fmean
 
 from .runs import ANGLES, LAWS, Extent, Measured, ideal_ratio, inclined_rig
 
-__all__ = [
-    'LAW_LABELS',
-    'Broadband',
-    'LevelSweep',
-    'Results',
-    'Target',
-    'broadband',
-    'level_sweep',
-    'targets',
-    'tuned_shares',
-]
-
-
 #: The laws in tables and legends.
 LAW_LABELS = {
     'fixed': 'fixed gap, tuned at 1 N',

@@ -22,9 +22,6 @@ from .runs import (
     stepped_frequencies,
 )
 
-__all__ = ['report_text', 'write_study']
-
-
 _INTRODUCTION = """
 # Gap control
 

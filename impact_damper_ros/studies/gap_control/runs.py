@@ -11,26 +11,6 @@ from impact_damper_ros.control import Action, ControlledRig, GapControlParameter
 from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.swing import Swing
 
-__all__ = [
-    'ANGLES',
-    'INCLINED',
-    'LAWS',
-    'RIG',
-    'SENSITIVITIES',
-    'Case',
-    'Extent',
-    'Measured',
-    'all_cases',
-    'broadband_rig',
-    'ideal_amplitude',
-    'ideal_ratio',
-    'inclined_rig',
-    'law',
-    'run_case',
-    'stepped_frequencies',
-    'tuning_cases',
-]
-
 
 def ideal_amplitude(rig: RigParameters) -> float:
     """

@@ -26,17 +26,6 @@ from .curves import TOLERANCE, Curve, CurvePoint, Status, disturbed, settle
 from .rigs import BASIC, OPERATIONS, VERTICAL
 from .series import FIGURES, STRONG_FORCE, AngleOptimum, Series
 
-__all__ = [
-    'Claim',
-    'Judgement',
-    'all_claims',
-    'claims_of',
-    'heavy_table_range',
-    'stable_width',
-    'symmetric_displacements',
-    'vertical_range',
-]
-
 
 def symmetric_displacements(rig: RigParameters) -> tuple[float, ...]:
     """

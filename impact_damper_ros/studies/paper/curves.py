@@ -27,21 +27,6 @@ from impact_damper_ros.rig.swing import Swing
 
 from .rigs import VARIABLES
 
-__all__ = [
-    'TOLERANCE',
-    'Curve',
-    'CurvePoint',
-    'SeriesPlan',
-    'SettledMotion',
-    'Status',
-    'disturbed',
-    'enumerated_curves',
-    'followed_curves',
-    'settle',
-    'settled_motions',
-]
-
-
 #: Cycles of the force between two checks, and in all; the tolerance within which periods agree.
 CYCLES_BETWEEN_LOOKS, MOST_CYCLES, TOLERANCE = 50, 600, 1e-8
 _SAMPLES_PER_CYCLE = 240
@@ -396,7 +381,7 @@ def _follow(
                 points += _sharpened(plan, here, ahead)
             here = ahead
             points.append(here.point)
-            if here.orbit.impacts == 2 and not here.orbit.nodes:
+            if here.orbit.impacts == 2 and not here.orbit.events:
                 return points
     return points
 
@@ -409,7 +394,7 @@ def followed_curves(
     for motion in motions:
         for orbit in motion.seeds:
             # Two impacts without reversal, sticking or rest are enumerated
-            if orbit.impacts != impacts or (impacts == 2 and not orbit.nodes):
+            if orbit.impacts != impacts or (impacts == 2 and not orbit.events):
                 continue
             point = _point(motion.value, orbit)
             known = (p for c in curves for p in c.points if p.value == motion.value)

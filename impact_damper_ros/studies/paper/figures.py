@@ -23,8 +23,6 @@ from .series import AngleOptimum, Series
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ['draw_figure_2', 'draw_figure_3', 'draw_figure_4', 'draw_figure_5', 'draw_figure_6']
-
 
 _STYLES: dict[Status, dict[str, Any]] = {
     Status.STABLE: {'linestyle': '-', 'linewidth': 1.7},

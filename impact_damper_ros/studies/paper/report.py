@@ -16,9 +16,6 @@ from .curves import Status
 from .figures import draw_figure_2, draw_figure_3, draw_figure_4, draw_figure_5, draw_figure_6
 from .series import AngleOptimum, Series
 
-__all__ = ['write_figure', 'write_report']
-
-
 #: Files of each figure, with their captions.
 _CAPTIONS: dict[str, dict[str, str]] = {
     '2': {

@@ -8,9 +8,6 @@ from dataclasses import dataclass
 
 from impact_damper_ros.rig import RigParameters
 
-__all__ = ['BASIC', 'OPERATIONS', 'VARIABLES', 'VERTICAL', 'Operation', 'scaled_rig']
-
-
 #: K = M = F = 1, m = 0.042, C = 0.01, d = 37, R1 = R2 = 0.75; horizontal, no friction, r = 1.
 BASIC = RigParameters(gravity=9.81)
 

@@ -27,19 +27,6 @@ from .curves import (
 )
 from .rigs import BASIC, OPERATIONS
 
-__all__ = [
-    'FIGURES',
-    'STRONG_FORCE',
-    'AngleOptimum',
-    'Series',
-    'compute_series',
-    'figure_5_angles',
-    'figure_of',
-    'optimum_at',
-    'plans_of',
-]
-
-
 #: Figures, in order.
 FIGURES = ('2', '3', '4', '5', '6')
 
