@@ -46,10 +46,15 @@ from .origin import Origin, carried, locked, on_stop
 from .oscillator import derivative_bound
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
-#: by at most this fraction until its end. The error of the accumulation instant is at most this
-#: fraction of the time left, which is itself at most this fraction of acceleration per jerk: 1e-12
-#: of the time scale of the motion.
+#: by at most this fraction until its end, and
 CHATTER_TOLERANCE = 1e-6
+#: by this fraction times 1/(omega T), T being the time left: the instant of rest is then in error
+#: by at most about this fraction of 1/omega;
+CHATTER_INSTANT_TOLERANCE = 1e-12
+#: once omega T is at most this, so that X moves as if m rested on the stop; and
+CHATTER_SPAN = 1e-4
+#: once no bounce that is left is higher than this fraction of the gap.
+CHATTER_HEIGHT = 1e-9
 
 
 @kernel(inline=True)
@@ -96,11 +101,9 @@ def may_chatter(speed: float, push: float, jerk_bound: float, shortest: float) -
 
 
 @kernel
-def chatter_duration(
-    speed: float, press: float, grip: float, restitution: float, jerk_bound: float
-) -> float:
+def chatter_duration(speed: float, press: float, grip: float, restitution: float) -> float:
     """
-    Return the time until a chatter on one stop accumulates.
+    Return the time until a chatter on one stop accumulates under a constant press.
 
     Notes
     -----
@@ -109,14 +112,25 @@ def chatter_duration(
     bounce = bounce_duration(speed, press, grip)
     if bounce == inf:
         return inf
-    down = press - grip
-    ratio = restitution * sqrt(down / (press + grip))
+    ratio = restitution * sqrt((press - grip) / (press + grip))
     if ratio >= 1.0:
         return inf
-    duration = bounce / (1.0 - ratio)
-    if jerk_bound * duration > CHATTER_TOLERANCE * down:
-        return inf
-    return duration
+    return bounce / (1.0 - ratio)
+
+
+@kernel
+def may_complete(
+    duration: float, speed: float, press: float, grip: float, jerk: float, omega: float, gap: float
+) -> bool:
+    """Return whether the closed form of a chatter is exact to the tolerances above."""
+    down = press - grip
+    change = jerk * duration
+    return (
+        change <= CHATTER_TOLERANCE * down
+        and change * omega * duration <= CHATTER_INSTANT_TOLERANCE * down
+        and omega * duration <= CHATTER_SPAN
+        and speed * speed <= 2.0 * CHATTER_HEIGHT * gap * (press + grip)
+    )
 
 
 class Transition(NamedTuple):
@@ -195,16 +209,23 @@ def _last_bounces(rig: RigConstants, hit: Origin, stop: int, restitution: float)
     need = support_need(rig, hit, sines_of(rig.phases, hit.angles), common)
     press = (1.0 + rig.mass_ratio) * away * need
     grip = (1.0 + rig.mass_ratio) * rig.grip
-    # The smallest possible bound of the jerk excludes most of the others.
-    left = chatter_duration(speed, press, grip, restitution, rig.free.bound_3)
-    if left < inf:
+    left = chatter_duration(speed, press, grip, restitution)
+    bounce = bounce_duration(speed, press, grip)
+    if bounce < least_step(rig.free.horizon):
+        # Bounces too short to be resolved. On an elastic stop they have no end, and no energy.
+        left = left if left < inf else 0.0
+    elif left < inf:
+        omega = sqrt(rig.free.omega_squared)
+        gap = 2.0 * rig.stop
+        # The smallest possible bound of the jerk excludes most of the others.
+        jerk = rig.free.bound_3
+        if not may_complete(left, speed, press, grip, jerk, omega, gap):
+            return hit
         motion: Motion = starting_motion(launch(rig, hit))
-        bound = derivative_bound(rig.free, motion.x_3, motion.x_4, rig.free.bound_3)
-        left = chatter_duration(speed, press, grip, restitution, bound)
-    if left == inf and bounce_duration(speed, press, grip) < least_step(rig.free.horizon):
-        # Elastic stops: such bounces have no end and no energy left.
-        left = 0.0
-    if left == inf:
+        jerk = derivative_bound(rig.free, motion.x_3, motion.x_4, jerk)
+        if not may_complete(left, speed, press, grip, jerk, omega, gap):
+            return hit
+    else:
         return hit
     mode = CHATTER_1 if stop == 1 else CHATTER_2
     return hit._replace(mode=mode, velocity=common, relative_velocity=0.0, chatter_left=left)

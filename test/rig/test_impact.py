@@ -6,7 +6,15 @@ import mpmath
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig.transition import CHATTER_TOLERANCE, chatter_duration, rebound
+from impact_damper_ros.rig.transition import (
+    CHATTER_HEIGHT,
+    CHATTER_INSTANT_TOLERANCE,
+    CHATTER_SPAN,
+    CHATTER_TOLERANCE,
+    chatter_duration,
+    may_complete,
+    rebound,
+)
 
 mp = mpmath.mp.clone()
 mp.dps = 60
@@ -90,14 +98,14 @@ def test_chatter_duration(restitution, share):
     for speed, press in (10.0 ** rng.uniform(-9, 3, (3, 2))).tolist():
         grip = share * press
         want = summed(speed, press, grip, restitution)
-        got = chatter_duration(speed, press, grip, restitution, 0.0)
+        got = chatter_duration(speed, press, grip, restitution)
         down_is_known_to = EPS / (1 - share)
         assert got == pytest.approx(float(want), rel=8 * EPS + 4 * down_is_known_to)
 
 
 def test_bouncing_ball():
     """Without friction: 2 v/(g (1 - R))."""
-    assert chatter_duration(1.0, 2.0, 0.0, 0.75, 0.0) == pytest.approx(4.0, rel=2 * EPS)
+    assert chatter_duration(1.0, 2.0, 0.0, 0.75) == pytest.approx(4.0, rel=2 * EPS)
 
 
 @pytest.mark.parametrize(
@@ -106,18 +114,31 @@ def test_bouncing_ball():
 )
 def test_no_chatter(press, grip, restitution):
     """M is pulled off, or held by friction, or bounces for ever."""
-    assert chatter_duration(1e-9, press, grip, restitution, 0.0) == math.inf
+    assert chatter_duration(1e-9, press, grip, restitution) == math.inf
 
 
 def test_friction_ends_even_an_elastic_chatter():
-    assert chatter_duration(1.0, 1.0, 0.5, 1.0, 0.0) == pytest.approx(
+    assert chatter_duration(1.0, 1.0, 0.5, 1.0) == pytest.approx(
         float(summed(1.0, 1.0, 0.5, 1.0)), rel=1e-14
     )
 
 
-def test_completed_only_while_the_pull_cannot_change():
-    """`jerk duration <= tolerance pull` decides."""
-    duration = chatter_duration(1.0, 2.0, 0.5, 0.5, 0.0)
-    limit = CHATTER_TOLERANCE * 1.5 / duration
-    assert chatter_duration(1.0, 2.0, 0.5, 0.5, limit * 0.999) == duration
-    assert chatter_duration(1.0, 2.0, 0.5, 0.5, limit * 1.001) == math.inf
+@pytest.mark.parametrize(
+    ('limit', 'changed'),
+    [
+        ({'jerk': 1.5 * CHATTER_TOLERANCE / 1e-3}, 'jerk'),
+        (
+            {'duration': 1e-5, 'jerk': 1.5 * CHATTER_INSTANT_TOLERANCE / 1e-10, 'omega': 1.0},
+            'jerk',
+        ),
+        ({'omega': CHATTER_SPAN / 1e-3}, 'omega'),
+        ({'speed': math.sqrt(2.0 * CHATTER_HEIGHT * 2.0 * 2.5)}, 'speed'),
+    ],
+    ids=['change of the press', 'instant of rest', 'span', 'height'],
+)
+def test_completed_only_within_the_tolerances(limit, changed):
+    """Each of the four conditions decides where the others hold."""
+    given = {'duration': 1e-3, 'speed': 1e-9, 'press': 2.0, 'grip': 0.5}
+    given |= {'jerk': 0.0, 'omega': 1e-6, 'gap': 2.0, **limit}
+    assert may_complete(**{**given, changed: given[changed] * 0.999})
+    assert not may_complete(**{**given, changed: given[changed] * 1.001})
