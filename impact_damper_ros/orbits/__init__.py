@@ -46,22 +46,23 @@ __all__ = [
     'value_of',
 ]
 
-_MODULES = (
-    'equations',
-    'orbit',
-    'shooting',
-    'search',
-    'continuation',
-    'optimum',
-)
+_MODULES = {
+    'continuation': (
+        *('Branch', 'SpecialKind', 'SpecialPoint'),
+        *('continue_orbit', 'switch_branch', 'value_of'),
+    ),
+    'equations': ('ImpactEquations', 'OrbitError', 'plausible_stops'),
+    'optimum': ('OptimalGap', 'optimal_gap'),
+    'orbit': ('OrbitEvent', 'PeriodicOrbit'),
+    'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
+    'shooting': ('Section', 'orbit_near', 'section_on', 'shoot'),
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     """Import the module that defines a public name."""
-    if name in __all__:
-        for module in _MODULES:
-            found = import_module(f'{__name__}.{module}')
-            if name in found.__all__:
-                globals()[name] = getattr(found, name)
-                return globals()[name]
-    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    if name not in _HOME:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    globals()[name] = getattr(import_module(f'{__name__}.{_HOME[name]}'), name)
+    return globals()[name]
