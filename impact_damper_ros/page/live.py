@@ -115,6 +115,7 @@ class LiveRig:
         self._heard = time.monotonic()
         self._said: tuple[str, str] = ('', '')
         self._said_at = 0.0
+        self._was_gone = False
         # Since when there are several nodes of this name
         self._namesakes_since = 0.0
         #: Called when the rig has other parameters, or is another one.
@@ -176,10 +177,10 @@ class LiveRig:
         except (CdrError, ValueError, KeyError, TypeError, LookupError):
             return
         time_ = time_ns / 1e9
-        again = held['reason'] == 'start' and bool(self._eras)
-        if self._eras and (again or time_ < self.motion.end - 1.0):
+        if self._eras and self._is_another_run(held['reason'], offset_ns, time_):
             self._forget()
             self.knobs = []
+        self._was_gone = False
         began = not self._eras
         rig = snapshot.parameters
         self.state = held['state']
@@ -191,6 +192,21 @@ class LiveRig:
         if began:
             self.on_restart()
         self.on_course()
+
+    def _is_another_run(self, reason: str, offset_ns: int, time_: float) -> bool:
+        """
+        Return whether a snapshot is that of a node started anew.
+
+        Its first snapshot may be lost: only the last one is latched. Within a run, only a slip
+        changes the stamp of rig time 0; it is 0 for all runs in simulated time.
+        """
+        moved = offset_ns != self._eras[-1].offset_ns
+        return (
+            reason == 'start'
+            or time_ < self.motion.end - 1.0
+            or (moved and reason != 'slip')
+            or (self._was_gone and (moved or offset_ns == 0))
+        )
 
     def _note(self, values: Mapping[str, Any], time_: float | None) -> None:
         """Take note of values, and say which of them are new."""
@@ -404,6 +420,7 @@ class LiveRig:
         news = judged[0] != self._said[0] or (judged[0] != 'gone' and judged != self._said)
         if news or now >= self._said_at + _STATUS_PERIOD_S:
             self._said, self._said_at = judged, now
+            self._was_gone |= judged[0] == 'gone'
             self._look_for_namesakes(now)
             self._tell(self.status())
 

@@ -49,6 +49,7 @@ class FakeLink:
         self.closed = False
         self.namesakes = 1
         self._tick = 0
+        self._offset_ns = OFFSET_NS
         self._pattern = RigMessages()
         self._announce(reason)
 
@@ -58,7 +59,7 @@ class FakeLink:
 
     def _announce(self, reason):
         state = self.rig.snapshot()
-        text = snapshot_text(OFFSET_NS, self._now_ns, reason, state)
+        text = snapshot_text(self._offset_ns, self._now_ns, reason, state)
         self.messages.snapshots.append(encode(String(text)))
 
     def run(self, seconds):
@@ -69,9 +70,9 @@ class FakeLink:
             rest = self.rig.parameters.static_deflection
             for event in events:
                 if event.kind is EventKind.IMPACT:
-                    stamp = OFFSET_NS + round(event.time * 1e9)
+                    stamp = self._offset_ns + round(event.time * 1e9)
                     self.messages.impacts.append(self._pattern.impact(stamp, event, rest))
-            states = self._pattern.states(OFFSET_NS + self._now_ns, self.rig.sample(), rest)
+            states = self._pattern.states(self._offset_ns + self._now_ns, self.rig.sample(), rest)
             self.messages.states.append(states)
 
     def change(self, **values):
@@ -90,11 +91,12 @@ class FakeLink:
             diagnostics(*((level, f'{name}: {task}', *rest) for level, task, *rest in statuses))
         )
 
-    def restart(self, rig):
-        """Be a node that was started anew."""
+    def restart(self, rig, reason='start', later_s=0):
+        """Be a node that was started anew; the last of its snapshots is what there is."""
         self.rig = ControlledRig(rig, InitialConditions())
         self._tick = 0
-        self._announce('start')
+        self._offset_ns = OFFSET_NS + later_s * 10**9
+        self._announce(reason)
 
     # Link
 

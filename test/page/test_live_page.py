@@ -92,7 +92,10 @@ def test_a_knob_turned_in_the_page_turns_that_of_the_node(tmp_path):
                     )
                 seen = len(page.of('parameters'))
                 await asyncio.to_thread(turn, 'friction', 0.3)
-                assert (await page.next('parameters', after=seen))['values'] == {'friction': 0.3}
+                turned = {'friction': 0.3}
+                await page.until(
+                    lambda: [m for m in page.of('parameters')[seen:] if m['values'] == turned]
+                )
             report = await page.until(
                 lambda: [m for m in page.of('diagnostics') if m['verdict'] and m['message']]
             )

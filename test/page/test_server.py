@@ -340,13 +340,18 @@ def test_views_differ(tmp_path):
     run(test())
 
 
-def test_a_node_that_is_started_anew_is_shown_anew(tmp_path):
+@pytest.mark.parametrize(
+    ('reason', 'later_s'),
+    [('start', 0), ('change', 9)],
+    ids=['from its start', 'its first snapshot is lost'],
+)
+def test_a_node_that_is_started_anew_is_shown_anew(reason, later_s, tmp_path):
     async def test():
         link = started(FakeLink())
         async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
             await page.until(lambda: [m for m in page.of('hello') if m['parameters']])
             seen = len(page.of('hello'))
-            link.restart(RigParameters(gap=5.0))
+            link.restart(RigParameters(gap=5.0), reason, later_s)
             link.run(1.0)
             hello = await page.next('hello', after=seen)
             assert {k['name']: k['value'] for k in hello['parameters']}['gap'] == 5.0
