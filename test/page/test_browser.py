@@ -342,14 +342,14 @@ def test_a_node_killed_and_started_again(browser, live, tmp_path):
 @pytest.mark.usefixtures('live')
 def test_a_server_that_comes_back(browser, tmp_path):
     """The page joins it again by itself; see the reconnection in connection.js."""
-    server = PageProcess(tmp_path / 'one')
+    server = PageProcess(tmp_path / 'one', '--node', '/sim_node')
     page = browser.open(server.address)
     try:
         page.wait(FULL, LONG)
         port = server.address.rstrip('/').rpartition(':')[2]
         server.close()
         page.wait("document.querySelector('#status').dataset.state === 'offline'", LONG)
-        server = PageProcess(tmp_path / 'two', '--port', port)
+        server = PageProcess(tmp_path / 'two', '--node', '/sim_node', '--port', port)
         page.wait(FULL, LONG)
     finally:
         page.close()
