@@ -110,6 +110,12 @@ def test_degrees_and_hertz(opened, parameters):
     page.wait('Math.abs(impactDamper.history.state[8] + 0.05236) < 1e-4', LONG)
     page.type('#knob-force_frequencies', '5')
     until(lambda: list(parameters.get('force_frequencies')) == pytest.approx([math.tau * 5.0]))
+    # What is being typed stays, whatever comes in meanwhile.
+    page.type('#knob-force_frequencies', '6', enter=False)
+    assert parameters.set(force_frequencies=[math.tau * 4.0]) == ''
+    page.wait("document.querySelector('#rig-line').textContent.includes('4.000')", LONG)
+    page.key('Enter', 13)
+    until(lambda: list(parameters.get('force_frequencies')) == pytest.approx([math.tau * 6.0]))
 
 
 def test_a_knob_turned_elsewhere_is_seen(opened, parameters):

@@ -69,7 +69,10 @@ class Knob {
         type: 'text', id: this.id, disabled: fixed, autocomplete: 'off', spellcheck: 'false',
         inputmode: type === 'string' || type === 'double_array' ? 'text' : 'decimal', ...described,
       });
-      this.input.addEventListener('change', () => this.enter());
+      // What is being typed is not overwritten by a value that comes in meanwhile.
+      this.input.addEventListener('input', () => { this.typing = true; });
+      this.input.addEventListener('change', () => { this.typing = false; this.enter(); });
+      this.input.addEventListener('blur', () => { if (this.typing) { this.typing = false; this.show(); } });
       this.input.addEventListener('keydown', (event) => this.key(event));
       this.input.addEventListener('focus', () => this.input.select());
     }
@@ -183,6 +186,7 @@ class Knob {
 
   key(event) {
     if (event.key === 'Escape') {
+      this.typing = false;
       this.fail('');
       this.show(true);
       return;
@@ -228,7 +232,7 @@ class Knob {
   /** Take in a value that the rig has. */
   take(value, own = false) {
     this.value = value;
-    if (this.busy || this.next) return;
+    if (this.busy || this.next || this.typing) return;
     if (!own && document.activeElement === this.input && this.input.type === 'text' && this.place.classList.contains('wrong')) return;
     this.show();
     if (!own) {
