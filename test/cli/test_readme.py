@@ -196,11 +196,12 @@ def test_command(line, capfd):
         assert len(found['attractors']) > 1
 
 
-def check_page(words):
-    """Start the page, wait until it says where it is, and end it."""
-    with Path('said.txt').open('wb') as said:
-        page = subprocess.Popen(
-            [sys.executable, '-m', 'impact_damper_ros.cli.rig_page', '--port', '0', *words],
+def check_process(module, words, started):
+    """Start a program, wait until it prints that it has started, and end it; return its output."""
+    output = Path('said.txt')
+    with output.open('wb') as said:
+        process = subprocess.Popen(
+            [sys.executable, '-m', f'impact_damper_ros.{module}', *words],
             env={**os.environ, 'PYTHONPATH': str(ROOT)},
             stdin=subprocess.DEVNULL,
             stdout=said,
@@ -208,42 +209,30 @@ def check_page(words):
         )
     try:
         deadline = time.monotonic() + 100.0
-        while 'the page is at http://127.0.0.1:' not in Path('said.txt').read_text():
-            assert page.poll() is None, Path('said.txt').read_text()
+        while started not in output.read_text():
+            assert process.poll() is None, output.read_text()
             assert time.monotonic() < deadline
             time.sleep(0.02)
-        page.send_signal(signal.SIGINT)
-        assert page.wait(100.0) == 0
+        process.send_signal(signal.SIGINT)
+        assert process.wait(100.0) == 0
     finally:
-        page.kill()
-        page.wait()
+        process.kill()
+        process.wait()
+    return output.read_text()
+
+
+def check_page(words):
+    """Run the page until it prints its address."""
+    check_process('cli.rig_page', ['--port', '0', *words], 'the page is at http://127.0.0.1:')
 
 
 def check_node(words):
-    """Start the node, wait until it says what runs, and end it."""
+    """Run the node until it prints what runs."""
     words = [word for word in words if '$(' not in word]
     if words[-1] in ('--params-file', '--prefix') or '--share' in words:
         words = ['--ros-args', '--params-file', 'config/bench_rig.yaml']
-    with Path('said.txt').open('wb') as said:
-        node = subprocess.Popen(
-            [sys.executable, '-m', 'impact_damper_ros.node.sim_node', *words],
-            env={**os.environ, 'PYTHONPATH': str(ROOT)},
-            stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=subprocess.STDOUT,
-        )
-    try:
-        deadline = time.monotonic() + 100.0
-        while 'runs in real time' not in Path('said.txt').read_text():
-            assert node.poll() is None, Path('said.txt').read_text()
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-        node.send_signal(signal.SIGINT)
-        assert node.wait(100.0) == 0
-    finally:
-        node.kill()
-        node.wait()
-    assert 'natural frequency 5.00 Hz' in Path('said.txt').read_text()
+    output = check_process('node.sim_node', words, 'runs in real time')
+    assert 'natural frequency 5.00 Hz' in output
 
 
 def test_parameters_that_are_set_on_the_node():
