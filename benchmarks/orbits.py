@@ -59,8 +59,9 @@ def figure_2(every: int) -> list[dict]:
         started = time.process_time()
         curves = enumerated_curves(plan)
         two = (time.process_time() - started) / len(plan.values)
+        starts = [(m.value, m.orbit) for m in settled if m.orbit is not None and m.cycles == 1]
         for impacts in (3, 4):
-            curves += followed_curves(plan, settled, impacts)
+            curves += followed_curves(plan, starts, impacts)
         theory = (time.process_time() - started) / len(plan.values)
         rows.append(
             {

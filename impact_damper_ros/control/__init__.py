@@ -7,14 +7,15 @@ is reconstruction or extension. What needs numpy is loaded at its first use.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from impact_damper_ros.lazy_names import lazy_names
 from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters
 
 from .controlled_rig import ControlledRig, completed
-from .controller import CONTROL_JOINTS, Action, ControlRecord
 from .law import Damper, damper_of
+from .own_law import LawError, LawInput, OwnLaw
+from .record import CONTROL_JOINTS, Action, ControlRecord
 
 if TYPE_CHECKING:
     from .controlled_run import ControlledRun
@@ -28,13 +29,12 @@ __all__ = [
     'ControlledRun',
     'Damper',
     'GapControlParameters',
+    'LawError',
+    'LawInput',
+    'OwnLaw',
     'completed',
     'damper_of',
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Load what needs numpy."""
-    if name == 'ControlledRun':
-        return import_module('.controlled_run', __name__).ControlledRun
-    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+#: Loads what needs numpy.
+__getattr__ = lazy_names(__name__, {'controlled_run': ('ControlledRun',)})

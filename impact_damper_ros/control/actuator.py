@@ -7,51 +7,45 @@ decides what happens where a stop meets m.
 The energy is that of the stop itself, of mass `actuator_mass`: each start and each reversal spends
 its kinetic energy at full speed, none of which is recovered by braking. Friction of the guides,
 and weight and inertia in the moving M, are left out. An actuator that moves at once spends none.
+
+Commands that wait are rows of time (s), target of stop 1 and target of stop 2 (Y, m; NaN leaves
+the stop alone), in the order in which they are carried out, in a ring that begins at `first`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass
+from math import inf, nan
+from typing import TYPE_CHECKING, ClassVar
 
-from impact_damper_ros.rig import GapControlParameters
+from impact_damper_ros.rig.kernels import kernel, state
 
-from .sensors import LENGTH, SPEED, TIME, Kinds
+from .state import LENGTH, SPEED, TIME, Kinds, Lists
 
+if TYPE_CHECKING:
+    from .controller import Control
 
-class Command(NamedTuple):
-    """
-    Targets of the stops.
-
-    Attributes
-    ----------
-    time : float
-        When the stops start, s.
-    stop_1, stop_2 : float or None
-        Target Y of each stop, m; None leaves it alone.
-    """
-
-    time: float
-    stop_1: float | None
-    stop_2: float | None
+#: Most commands that one sample or crossing gives.
+MOST_ORDERS = 4
 
 
+@state
 @dataclass(slots=True)
 class Actuators:
     """
-    State of both actuators; every field goes through JSON.
+    State of both actuators.
 
     Attributes
     ----------
-    waiting : list of Command
-        Commands to be carried out, in that order.
-    targets : list of float
+    first, waiting : int
+        Row of the next command, and number of commands to be carried out.
+    target_1, target_2 : float
         Target of the last command to each stop that was carried out, Y in m.
-    commanded : list of float
+    commanded_1, commanded_2 : float
         Target of the last command to each stop, Y in m.
-    velocities : list of float
+    velocity_1, velocity_2 : float
         Velocity of each stop in M, m/s.
-    energies : list of float
+    energy_1, energy_2 : float
         Energy spent by each so far, J.
     """
 
@@ -61,60 +55,141 @@ class Actuators:
         'commanded': LENGTH,
         'velocities': SPEED,
     }
+    LISTS: ClassVar[Lists] = {
+        'targets': ('target_1', 'target_2'),
+        'commanded': ('commanded_1', 'commanded_2'),
+        'velocities': ('velocity_1', 'velocity_2'),
+        'energies': ('energy_1', 'energy_2'),
+    }
 
-    waiting: list[Command] = field(default_factory=list)
-    targets: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    commanded: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    velocities: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    energies: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    first: int = 0
+    waiting: int = 0
+    target_1: float = 0.0
+    target_2: float = 0.0
+    commanded_1: float = 0.0
+    commanded_2: float = 0.0
+    velocity_1: float = 0.0
+    velocity_2: float = 0.0
+    energy_1: float = 0.0
+    energy_2: float = 0.0
 
-    def settle(self, half_gap: float) -> None:
-        """Place the stops at half the gap, without commands."""
-        self.waiting = []
-        self.targets = [half_gap, -half_gap]
-        self.commanded = [half_gap, -half_gap]
-        self.velocities = [0.0, 0.0]
 
-    @property
-    def due(self) -> float | None:
-        """When the next command is carried out, s."""
-        return self.waiting[0].time if self.waiting else None
+@kernel
+def settle_stops(control: Control) -> None:
+    """Place the stops at half the gap, without commands."""
+    actuators: Actuators = control.actuators
+    half_gap = control.settings.half_gap
+    actuators.waiting = 0
+    actuators.target_1 = half_gap
+    actuators.target_2 = -half_gap
+    actuators.commanded_1 = half_gap
+    actuators.commanded_2 = -half_gap
+    actuators.velocity_1 = 0.0
+    actuators.velocity_2 = 0.0
 
-    def order(
-        self, issue: float, stop_1: float | None, stop_2: float | None, p: GapControlParameters
-    ) -> None:
-        """Give a command at an instant, now or ahead."""
-        command = Command(issue + p.actuator_delay, stop_1, stop_2)
-        place = len(self.waiting)
-        while place and self.waiting[place - 1].time > command.time:
-            place -= 1
-        self.waiting.insert(place, command)
-        for i, target in enumerate((stop_1, stop_2)):
-            if target is not None:
-                self.commanded[i] = target
 
-    def start(
-        self, places: tuple[float, float], p: GapControlParameters
-    ) -> tuple[float | None, float | None]:
-        """Begin the next command, and return its targets."""
-        _, stop_1, stop_2 = self.waiting.pop(0)
-        for i, target in enumerate((stop_1, stop_2)):
-            if target is None:
-                continue
-            self.targets[i] = target
-            way = target - places[i]
-            velocity = 0.0
-            if way != 0.0:
-                velocity = p.actuator_speed if way > 0.0 else -p.actuator_speed
-            if velocity not in (0.0, self.velocities[i]):
-                self.energies[i] += 0.5 * p.actuator_mass * p.actuator_speed**2
-            self.velocities[i] = velocity
-        return stop_1, stop_2
+@kernel(inline=True)
+def next_command(control: Control) -> float:
+    """Return when the next command is carried out, s; infinity if none waits."""
+    actuators: Actuators = control.actuators
+    if actuators.waiting == 0:
+        return inf
+    due: float = control.commands[actuators.first][0]
+    return due
 
-    def stopped(self, stop: int, place: float) -> None:
-        """Note that a stop stands, at its target or at m, Y in m."""
-        i = stop - 1
-        self.velocities[i] = 0.0
-        if all(command[1 + i] is None for command in self.waiting):
-            # The next command starts from here.
-            self.commanded[i] = place
+
+@kernel(inline=True)
+def commands_full(control: Control) -> bool:
+    """Return whether one sample or crossing might give more commands than there is room for."""
+    return control.actuators.waiting + MOST_ORDERS > len(control.commands)
+
+
+@kernel
+def order_stops(control: Control, issue: float, stop_1: float, stop_2: float) -> None:
+    """Give a command at an instant, now or ahead."""
+    actuators: Actuators = control.actuators
+    rows = control.commands
+    time = issue + control.settings.delay
+    place = actuators.waiting
+    while place > 0:
+        earlier = (actuators.first + place - 1) % len(rows)
+        if rows[earlier][0] <= time:
+            break
+        later = (earlier + 1) % len(rows)
+        for k in range(3):
+            rows[later][k] = rows[earlier][k]
+        place -= 1
+    row = (actuators.first + place) % len(rows)
+    rows[row][0] = time
+    rows[row][1] = stop_1
+    rows[row][2] = stop_2
+    actuators.waiting += 1
+    if stop_1 == stop_1:
+        actuators.commanded_1 = stop_1
+    if stop_2 == stop_2:
+        actuators.commanded_2 = stop_2
+
+
+@kernel(inline=True)
+def starting_velocity(way: float, speed: float) -> float:
+    """Return the velocity at which a stop starts on its way; 0 for one that moves at once."""
+    rate = speed if speed < inf else 0.0
+    if way > 0.0:
+        return rate
+    return -rate if way < 0.0 else 0.0
+
+
+@kernel
+def start_command(control: Control, place_1: float, place_2: float) -> tuple[float, float]:
+    """
+    Begin the next command with the stops at two places, Y in m.
+
+    Returns its targets, Y in m; NaN leaves a stop alone.
+    """
+    actuators: Actuators = control.actuators
+    p = control.settings
+    row = control.commands[actuators.first]
+    stop_1 = row[1]
+    stop_2 = row[2]
+    actuators.first = (actuators.first + 1) % len(control.commands)
+    actuators.waiting -= 1
+    if stop_1 == stop_1:
+        velocity = starting_velocity(stop_1 - place_1, p.speed)
+        if velocity != 0.0 and velocity != actuators.velocity_1:
+            actuators.energy_1 += p.start_energy
+        actuators.target_1 = stop_1
+        actuators.velocity_1 = velocity
+    if stop_2 == stop_2:
+        velocity = starting_velocity(stop_2 - place_2, p.speed)
+        if velocity != 0.0 and velocity != actuators.velocity_2:
+            actuators.energy_2 += p.start_energy
+        actuators.target_2 = stop_2
+        actuators.velocity_2 = velocity
+    return stop_1, nan if p.one_sided else stop_2
+
+
+@kernel
+def is_commanded(control: Control, stop: int) -> bool:
+    """Return whether a command to a stop waits."""
+    rows = control.commands
+    for k in range(control.actuators.waiting):
+        target = rows[(control.actuators.first + k) % len(rows)][stop]
+        if target == target:
+            return True
+    return False
+
+
+@kernel
+def stop_stopped(control: Control, stop: int, place: float) -> None:
+    """Note that a stop stands at a place, Y in m; at its target if that is NaN."""
+    actuators: Actuators = control.actuators
+    # The next command starts from here.
+    free = not is_commanded(control, stop)
+    if stop == 1:
+        actuators.velocity_1 = 0.0
+        if free:
+            actuators.commanded_1 = place if place == place else actuators.target_1
+    else:
+        actuators.velocity_2 = 0.0
+        if free:
+            actuators.commanded_2 = place if place == place else actuators.target_2

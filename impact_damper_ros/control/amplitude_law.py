@@ -12,16 +12,24 @@ differ, as weight and friction make them, and neither R nor mu has to be known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass
+from math import nan
+from typing import TYPE_CHECKING, ClassVar
 
-from .law import Plant
-from .sensors import LENGTH, Kinds, Measurement
+from impact_damper_ros.rig.kernels import kernel, state
+
+from .law import Search, place_stops, reach_limit, symmetric_place
+from .sensors import Measurement, Observer
+from .state import LENGTH, Kinds, Lists, clearing
+
+if TYPE_CHECKING:
+    from .controller import Control
 
 #: A stop is not moved by less than this part of its place: each start costs energy.
-_DEAD_BAND = 0.005
+_SMALLEST_MOVE = 0.005
 
 
+@state
 @dataclass(slots=True)
 class AmplitudeLaw:
     """
@@ -29,45 +37,66 @@ class AmplitudeLaw:
 
     Attributes
     ----------
-    places : list of float
-        Distance of stop 1 and of stop 2 from the middle, outwards, m; empty before the first.
+    place_1, place_2 : float
+        Distance of stop 1 and of stop 2 from the middle, outwards, m; NaN before the first.
     amplitude : float
         Amplitude at the last passage, m.
     """
 
     KINDS: ClassVar[Kinds] = {'places': LENGTH, 'amplitude': LENGTH}
+    LISTS: ClassVar[Lists] = {'places': ('place_1', 'place_2')}
 
-    places: list[float] = field(default_factory=list)
+    place_1: float = nan
+    place_2: float = nan
     amplitude: float = 0.0
 
-    def see(self, sample: Measurement, plant: Plant) -> None:
-        """Do nothing between the passages of X through zero."""
 
-    def cross(self, sample: Measurement, plant: Plant) -> None:
-        """Move both stops to their places."""
-        if plant.parameters.independent:
-            self._correct(sample.time, plant)
-            first, second = self.places
-        else:
-            first = second = plant.symmetric_place(plant.parameters.gap_control_gain)
-        plant.move(sample.time, (first, -second), _DEAD_BAND)
+clear_amplitude_law = clearing(AmplitudeLaw, 'clear_amplitude_law')
 
-    def _correct(self, time: float, plant: Plant) -> None:
-        """Correct the distances of both stops from the middle."""
-        observer, p = plant.observer, plant.parameters
-        if not self.places:
-            here = Measurement(*observer.last)
-            self.places = [here.stop_1, -here.stop_2]
-        growth = observer.amplitude / self.amplitude if self.amplitude > 0.0 else 1.0
-        self.amplitude = observer.amplitude
-        for i, hit in enumerate((observer.hit_1, observer.hit_2)):
-            place = self.places[i]
-            if hit:
-                early = time - hit[0]
-                if early > 0.5 * observer.half_cycle:
-                    # It belongs to the passage before this one.
-                    early -= observer.half_cycle
-                early -= p.gap_control_lead * observer.half_cycle
-                place += p.gap_control_timing_gain * hit[1] * early
-            place = min(growth * place, plant.search.limit(i))
-            self.places[i] = min(max(place, 0.5 * p.gap_min), 0.5 * p.gap_max)
+
+@kernel
+def amplitude_law_crosses(control: Control, seen: Measurement) -> None:
+    """Move both stops to their places, at a passage of X through zero."""
+    law: AmplitudeLaw = control.timing
+    if control.settings.independent:
+        correct_places(control, seen)
+        place_stops(control, seen.time, law.place_1, -law.place_2, _SMALLEST_MOVE)
+    else:
+        place = symmetric_place(control, control.settings.gain)
+        place_stops(control, seen.time, place, -place, _SMALLEST_MOVE)
+
+
+@kernel
+def correct_places(control: Control, seen: Measurement) -> None:
+    """Correct the distances of both stops from the middle."""
+    law: AmplitudeLaw = control.timing
+    observer: Observer = control.observer
+    search: Search = control.search
+    if law.place_1 != law.place_1:
+        law.place_1 = seen.stop_1
+        law.place_2 = -seen.stop_2
+    growth = observer.amplitude / law.amplitude if law.amplitude > 0.0 else 1.0
+    law.amplitude = observer.amplitude
+    limit_1 = reach_limit(search.missed_1, search.reach_1)
+    limit_2 = reach_limit(search.missed_2, search.reach_2)
+    early_1 = seen.time - observer.hit_time_1
+    early_2 = seen.time - observer.hit_time_2
+    law.place_1 = corrected(control, law.place_1, growth, early_1, observer.hit_speed_1, limit_1)
+    law.place_2 = corrected(control, law.place_2, growth, early_2, observer.hit_speed_2, limit_2)
+
+
+@kernel
+def corrected(
+    control: Control, place: float, growth: float, early: float, speed: float, limit: float
+) -> float:
+    """Return the place of a stop that m hit so early, or NaN for not at all, at a speed."""
+    p = control.settings
+    half_cycle = control.observer.half_cycle
+    if early == early:
+        if early > 0.5 * half_cycle:
+            # It belongs to the passage before this one.
+            early -= half_cycle
+        early -= p.lead * half_cycle
+        place += p.timing_gain * speed * early
+    place = min(growth * place, limit)
+    return min(max(place, 0.5 * p.gap_min), 0.5 * p.gap_max)

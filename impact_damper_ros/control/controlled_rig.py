@@ -1,46 +1,64 @@
 """
 The rig under gap control: the simulator with sensors, controller and actuators.
 
-With the control off it is the simulator, bit for bit. Samples lie on the grid k/rate, crossings
-and the starts of stops at their own exact instants, so that the motion does not depend on how a
-run is cut into pieces.
+With the control off it is the simulator, bit for bit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import inf
+from math import inf, isfinite
 from typing import Any, Self
 
 from impact_damper_ros.rig import (
     Event,
-    EventKind,
     GapControlParameters,
     InitialConditions,
-    Mode,
     RigParameters,
     Sample,
     Simulator,
 )
+from impact_damper_ros.rig.event import MOST_TOGETHER, EventRows
 from impact_damper_ros.rig.simulator import Snapshot
 
-from .controller import Action, Controller, ControlRecord
-from .law import damper_of
-from .sensors import measured
-
-_ACTIONS = {EventKind.STOP_ARRIVED: Action.ARRIVED, EventKind.STOP_TOUCHED: Action.TOUCHED}
+from .actuator import settle_stops
+from .control_loop import COMMANDS_FULL, LAW_FAILED, go_under_control, write_record
+from .controller import (
+    LAW_STATES,
+    Control,
+    ControlSettings,
+    forget_all,
+    initial_state,
+    relearn_laws,
+)
+from .own_law import Law, LawError, OwnLaw
+from .record import Action, ControlRecord
 
 
 def completed(snapshot: dict[str, Any]) -> dict[str, Any]:
-    """Return a snapshot with the state of the control; off, if it is an older one without."""
-    if 'gap_control' in snapshot:
-        return snapshot
-    return {**snapshot, 'gap_control': ControlledRig.restore(snapshot).snapshot()['gap_control']}
-
-
-class ControlledRig:
     """
-    A rig and its gap control; used as a `Simulator`.
+    Return a snapshot with all that an older one does not have.
+
+    That is the state of the control, which is off, or that of laws and parameters that did not
+    exist, which are at their start and their defaults.
+    """
+    if 'gap_control' not in snapshot:
+        restored = ControlledRig.restore(snapshot).snapshot()
+        return {**snapshot, 'gap_control': restored['gap_control']}
+    held, fresh = snapshot['gap_control'], initial_state()
+    parameters = {**GapControlParameters().as_dict(), **held['parameters']}
+    state = {**{entry: fresh[entry] for entry in LAW_STATES.values()}, **held['state']}
+    return {**snapshot, 'gap_control': {**held, 'parameters': parameters, 'state': state}}
+
+
+def own_law_of(law: Law | None) -> OwnLaw | None:
+    """Return a law of the user's own, with its name."""
+    return law if law is None or isinstance(law, OwnLaw) else OwnLaw(law)
+
+
+class ControlledRig(Simulator):
+    """
+    A rig and its gap control.
 
     Parameters
     ----------
@@ -52,11 +70,17 @@ class ControlledRig:
         Time at the start, s.
     control : GapControlParameters, optional
         The control; off, if not given.
+    law : callable, optional
+        A law of one's own, `law(seen, memory) -> (stop_1, stop_2)`, that moves the stops in place
+        of the one that `gap_control` names, unless that is off; see `own_law.LawInput`. The
+        control is on, if it is not given.
 
     Raises
     ------
     ParameterError
         If m would not start between the stops.
+    LawError
+        If the law cannot be called so.
 
     Examples
     --------
@@ -70,71 +94,57 @@ class ControlledRig:
     (2.7, 100.0)
     """
 
-    #: Class of the rig itself.
-    _simulator: type[Simulator] = Simulator
-
     def __init__(
         self,
         parameters: RigParameters,
         initial: InitialConditions | None = None,
         time: float = 0.0,
         control: GapControlParameters | None = None,
+        law: Law | None = None,
     ) -> None:
         """Start the rig."""
-        self._rig = self._simulator(parameters, initial, time)
-        self._control = control or GapControlParameters()
+        self._law = own_law_of(law)
+        default = GapControlParameters(gap_control='off' if law is None else 'timed')
+        self._gap_control = control or default
         self._records: list[ControlRecord] = []
-        self._start()
+        super().__init__(parameters, initial, time)
+        self._start_control()
 
-    def _start(self) -> None:
-        self._controller = Controller()
-        self._controller.actuators.settle(self._half_gap)
-        if self._control.active:
-            self._controller.begin(self._control, self._rig.time)
-        self._describe()
-
-    def _describe(self) -> None:
-        self._damper = damper_of(self._rig.parameters)
-
-    @property
-    def _half_gap(self) -> float:
-        return 0.5 * self._rig.parameters.gap
-
-    @property
-    def time(self) -> float:
-        """Time reached, s."""
-        return self._rig.time
-
-    @property
-    def parameters(self) -> RigParameters:
-        """The rig's present parameters."""
-        return self._rig.parameters
+    def _start_control(self) -> None:
+        self._control = Control.of(self._gap_control, self._parameters, self._law)
+        if self._gap_control.active:
+            self._control.begin(self._time)
 
     @property
     def control(self) -> GapControlParameters:
         """The present parameters of the control."""
-        return self._control
+        return self._gap_control
 
     @property
-    def mode(self) -> Mode:
-        """Present mode, after any event at the present time."""
-        return self._rig.mode
+    def law(self) -> str:
+        """Name of the law that moves the stops."""
+        return self._gap_control.gap_control if self._law is None else self._law.name
 
     @property
-    def stops(self) -> tuple[float, float]:
-        """Present positions Y of stop 1 and stop 2, m."""
-        return self._rig.stops
+    def own_law(self) -> OwnLaw | None:
+        """The law of the user's own, if there is one."""
+        return self._law
+
+    @property
+    def control_state(self) -> Control:
+        """A copy of the state of the control."""
+        return self._control.copied()
 
     @property
     def amplitude(self) -> float:
         """The controller's estimate of the amplitude of X, m."""
-        return self._controller.observer.amplitude
+        return self._control.observer.amplitude
 
     @property
     def energies(self) -> tuple[float, float]:
         """Energy spent by the actuator of each stop since the start or the last reset, J."""
-        energies = self._controller.actuators.energies
-        return energies[0], energies[1]
+        actuators = self._control.actuators
+        return actuators.energy_1, actuators.energy_2
 
     @property
     def records(self) -> list[ControlRecord]:
@@ -144,36 +154,31 @@ class ControlledRig:
     @property
     def plain(self) -> Snapshot | None:
         """State of the rig if no control acts on it; else None."""
-        controller = self._controller
-        if self._control.active or controller.returning or controller.actuators.due is not None:
-            return None
-        return self._rig.state()
+        control = self._control
+        acts = control.active or control.controller.returning or control.actuators.waiting
+        return None if acts else self.state()
 
     def gone_on(self, rig: Simulator) -> None:
         """Continue from another simulator of the `plain` rig."""
-        self._rig, self._records = rig, []
-
-    def sample(self) -> Sample:
-        """Return the motion at the present time, after any event at that instant."""
-        return self._rig.sample()
+        self.__dict__.update(Simulator.mark(rig))
+        self._records = []
 
     def preview(
         self, times: Sequence[float], interrupted: Callable[[], bool] | None = None
     ) -> list[Sample]:
         """Return the motion at later instants, as `Simulator.preview` does; none under control."""
-        return [] if self.plain is None else self._rig.preview(times, interrupted)
+        return [] if self.plain is None else super().preview(times, interrupted)
 
-    def mark(self) -> tuple[dict[str, Any], Controller]:
+    def mark(self) -> dict[str, Any]:
         """Return a mark for `go_back`, as `Simulator.mark` does."""
-        controller = self._controller
-        if self._control.active or not controller.idles:
-            controller = controller.copied()
-        return self._rig.mark(), controller
+        state = super().mark()
+        if self._gap_control.active or not self._control.idles:
+            state['_control'] = self._control.copied()
+        return state
 
-    def go_back(self, mark: tuple[dict[str, Any], Controller]) -> None:
+    def go_back(self, mark: dict[str, Any]) -> None:
         """Undo all that `advance` did since a mark; each may be used once."""
-        state, self._controller = mark
-        self._rig.go_back(state)
+        super().go_back(mark)
         self._records = []
 
     def advance(
@@ -207,85 +212,62 @@ class ControlledRig:
             If the time is before the present one or not finite.
         RunawayError
             If the rig has events without end at one instant; `go_back` undoes the advance.
+        LawError
+            If a law of the user's own fails; the rig is then where it was.
         """
         self._records = []
-        rig = self._rig
-        if not rig.time <= time < inf:
-            return rig.advance(time)
+        if self._law is None:
+            return super().advance(time, most_events, interrupted)
+        before = self.mark()
+        before['_control'] = self._control.copied()
+        try:
+            return super().advance(time, most_events, interrupted)
+        except LawError:
+            self.go_back(before)
+            raise
+
+    def _go(self, time: float, most: int, steps: int, *, watch: bool) -> tuple[int, list[Event]]:
+        """Run to a time or the next step of the frequency, under control."""
+        if watch:
+            if self.plain is None:
+                raise ValueError(
+                    'a rig under control cannot stop at a passage of X through zero: `advance` '
+                    'returns the passages among the events'
+                )
+            return super()._go(time, most, steps, watch=watch)
         events: list[Event] = []
-        while True:
-            controller, active = self._controller, self._control.active
-            command, sample = controller.actuators.due, inf
-            if active or controller.returning:
-                sample = controller.sample_index / self._control.gap_control_rate
-            # A command may be due in the past, after the delay has been shortened.
-            until = max(rig.time, min(inf if command is None else command, sample, time))
-            run = rig.advance_to_crossing if active else rig.advance
-            new = run(until, most_events - len(events), interrupted)
-            events += self._noted(new)
-            if new and new[-1].kind is EventKind.CROSSING:
-                self._cross(new[-1])
-            elif rig.time < until:
-                return events
-            elif command is not None and command <= until:
-                events += self._carry_out()
-            elif sample <= until:
-                self._look()
-            else:
-                return events
-            if interrupted is not None and rig.time < time and interrupted():
-                return events
-
-    def _cross(self, event: Event) -> None:
-        controller = self._controller
-        if controller.observer.holds_off(event.time):
-            return
-        rising = event.primary_velocity_after > 0.0
-        # Indices of their own, so that no noise is used twice
-        sample = measured(self._rig.sample(), -1 - controller.trigger_index, self._control)
-        controller.cross(sample, rising, self._half_gap, self._damper, self._control)
-        self._record(Action.CROSSING, event.time)
-
-    def _look(self) -> None:
-        """Take the sample that is due, and act on it."""
-        controller, control, rig = self._controller, self._control, self._rig
-        if control.active:
-            sample = measured(rig.sample(), controller.sample_index, control)
-            controller.see(sample, self._damper, control)
-        if controller.returning:
-            controller.send_back(rig.time, rig.stops, self._half_gap, control)
-        controller.sample_index += 1
-        if not (control.active or controller.returning):
-            self._controller = self._controller.idle()
-
-    def _carry_out(self) -> list[Event]:
-        """Carry out the command that is due."""
-        rig, control = self._rig, self._control
-        targets = self._controller.actuators.start(rig.stops, control)
-        if rig.parameters.one_sided:
-            targets = targets[0], None
-        self._record(Action.COMMAND, rig.time)
-        return self._noted(rig.move_stops(*targets, speed=control.actuator_speed or inf))
-
-    def _noted(self, events: list[Event]) -> list[Event]:
-        """Record the stops that have arrived or met m, and return the events."""
-        for event in events:
-            action = _ACTIONS.get(event.kind)
-            if action is not None:
-                # Not the Y of the event, which is that of m: the encoder shows the target.
-                targets = self._controller.actuators.targets
-                arrived = action is Action.ARRIVED
-                place = targets[event.stop - 1] if arrived else event.y
-                self._controller.actuators.stopped(event.stop, place)
-                self._record(action, event.time)
-        return events
-
-    def _record(self, action: Action, time: float) -> None:
-        controller = self._controller
-        record = ControlRecord.of(action, time, controller.actuators, controller.observer)
-        # Stops that arrive together make one record.
-        if self._records[-1:] != [record]:
-            self._records.append(record)
+        status = COMMANDS_FULL
+        while status == COMMANDS_FULL:
+            rows, table = EventRows(), EventRows()
+            status, self._time, self._here, written, _, recorded = go_under_control(
+                self._constants,
+                self._parameters.damper_mass,
+                self._control,
+                self._here,
+                self._time,
+                time,
+                self._step_due,
+                most - len(events),
+                steps,
+                rows,
+                rows,
+                MOST_TOGETHER,
+                0,
+                self._in_mode,
+                True,
+                table,
+                0,
+            )
+            events += rows.events(written)
+            records = ControlRecord.rows(table, recorded)
+            again = bool(records) and self._records[-1:] == records[:1]
+            self._records += records[1:] if again else records
+            if status == COMMANDS_FULL:
+                self._control = self._control.enlarged()
+            elif status == LAW_FAILED:
+                assert self._law is not None
+                raise self._law.refused(self._control.refusal)
+        return status, events
 
     def change(
         self, parameters: RigParameters, control: GapControlParameters | None = None
@@ -312,22 +294,25 @@ class ControlledRig:
         to the gap by the actuators. Another law begins anew, with the present amplitude.
         """
         self._records = []
-        before, old = self._rig.parameters, self._control
-        events = self._rig.change(parameters)
-        self._describe()
+        before, old = self._parameters, self._gap_control
+        events = super().change(parameters)
+        own = self._law is not None
+        here = self._control._replace(settings=ControlSettings.of(old, parameters, own=own))
+        self._control = here
         if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
-            self._controller.actuators.settle(self._half_gap)
-            self._controller.relearn()
-            self._controller.returning = False
+            settle_stops(here)
+            relearn_laws(here)
+            here.controller.returning = False
             if old.active:
-                self._record(Action.COMMAND, self._rig.time)
+                table = EventRows()
+                written = write_record(here, Action.COMMAND, self._time, table, 0)
+                self._records = ControlRecord.rows(table, written)
             else:
-                self._controller = self._controller.idle()
+                forget_all(here)
         if control is not None and control != old:
-            self._control = control
-            self._controller = self._controller.switched(
-                old, control, self._rig.time, self._half_gap
-            )
+            self._gap_control = control
+            settings = ControlSettings.of(control, parameters, own=own)
+            self._control = here.switched(settings, self._time)
         return events
 
     def reset(self, initial: InitialConditions | None = None) -> None:
@@ -339,9 +324,9 @@ class ControlledRig:
         ParameterError
             If m would not start between the stops; the rig then runs on as before.
         """
-        self._rig.reset(initial)
+        super().reset(initial)
         self._records = []
-        self._start()
+        self._start_control()
 
     def snapshot(self) -> dict[str, Any]:
         """
@@ -353,36 +338,61 @@ class ControlledRig:
             The simulator's snapshot, and under `gap_control` that of the control; JSON keeps it
             exactly.
         """
-        control = {
-            'parameters': self._control.as_dict(),
-            'state': self._controller.as_dict(),
-        }
-        return {**self._rig.snapshot(), 'gap_control': control}
+        return {**super().snapshot(), 'gap_control': stored(self._gap_control, self._control)}
 
     @classmethod
-    def restore(cls, snapshot: dict[str, Any]) -> Self:
+    def restore(cls, snapshot: dict[str, Any], law: Law | None = None) -> Self:
         """
         Continue from a snapshot, bit for bit; one of a plain `Simulator` has no control.
 
         Raises
         ------
         ValueError
-            If the snapshot is of another format or lacks something.
+            If the snapshot is of another format or lacks something, or is of a rig with a law of
+            the user's own that is not given.
         """
-        rig = cls.__new__(cls)
-        rig._rig = cls._simulator.restore(
-            {k: v for k, v in snapshot.items() if k != 'gap_control'}
-        )
-        rig._records = []
-        stored = snapshot.get('gap_control')
-        if stored is None:
-            rig._control = GapControlParameters()
-            rig._start()
-            return rig
-        try:
-            rig._control = GapControlParameters(**stored['parameters'])
-            rig._controller = Controller.from_dict(stored['state'])
-        except (AttributeError, KeyError, TypeError) as error:
-            raise ValueError(f'snapshot is not complete: gap_control: {error}') from error
-        rig._describe()
+        plain = {name: value for name, value in snapshot.items() if name != 'gap_control'}
+        rig = super().restore(plain)
+        rig._records, rig._law = [], own_law_of(law)
+        rig._gap_control, rig._control = restored(snapshot, rig.parameters, rig._law)
         return rig
+
+
+def stored(parameters: GapControlParameters, control: Control) -> dict[str, Any]:
+    """Return what a snapshot holds of a control."""
+    held: dict[str, Any] = {'parameters': parameters.as_dict(), 'state': control.as_dict()}
+    if control.law is not None:
+        memory = [float(v) if isfinite(v) else str(v) for v in control.memory]
+        held['law'] = {'name': control.law.name, 'memory': memory}
+    return held
+
+
+def restored(
+    snapshot: dict[str, Any], rig: RigParameters, law: OwnLaw | None
+) -> tuple[GapControlParameters, Control]:
+    """
+    Return the control of a snapshot; off, if it has none.
+
+    Raises
+    ------
+    ValueError
+        If the snapshot lacks something, or a law of the user's own is not given.
+    """
+    held = snapshot.get('gap_control')
+    if held is None:
+        parameters = GapControlParameters()
+        return parameters, Control.of(parameters, rig, law)
+    try:
+        parameters = GapControlParameters(**held['parameters'])
+        control = Control.of(parameters, rig, law).restored(held['state'])
+        kept = held.get('law')
+        if kept is not None:
+            if law is None:
+                raise LawError(
+                    f'its stops were moved by the law {kept["name"]}, which is no part of it: '
+                    'give the law, too'
+                )
+            control.memory[:] = map(float, kept['memory'])
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f'snapshot is not complete: gap_control: {error}') from error
+    return parameters, control

@@ -1,189 +1,163 @@
 """
-Long runs of a rig under gap control: samples and events as arrays, as of a `LongRun`.
+Long runs of a rig under gap control, compiled where numba is installed.
 
-Samples for the control take most of the time of such a run. Until the next command, those to come
-are computed together by the compiled run loop.
+`ControlledRun` gives the motion of `ControlledRig`, to the last bit. Both begin and end with the
+same snapshots, so that one can continue the other.
 """
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from functools import cache
+from math import inf
+from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from impact_damper_ros.rig import GapControlParameters
-from impact_damper_ros.rig.event import Event, Sample
-from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.event import Event
+from impact_damper_ros.rig.kernels import compiled as compile_kernels
 from impact_damper_ros.rig.long_run import (
     EVENT_TYPE,
-    SAMPLE_TYPE,
+    Events,
+    LongRun,
     Loop,
-    Outcome,
-    RunResult,
-    event_table,
+    constants_at,
     has_numba,
+    tables,
 )
-from impact_damper_ros.rig.mode import Mode
-from impact_damper_ros.rig.origin import Origin
+from impact_damper_ros.rig.mode import RigConstants
 from impact_damper_ros.rig.parameters import InitialConditions, RigParameters
-from impact_damper_ros.rig.run_loop import DONE, Progress
-from impact_damper_ros.rig.simulator import Simulator
+from impact_damper_ros.rig.run_loop import ROWS_AT_ONCE, Progress
+from impact_damper_ros.rig.simulator import Snapshot
 
-from .controlled_rig import ControlledRig
-
-#: Most events on the way to samples ahead.
-_MOST_INSTANTS = 1000
-
-
-class ModeAccount(NamedTuple):
-    """
-    The modes of a rig over a time.
-
-    Attributes
-    ----------
-    time_in_mode : ndarray of float, shape (8,)
-        Time spent in each `Mode`, s.
-    begins : ndarray of float, shape (n,)
-        When each flight began, s; -infinity for the one at the beginning.
-    modes : ndarray of int, shape (n,)
-        Mode of each flight.
-    """
-
-    time_in_mode: npt.NDArray[np.float64]
-    begins: npt.NDArray[np.float64]
-    modes: npt.NDArray[np.int64]
-
-    def modes_after(self, times: npt.ArrayLike) -> npt.NDArray[np.int64]:
-        """Return the mode after each instant, after all events at that instant."""
-        found: npt.NDArray[np.int64] = self.modes[
-            np.searchsorted(self.begins, times, side='right') - 1
-        ]
-        return found
+from .control_loop import COMMANDS_FULL, LAW_FAILED, run_controlled
+from .controlled_rig import ControlledRig, own_law_of, restored, stored
+from .controller import LAW_NUMBERS, Control
+from .own_law import Law, OwnLaw, users_law
+from .predictive_law import predictive_law_crosses
 
 
-class AccountedSimulator(Simulator):
-    """A `Simulator` that records the time spent in each mode, and computes samples ahead."""
+class _ControlLoop(Loop):
+    """The run loop under control; each has its own copy of the state of the control."""
 
-    #: Samples ahead, the next one last.
-    _ahead: list[list[float]] | None = None
-    _loop: Loop | None = None
-    _counted: float | None = None
-    _spent: npt.NDArray[np.float64]
-    _begun: list[tuple[float, int]]
+    _name = run_controlled.__name__
+    _plain = staticmethod(run_controlled)
 
-    def _begin(self, origin: Origin) -> None:
-        if self._counted is None:
-            self._open(origin)
-        else:
-            self._count(origin.time)
-            self._begun.append((origin.time, origin.mode))
-        super()._begin(origin)
+    def __init__(
+        self, constants: RigConstants, damper_mass: float, control: Control, *, compiled: bool
+    ) -> None:
+        self._control = control
+        if control.law is not None:
+            self._name = f'{self._name}_{id(control.law)}'
+        elif self._is_predictive:
+            self._name = f'{self._name}_{_FORM}'
+        super().__init__(constants, damper_mass, compiled=compiled)
+        self._records = control.packed() if compiled else control.copied()
+        self._scratch = tables(np.empty(4 * ROWS_AT_ONCE, EVENT_TYPE))
 
-    def _open(self, origin: Origin) -> None:
-        """Begin to account at the present time."""
-        self._counted = self._time
-        self._spent = np.zeros(len(Mode))
-        self._begun = [(-np.inf, origin.mode)]
-
-    def _count(self, time: float) -> None:
-        """Account for the time up to an instant; a change may place it a digit early."""
-        assert self._counted is not None
-        if time > self._counted:
-            self._spent[self._origin.mode] += time - self._counted
-            self._counted = time
-
-    def take_account(self) -> ModeAccount:
-        """Return the account since the last call, or since the start."""
-        self._count(self._time)
-        begins, modes = zip(*self._begun, strict=True)
-        account = ModeAccount(self._spent, np.array(begins), np.array(modes, dtype=np.int64))
-        self._open(self._origin)
-        return account
-
-    def sample_ahead(self, instants: npt.NDArray[np.float64]) -> None:
-        """
-        Compute the samples at instants ahead, for `sample` to return once they are reached.
-
-        They equal to the last bit what `sample` returns otherwise, and are dropped at a change of
-        the rig. Without numba, or with a stepped sine, none are computed.
-        """
-        self._ahead = []
-        if self._parameters.sweep_mode != 'off' or not has_numba():
-            return
-        if self._loop is None or self._loop.constants is not self._constants:
-            mass = self._parameters.damper_mass
-            self._loop = Loop(self._constants, mass, compiled=True)
-        rows = np.empty((len(instants), len(Sample._fields)))
-        progress = self._loop.run(
-            Progress(DONE, self._loop.packed(self._origin), self._time, 0, 0, 0),
-            *(float(instants[-1]), instants, rows, np.empty(0, EVENT_TYPE), _MOST_INSTANTS),
-            np.zeros(len(Mode)),
-        )
-        self._ahead = rows[: progress.sampled][::-1].tolist()
-
-    def sample(self) -> Sample:
-        """Return the motion at the present time, after any event at that instant."""
-        ahead = self._ahead
-        return Sample(*ahead[-1]) if ahead and self.knows else super().sample()
+    def _compile(self) -> Any:
+        """Return the compiled loop, or one about to be."""
+        law = self._control.law
+        if law is not None:
+            return _loop_with(law)
+        return _loop_for(predictive=self._is_predictive)
 
     @property
-    def knows(self) -> bool:
-        """Whether the sample at the present time has been computed."""
-        ahead = self._ahead
-        while ahead and ahead[-1][0] < self._time:
-            ahead.pop()
-        return bool(ahead and ahead[-1][0] == self._time)
+    def _is_predictive(self) -> bool:
+        return self._control.settings.law == _PREDICTIVE
 
-    def change(self, parameters: RigParameters) -> list[Event]:
-        """Let new parameters take effect; see `Simulator.change`."""
-        self._ahead = None
-        return super().change(parameters)
+    def begun(self) -> Self:
+        """Return the loop for one advance, with a state of its own."""
+        return self.turned_to(self.constants)
 
-    def move_stops(
-        self, stop_1: float | None, stop_2: float | None, speed: float = np.inf
-    ) -> list[Event]:
-        """Let stops move; see `Simulator.move_stops`."""
-        self._ahead = None
-        return super().move_stops(stop_1, stop_2, speed)
+    def turned_to(self, constants: RigConstants) -> Self:
+        """Return the loop of the same rig and control at other frequencies."""
+        return type(self)(constants, self._damper_mass, self.control, compiled=self.compiled)
 
-    def reset(self, initial: InitialConditions | None = None) -> None:
-        """Put the rig back; see `Simulator.reset`."""
-        self._ahead = None
-        super().reset(initial)
+    @property
+    def control(self) -> Control:
+        """The control in its present state."""
+        if self.compiled:
+            return self._control.copied().unpacked(self._records)
+        return self._records.copied()
+
+    def run(
+        self,
+        progress: Progress,
+        end: float,
+        instants: Any,
+        samples: Any,
+        table: Events,
+        most: int,
+        in_mode: Any,
+        step_due: float = inf,
+    ) -> Progress:
+        """Run until the end or until the loop stops; see `run_controlled`."""
+        keep = len(table) > 0
+        rows = tables(table) if keep else self._scratch
+        progress = progress._replace(written=0, happened=0)
+        happened = 0
+        while True:
+            progress = self._call(
+                self._packed,
+                self._damper_mass,
+                self._records,
+                progress.origin,
+                progress.time,
+                end,
+                step_due,
+                instants,
+                progress.sampled,
+                samples,
+                *rows,
+                progress.written,
+                keep,
+                most - happened,
+                in_mode,
+            )
+            happened += progress.happened
+            if progress.status == LAW_FAILED:
+                assert self._control.law is not None
+                refusal = self.control.refusal
+                raise self._control.law.refused(refusal)
+            if progress.status != COMMANDS_FULL:
+                written = progress.written if keep else 0
+                return progress._replace(written=written, happened=happened)
+            self._records = self._records.enlarged()
 
 
-#: Most samples that are computed together.
-_MOST_AHEAD = 256
+_PREDICTIVE = LAW_NUMBERS['predictive']
+#: Name of the form of the loop that holds the model of the predictive law.
+_FORM = 'predictive'
 
 
-class _AccountedRig(ControlledRig):
-    """A controlled rig that records the time spent in each mode, and samples ahead."""
-
-    _simulator = AccountedSimulator
-    _rig: AccountedSimulator
-
-    def _look(self) -> None:
-        """Take the sample that is due, computed with some to come."""
-        if not self._rig.knows:
-            rate = self._control.gap_control_rate
-            count = min(max(1, round(rate * math.tau / self.parameters.omega)), _MOST_AHEAD)
-            index = self._controller.sample_index
-            self._rig.sample_ahead(np.arange(index, index + count) / rate)
-        super()._look()
-
-    def take_account(self) -> ModeAccount:
-        """Return the account since the last call, or since the start."""
-        return self._rig.take_account()
+def _without_model(_control: Any, _seen: Any, _rig: Any, _origin: Any) -> None:
+    """Take the place of the predictive law, whose model of the rig takes long to compile."""
 
 
-class ControlledRun:
+@cache
+def _loop_for(*, predictive: bool) -> Any:
+    """Return the compiled run loop with the built-in laws, the predictive one if it is needed."""
+    name = run_controlled.__name__
+    if predictive:
+        return compile_kernels(cached=(name,), form=_FORM)[name]
+    given = {predictive_law_crosses.__name__: _without_model}
+    return compile_kernels(cached=(name,), given=given)[name]
+
+
+@cache
+def _loop_with(law: OwnLaw) -> Any:
+    """Return the compiled run loop with a law of the user's own in it."""
+    given: dict[str, Any] = {
+        users_law.__name__: law.function,
+        predictive_law_crosses.__name__: _without_model,
+    }
+    return compile_kernels(given=given)[run_controlled.__name__]
+
+
+class ControlledRun(LongRun):
     """
     One rig under gap control for long runs.
-
-    The motion is that of `ControlledRig`, to the last bit. The control is plain Python; its
-    samples are computed by compiled code where numba is installed.
 
     Parameters
     ----------
@@ -193,61 +167,86 @@ class ControlledRun:
         Where it starts; at rest with m in the middle of the gap, if not given.
     control : GapControlParameters, optional
         The control; off, if not given.
+    law : callable, optional
+        A law of one's own, as of a `ControlledRig`. One that numba has compiled is compiled into
+        the run loop; with any other the loop is not compiled.
+    compiled : bool, optional
+        Whether to run compiled code; if not given, whether numba is installed. The results are
+        the same, to the last bit.
 
     Raises
     ------
     ParameterError
         If m would not start between the stops.
+    ImportError
+        If `compiled` without numba (extra ``compiled``).
     """
+
+    _loop: _ControlLoop
 
     def __init__(
         self,
         parameters: RigParameters,
         initial: InitialConditions | None = None,
         control: GapControlParameters | None = None,
+        law: Law | None = None,
+        *,
+        compiled: bool | None = None,
     ) -> None:
         """Start the rig."""
-        self._rig = _AccountedRig(parameters, initial, control=control)
+        rig = ControlledRig(parameters, initial, control=control, law=law)
+        self._compiled = _may_compile(rig.own_law) if compiled is None else compiled
+        self._take_rig(rig)
+
+    def _take_rig(self, rig: ControlledRig) -> None:
+        self._gap_control, self._law = rig.control, rig.own_law
+        self._start = rig.control_state
+        self._take(rig.state())
+
+    def _loop_of(self, state: Snapshot) -> _ControlLoop:
+        """Return the run loop of the rig."""
+        constants = constants_at(state.parameters, state.sweep)
+        mass = state.parameters.damper_mass
+        return _ControlLoop(constants, mass, self._start, compiled=self._compiled)
 
     @classmethod
-    def restore(cls, snapshot: dict[str, Any]) -> ControlledRun:
+    def restore(
+        cls, snapshot: dict[str, Any], law: Law | None = None, *, compiled: bool | None = None
+    ) -> Self:
         """
         Continue from a snapshot of a `ControlledRig`, bit for bit.
 
         Raises
         ------
         ValueError
-            If the snapshot is of another format or lacks something.
+            If the snapshot is of another format or lacks something, or is of a rig with a law of
+            the user's own that is not given.
         """
         run = cls.__new__(cls)
-        run._rig = _AccountedRig.restore(snapshot)
+        run._law = own_law_of(law)
+        run._compiled = _may_compile(run._law) if compiled is None else compiled
+        plain = {name: value for name, value in snapshot.items() if name != 'gap_control'}
+        state = Snapshot.from_dict(plain)
+        run._gap_control, run._start = restored(snapshot, state.parameters, run._law)
+        run._take(state)
         return run
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that the rig's future depends on, as `ControlledRig.snapshot` does."""
-        return self._rig.snapshot()
+        return {**super().snapshot(), 'gap_control': stored(self._gap_control, self._loop.control)}
 
-    @property
-    def time(self) -> float:
-        """Time reached, s."""
-        return self._rig.time
-
-    @property
-    def parameters(self) -> RigParameters:
-        """The rig's present parameters."""
-        return self._rig.parameters
+    def simulator(self) -> ControlledRig:
+        """Return a live rig that goes on from here, bit for bit."""
+        return ControlledRig.restore(self.snapshot(), self._law)
 
     @property
     def control(self) -> GapControlParameters:
         """The present parameters of the control."""
-        return self._rig.control
+        return self._gap_control
 
-    @property
-    def mode(self) -> Mode:
-        """Present mode, after any event at the present time."""
-        return self._rig.mode
-
-    def change(self, parameters: RigParameters, control: GapControlParameters) -> list[Event]:
+    def change(
+        self, parameters: RigParameters, control: GapControlParameters | None = None
+    ) -> list[Event]:
         """
         Let new parameters take effect at the present time, as `ControlledRig.change` does.
 
@@ -256,55 +255,12 @@ class ControlledRun:
         list of Event
             The impact that closing the gap on m causes, if any.
         """
-        return self._rig.change(parameters, control)
+        rig = self.simulator()
+        events = rig.change(parameters, control)
+        self._take_rig(rig)
+        return events
 
-    def advance(
-        self, time: float, instants: npt.ArrayLike = (), *, most_events: int = 1_000_000
-    ) -> RunResult:
-        """
-        Let the rig run to a later time.
 
-        Parameters
-        ----------
-        time : float
-            Time to reach, s; not before the present one.
-        instants : array_like of float, optional
-            Instants at which to sample, s: ascending, from the present time to the one to reach.
-        most_events : int, optional
-            About the most events on the way.
-
-        Returns
-        -------
-        RunResult
-            Samples and events, among them the passages of X through zero and what the stops do,
-            and whether the time was reached.
-
-        Raises
-        ------
-        ValueError
-            If a time is before the present one, not finite, or not in order.
-        """
-        rig, begun = self._rig, self._rig.time
-        when = np.array(instants, dtype=float).reshape(-1).tolist()
-        events: list[Event] = []
-        samples: list[Sample] = []
-        outcome = Outcome.COMPLETE
-        try:
-            for instant in [*when, time]:
-                events += rig.advance(instant, most_events - len(events))
-                if rig.time < instant:
-                    outcome = Outcome.TOO_MANY_EVENTS
-                    break
-                samples.append(rig.sample())
-        except RunawayError:
-            outcome = Outcome.RUNAWAY
-        account = rig.take_account()
-        return RunResult(
-            outcome,
-            outcome.reason(len(events), begun, rig.time, rig.mode.name.lower()),
-            rig.time,
-            np.array(samples[: len(when)], SAMPLE_TYPE),
-            event_table(events, account.modes_after([event.time for event in events])),
-            len(events),
-            account.time_in_mode,
-        )
+def _may_compile(law: OwnLaw | None) -> bool:
+    """Return whether the loop with a law can be compiled."""
+    return has_numba() and (law is None or hasattr(law.function, 'py_func'))

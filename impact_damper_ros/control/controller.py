@@ -2,113 +2,136 @@
 
 from __future__ import annotations
 
-from copy import copy, deepcopy
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
-from enum import IntEnum
-from typing import Any, NamedTuple, Self, TypeVar
+from copy import copy
+from dataclasses import dataclass
+from math import inf, nan
+from typing import Any, ClassVar, NamedTuple
 
-from impact_damper_ros.rig import GapControlParameters
+from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters, RigParameters
+from impact_damper_ros.rig.kernels import kernel, packed, state, unpack
+from impact_damper_ros.rig.mode import RigConstants
+from impact_damper_ros.rig.origin import Origin
 
-from .actuator import Actuators, Command
-from .amplitude_law import AmplitudeLaw
-from .law import Damper, Law, Plant, Search
-from .sensors import Measurement, Observer
-from .timed_law import TimedLaw
+from .actuator import (
+    Actuators,
+    order_stops,
+    settle_stops,
+)
+from .amplitude_law import AmplitudeLaw, amplitude_law_crosses, clear_amplitude_law
+from .law import Search, clear_search, damper_of, search_anew, search_missed, search_sample
+from .own_law import MEMORY, OwnLaw, Refusal, own_law_acts
+from .predictive_law import predictive_law_crosses
+from .sensors import (
+    Measurement,
+    Observer,
+    clear_observer,
+    forget_hits,
+    is_too_soon,
+    note_crossing,
+    observe_sample,
+    sensor_noise,
+)
+from .state import Kinds, as_stored, clearing, read_stored
+from .timed_law import TimedLaw, clear_timed_law, timed_law_crosses, timed_law_sees
 
-#: Joints of the topic `gap_control`.
-CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
+#: Number of each law.
+LAW_NUMBERS = {str(name): k for k, name in enumerate(GAP_CONTROL_SPECS['gap_control'].choices)}
+#: Number of a law of the user's own.
+_OWN = len(LAW_NUMBERS)
 
 
-class Action(IntEnum):
-    """What a record is about."""
-
-    #: A command started one or both stops.
-    COMMAND = 1
-    #: A stop reached its target.
-    ARRIVED = 2
-    #: A stop and m met; the stop stays there.
-    TOUCHED = 3
-    #: X passed through zero.
-    CROSSING = 4
-
-
-class ControlRecord(NamedTuple):
+class ControlSettings(NamedTuple):
     """
-    One instant of the control.
+    Parameters of the control, and what it knows of the rig; see `GapControlParameters`.
 
     Attributes
     ----------
-    time : float
-        The instant, s.
-    action : Action
-        What happened.
-    target_1, target_2 : float
-        Target of each stop, Y in m.
-    amplitude : float
-        Estimate of the amplitude of X, m.
-    velocity_1, velocity_2 : float
-        Velocity of each stop in M, m/s; 0 for one that moves at once.
-    x_rate : float
-        X' of the last sample, m/s.
-    energy_1, energy_2 : float
-        Energy spent by each actuator so far, J.
+    law : int
+        Number of the law, of `LAW_NUMBERS` or that of a user's own; 0 if the control is off.
+    independent : bool
+        Whether each stop has a place of its own.
+    gain, park, lead, timing_gain, horizon, smoothing, threshold, gap_min, gap_max : float
+        Parameters of the laws.
+    rate, noise_position, noise_velocity : float
+        Of the sensors.
+    seed : int
+        Of their noise.
+    delay, speed : float
+        Of the actuators; the speed is infinite for stops that move at once.
+    start_energy : float
+        What an actuator spends on a start of its stop, J.
+    half_gap : float
+        Half of the gap to which the stops return, m.
+    one_sided : bool
+        Whether stop 2 is absent.
+    mass_ratio, restitution, rebound, push : float
+        Of the `Damper`.
     """
 
-    time: float
-    action: Action
-    target_1: float
-    target_2: float
-    amplitude: float
-    velocity_1: float
-    velocity_2: float
-    x_rate: float
-    energy_1: float
-    energy_2: float
+    law: int
+    independent: bool
+    gain: float
+    park: float
+    lead: float
+    timing_gain: float
+    horizon: float
+    smoothing: float
+    threshold: float
+    gap_min: float
+    gap_max: float
+    rate: float
+    noise_position: float
+    noise_velocity: float
+    seed: int
+    delay: float
+    speed: float
+    start_energy: float
+    half_gap: float
+    one_sided: bool
+    mass_ratio: float
+    restitution: float
+    rebound: float
+    push: float
 
     @classmethod
-    def of(cls, action: Action, time: float, actuators: Actuators, observer: Observer) -> Self:
-        """Return the record of an action, as actuators and observer are after it."""
-        target_1, target_2 = actuators.targets
-        velocity_1, velocity_2 = actuators.velocities
-        energy_1, energy_2 = actuators.energies
+    def of(
+        cls, p: GapControlParameters, rig: RigParameters, *, own: bool = False
+    ) -> ControlSettings:
+        """Return the settings of a control of a rig; a law of the user's `own` is in place."""
+        damper = damper_of(rig)
         return cls(
-            time=time,
-            action=action,
-            target_1=target_1,
-            target_2=target_2,
-            amplitude=observer.amplitude,
-            velocity_1=velocity_1,
-            velocity_2=velocity_2,
-            x_rate=observer.last[2] if observer.last else 0.0,
-            energy_1=energy_1,
-            energy_2=energy_2,
+            law=_OWN if own and p.active else LAW_NUMBERS[p.gap_control],
+            independent=p.independent,
+            gain=p.gap_control_gain,
+            park=p.gap_control_park,
+            lead=p.gap_control_lead,
+            timing_gain=p.gap_control_timing_gain,
+            horizon=p.gap_control_horizon,
+            smoothing=p.gap_control_smoothing,
+            threshold=p.gap_control_threshold,
+            gap_min=p.gap_min,
+            gap_max=p.gap_max,
+            rate=p.gap_control_rate,
+            noise_position=p.gap_control_noise_position,
+            noise_velocity=p.gap_control_noise_velocity,
+            seed=p.gap_control_seed,
+            delay=p.actuator_delay,
+            speed=p.actuator_speed or inf,
+            start_energy=0.5 * p.actuator_mass * p.actuator_speed**2,
+            half_gap=0.5 * rig.gap,
+            one_sided=rig.one_sided,
+            mass_ratio=damper.mass_ratio,
+            restitution=damper.restitution,
+            rebound=damper.rebound,
+            push=damper.push,
         )
 
-    @property
-    def frame_id(self) -> str:
-        """Name of the action in the topic `gap_control`."""
-        return self.action.name.lower()
 
-    @property
-    def numbers(self) -> tuple[tuple[float, float, float], ...]:
-        """Positions, velocities and efforts of `CONTROL_JOINTS`, as in the topic."""
-        return (
-            (self.target_1, self.target_2, self.amplitude),
-            (self.velocity_1, self.velocity_2, self.x_rate),
-            (self.energy_1, self.energy_2, 0.0),
-        )
-
-
-#: The laws by the name that `gap_control` gives them: the field of `Controller` with their state.
-LAWS = {'amplitude': 'timing', 'timed': 'timed'}
-
-_Part = TypeVar('_Part')
-
-
+@state
 @dataclass(slots=True)
 class Controller:
     """
-    State of the controller and its actuators; JSON keeps its `as_dict` exactly.
+    State of the controller itself.
 
     Attributes
     ----------
@@ -116,172 +139,375 @@ class Controller:
         Index of the next sample; sample k is taken at k over the rate.
     trigger_index : int
         Index of the next trigger of the crossing detector.
-    observer : Observer
-        Estimates from the samples.
-    search : Search
-        Where m is to be found.
-    timing : AmplitudeLaw
-        State of the amplitude law.
-    timed : TimedLaw
-        State of the timed law.
-    actuators : Actuators
-        State of the actuators.
     roused : bool
         Whether the amplitude is beyond the threshold, so that the law moves the stops.
     returning : bool
         Whether the stops are on their way back to the gap.
     """
 
+    KINDS: ClassVar[Kinds] = {}
+
     sample_index: int = 0
     trigger_index: int = 0
-    observer: Observer = field(default_factory=Observer)
-    search: Search = field(default_factory=Search)
-    timing: AmplitudeLaw = field(default_factory=AmplitudeLaw)
-    timed: TimedLaw = field(default_factory=TimedLaw)
-    actuators: Actuators = field(default_factory=Actuators)
     roused: bool = False
     returning: bool = False
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the state as numbers, lists and dictionaries."""
-        return asdict(self)
+
+clear_controller = clearing(Controller, 'clear_controller')
+
+#: Rows for commands that wait, at first.
+_ROWS = 8
+
+
+class Control(NamedTuple):
+    """
+    The whole control: states that kernels change, and what they know.
+
+    Attributes
+    ----------
+    controller : Controller
+        State of the controller itself.
+    observer : Observer
+        Estimates from the samples.
+    search : Search
+        Where m is to be found.
+    actuators : Actuators
+        State of the actuators.
+    commands : list of list of float
+        Commands that wait; see `actuator`.
+    settings : ControlSettings
+        The parameters.
+    timing : AmplitudeLaw
+        State of the amplitude law.
+    timed : TimedLaw
+        State of the timed law.
+    refusal : Refusal
+        What a law of the user's own returned last, if that was no place.
+    memory : list of float
+        Numbers that this law keeps.
+    law : OwnLaw or None
+        The law itself.
+    """
+
+    controller: Controller
+    observer: Observer
+    search: Search
+    actuators: Actuators
+    commands: Any
+    settings: ControlSettings
+    timing: AmplitudeLaw
+    timed: TimedLaw
+    refusal: Refusal
+    memory: Any
+    law: Any
 
     @classmethod
-    def from_dict(cls, stored: dict[str, Any]) -> Controller:
-        """Read a result of `as_dict`."""
-        # A copy: the stored lists may be read again
-        stored = deepcopy(stored)
-        values = {}
-        for name, part in cls().parts().items():
-            values[name] = type(part)(**stored.pop(name))
-        actuators: Actuators = values['actuators']
-        actuators.waiting = [Command(*command) for command in actuators.waiting]
-        controller = cls(**values)
-        for name in ('sample_index', 'trigger_index', 'roused', 'returning'):
-            setattr(controller, name, stored[name])
-        return controller
+    def of(cls, p: GapControlParameters, rig: RigParameters, law: OwnLaw | None = None) -> Control:
+        """Return the control of a rig at the start, with the stops at the gap."""
+        control = cls(
+            controller=Controller(),
+            commands=[[nan] * 3 for _ in range(_ROWS)],
+            settings=ControlSettings.of(p, rig, own=law is not None),
+            refusal=Refusal(),
+            memory=[0.0] * MEMORY,
+            law=law,
+            **{name: part() for name, part in PARTS.items()},
+        )
+        settle_stops(control)
+        return control
 
-    def parts(self) -> dict[str, Any]:
-        """Return the parts that have a state of their own."""
-        entries = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        return {name: value for name, value in entries.items() if is_dataclass(value)}
+    @property
+    def waiting(self) -> list[list[float]]:
+        """Commands that wait, in order."""
+        rows, first = self.commands, self.actuators.first
+        count = self.actuators.waiting
+        return [list(map(float, rows[(first + k) % len(rows)])) for k in range(count)]
+
+    def _with_waiting(self, rows: list[list[float]]) -> Control:
+        """Return the same control with other commands, and as much room again."""
+        empty = max(_ROWS, len(rows))
+        self.actuators.first, self.actuators.waiting = 0, len(rows)
+        return self._replace(commands=rows + [[nan] * 3 for _ in range(empty)])
+
+    def enlarged(self) -> Control:
+        """Return the same control with more room for commands."""
+        control = self._with_waiting(self.waiting)
+        if isinstance(self.commands, list):
+            return control
+        import numpy as np
+
+        return control._replace(commands=np.array(control.commands))
+
+    def packed(self) -> Control:
+        """Return a copy for compiled kernels."""
+        import numpy as np
+
+        records = {name: packed(part) for name, part in self.states().items()}
+        rows, memory = np.array(self.commands), np.array(self.memory)
+        return self._replace(commands=rows, memory=memory, law=0, **records)
+
+    def unpacked(self, records: Control) -> Control:
+        """Return this control in the state of one that was `packed`."""
+        for name, part in self.states().items():
+            unpack(getattr(records, name), part)
+        return self._replace(commands=records.commands.tolist(), memory=records.memory.tolist())
+
+    def states(self) -> dict[str, Any]:
+        """Return the states that kernels change."""
+        others = ('commands', 'settings', 'memory', 'law')
+        return {n: v for n, v in self._asdict().items() if n not in others}
+
+    def copied(self) -> Control:
+        """Return another control in the same state."""
+        parts = {name: copy(part) for name, part in self.states().items()}
+        rows, memory = [row.copy() for row in self.commands], self.memory.copy()
+        return self._replace(commands=rows, memory=memory, **parts)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the state as numbers, lists and dictionaries; JSON keeps it exactly."""
+        own = as_stored(self.controller)
+        stored = {'sample_index': own['sample_index'], 'trigger_index': own['trigger_index']}
+        stored |= {name: as_stored(getattr(self, name)) for name in PARTS}
+        waiting = [[None if v != v else v for v in row] for row in self.waiting]
+        del stored['actuators']['first']
+        stored['actuators']['waiting'] = waiting
+        return {**stored, 'roused': own['roused'], 'returning': own['returning']}
+
+    def restored(self, stored: dict[str, Any]) -> Control:
+        """Return a control in the state of an `as_dict`; a law that it lacks is at its start."""
+        held = {**{entry: {} for entry in LAW_STATES.values()}, **stored}
+        parts = {name: dict(held[name]) for name in PARTS}
+        waiting = parts['actuators'].pop('waiting')
+        rows = [[nan if v is None else v for v in (time, *stops)] for time, *stops in waiting]
+        states: dict[str, Any] = {n: read_stored(PARTS[n], parts[n]) for n in PARTS}
+        own = {name: stored[name] for name in as_stored(self.controller)}
+        control = self._replace(controller=Controller(**own), **states)
+        return control._with_waiting(rows)
+
+    @property
+    def active(self) -> bool:
+        """Whether a law moves the stops."""
+        return self.settings.law != 0
 
     @property
     def idles(self) -> bool:
         """Whether the actuators have nothing to do."""
         actuators = self.actuators
-        return not (self.returning or actuators.waiting or any(actuators.velocities))
+        still = actuators.velocity_1 == 0.0 and actuators.velocity_2 == 0.0
+        return still and not (self.controller.returning or actuators.waiting)
 
-    def copied(self) -> Controller:
-        """Return another controller in the same state."""
-        return replace(self, **{name: _copied(part) for name, part in self.parts().items()})
-
-    def idle(self) -> Controller:
-        """Return a new controller with the actuators of this one."""
-        return Controller(actuators=self.actuators)
-
-    def switched(
-        self, old: GapControlParameters, new: GapControlParameters, time: float, half_gap: float
-    ) -> Controller:
-        """Return the controller that continues with other parameters."""
-        if not new.active:
-            if old.active:
-                self.rest(time, half_gap, new)
-            if not self.returning:
-                return self.idle()
-            self.begin(new, time)
-            return self
-        controller = self if old.active else self.idle()
-        if not old.active or new.gap_control_rate != old.gap_control_rate:
-            controller.begin(new, time)
-        laws = (old.gap_control, old.gap_control_stops), (new.gap_control, new.gap_control_stops)
-        if laws[0] != laws[1]:
-            controller.relearn()
-        return controller
-
-    def begin(self, p: GapControlParameters, time: float) -> None:
-        """Begin to sample at the first sampling instant after the present time."""
-        index = max(0, int(time * p.gap_control_rate))
-        while index / p.gap_control_rate <= time:
-            index += 1
-        self.sample_index = index
-
-    def relearn(self) -> None:
-        """Reset the states of the laws, not those of the actuators."""
-        self.search = Search()
-        for name in LAWS.values():
-            setattr(self, name, type(getattr(self, name))())
-        self.roused = False
-
-    def rest(self, time: float, half_gap: float, p: GapControlParameters) -> None:
-        """Send both stops back to the gap."""
-        self.relearn()
-        if self.actuators.commanded != [half_gap, -half_gap]:
-            self.actuators.order(time, half_gap, -half_gap, p)
-            self.returning = True
-
-    def send_back(
-        self, time: float, stops: tuple[float, float], half_gap: float, p: GapControlParameters
-    ) -> None:
-        """Send stops that met m on their way back to the gap again, at a sampling instant."""
-        actuators = self.actuators
-        if actuators.waiting or actuators.velocities != [0.0, 0.0]:
-            return
-        goal = half_gap, -half_gap
-        left = [b if a != b else None for a, b in zip(stops, goal, strict=True)]
-        self.returning = left != [None, None]
-        if self.returning:
-            actuators.order(time, left[0], left[1], p)
-
-    def see(self, sample: Measurement, damper: Damper, p: GapControlParameters) -> None:
-        """Take a sample, and act on it."""
-        self._take_in(sample, damper, p)
-        if self.roused:
-            self._law(p).see(sample, self._plant(damper, p))
-
-    def _law(self, p: GapControlParameters) -> Law:
-        """Return the law that moves the stops."""
-        law: Law = getattr(self, LAWS[p.gap_control])
-        return law
-
-    def _plant(self, damper: Damper, p: GapControlParameters) -> Plant:
-        next_sample = (self.sample_index + 1) / p.gap_control_rate
-        return Plant(self.observer, self.search, self.actuators, damper, p, next_sample)
-
-    def _take_in(self, sample: Measurement, damper: Damper, p: GapControlParameters) -> None:
-        self.observer.see(sample, damper.rebound, p.gap_control_noise_velocity)
-        self.search.see(sample)
-
-    def cross(
-        self,
-        sample: Measurement,
-        rising: bool,
-        half_gap: float,
-        damper: Damper,
-        p: GapControlParameters,
-    ) -> None:
-        """Take a trigger of the crossing detector, with its sample, and act on it."""
-        self.trigger_index += 1
-        observer, time = self.observer, sample.time
-        self._take_in(sample, damper, p)
-        whole = observer.cross(time, p.gap_control_smoothing)
-        self.search.cross(observer)
-        if whole:
-            if observer.amplitude <= p.gap_control_threshold:
-                if self.roused:
-                    self.rest(time, half_gap, p)
+    def switched(self, settings: ControlSettings, time: float) -> Control:
+        """Return the control that continues with other parameters."""
+        old, control = self.settings, self._replace(settings=settings)
+        if settings.law == 0:
+            if old.law != 0:
+                rest_stops(control, time)
+            if control.controller.returning:
+                control.begin(time)
             else:
-                self.roused, self.returning = True, False
-                self._law(p).cross(sample, self._plant(damper, p))
-        self.search.begin(rising)
-        observer.forget_hits()
+                forget_all(control)
+            return control
+        if old.law == 0:
+            forget_all(control)
+        if old.law == 0 or settings.rate != old.rate:
+            control.begin(time)
+        if (settings.law, settings.independent) != (old.law, old.independent):
+            relearn_laws(control)
+        return control
+
+    def begin(self, time: float) -> None:
+        """Begin to sample at the first sampling instant after the present time."""
+        rate = self.settings.rate
+        index = max(0, int(time * rate))
+        while index / rate <= time:
+            index += 1
+        self.controller.sample_index = index
 
 
-def _copied(part: _Part) -> _Part:
-    """Return a copy of a part of the controller, with lists of its own."""
-    new = copy(part)
-    for entry in fields(part):  # type: ignore[arg-type]
-        value = getattr(part, entry.name)
-        if isinstance(value, list):
-            setattr(new, entry.name, value.copy())
-    return new
+#: Parts of the state with an entry of their own in a snapshot, in that order.
+PARTS: dict[str, type[Any]] = {
+    'observer': Observer,
+    'search': Search,
+    'timing': AmplitudeLaw,
+    'timed': TimedLaw,
+    'actuators': Actuators,
+}
+#: Parts that are the state of a law, by the name that `gap_control` gives it.
+LAW_STATES = {'amplitude': 'timing', 'timed': 'timed'}
+
+
+def initial_state() -> dict[str, Any]:
+    """Return the state of a control at its start, as a snapshot holds it."""
+    return Control.of(GapControlParameters(), RigParameters()).as_dict()
+
+
+_AMPLITUDE, _TIMED = LAW_NUMBERS['amplitude'], LAW_NUMBERS['timed']
+_PREDICTIVE = LAW_NUMBERS['predictive']
+
+
+@kernel(inline=True)
+def law_sees(control: Control, seen: Measurement) -> None:
+    """Let the law act on a sample of the grid."""
+    if control.settings.law == _TIMED:
+        next_grid = (control.controller.sample_index + 1) / control.settings.rate
+        timed_law_sees(control, seen, next_grid)
+    elif control.settings.law == _OWN:
+        own_law_acts(control, seen, 0)
+
+
+@kernel
+def law_crosses(
+    control: Control, seen: Measurement, rising: bool, rig: RigConstants, origin: Origin
+) -> None:
+    """Let the law act on a passage of X through zero, with the sample taken there."""
+    if control.settings.law == _AMPLITUDE:
+        amplitude_law_crosses(control, seen)
+    elif control.settings.law == _TIMED:
+        timed_law_crosses(control, seen)
+    elif control.settings.law == _PREDICTIVE:
+        predictive_law_crosses(control, seen, rig, origin)
+    elif control.settings.law == _OWN:
+        own_law_acts(control, seen, 1 if rising else -1)
+
+
+@kernel
+def relearn_laws(control: Control) -> None:
+    """Reset the states of the laws, not those of the actuators."""
+    clear_search(control.search)
+    clear_amplitude_law(control.timing)
+    clear_timed_law(control.timed)
+    for k in range(len(control.memory)):
+        control.memory[k] = 0.0
+    control.controller.roused = False
+
+
+@kernel
+def forget_all(control: Control) -> None:
+    """Reset all but the actuators."""
+    relearn_laws(control)
+    clear_observer(control.observer)
+    clear_controller(control.controller)
+
+
+@kernel(inline=True)
+def measured(
+    control: Control,
+    index: int,
+    time: float,
+    x: float,
+    x_rate: float,
+    y: float,
+    y_rate: float,
+    stop_1: float,
+    stop_2: float,
+) -> Measurement:
+    """Return the sample of an index with the noise of the sensors; places of m and stops are Y."""
+    position = control.settings.noise_position
+    velocity = control.settings.noise_velocity
+    if position > 0.0 or velocity > 0.0:
+        seed = control.settings.seed
+        noise_x, noise_y, noise_x_rate, noise_y_rate = sensor_noise(
+            seed, index, position, velocity
+        )
+        x += noise_x
+        y += noise_y
+        x_rate += noise_x_rate
+        y_rate += noise_y_rate
+    return Measurement(time, x, x_rate, y, y_rate, stop_1, stop_2)
+
+
+@kernel(inline=True)
+def next_sample(control: Control) -> float:
+    """Return when the next sample is due, s; infinity if none is taken."""
+    controller: Controller = control.controller
+    if control.settings.law == 0 and not controller.returning:
+        return inf
+    return controller.sample_index / control.settings.rate
+
+
+@kernel(inline=True)
+def _take_in(control: Control, seen: Measurement) -> None:
+    p = control.settings
+    observe_sample(control.observer, seen, p.rebound, p.noise_velocity)
+    search_sample(control.search, seen)
+
+
+@kernel(inline=True)
+def take_sample(control: Control, seen: Measurement) -> None:
+    """Take a sample of the grid, and act on it."""
+    _take_in(control, seen)
+    if control.controller.roused:
+        law_sees(control, seen)
+
+
+@kernel(inline=True)
+def end_sample(control: Control, time: float, stop_1: float, stop_2: float) -> None:
+    """Go on to the next sample of the grid; `send_back` stops that are not at the gap yet."""
+    controller: Controller = control.controller
+    if controller.returning:
+        send_back(control, time, stop_1, stop_2)
+    controller.sample_index += 1
+    if control.settings.law == 0 and not controller.returning:
+        forget_all(control)
+
+
+@kernel
+def holds_off(control: Control, time: float) -> bool:
+    """Return whether a trigger comes too soon after the last one to count."""
+    return is_too_soon(control.observer, time)
+
+
+@kernel
+def take_crossing(
+    control: Control, seen: Measurement, rising: bool, rig: RigConstants, origin: Origin
+) -> None:
+    """
+    Take a trigger of the crossing detector, with its sample, and act on it.
+
+    A law that knows the structure is given the rig, and its state at the passage.
+    """
+    controller: Controller = control.controller
+    observer: Observer = control.observer
+    controller.trigger_index += 1
+    _take_in(control, seen)
+    whole = note_crossing(observer, seen.time, control.settings.smoothing)
+    search_missed(control.search, observer)
+    if whole and observer.amplitude > control.settings.threshold:
+        controller.roused = True
+        controller.returning = False
+        law_crosses(control, seen, rising, rig, origin)
+    elif whole and controller.roused:
+        rest_stops(control, seen.time)
+    search_anew(control.search, rising)
+    forget_hits(observer)
+
+
+@kernel
+def rest_stops(control: Control, time: float) -> None:
+    """Send both stops back to the gap."""
+    relearn_laws(control)
+    actuators: Actuators = control.actuators
+    half_gap = control.settings.half_gap
+    if actuators.commanded_1 != half_gap or actuators.commanded_2 != -half_gap:
+        order_stops(control, time, half_gap, -half_gap)
+        control.controller.returning = True
+
+
+@kernel
+def send_back(control: Control, time: float, stop_1: float, stop_2: float) -> None:
+    """Send stops that met m on their way back to the gap again, at a sampling instant."""
+    actuators: Actuators = control.actuators
+    if actuators.waiting > 0 or actuators.velocity_1 != 0.0 or actuators.velocity_2 != 0.0:
+        return
+    half_gap = control.settings.half_gap
+    left_1 = half_gap if stop_1 != half_gap else nan
+    left_2 = -half_gap if stop_2 != -half_gap else nan
+    control.controller.returning = left_1 == left_1 or left_2 == left_2
+    if control.controller.returning:
+        order_stops(control, time, left_1, left_2)
+
+
+@kernel
+def trigger_number(control: Control) -> int:
+    """Return the index of a crossing's sample: of its own, so that no noise is used twice."""
+    return -1 - control.controller.trigger_index

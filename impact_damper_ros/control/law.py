@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import inf, pi
-from typing import ClassVar, NamedTuple, Protocol
+from dataclasses import dataclass
+from math import inf, nan, pi
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from impact_damper_ros.rig import GapControlParameters, RigParameters
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.kernels import kernel, state
 
-from .actuator import Actuators
-from .sensors import LENGTH, Kinds, Measurement, Observer
+from .actuator import order_stops
+from .sensors import Measurement, Observer
+from .state import LENGTH, Kinds, Lists, clearing
+
+if TYPE_CHECKING:
+    from .controller import Control
+
+
+@kernel
+def optimal_gap(amplitude: float, mass_ratio: float, restitution: float, largest: float) -> float:
+    """Return the gap at which two impacts per cycle are at X = 0; see `Damper.optimal_gap`."""
+    loss = (1.0 - restitution) * (1.0 + mass_ratio)
+    travel = pi * amplitude * (1.0 + restitution)
+    return travel / loss if travel < largest * loss else largest
 
 
 class Damper(NamedTuple):
@@ -48,9 +61,7 @@ class Damper(NamedTuple):
         From equal flights between impacts at X = 0 without friction and weight, and momentum and
         restitution at each impact: d* = pi A (1 + R)/((1 - R)(1 + mu)).
         """
-        loss = (1.0 - self.restitution) * (1.0 + self.mass_ratio)
-        travel = pi * amplitude * (1.0 + self.restitution)
-        return travel / loss if travel < largest * loss else largest
+        return optimal_gap(amplitude, self.mass_ratio, self.restitution, largest)
 
 
 def damper_of(rig: RigParameters) -> Damper:
@@ -59,14 +70,15 @@ def damper_of(rig: RigParameters) -> Damper:
 
 
 #: Half cycles without an impact on a stop before it is moved in.
-_PATIENCE = 2
-_REACH = 0.9
+_HALF_CYCLES_MISSED = 2
+_PART_OF_REACH = 0.9
 
 
+@state
 @dataclass(slots=True)
 class Search:
     """
-    Where m is to be found; every field goes through JSON.
+    Where m is to be found.
 
     A gap that suits the amplitude is many times as wide as that amplitude. m crosses it only in
     the rhythm of its impacts; at rest, or held by friction, it would never reach a stop. A stop
@@ -74,94 +86,82 @@ class Search:
 
     Attributes
     ----------
-    missed : list of int
+    missed_1, missed_2 : int
         Half cycles since the last impact on stop 1 and on stop 2.
-    reach : list of float
+    reach_1, reach_2 : float
         How far outwards m was sampled on each side since it could last have hit there, m.
     """
 
     KINDS: ClassVar[Kinds] = {'reach': LENGTH}
+    LISTS: ClassVar[Lists] = {'missed': ('missed_1', 'missed_2'), 'reach': ('reach_1', 'reach_2')}
 
-    missed: list[int] = field(default_factory=lambda: [0, 0])
-    reach: list[float] = field(default_factory=lambda: [0.0, 0.0])
-
-    def see(self, sample: Measurement) -> None:
-        """Take a sample."""
-        self.reach[0] = max(self.reach[0], sample.y)
-        self.reach[1] = max(self.reach[1], -sample.y)
-
-    def cross(self, observer: Observer) -> None:
-        """Take the end of a half cycle."""
-        for i, hit in enumerate((observer.hit_1, observer.hit_2)):
-            self.missed[i] = 0 if hit else self.missed[i] + 1
-
-    def begin(self, rising: bool) -> None:
-        """Begin another half cycle, at its passage of X through zero."""
-        # m meets stop 1 about where X falls through zero, and stop 2 about where it rises.
-        self.reach[0 if rising else 1] = 0.0
-
-    def limit(self, i: int) -> float:
-        """Return how far out a stop (0 or 1) may be for m to reach it, m."""
-        return inf if self.missed[i] <= _PATIENCE else _REACH * self.reach[i]
-
-    @property
-    def common_limit(self) -> float:
-        """How far out symmetric stops may be for m to reach them, m."""
-        return max(self.limit(0), self.limit(1))
+    missed_1: int = 0
+    missed_2: int = 0
+    reach_1: float = 0.0
+    reach_2: float = 0.0
 
 
-class Plant(NamedTuple):
-    """
-    What a law sees of the rig, and how it moves the stops.
-
-    Attributes
-    ----------
-    observer, search : Observer, Search
-        Estimates from the samples so far, the present one included.
-    actuators : Actuators
-        Actuators of the stops.
-    damper : Damper
-        The damper.
-    parameters : GapControlParameters
-        Parameters of the control.
-    next_sample : float
-        When the next sample on the grid is taken, s.
-    """
-
-    observer: Observer
-    search: Search
-    actuators: Actuators
-    damper: Damper
-    parameters: GapControlParameters
-    next_sample: float
-
-    def symmetric_place(self, share: float) -> float:
-        """Return the place of symmetric stops: half a share of the optimal gap, m."""
-        p = self.parameters
-        optimal = self.damper.optimal_gap(self.observer.amplitude, p.gap_max)
-        half = 0.5 * min(max(share * optimal, p.gap_min), p.gap_max)
-        return max(min(half, self.search.common_limit), 0.5 * p.gap_min)
-
-    def move(
-        self, time: float, places: tuple[float | None, float | None], dead_band: float
-    ) -> None:
-        """Order stops to places, but none that is within the dead band of its place."""
-        wanted = [
-            place if place is not None and abs(place - before) > dead_band * abs(before) else None
-            for place, before in zip(places, self.actuators.commanded, strict=True)
-        ]
-        if wanted != [None, None]:
-            self.actuators.order(time, wanted[0], wanted[1], self.parameters)
+clear_search = clearing(Search, 'clear_search')
 
 
-class Law(Protocol):
-    """State of a law that moves the stops; a dataclass, every field of which goes through JSON."""
+@kernel(inline=True)
+def search_sample(search: Search, seen: Measurement) -> None:
+    """Take a sample."""
+    search.reach_1 = max(search.reach_1, seen.y)
+    search.reach_2 = max(search.reach_2, -seen.y)
 
-    #: What its numbers are.
-    KINDS: ClassVar[Kinds]
 
-    def see(self, sample: Measurement, plant: Plant) -> None:
-        """Act on a sample of the grid."""
+@kernel
+def search_missed(search: Search, observer: Observer) -> None:
+    """Take the end of a half cycle."""
+    hit_1 = observer.hit_time_1 == observer.hit_time_1
+    hit_2 = observer.hit_time_2 == observer.hit_time_2
+    search.missed_1 = 0 if hit_1 else search.missed_1 + 1
+    search.missed_2 = 0 if hit_2 else search.missed_2 + 1
 
-    def cross(self, sample: Measurement, plant: Plant) -> None:
-        """Act on a passage of X through zero, with the sample taken there."""
+
+@kernel
+def search_anew(search: Search, rising: bool) -> None:
+    """Begin another half cycle, at its passage of X through zero."""
+    # m meets stop 1 about where X falls through zero, and stop 2 about where it rises.
+    if rising:
+        search.reach_1 = 0.0
+    else:
+        search.reach_2 = 0.0
+
+
+@kernel
+def reach_limit(missed: int, reach: float) -> float:
+    """Return how far out a stop may be for m to reach it, m."""
+    return inf if missed <= _HALF_CYCLES_MISSED else _PART_OF_REACH * reach
+
+
+@kernel
+def symmetric_place(control: Control, share: float) -> float:
+    """Return the place of symmetric stops: half a share of the optimal gap, m."""
+    p = control.settings
+    search: Search = control.search
+    amplitude = control.observer.amplitude
+    optimal = optimal_gap(amplitude, p.mass_ratio, p.restitution, p.gap_max)
+    half = 0.5 * min(max(share * optimal, p.gap_min), p.gap_max)
+    limit = max(
+        reach_limit(search.missed_1, search.reach_1), reach_limit(search.missed_2, search.reach_2)
+    )
+    return max(min(half, limit), 0.5 * p.gap_min)
+
+
+@kernel
+def outside_dead_band(place: float, before: float, dead_band: float) -> float:
+    """Return a place; NaN if it is within the dead band of the one before, or NaN itself."""
+    return place if abs(place - before) > dead_band * abs(before) else nan
+
+
+@kernel
+def place_stops(
+    control: Control, time: float, place_1: float, place_2: float, dead_band: float
+) -> None:
+    """Order stops to places, but none that is within the dead band of its place, nor to NaN."""
+    wanted_1 = outside_dead_band(place_1, control.actuators.commanded_1, dead_band)
+    wanted_2 = outside_dead_band(place_2, control.actuators.commanded_2, dead_band)
+    if wanted_1 == wanted_1 or wanted_2 == wanted_2:
+        order_stops(control, time, wanted_1, wanted_2)

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .controlled_rig import ControlledRig
-from .controller import Controller
-from .sensors import LENGTH, SPEED, TIME, Kinds
+from .controller import PARTS
+from .state import LENGTH, SPEED, TIME, Kinds
 
 Array = npt.NDArray[np.float64]
 #: Where a leaf of the state is: keys and indices.
@@ -36,7 +36,7 @@ _KINDS: Kinds = {
     'stop_velocity_1': SPEED,
     'stop_velocity_2': SPEED,
     'chatter_left': TIME,
-    **{name: kind for part in Controller().parts().values() for name, kind in part.KINDS.items()},
+    **{name: kind for part in PARTS.values() for name, kind in part.KINDS.items()},
 }
 #: What is the same for all rigs of an instant, or nothing depends on.
 _LEFT_OUT = ('time', 'time_low', 'angles', 'side', 'energies')
@@ -127,21 +127,21 @@ class NearbyRig(ControlledRig):
 
     def _parts(self) -> dict[str, Any]:
         return {
-            'origin': self._rig.state_here().as_dict()['origin'],
-            'state': self._controller.as_dict(),
+            'origin': self.state_here().as_dict()['origin'],
+            'state': self._control.as_dict(),
         }
 
     def go_between_samples(self) -> None:
         """Go on to the middle between two samples, away from what round-off decides."""
-        rate, index = self.control.gap_control_rate, self._controller.sample_index
+        rate, index = self.control.gap_control_rate, self._control.controller.sample_index
         if (index - 0.5) / rate <= self.time:
             index += 1
         self.advance((index - 0.5) / rate)
 
-    def state(self) -> RigState:
+    def numbers(self) -> RigState:
         """Return the state at the present time."""
         parts = self._parts()
-        if not self._controller.timed.closed:
+        if not self._control.timed.closed:
             # Left from the last stop that was closed
             del parts['state']['timed']['until']
         leaves = list(_leaves(parts))

@@ -11,18 +11,14 @@ an impact from noise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import atan2, cos, hypot, log, pi, sin, sqrt
-from typing import ClassVar, NamedTuple, TypeAlias
+from dataclasses import dataclass
+from math import atan2, cos, log, nan, pi, sin, sqrt
+from typing import ClassVar, NamedTuple
 
-from impact_damper_ros.rig import GapControlParameters, Sample
 from impact_damper_ros.rig.forcing import mixed
+from impact_damper_ros.rig.kernels import kernel, state
 
-_CHANNELS = 4
-
-LENGTH, SPEED, TIME = 'length', 'speed', 'time'
-#: What the numbers of a state are, by field; of a list by its index, where its entries differ.
-Kinds: TypeAlias = dict[str, str | tuple[str, ...]]
+from .state import LENGTH, SPEED, TIME, Kinds, Lists, clearing
 
 
 class Measurement(NamedTuple):
@@ -60,37 +56,60 @@ class Measurement(NamedTuple):
         return self.x_rate + self.y_rate
 
 
-def _uniform(word: int) -> float:
+# The constants of SplitMix64 (`rig.forcing.mixed`) as signed numbers of 64 bits
+_STEP_64 = 0x9E3779B97F4A7C15 - 2**64
+_FACTOR_64 = 0xBF58476D1CE4E5B9 - 2**64
+_OTHER_FACTOR_64 = 0x94D049BB133111EB - 2**64
+_LOWER_34, _LOWER_37, _LOWER_33 = 2**34 - 1, 2**37 - 1, 2**33 - 1
+
+
+def _mixed_bits(word: int) -> int:
+    """Return what `mixed` returns, as a signed number; compiled ones drop all but 64 bits."""
+    word = word + _STEP_64
+    word = (word ^ ((word >> 30) & _LOWER_34)) * _FACTOR_64
+    word = (word ^ ((word >> 27) & _LOWER_37)) * _OTHER_FACTOR_64
+    return word ^ ((word >> 31) & _LOWER_33)
+
+
+@kernel(twin=_mixed_bits)
+def mixed_bits(word: int) -> int:
+    """Return 64 bits that depend on all bits of a word."""
+    return mixed(word)
+
+
+_UPPER_53 = 2**53 - 1
+
+
+@kernel(inline=True)
+def uniform_of(word: int) -> float:
     """Return a number in (0, 1] from the upper 53 bits."""
-    return ((word >> 11) + 1) * 2.0**-53
+    return (((word >> 11) & _UPPER_53) + 1) * 1.1102230246251565e-16
 
 
-def noise(seed: int, index: int) -> tuple[float, float, float, float]:
-    """Return independent standard normal numbers for the channels of one sample."""
-    key = mixed(mixed(seed) ^ (index & (2**64 - 1)))
-    values: list[float] = []
-    for pair in range(_CHANNELS // 2):
-        # Box and Muller (1958)
-        radius = sqrt(-2.0 * log(_uniform(mixed(key + 2 * pair))))
-        angle = 2.0 * pi * _uniform(mixed(key + 2 * pair + 1))
-        values += (radius * cos(angle), radius * sin(angle))
-    return values[0], values[1], values[2], values[3]
+@kernel
+def normal_pair(word: int, other: int) -> tuple[float, float]:
+    """Return two independent standard normal numbers: Box and Muller (1958)."""
+    radius = sqrt(-2.0 * log(uniform_of(mixed_bits(word))))
+    angle = 2.0 * pi * uniform_of(mixed_bits(other))
+    return radius * cos(angle), radius * sin(angle)
 
 
-def measured(sample: Sample, index: int, parameters: GapControlParameters) -> Measurement:
-    """Return a sample with the noise of the sensors."""
-    x, x_rate = sample.x, sample.primary_velocity
-    y, y_rate = sample.z - x, sample.damper_velocity - x_rate
-    stop_1, stop_2 = sample.stop_1 - x, sample.stop_2 - x
-    position = parameters.gap_control_noise_position
-    velocity = parameters.gap_control_noise_velocity
-    if position > 0.0 or velocity > 0.0:
-        n = noise(parameters.gap_control_seed, index)
-        x += position * n[0]
-        y += position * n[1]
-        x_rate += velocity * n[2]
-        y_rate += velocity * n[3]
-    return Measurement(sample.time, x, x_rate, y, y_rate, stop_1, stop_2)
+@kernel
+def sensor_noise(
+    seed: int, index: int, position: float, velocity: float
+) -> tuple[float, float, float, float]:
+    """Return the noise on X, Y, X' and Y' of one sample, of these standard deviations."""
+    key = mixed_bits(mixed_bits(seed) ^ index)
+    noise_x = noise_y = noise_x_rate = noise_y_rate = 0.0
+    if position > 0.0:
+        first, second = normal_pair(key, key + 1)
+        noise_x = position * first
+        noise_y = position * second
+    if velocity > 0.0:
+        first, second = normal_pair(key + 2, key + 3)
+        noise_x_rate = velocity * first
+        noise_y_rate = velocity * second
+    return noise_x, noise_y, noise_x_rate, noise_y_rate
 
 
 #: Least jump in Z' taken for an impact, over the jump that an impact makes.
@@ -102,13 +121,6 @@ _CLEAR_OF_NOISE = 4.0
 _HOLD_OFF = 0.02
 
 
-class Hit(NamedTuple):
-    """An impact between two samples: instant and approach speed."""
-
-    time: float
-    speed: float
-
-
 class Passage(NamedTuple):
     """
     Motion expected at the next passage of X through zero.
@@ -116,7 +128,7 @@ class Passage(NamedTuple):
     Attributes
     ----------
     time : float
-        Its instant, s.
+        Its instant, s; NaN if none is foreseen.
     x_rate : float
         X' there, m/s.
     y, y_rate : float
@@ -129,10 +141,11 @@ class Passage(NamedTuple):
     y_rate: float
 
 
+@state
 @dataclass(slots=True)
 class Observer:
     """
-    Estimates from the samples so far; every field goes through JSON.
+    Estimates from the samples so far.
 
     Attributes
     ----------
@@ -140,14 +153,16 @@ class Observer:
         Smoothed amplitude of X, m; 0 before the first whole half cycle.
     half_cycle : float
         Smoothed time from one passage of X through zero to the next, s; 0 if unknown.
-    crossed : float or None
-        Instant of the last passage.
+    crossed : float
+        Instant of the last passage, s; NaN before the first.
     peak : float
         Largest |X| sampled since then.
-    last : list of float
-        The last sample.
-    hit_1, hit_2 : list of float
-        The last impact at each stop since the last passage, as a `Hit`; empty if there was none.
+    time, x, x_rate, y, y_rate, stop_1, stop_2 : float
+        The last sample; NaN before the first.
+    hit_time_1, hit_time_2 : float
+        Instant of the last impact at each stop since the last passage, s; NaN if there was none.
+    hit_speed_1, hit_speed_2 : float
+        Its approach speed, m/s.
     """
 
     KINDS: ClassVar[Kinds] = {
@@ -159,80 +174,129 @@ class Observer:
         'hit_1': (TIME, SPEED),
         'hit_2': (TIME, SPEED),
     }
+    LISTS: ClassVar[Lists] = {
+        'last': Measurement._fields,
+        'hit_1': ('hit_time_1', 'hit_speed_1'),
+        'hit_2': ('hit_time_2', 'hit_speed_2'),
+    }
 
     amplitude: float = 0.0
     half_cycle: float = 0.0
-    crossed: float | None = None
+    crossed: float = nan
     peak: float = 0.0
-    last: list[float] = field(default_factory=list)
-    hit_1: list[float] = field(default_factory=list)
-    hit_2: list[float] = field(default_factory=list)
+    time: float = nan
+    x: float = nan
+    x_rate: float = nan
+    y: float = nan
+    y_rate: float = nan
+    stop_1: float = nan
+    stop_2: float = nan
+    hit_time_1: float = nan
+    hit_speed_1: float = nan
+    hit_time_2: float = nan
+    hit_speed_2: float = nan
 
-    def see(self, sample: Measurement, rebound: float, noise: float) -> None:
-        """Take a sample."""
-        if self.last:
-            self._look_for_impact(Measurement(*self.last), sample, rebound, noise)
-        self.peak = max(self.peak, abs(sample.x))
-        self.last = list(sample)
 
-    def _look_for_impact(
-        self, before: Measurement, after: Measurement, rebound: float, noise: float
-    ) -> None:
-        """Detect an impact between two samples: m reverses in M, and Z' jumps."""
-        approach = before.y_rate
-        jump = before.z_rate - after.z_rate
-        if approach * after.y_rate > 0.0 or approach * jump <= 0.0:
-            return
-        # Each Z' is a sum of two noisy rates, and a jump a difference of two of them.
-        clear = _CLEAR_OF_NOISE * 2.0 * noise
-        if abs(jump) < max(_JUMP_OF_AN_IMPACT * rebound * abs(approach), clear):
-            return
-        # Where the straight flights before and after meet
-        period = after.time - before.time
-        since = (after.z - after.z_rate * period - before.z) / jump
-        hit = [before.time + min(period, max(0.0, since)), abs(approach)]
-        if approach > 0.0:
-            self.hit_1 = hit
-        else:
-            self.hit_2 = hit
+clear_observer = clearing(Observer, 'clear_observer')
 
-    def holds_off(self, time: float) -> bool:
-        """Return whether a trigger comes too soon after the last one to count."""
-        return self.crossed is not None and time - self.crossed <= _HOLD_OFF * self.half_cycle
 
-    def cross(self, time: float, smoothing: float) -> bool:
-        """Take the trigger of the crossing detector."""
-        before, self.crossed = self.crossed, time
-        peak, self.peak = self.peak, 0.0
-        if before is None:
-            return False
-        span = time - before
-        self.amplitude += smoothing * (peak - self.amplitude)
-        self.half_cycle += (smoothing if self.half_cycle > 0.0 else 1.0) * (span - self.half_cycle)
-        return True
+@kernel
+def look_for_impact(observer: Observer, after: Measurement, rebound: float, noise: float) -> None:
+    """Detect an impact between the last sample and one: m reverses in M, and Z' jumps."""
+    approach = observer.y_rate
+    rate_before = observer.x_rate + observer.y_rate
+    rate_after = after.x_rate + after.y_rate
+    jump = rate_before - rate_after
+    if approach * after.y_rate > 0.0 or approach * jump <= 0.0:
+        return
+    # Each Z' is a sum of two noisy rates, and a jump a difference of two of them.
+    clear = _CLEAR_OF_NOISE * 2.0 * noise
+    if abs(jump) < max(_JUMP_OF_AN_IMPACT * rebound * abs(approach), clear):
+        return
+    # Where the straight flights before and after meet
+    period = after.time - observer.time
+    since = ((after.x + after.y) - rate_after * period - (observer.x + observer.y)) / jump
+    instant = observer.time + min(period, max(0.0, since))
+    if approach > 0.0:
+        observer.hit_time_1 = instant
+        observer.hit_speed_1 = abs(approach)
+    else:
+        observer.hit_time_2 = instant
+        observer.hit_speed_2 = abs(approach)
 
-    def forget_hits(self) -> None:
-        """Begin another half cycle without impacts."""
-        self.hit_1 = []
-        self.hit_2 = []
 
-    def next_passage(self) -> Passage | None:
-        """
-        Return the passage expected from the last sample.
+@kernel(inline=True)
+def observe_sample(observer: Observer, seen: Measurement, rebound: float, noise: float) -> None:
+    """Take a sample."""
+    if observer.time == observer.time:
+        look_for_impact(observer, seen, rebound, noise)
+    observer.peak = max(observer.peak, abs(seen.x))
+    observer.time = seen.time
+    observer.x = seen.x
+    observer.x_rate = seen.x_rate
+    observer.y = seen.y
+    observer.y_rate = seen.y_rate
+    observer.stop_1 = seen.stop_1
+    observer.stop_2 = seen.stop_2
 
-        None before the half cycle is known, and in its first half, when noise might show the last
-        passage as one to come.
-        """
-        if not self.last or self.half_cycle <= 0.0 or self.crossed is None:
-            return None
-        now = Measurement(*self.last)
-        frequency = pi / self.half_cycle
-        phase = atan2(frequency * now.x, now.x_rate) % pi
-        ahead = (pi - phase) / frequency
-        if now.time + ahead < self.crossed + 0.5 * self.half_cycle:
-            return None
-        rate = hypot(now.x_rate, frequency * now.x)
-        # X falls through zero if it is positive now.
-        x_rate = -rate if now.x > 0.0 or (now.x == 0.0 and now.x_rate > 0.0) else rate
-        place = now.z + now.z_rate * ahead
-        return Passage(now.time + ahead, x_rate, place, now.z_rate - x_rate)
+
+@kernel(inline=True)
+def is_too_soon(observer: Observer, time: float) -> bool:
+    """Return whether a trigger comes too soon after the last one to count."""
+    return time - observer.crossed <= _HOLD_OFF * observer.half_cycle
+
+
+@kernel
+def note_crossing(observer: Observer, time: float, smoothing: float) -> bool:
+    """Take the trigger of the crossing detector; return whether a half cycle ends."""
+    before = observer.crossed
+    peak = observer.peak
+    observer.crossed = time
+    observer.peak = 0.0
+    if before != before:
+        return False
+    span = time - before
+    observer.amplitude += smoothing * (peak - observer.amplitude)
+    weight = smoothing if observer.half_cycle > 0.0 else 1.0
+    observer.half_cycle += weight * (span - observer.half_cycle)
+    return True
+
+
+@kernel
+def forget_hits(observer: Observer) -> None:
+    """Begin another half cycle without impacts."""
+    observer.hit_time_1 = nan
+    observer.hit_speed_1 = nan
+    observer.hit_time_2 = nan
+    observer.hit_speed_2 = nan
+
+
+@kernel
+def next_passage(observer: Observer) -> Passage:
+    """
+    Return the passage expected from the last sample.
+
+    None is foreseen before the half cycle is known, and in its first half, when noise might show
+    the last passage as one to come.
+    """
+    unknown = Passage(nan, 0.0, 0.0, 0.0)
+    if observer.half_cycle <= 0.0 or observer.time != observer.time:
+        return unknown
+    x = observer.x
+    x_rate = observer.x_rate
+    frequency = pi / observer.half_cycle
+    phase = atan2(frequency * x, x_rate)
+    if phase < 0.0:
+        phase += pi
+    elif phase >= pi:
+        phase -= pi
+    ahead = (pi - phase) / frequency
+    if observer.time + ahead < observer.crossed + 0.5 * observer.half_cycle:
+        return unknown
+    rate = sqrt(x_rate * x_rate + frequency * x * (frequency * x))
+    # X falls through zero if it is positive now.
+    if x > 0.0 or (x == 0.0 and x_rate > 0.0):
+        rate = -rate
+    z_rate = x_rate + observer.y_rate
+    place = x + observer.y + z_rate * ahead
+    return Passage(observer.time + ahead, rate, place, z_rate - rate)

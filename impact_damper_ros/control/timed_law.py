@@ -15,13 +15,18 @@ allows one impact only.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
-from typing import ClassVar, NamedTuple
+from math import inf, nan
+from typing import TYPE_CHECKING, ClassVar
 
-from impact_damper_ros.rig import GapControlParameters
+from impact_damper_ros.rig.kernels import kernel, state
 
-from .law import Damper, Plant
-from .sensors import LENGTH, TIME, Kinds, Measurement, Observer, Passage
+from .actuator import order_stops
+from .law import optimal_gap, place_stops, symmetric_place
+from .sensors import Measurement, Observer, Passage, next_passage
+from .state import LENGTH, TIME, Kinds, clearing
+
+if TYPE_CHECKING:
+    from .controller import Control, ControlSettings
 
 #: Least approach speed with independent stops, over |X'|.
 _LEAST_APPROACH = 0.5
@@ -34,22 +39,13 @@ _LATEST = 0.2
 #: A stop that has not met m this long after the passage is opened, in half cycles.
 _GIVE_UP = 0.25
 #: A stop is not parked anew by less than this part of its place: each start costs energy.
-_DEAD_BAND = 0.05
+_PARKED_ENOUGH = 0.05
 #: A stop is not parked where m will be within this part of a half cycle.
-_CLEARANCE = 0.05
+_CLEAR_OF_DAMPER = 0.05
 
 
-class Closing(NamedTuple):
-    """A command that closes a stop on m: when to give it (s), to which stop, to which Y (m)."""
-
-    issue: float
-    stop: int
-    target: float
-
-
-def stop_to_close(
-    at: Passage, parked: float, optimal: float, damper: Damper, p: GapControlParameters
-) -> int:
+@kernel
+def stop_to_close(p: ControlSettings, at: Passage, parked: float, optimal: float) -> int:
     """
     Return which stop to close for a passage, 1 or 2, or 0 for none.
 
@@ -58,8 +54,9 @@ def stop_to_close(
     An impact of approach speed w changes the kinetic energy of M by (M/2)((X' - c w)^2 - X'^2) < 0
     if X' and Y' point in opposite directions and c |w| < 2 |X'|, c = mu (1 + R)/(1 + mu).
     """
-    approach, speed = abs(at.y_rate), abs(at.x_rate)
-    if at.x_rate * at.y_rate >= 0.0 or damper.push * approach >= 2.0 * speed:
+    approach = abs(at.y_rate)
+    speed = abs(at.x_rate)
+    if at.x_rate * at.y_rate >= 0.0 or p.push * approach >= 2.0 * speed:
         return 0
     stop = 1 if at.y_rate > 0.0 else 2
     outwards = at.y if stop == 1 else -at.y
@@ -73,6 +70,7 @@ def stop_to_close(
     return stop
 
 
+@state
 @dataclass(slots=True)
 class TimedLaw:
     """
@@ -97,93 +95,101 @@ class TimedLaw:
     closed: int = 0
     until: float = 0.0
 
-    def see(self, sample: Measurement, plant: Plant) -> None:
-        """Open the stop that has done its work, and close one for the passage ahead."""
-        if self.parked == 0.0:
-            return
-        if self._reopens(sample, plant.observer):
-            stop, self.closed = self.closed, 0
-            self._park(sample.time, (stop,), plant)
-        p = plant.parameters
-        if self.closed or self.aimed or not (p.actuator_delay or p.actuator_speed):
-            return
-        ahead = plant.observer.next_passage()
-        if ahead is not None and self._close(ahead, sample, plant.next_sample, plant):
-            self.aimed = True
 
-    def cross(self, sample: Measurement, plant: Plant) -> None:
-        """Park the stops, and close one for this passage if that has not been done."""
-        aimed, self.aimed = self.aimed, False
-        self.parked = plant.symmetric_place(plant.parameters.gap_control_park)
-        if not aimed and not self.closed:
-            here = Passage(sample.time, sample.x_rate, sample.y, sample.y_rate)
-            self._close(here, sample, inf, plant)
-        self._park(sample.time, tuple(stop for stop in (1, 2) if stop != self.closed), plant)
+clear_timed_law = clearing(TimedLaw, 'clear_timed_law')
 
-    def _park(self, time: float, stops: tuple[int, ...], plant: Plant) -> None:
-        """Send stops to where they are parked, unless m is or will be beyond that place."""
-        now = Measurement(*plant.observer.last)
-        free: list[float | None] = []
-        for stop, side in ((1, 1.0), (2, -1.0)):
-            outwards = side * now.y
-            ahead = _CLEARANCE * plant.observer.half_cycle * max(0.0, side * now.y_rate)
-            parked = stop in stops and outwards + ahead < self.parked
-            free.append(side * self.parked if parked else None)
-        plant.move(time, (free[0], free[1]), _DEAD_BAND)
 
-    def _close(self, at: Passage, now: Measurement, before: float, plant: Plant) -> bool:
-        """Order a stop to meet m at a passage; return whether one is ordered before an instant."""
-        closing = self._aim(at, now, before, plant.observer, plant.damper, plant.parameters)
-        if closing is None:
+@kernel
+def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> None:
+    """Open the stop that has done its work, and close one for the passage ahead."""
+    law: TimedLaw = control.timed
+    p = control.settings
+    if law.parked == 0.0:
+        return
+    if reopens(law, seen, control.observer.half_cycle):
+        stop = law.closed
+        law.closed = 0
+        park_stops(control, seen, stop == 1, stop == 2)
+    if law.closed != 0 or law.aimed or (p.delay == 0.0 and p.speed == inf):
+        return
+    ahead = next_passage(control.observer)
+    if ahead.time == ahead.time and close_stop(control, ahead, seen, next_sample):
+        law.aimed = True
+
+
+@kernel
+def timed_law_crosses(control: Control, seen: Measurement) -> None:
+    """Park the stops, and close one for this passage if that has not been done."""
+    law: TimedLaw = control.timed
+    aimed = law.aimed
+    law.aimed = False
+    law.parked = symmetric_place(control, control.settings.park)
+    if not aimed and law.closed == 0:
+        here = Passage(seen.time, seen.x_rate, seen.y, seen.y_rate)
+        close_stop(control, here, seen, inf)
+    park_stops(control, seen, law.closed != 1, law.closed != 2)
+
+
+@kernel
+def park_stops(control: Control, seen: Measurement, first: bool, second: bool) -> None:
+    """Send stops to where they are parked, unless m is or will be beyond that place."""
+    parked = control.timed.parked
+    clearance = _CLEAR_OF_DAMPER * control.observer.half_cycle
+    place_1 = nan
+    place_2 = nan
+    if first and seen.y + clearance * max(0.0, seen.y_rate) < parked:
+        place_1 = parked
+    if second and -seen.y + clearance * max(0.0, -seen.y_rate) < parked:
+        place_2 = -parked
+    place_stops(control, seen.time, place_1, place_2, _PARKED_ENOUGH)
+
+
+@kernel
+def close_stop(control: Control, at: Passage, seen: Measurement, before: float) -> bool:
+    """Order a stop to meet m at a passage; return whether one is ordered before an instant."""
+    law: TimedLaw = control.timed
+    observer: Observer = control.observer
+    p = control.settings
+    optimal = optimal_gap(observer.amplitude, p.mass_ratio, p.restitution, p.gap_max)
+    stop = stop_to_close(p, at, law.parked, optimal)
+    if stop == 0:
+        return False
+    side = 1.0 if stop == 1 else -1.0
+    place = seen.stop_1 if stop == 1 else seen.stop_2
+    other = seen.stop_2 if stop == 1 else seen.stop_1
+    way = side * (place - at.y)
+    room = side * (at.y - other) - p.gap_min
+    if room < 0.0 or way < 0.0:
+        return False
+    issue = at.time - way / p.speed - p.delay
+    if issue >= before:
+        return False
+    late = seen.time - issue
+    if late > 0.0:
+        # The stop starts late, and m and the stop approach each other.
+        if p.speed < inf:
+            late *= p.speed / (p.speed + abs(at.y_rate))
+        if late > _LATEST * observer.half_cycle:
             return False
-        issue, stop, target = closing
-        first, second = (target, None) if stop == 1 else (None, target)
-        plant.actuators.order(issue, first, second, plant.parameters)
-        return True
+        issue = seen.time
+    beyond = min(room, _OVERREACH * observer.half_cycle * abs(at.y_rate))
+    target = side * at.y - beyond
+    if not p.independent:
+        target = max(target, 0.5 * p.gap_min)
+    law.closed = stop
+    law.until = at.time + max(0.0, late)
+    if stop == 1:
+        order_stops(control, issue, target, nan)
+    else:
+        order_stops(control, issue, nan, -target)
+    return True
 
-    def _aim(
-        self,
-        at: Passage,
-        now: Measurement,
-        horizon: float,
-        observer: Observer,
-        damper: Damper,
-        p: GapControlParameters,
-    ) -> Closing | None:
-        """Return the command that makes a stop meet m; None if none is to be given by then."""
-        optimal = damper.optimal_gap(observer.amplitude, p.gap_max)
-        stop = stop_to_close(at, self.parked, optimal, damper, p)
-        if stop == 0:
-            return None
-        side = 1.0 if stop == 1 else -1.0
-        place, other = (now.stop_1, now.stop_2) if stop == 1 else (now.stop_2, now.stop_1)
-        way = side * (place - at.y)
-        room = side * (at.y - other) - p.gap_min
-        if room < 0.0 or way < 0.0:
-            return None
-        speed = p.actuator_speed or inf
-        issue = at.time - way / speed - p.actuator_delay
-        if issue >= horizon:
-            return None
-        late = now.time - issue
-        if late > 0.0:
-            # The stop starts late, and m and the stop approach each other.
-            late *= 1.0 if speed == inf else speed / (speed + abs(at.y_rate))
-            if late > _LATEST * observer.half_cycle:
-                return None
-            issue = now.time
-        beyond = min(room, _OVERREACH * observer.half_cycle * abs(at.y_rate))
-        target = side * at.y - beyond
-        if not p.independent:
-            target = max(target, 0.5 * p.gap_min)
-        self.closed = stop
-        self.until = at.time + max(0.0, late)
-        return Closing(issue, stop, side * target)
 
-    def _reopens(self, now: Measurement, observer: Observer) -> bool:
-        """Return whether the stop that was closed has done its work."""
-        if self.closed == 0 or not observer.last:
-            return False
-        away = now.y_rate <= 0.0 if self.closed == 1 else now.y_rate >= 0.0
-        overdue = now.time >= self.until + _GIVE_UP * observer.half_cycle
-        return overdue or (away and now.time >= self.until - _OVERREACH * observer.half_cycle)
+@kernel
+def reopens(law: TimedLaw, seen: Measurement, half_cycle: float) -> bool:
+    """Return whether the stop that was closed has done its work."""
+    if law.closed == 0:
+        return False
+    away = seen.y_rate <= 0.0 if law.closed == 1 else seen.y_rate >= 0.0
+    overdue = seen.time >= law.until + _GIVE_UP * half_cycle
+    return overdue or (away and seen.time >= law.until - _OVERREACH * half_cycle)

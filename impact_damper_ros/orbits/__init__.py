@@ -5,8 +5,9 @@ Importable without ROS. A module is imported when one of its names is first used
 node, which only recognises periodic motion, does not wait for the solvers.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .continuation import (
@@ -46,23 +47,17 @@ __all__ = [
     'value_of',
 ]
 
-_MODULES = {
-    'continuation': (
-        *('Branch', 'SpecialKind', 'SpecialPoint'),
-        *('continue_orbit', 'switch_branch', 'value_of'),
-    ),
-    'equations': ('ImpactEquations', 'OrbitError', 'plausible_stops'),
-    'optimum': ('OptimalGap', 'optimal_gap'),
-    'orbit': ('OrbitEvent', 'PeriodicOrbit'),
-    'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
-    'shooting': ('Section', 'orbit_near', 'section_on', 'shoot'),
-}
-_HOME = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    """Import the module that defines a public name."""
-    if name not in _HOME:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    globals()[name] = getattr(import_module(f'{__name__}.{_HOME[name]}'), name)
-    return globals()[name]
+__getattr__ = lazy_names(
+    __name__,
+    {
+        'continuation': (
+            *('Branch', 'SpecialKind', 'SpecialPoint'),
+            *('continue_orbit', 'switch_branch', 'value_of'),
+        ),
+        'equations': ('ImpactEquations', 'OrbitError', 'plausible_stops'),
+        'optimum': ('OptimalGap', 'optimal_gap'),
+        'orbit': ('OrbitEvent', 'PeriodicOrbit'),
+        'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
+        'shooting': ('Section', 'orbit_near', 'section_on', 'shoot'),
+    },
+)

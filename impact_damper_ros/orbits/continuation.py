@@ -80,7 +80,7 @@ def _limits_of(name: str) -> tuple[float, float]:
 
 
 class _Family(Protocol):
-    """What a continuation varies: n equations in n unknowns and one parameter, `name`."""
+    """A family of motions: n equations in n unknowns and one parameter, `name`."""
 
     name: str
 
@@ -95,7 +95,7 @@ class _Family(Protocol):
 
 
 class _EquationFamily:
-    """Motions that the impact equations hold for; unknowns are X_i over a length, and W t_i."""
+    """Motions that obey the impact equations; unknowns are X_i over a length, and W t_i."""
 
     def __init__(
         self, parameters: RigParameters, name: str, stops: tuple[int, ...], cycles: int
@@ -210,7 +210,7 @@ _CORRECTOR = {'xtol': 1e-14, 'ftol': 1e-16, 'gtol': 0.0, 'maxiter': 40}
 
 
 class _CorrectedError(Exception):
-    """A place at which the residual is small enough."""
+    """Raised to stop the solver at a point whose residual is small enough."""
 
     def __init__(self, place: Array) -> None:
         super().__init__()
@@ -234,7 +234,7 @@ class _Curve:
         self.scale = scale
 
     def value(self, place: Array) -> float:
-        """Return the parameter, on the edge of its range if round-off has put it beyond."""
+        """Return the parameter, clipped to its range against round-off."""
         value = float(place[-1]) * self.scale
         low, high = _limits_of(self.family.name)
         slack = _ROUND_OFF * self.scale
@@ -374,7 +374,7 @@ def _torus(point: _Point) -> float:
 
 
 def _events(orbit: PeriodicOrbit) -> Counter[str]:
-    """Count what happens in a period, in words."""
+    """Describe the events of a period."""
     words: Counter[str] = Counter(f'impact on stop {stop}' for stop in orbit.stops)
     words.update(
         node.kind.name.lower() + (f' on stop {node.stop}' if node.stop else '')
@@ -384,7 +384,7 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
 
 
 def _likeness(start: _Point) -> _Test:
-    """Return a test of whether a motion is of the same kind as that at the start."""
+    """Return a predicate: whether a motion is of the same kind as the first one."""
     kind = (start.orbit.viable, _events(start.orbit))
 
     def alike(point: _Point) -> float:
@@ -394,7 +394,7 @@ def _likeness(start: _Point) -> _Test:
 
 
 def _difference(here: PeriodicOrbit, there: PeriodicOrbit) -> str:
-    """Say what is different beyond a grazing."""
+    """Describe the difference beyond a grazing."""
     if there.reason:
         return there.reason
     new, old = _events(there), _events(here)
@@ -516,7 +516,7 @@ class Branch:
 
 def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | None:
     """
-    Return the curve with the period begun at another instant, and the point on it.
+    Return the curve with another beginning of the period, and the point on it.
 
     Along the branch a reversal or an impact may have moved to the instant at which the period of
     the event map begins.
@@ -533,7 +533,7 @@ def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | No
 
 
 def _edge(curve: _Curve, here: _Point, step: float, bounds: tuple[float, float]) -> _Point | None:
-    """Return the branch's point on the bound that the next step would pass, if it would."""
+    """Return the point on the bound that the next step would cross, if any."""
     ahead = curve.value(here.place + step * here.tangent)
     if bounds[0] <= ahead <= bounds[1]:
         return None
@@ -553,7 +553,7 @@ def _leapt(
     curve: _Curve, here: _Point, largest_step: float, bounds: tuple[float, float]
 ) -> tuple[_Point, float] | None:
     """
-    Return a point beyond a place where motions change their kind, and the step to it.
+    Return a point beyond a change of the kind of motion, and the step to it.
 
     Where the relative velocity comes to touch zero, or an impact to graze, the derivatives are
     unbounded on one side, and small steps fail.

@@ -41,7 +41,7 @@ def single_harmonic(parameters: RigParameters) -> bool:
 
 def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     """
-    Raise `OrbitError` if the force has not the period asked for.
+    Raise `OrbitError` if the force does not have the requested period.
 
     It must repeat after so many cycles of its first harmonic, or be one harmonic if they are
     not given, as the periodic theory assumes.
@@ -325,7 +325,7 @@ class ImpactEquations:
 
     def residual(self, x: Array, instants: Array) -> tuple[Array, Array]:
         """
-        Return what is missing in the equations, and its derivatives.
+        Return the residual of the equations, and its derivatives.
 
         X (m) and the instants on the force's clock (s) have the shape (..., N). The residual
         (..., 2N) is ordered as `linear_system` and divided by the length; the derivatives are

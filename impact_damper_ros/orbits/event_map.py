@@ -150,7 +150,7 @@ def _rates(motion: Motion, flight: Flight) -> Array:
 
 
 class _Crossings:
-    """What the events of a trajectory do to deviations."""
+    """The effect of the events of a trajectory on deviations."""
 
     def __init__(self, machine: RigConstants) -> None:
         self.machine = machine

@@ -337,7 +337,7 @@ def _systematic_starts(equations: ImpactEquations, count: int) -> tuple[Array, A
 def _windows(
     impacts: Sequence[Event], stops: tuple[int, ...], period: float
 ) -> Iterator[tuple[list[float], list[float]]]:
-    """Yield X and instants wherever a run hits the stops in an asked order within a period."""
+    """Yield X and instants wherever a run hits the stops in a given order in one period."""
     n = len(stops)
     for i in range(len(impacts) - n + 1):
         chosen = impacts[i : i + n]

@@ -44,7 +44,7 @@ _CONSTANT = 1e-6
 @dataclass(frozen=True)
 class Indications:
     """
-    What speaks for chaos and what against it.
+    The evidence for and against chaos.
 
     Attributes
     ----------
@@ -63,13 +63,13 @@ class Indications:
 
     @property
     def grows(self) -> bool:
-        """Whether neighbouring motions part, beyond doubt."""
+        """Whether neighbouring motions certainly diverge."""
         grown = self.exponent * self.cycles
         return self.exponent > CERTAIN_ERRORS * self.error and grown > CERTAIN_GROWTH
 
     @property
     def shrinks(self) -> bool:
-        """Whether neighbouring motions join, beyond doubt."""
+        """Whether neighbouring motions certainly converge."""
         grown = self.exponent * self.cycles
         return self.exponent < -CERTAIN_ERRORS * self.error and grown < -BOUNDED_GROWTH
 
@@ -99,7 +99,7 @@ class Indications:
 
 def average_spread(section: Array) -> float:
     """
-    Return by how much the weighted averages over two halves of a motion differ at most.
+    Return the largest difference of weighted averages over two halves of a motion.
 
     The section (n, m) holds the motion once in a cycle. Averaged are each quantity, its cosine
     and the sine of its double, scaled to the standard deviation 1. NaN with fewer than

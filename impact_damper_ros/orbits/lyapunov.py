@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
 from impact_damper_ros.rig import Event, EventKind, Mode
+from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.long_run import Events
 from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
 
@@ -240,14 +241,14 @@ _ROUND_OFF = 1e-8
 
 
 def _rig(snapshot: dict[str, Any]) -> NearbyRig:
-    """Return a rig from where neighbours are watched: where it samples, round-off decides."""
+    """Restore a rig, and run it to between two samples: at a sample, round-off decides."""
     rig = NearbyRig.restore(snapshot)
     rig.go_between_samples()
     return rig
 
 
-def _course(events: Iterable[Event]) -> list[tuple[int, int]]:
-    """Return what neighbours have in common: their events, but for instants and numbers."""
+def _sequence(events: Iterable[Event]) -> list[tuple[int, int]]:
+    """Return kinds and stops of events, in which neighbours agree."""
     return [(int(event.kind), event.stop) for event in events]
 
 
@@ -274,24 +275,24 @@ class _Period:
 
     def __init__(self, rig: NearbyRig, period: float, scales: Scales, side: float) -> None:
         self.rig = rig
-        self.begun = rig.state()
+        self.begun = rig.numbers()
         self.end = rig.time + period
         self.near = _WIDER * _near(rig, scales)
         self.step = side * self.near * scales.of(self.begun)
         #: Error of a deviation, relative to it: instants are the coarsest numbers of a state.
         self.round_off = max(_ROUND_OFF, scales.rate * math.ulp(self.end) / self.near)
         self.last = NearbyRig.restore(rig.snapshot())
-        self.course = _course(self.last.advance(self.end))
-        self.reached = self.last.state()
+        self.sequence = _sequence(EventBudget().advance(self.last, self.end))
+        self.reached = self.last.numbers()
 
     def carried(self, deviation: Array) -> Array | None:
-        """Return what becomes of a deviation; None if neighbours on either side part."""
+        """Return a deviation one period later; None if neighbours on both sides diverge."""
         for side in (1.0, -1.0):
             step = side * self.step
             other = self.rig.at(self.begun, self.begun.numbers + step * deviation)
-            if other is None or _course(other.advance(self.end)) != self.course:
+            if other is None or _sequence(EventBudget().advance(other, self.end)) != self.sequence:
                 continue
-            there = other.state()
+            there = other.numbers()
             if not there.alike(self.reached):
                 continue
             image: Array = (there.numbers - self.reached.numbers) / step
@@ -301,7 +302,7 @@ class _Period:
 
     def multiplier(self) -> tuple[float, float]:
         """
-        Return the modulus of the largest multiplier, and its error; NaN if neighbours part.
+        Return the modulus of the largest multiplier, and its error; NaN if neighbours diverge.
 
         A deviation is carried through the period, made orthogonal to those before, and carried
         through it again (Arnoldi, Quart. Appl. Math. 9, 1951), until nothing new comes or the
@@ -396,11 +397,12 @@ def parting_exponent(
         cycles.
     """
     rig = _rig(snapshot)
-    begun, state = rig.time, rig.state()
+    begun, state = rig.time, rig.numbers()
     near = _near(rig, scales)
     growth, spans = np.zeros(cycles), np.zeros(cycles)
     other: NearbyRig | None = None
     size, done = near, 0
+    budgets = EventBudget(), EventBudget()
     while done < cycles:
         if other is None:
             deviation = near * scales.of(state) * _first_deviation(state)
@@ -410,10 +412,10 @@ def parting_exponent(
         events: tuple[list[Event], list[Event]] = ([], [])
         while apart is None and done < min(cycles, first + _PATIENCE):
             done += 1
-            events[0].extend(rig.advance(begun + done * cycle))
-            state = rig.state()
+            events[0].extend(budgets[0].advance(rig, begun + done * cycle))
+            state = rig.numbers()
             if other is not None:
-                events[1].extend(other.advance(rig.time))
+                events[1].extend(budgets[1].advance(other, rig.time))
                 apart = _separation(state, other, events, scales)
         if apart is None or other is None:
             other = None
@@ -438,9 +440,9 @@ def parting_exponent(
 def _separation(
     state: RigState, other: NearbyRig, events: tuple[list[Event], list[Event]], scales: Scales
 ) -> Array | None:
-    """Return how far a neighbour is, scaled; None if it is none any more, or not at present."""
-    there = other.state()
-    if not there.alike(state) or _course(events[0]) != _course(events[1]):
+    """Return the scaled distance of a neighbour; None if it cannot be compared."""
+    there = other.numbers()
+    if not there.alike(state) or _sequence(events[0]) != _sequence(events[1]):
         return None
     apart = (there.numbers - state.numbers) / scales.of(state)
     return apart if float(np.linalg.norm(apart)) < _PARTED else None

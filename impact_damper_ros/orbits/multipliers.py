@@ -172,6 +172,6 @@ def monodromy(equations: ImpactEquations, x: Array, instants: Array) -> Array:
 
 
 def multipliers_of(matrix: Array) -> tuple[complex, ...]:
-    """Return the eigenvalues, largest modulus first, of a pair the one with positive part."""
+    """Return the eigenvalues, largest modulus first; of a pair, positive imaginary part first."""
     values = [complex(value) for value in np.linalg.eigvals(matrix)]
     return tuple(sorted(values, key=lambda v: (-round(abs(v), 12), -v.real, -v.imag)))

@@ -35,13 +35,13 @@ _REAL_ANGLE = 1e-6
 
 
 class Limit(Enum):
-    """What keeps a better gap from being found; the value says it in words."""
+    """What limits the best gap; the value says it in words."""
 
     MINIMUM = 'interior minimum'
     STABILITY = 'edge of stability'
     VIABILITY = 'edge of viability'
     FOLD = 'fold: the motion ends'
-    RANGE = 'end of the range looked at'
+    RANGE = 'end of the searched range'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +157,7 @@ class _Search:
         return _smallest(self.viable(gap))
 
     def modulus(self, gap: float) -> float:
-        """Return how far the most nearly stable motion is from being stable."""
+        """Return the least modulus of the largest multiplier among the motions at a gap."""
         return min((abs(o.multipliers[0]) for o in self.viable(gap)), default=math.inf)
 
     def stable_between(self, low: float, middle: float, high: float) -> float | None:
@@ -169,7 +169,7 @@ class _Search:
         return None
 
     def refined(self, grid: list[float]) -> list[float]:
-        """Return a grid with a gap more in each narrow window of stability between its gaps."""
+        """Return a grid with one more gap in each narrow window of stability."""
         inner = zip(grid, grid[1:], grid[2:], strict=False)
         windows = [
             self.stable_between(low, middle, high)
@@ -193,7 +193,7 @@ class _Search:
         return list(bracket)
 
     def verdict(self, orbit: PeriodicOrbit, beyond: float) -> tuple[Limit, str]:
-        """Say what became of a motion just beyond an edge."""
+        """Describe the motion just beyond an edge."""
         rig = self.rig.replace(gap=beyond)
         found = _motions(rig, self.stops, self.cycles, self.simulate)
         same = min(found, key=orbit.differs, default=None)
@@ -207,7 +207,7 @@ class _Search:
 
 
 def _instability(orbit: PeriodicOrbit) -> str:
-    """Say how a motion loses stability."""
+    """Describe how a motion loses stability."""
     value = orbit.multipliers[0]
     angle = abs(math.atan2(value.imag, value.real))
     if angle < _REAL_ANGLE:
@@ -221,7 +221,7 @@ def _instability(orbit: PeriodicOrbit) -> str:
 
 
 def _coexisting(orbit: PeriodicOrbit, viable: Sequence[PeriodicOrbit]) -> str:
-    """Say what other stable motions the rig of a motion has."""
+    """Describe the other stable motions of the same rig."""
     others = [other for other in viable if other.stable and orbit.differs(other) > _SAME_BRANCH]
     found = [('with the same stops', other.x_max) for other in others]
     found += _without_impacts(orbit.parameters)
@@ -350,10 +350,10 @@ def _limit(
     bracket: Sequence[float],
     ends: tuple[float, float],
 ) -> tuple[Limit, str]:
-    """Say what limits the best gap: what lies on either side of the bracket."""
+    """Describe what limits the best gap on either side of the bracket."""
     left, gap, right = bracket
     if gap in ends:
-        return Limit.RANGE, f'the range looked at ends at {gap:g} m'
+        return Limit.RANGE, f'the searched range ends at {gap:g} m'
     for side in (right, left):
         limit, beyond = search.verdict(orbit, side)
         if limit is not Limit.MINIMUM:

@@ -227,7 +227,7 @@ class Recurrence:
 
 
 def _recurrence(table: ImpactTable, cycles: int) -> Recurrence | None:
-    """Return the last periods of so many cycles, if there are at least two like each other."""
+    """Return the last periods of that many cycles, if at least two of them agree."""
     impacts = table.impacts_in(cycles)
     late = abs(table.phase[-1 - impacts] - (table.phase[-1] - cycles))
     if impacts < 1 or len(table) < 2 * impacts or late > _SAME:
@@ -279,7 +279,7 @@ def _approaches(period: Recurrence) -> bool:
 
 
 def _kept(period: Recurrence) -> bool:
-    """Return whether two periods before the last one were the same, too, or nearly."""
+    """Return whether the two periods before the last one agreed, too, at least nearly."""
     return len(period.distance) >= 2 and float(period.distance[-2:].max()) < SETTLED
 
 
@@ -353,7 +353,7 @@ class Rhythm:
 
     @classmethod
     def of(cls, orbit: _Counted) -> Self:
-        """Return the rhythm of a motion of the theory."""
+        """Return the rhythm of a periodic motion of the theory."""
         return cls(orbit.stops, orbit.cycles, orbit.phases, orbit.x, orbit.x_max)
 
     @classmethod
@@ -517,7 +517,7 @@ def period_distances(
     instants: Sequence[float], stops: Sequence[int], x: Sequence[float], rhythm: Rhythm
 ) -> list[float]:
     """
-    Return by how much each of the last periods differs from the one before it, the last one last.
+    Return the distance of each of the last periods from the one before it.
 
     At most `_LOOKED_BACK` numbers, as `Rhythm.drift`; they end where a period is not alike.
     """

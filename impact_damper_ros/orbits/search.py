@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig import PARAMETER_SPECS, RigParameters
 from impact_damper_ros.rig.mode import rig_constants
 
 from .equations import Array, ImpactEquations, check_forcing, check_stops, single_harmonic
@@ -36,6 +36,7 @@ _MOST_EVENTS = 200
 _BUSY_PERIODS = 8
 _FIRST_SHARE = 0.25
 _LEAST_SHARE = 1.0 / 64.0
+_NUMBERS = [name for name, spec in PARAMETER_SPECS.items() if spec.kind == 'double']
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +117,7 @@ def _hits(equations: ImpactEquations, root: Root) -> bool:
 
 def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
     """
-    Return a motion counted so that it has the stops asked for; None if that cannot be.
+    Return a motion counted so that it has the given stops; None if it has others.
 
     If several ways of counting do, the one whose first impact is earliest in the force's
     cycle.
@@ -138,7 +139,7 @@ def _distinct(orbits: Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
 
 
 def orbit_of(equations: ImpactEquations, root: Root) -> PeriodicOrbit:
-    """Work out everything about a root of the impact equations."""
+    """Return the periodic motion that belongs to a root of the impact equations."""
     x = root.x
     # The whole cycles before the first impact do not matter, and would cost digits.
     instants = root.instants - equations.cycle * np.floor(root.instants[0] / equations.cycle)
@@ -172,7 +173,7 @@ def orbit_of(equations: ImpactEquations, root: Root) -> PeriodicOrbit:
 
 
 def within_theory(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
-    """Return whether friction keeps its sign from impact to impact, or there is none."""
+    """Return whether friction is absent, or keeps its sign from impact to impact."""
     alternating = all(a != b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
     return alternating or rig_constants(parameters).grip == 0.0
 
@@ -237,21 +238,27 @@ def settled_sections(
         busy = 0
         periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
         for i in range(periods):
-            course = follow_trajectory(machine, origin, period, differentiate=False)
-            if course is None:
+            trajectory = follow_trajectory(machine, origin, period, differentiate=False)
+            if trajectory is None:
                 break
-            busy = busy + 1 if len(course.events) > most_events else 0
+            busy = busy + 1 if len(trajectory.events) > most_events else 0
             if busy > _BUSY_PERIODS:
                 break
-            origin = course.end
+            origin = trajectory.end
             if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
-                yield section_of(machine, course, 0.0)
+                yield section_of(machine, trajectory, 0.0)
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
-    """Follow a motion from a simpler rig to another one."""
+    """
+    Follow a motion to another rig, on the straight line between the parameters.
+
+    The rig that it starts from has the first harmonic only, or all the same.
+    """
     section = section_on(orbit)
-    simple = orbit.parameters.friction
+    here = {name: getattr(orbit.parameters, name) for name in _NUMBERS}
+    there = {name: getattr(parameters, name) for name in _NUMBERS}
+    varied = [name for name in _NUMBERS if here[name] != there[name]]
     done, share = 0.0, _FIRST_SHARE
     found: PeriodicOrbit | None = None
     while done < 1.0:
@@ -260,8 +267,8 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
         ahead = min(1.0, done + share)
         first, *others = parameters.force_amplitudes
         rig = parameters.replace(
-            friction=simple + ahead * (parameters.friction - simple),
             force_amplitudes=(first, *(ahead * other for other in others)),
+            **{name: here[name] + ahead * (there[name] - here[name]) for name in varied},
         )
         shot = shoot(rig, section, orbit.cycles)
         if shot is None or not any(shot[0].turned_to(orbit.stops)):

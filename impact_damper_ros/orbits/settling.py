@@ -19,8 +19,10 @@ from impact_damper_ros.rig import (
     EventKind,
     InitialConditions,
     RigParameters,
+    RunawayError,
     Simulator,
 )
+from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, RunResult
 from impact_damper_ros.rig.mode import rig_constants
 
@@ -28,6 +30,8 @@ from .recognition import LONGEST_PERIOD, Array, section_distance
 
 # Far more events than the motions sought have; a rig that chatters all the time is left early.
 _EVENTS_PER_CYCLE = 60
+# More than any motion has, and for how many cycles a rig may have as many at the beginning.
+_ENDLESS_PER_CYCLE, _BUSY_CYCLES = 500, 20
 #: Cycles between two looks at whether the motion repeats.
 CYCLES_BETWEEN_LOOKS = 50
 #: For how many cycles at least the states must come back.
@@ -80,11 +84,14 @@ class Look(NamedTuple):
         Events since the last look.
     largest : float
         Largest |X| at events and at the ends of the parts of cycles since then, m.
+    endless : bool
+        Whether the rig was stopped because it has too many events.
     """
 
     cycles: int
     events: list[Event]
     largest: float
+    endless: bool = False
 
     @property
     def impacts(self) -> list[Event]:
@@ -100,22 +107,34 @@ def run_by_cycles(
     base: float = 0.0,
     first: int = 0,
     parts: int = 1,
+    events_per_cycle: float = _ENDLESS_PER_CYCLE,
 ) -> Iterator[Look]:
     """
-    Run a rig on by cycles of its force, and yield what it has done after every few of them.
+    Run a rig by cycles of its force, and yield its events after every few cycles.
 
     The last look is at the end. Cycles are counted from the instant `base` (s) and `first`
-    cycles after it; each is run in some parts.
+    cycles after it; each is run in some parts. A rig that has more events in a cycle on average
+    is stopped at one of them, and the last look then counts whole cycles only.
     """
     cycle = math.tau / rig.parameters.force_frequencies[0]
     events: list[Event] = []
-    largest = 0.0
+    largest, total = 0.0, 0
     for k in range(1, most_cycles + 1):
+        most = events_per_cycle * (k + _BUSY_CYCLES)
         for part in range(1, parts + 1):
             # One rounding, so that the steps do not drift
-            new = rig.advance(base + (first + k - 1 + part / parts) * cycle)
+            end = base + (first + k - 1 + part / parts) * cycle
+            try:
+                new = rig.advance(end, max(1, most - total))
+            except RunawayError:
+                yield Look(k - 1, events, largest, endless=True)
+                return
+            total += len(new)
             largest = max([largest, abs(rig.sample().x), *(abs(event.x) for event in new)])
             events += new
+            if rig.time < end:
+                yield Look(k - 1, events, largest, endless=True)
+                return
         if k % every == 0 or k == most_cycles:
             yield Look(k, events, largest)
             events, largest = [], 0.0
@@ -134,18 +153,13 @@ def settled_impacts(
     A rig that has more events in a cycle on average is given up, without impacts.
     """
     kept: list[Event] = []
-    total = 0
-    for look in run_by_cycles(Simulator(parameters, initial), 1, cycles):
-        total += len(look.events)
-        if total > most_events * (look.cycles + 20):
+    rig = Simulator(parameters, initial)
+    for look in run_by_cycles(rig, 1, cycles, events_per_cycle=most_events):
+        if look.endless:
             return []
         if look.cycles > cycles - watched:
             kept += look.impacts
     return kept
-
-
-class EndlessEventsError(RuntimeError):
-    """A rig has more events than it may."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +229,7 @@ def _repeats_with(parameters: RigParameters, cycle: float) -> bool:
 
 
 def _samples_alike(control: GapControlParameters, cycle: float) -> bool:
-    """Return whether a control can measure the same again after some cycles, s."""
+    """Return whether the samples of a control can repeat after some cycles, s."""
     if control.gap_control_noise_position or control.gap_control_noise_velocity:
         return False
     counts = [control.gap_control_rate * cycle * k for k in range(1, LONGEST_PERIOD + 1)]
@@ -281,7 +295,7 @@ class SettlingRig:
 
     @property
     def scales(self) -> Scales:
-        """What makes the numbers of the state of a rig under control comparable."""
+        """Scales of the numbers in the state of a rig under control."""
         return Scales(self._size or 1.0, self._rate)
 
     def snapshot(self) -> dict[str, Any]:
@@ -326,7 +340,7 @@ class SettlingRig:
         return result.events
 
     def forget(self) -> None:
-        """Judge from now on only by states to come whether the motion repeats."""
+        """Forget the states so far: they no longer count for whether the motion repeats."""
         self._recent = np.empty((0, 6 if self.controlled else 4))
 
     def period(self) -> int:

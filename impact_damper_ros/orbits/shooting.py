@@ -100,9 +100,9 @@ def _promise(part: FlightPart) -> tuple[int, float]:
     return 0, part.duration * abs(part.flight.relative_velocity)
 
 
-def section_of(machine: RigConstants, course: Trajectory, instant: float) -> Section:
+def section_of(machine: RigConstants, trajectory: Trajectory, instant: float) -> Section:
     """Choose where the period of a motion that starts at an instant (s) begins."""
-    best = max(course.flights, key=_promise)
+    best = max(trajectory.flights, key=_promise)
     resting = _resting(best.origin)
     # In flight closer to its beginning, away from a reversal that may be half-way
     tau = best.duration * (0.5 if resting else 0.25)
@@ -131,8 +131,8 @@ def _section_after(
     beyond = 0.0 if stop == 1 else -2.0 * machine.stop
     relative = damper_velocity - velocity
     origin = origin_at(machine, instant, x, velocity, beyond, relative, 0, stop)
-    course = follow_trajectory(machine, origin, period)
-    return None if course is None else section_of(machine, course, instant)
+    trajectory = follow_trajectory(machine, origin, period)
+    return None if trajectory is None else section_of(machine, trajectory, instant)
 
 
 def section_on(orbit: PeriodicOrbit) -> Section | None:
@@ -162,11 +162,11 @@ def section_on(orbit: PeriodicOrbit) -> Section | None:
 
 @dataclass(frozen=True)
 class _Shot:
-    """One run over a period: the change of the state, its derivative, and the course."""
+    """One run over a period: the change of the state, its derivative, and the trajectory."""
 
     change: Array
     matrix: Array
-    course: Trajectory
+    trajectory: Trajectory
 
 
 def _shot(machine: RigConstants, section: Section, state: Array, period: float) -> _Shot | None:
@@ -175,20 +175,20 @@ def _shot(machine: RigConstants, section: Section, state: Array, period: float) 
         return None
     # Through hundreds of impacts a derivative may grow beyond all numbers
     with np.errstate(over='ignore', invalid='ignore'):
-        course = follow_trajectory(machine, origin, period)
-    if course is None or _resting(course.end) != section.resting:
+        trajectory = follow_trajectory(machine, origin, period)
+    if trajectory is None or _resting(trajectory.end) != section.resting:
         return None
-    if not np.isfinite(course.matrix).all():
+    if not np.isfinite(trajectory.matrix).all():
         return None
     n = section.dimension
-    matrix = _RELATIVE @ course.matrix @ _ABSOLUTE
-    return _Shot(_state_of(course.end)[:n] - state, matrix[:n, :n], course)
+    matrix = _RELATIVE @ trajectory.matrix @ _ABSOLUTE
+    return _Shot(_state_of(trajectory.end)[:n] - state, matrix[:n, :n], trajectory)
 
 
 def follow_section(
     machine: RigConstants, section: Section, period: float
 ) -> tuple[Array, Array] | None:
-    """Return what a period changes in the state of a section, and the map's derivative."""
+    """Return the change of a section's state over a period, and the map's derivative."""
     shot = _shot(machine, section, section.state, period)
     return None if shot is None else (shot.change, shot.matrix)
 
@@ -265,7 +265,7 @@ def shoot(
         state, shot = state + part * step, better
         best = size(shot.change, state)
     history.append(best)
-    if best > RESIDUAL_TOLERANCE or shot.course.end.last_stop != section.last_stop:
+    if best > RESIDUAL_TOLERANCE or shot.trajectory.end.last_stop != section.last_stop:
         return None
     settled = replace(section, state=state)
     return _orbit(parameters, settled, cycles, shot, tuple(history)), settled
@@ -278,9 +278,9 @@ def _orbit(
     shot: _Shot,
     history: tuple[float, ...],
 ) -> PeriodicOrbit:
-    """Gather what is known about a fixed point."""
+    """Return the periodic motion of a fixed point."""
     cycle = math.tau / parameters.force_frequencies[0]
-    events = shot.course.events
+    events = shot.trajectory.events
     impacts = [i for i in events if i.kind is EventKind.IMPACT]
     first = impacts[0].time if impacts else 0.0
     whole = cycle * math.floor((section.instant + first) / cycle)
@@ -288,7 +288,7 @@ def _orbit(
     def phase(time: float) -> float:
         return ((section.instant - whole) + time) / cycle % cycles
 
-    flights = shot.course.flights
+    flights = shot.trajectory.flights
     multipliers = multipliers_of(shot.matrix) + (0j,) * (4 - section.dimension)
     return PeriodicOrbit(
         parameters=parameters,

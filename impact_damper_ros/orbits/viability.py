@@ -1,5 +1,5 @@
 """
-Whether the rig can move as a solution of the impact equations says.
+Viability: whether the rig can perform a solution of the impact equations.
 
 The equations hold at the impacts only. Here each flight between them is followed in closed form:
 by the simulator's own first event, and, to say by how much it fails, by its exact extremes.
@@ -155,7 +155,7 @@ def largest_displacement(flights: Iterable[Flight], durations: Iterable[float]) 
 
 
 def _after_impact(machine: RigConstants, origin: Origin, incoming: float, before: float) -> str:
-    """Say what keeps m from leaving the stop as assumed, if anything does."""
+    """Return why m does not leave the stop as assumed; empty if it does."""
     stop = origin.last_stop
     hit = struck(machine, origin._replace(velocity=before, relative_velocity=incoming), stop)
     mode = hit.origin.mode
@@ -174,7 +174,7 @@ def _in_flight(
     end: int,
     tolerance: float,
 ) -> str:
-    """Say what happens in a flight before the impact that ends it, if anything does."""
+    """Return what happens in a flight before its impact; empty if nothing does."""
     start = origin.last_stop
     kind, tau = first_event(flight, 0.0, duration + tolerance)
     contact = CONTACT_1 if end == 1 else CONTACT_2
@@ -202,7 +202,7 @@ def _in_flight(
 def why_not_viable(
     equations: ImpactEquations, x: Array, instants: Array, at: ImpactVelocities
 ) -> str:
-    """Say why the rig cannot move so."""
+    """Return why the rig cannot perform a motion; empty if it can."""
     machine = rig_constants(equations.parameters)
     durations = equations.durations(instants)
     tolerance = TIME_TOLERANCE * equations.period

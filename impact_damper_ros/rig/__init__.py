@@ -6,8 +6,9 @@ Importable without ROS. What needs numpy is loaded at its first use.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from impact_damper_ros.lazy_names import lazy_names
 
 from .description import described, frequency_hint, robot_description
 from .event import Event, EventKind, Sample
@@ -61,9 +62,5 @@ __all__ = [
     'robot_description',
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Load what needs numpy."""
-    if name in ('LongRun', 'Outcome', 'RunResult'):
-        return getattr(import_module('.long_run', __name__), name)
-    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+#: Loads what needs numpy.
+__getattr__ = lazy_names(__name__, {'long_run': ('LongRun', 'Outcome', 'RunResult')})

@@ -7,9 +7,9 @@ m it stops, at rest relative to M, before m may hit it. Its velocity therefore e
 
 from __future__ import annotations
 
-from enum import IntEnum
-from math import inf, isinf, isnan
+from math import inf, isnan
 
+from .kernels import kernel
 from .mode import RigConstants
 from .origin import Origin, locked, offset_of
 from .parameter_spec import ParameterError
@@ -75,15 +75,10 @@ _FARTHEST = 1e9
 _SLOWEST = 1e-9
 
 
-class StopOutcome(IntEnum):
-    """State of a stop just after a command."""
-
-    #: It moves towards its target.
-    MOVING = 0
-    #: It is at its target.
-    ARRIVED = 1
-    #: It touches m and cannot move further.
-    TOUCHED = 2
+#: A stop just after a command: it moves, is at its target, or touches m and cannot move further.
+MOVING = 0
+ARRIVED = 1
+TOUCHED = 2
 
 
 def check_command(one_sided: bool, stop: int, target: float, speed: float) -> None:
@@ -107,6 +102,7 @@ def check_command(one_sided: bool, stop: int, target: float, speed: float) -> No
         )
 
 
+@kernel(inline=True)
 def supports(origin: Origin) -> tuple[bool, bool]:
     """Return whether m is on stop 1, and on stop 2, while that stop stands."""
     return (
@@ -115,38 +111,41 @@ def supports(origin: Origin) -> tuple[bool, bool]:
     )
 
 
+@kernel
 def commanded(
     one_sided: bool, here: Origin, stop: int, target: float, speed: float
-) -> tuple[Origin, StopOutcome]:
+) -> tuple[Origin, int]:
     """Return the state just after a command to a stop, mode and velocities unchanged."""
     outwards = 1.0 if stop == 1 else -1.0
     place = here.stop_1 if stop == 1 else here.stop_2
     clearance = here.clearance_1 if stop == 1 else here.clearance_2
     way = target - place
     velocity = 0.0
-    if way != 0.0 and not isinf(speed):
+    if way != 0.0 and speed < inf:
         velocity = speed if way > 0.0 else -speed
     moved = _set_off(here, stop, target, velocity)
     if velocity != 0.0:
         closing = outwards * (here.relative_velocity - velocity)
         if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
-            return locked(one_sided, moved, stop), StopOutcome.TOUCHED
-        return moved, StopOutcome.MOVING
+            return locked(one_sided, moved, stop), TOUCHED
+        return moved, MOVING
     if way == 0.0:
-        return moved, StopOutcome.ARRIVED
+        return moved, ARRIVED
     offset = offset_of(here.clearance_1, here.clearance_2, here.stop_1, here.stop_2)
     if outwards * way < 0.0 and outwards * (target - offset) <= 0.0:
-        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), StopOutcome.TOUCHED
+        return locked(one_sided, _put(moved, stop, offset, 0.0), stop), TOUCHED
     # The clearance changes by what the stop moves, so that a small one keeps its digits.
-    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), StopOutcome.ARRIVED
+    return _put(moved, stop, target, max(0.0, clearance + outwards * way)), ARRIVED
 
 
+@kernel(inline=True)
 def _set_off(here: Origin, stop: int, target: float, velocity: float) -> Origin:
     if stop == 1:
         return here._replace(target_1=target, stop_velocity_1=velocity)
     return here._replace(target_2=target, stop_velocity_2=velocity)
 
 
+@kernel(inline=True)
 def _put(here: Origin, stop: int, place: float, clearance: float) -> Origin:
     if stop == 1:
         return here._replace(stop_1=place, clearance_1=clearance)

@@ -311,7 +311,7 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
 
 _EPSILON = 2.220446049250313e-16
 #: More steps than any search takes.
-_ALL_STEPS = 2**62
+ALL_STEPS = 2**62
 
 
 @kernel
@@ -531,7 +531,7 @@ def _first_in_joint(flight: Flight, tau: float, limit: float, most: int) -> Flig
 
 
 @kernel(inline=True)
-def flight_end(flight: Flight, searched: float, limit: float, most: int = _ALL_STEPS) -> FlightEnd:
+def flight_end(flight: Flight, searched: float, limit: float, most: int = ALL_STEPS) -> FlightEnd:
     """
     Find the end of a flight: its first event, and the motion there.
 

@@ -9,7 +9,6 @@ zero to round-off takes over the side of X from the flight before (`Origin.side`
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import inf, nextafter
 
 from .certificate import ROUND_OFF, least_step, safe_step
@@ -24,12 +23,8 @@ _NEAR_ZERO = 1e-9
 # A search goes beyond its limit while X is zero to round-off, by at most this part of the
 # horizon.
 _OVERTIME = 1e-3
-#: Time that is searched between two calls of `interrupted`, in horizons.
-_STRETCH = 16.0
-
-
-class SearchInterruptedError(Exception):
-    """A search was interrupted; the next call continues it."""
+# A step of Newton's method from where X is zero to round-off, at most, in horizons
+_NEAREST = 1e-9
 
 
 @kernel
@@ -47,9 +42,10 @@ def starting_side(flight: Flight, side: int) -> int:
 
 
 @kernel
-def _root_of_x(flight: Flight, side: int, low: float, high: float) -> float:
+def _root_of_x(flight: Flight, side: int, low: float, high: float, band: float) -> float:
     """Return the root of X between two times, where `side` X becomes negative."""
     tau = high
+    nearest = _NEAREST * flight.oscillator.horizon
     for _ in range(200):
         motion: Motion = motion_at(flight, tau)
         if side * motion.x > 0.0:
@@ -59,6 +55,9 @@ def _root_of_x(flight: Flight, side: int, low: float, high: float) -> float:
         following = 0.5 * (low + high)
         if motion.velocity != 0.0:
             newton = tau - motion.x / motion.velocity
+            if abs(motion.x) <= band and abs(newton - tau) <= nearest:
+                # X is zero to round-off: no step after this one comes nearer.
+                return max(newton, 0.0)
             if low < newton < high:
                 following = newton
         if abs(following - tau) <= 0.5 * _EPSILON * tau or high - low <= _EPSILON * high:
@@ -91,7 +90,7 @@ def first_crossing(
         if height < -band:
             rate = side * motion.velocity
             if not arriving or rate <= 0.0:
-                return True, _root_of_x(flight, side, above, tau), tau
+                return True, _root_of_x(flight, side, above, tau, band), tau
             step = safe_step(-height, -rate, -side * motion.x_2, bound_3, horizon)
             tau += max(step, least_step(horizon), _EPSILON * tau)
             continue
@@ -123,7 +122,7 @@ def _stands_at_zero(flight: Flight) -> bool:
 
 @kernel
 def _side_at(origin: Origin, flight: Flight, instant: float) -> int:
-    """Return the sign of X just after an instant of a flight; as `CrossingWatch` counts."""
+    """Return the sign of X just after an instant of a flight; as `next_crossing` counts."""
     side = starting_side(flight, origin.side)
     if instant <= origin.time or _stands_at_zero(flight):
         return side
@@ -155,57 +154,60 @@ def sided(oscillator: Oscillator, before: Origin, flight: Flight, origin: Origin
     return origin._replace(side=_side_at(before, flight, origin.time))
 
 
-class CrossingWatch:
-    """The passages of one flight through X = 0, in order."""
+@kernel
+def next_crossing(
+    origin: Origin,
+    flight: Flight,
+    side: int,
+    searched: float,
+    crossing: float,
+    now: float,
+    until: float,
+    most: float,
+) -> tuple[bool, int, float, float]:
+    """
+    Look for the next passage of a flight after one instant, up to another.
 
-    def __init__(self, origin: Origin, flight: Flight) -> None:
-        """Begin at the origin."""
-        self._origin = origin
-        self._flight = flight
-        self._side = starting_side(flight, origin.side)
-        self._searched = 0.0
-        # A passage at the origin belongs to this flight and comes after it.
-        self._earliest = nextafter(origin.time, inf)
-        self._next: float | None = None
+    Neither instant may be earlier than at the call before.
 
-    def _seek(self, until: float, interrupted: Callable[[], bool] | None) -> None:
-        """Look for the next passage, if none is known, up to an instant at least."""
-        if self._next is not None:
-            return
-        origin = self._origin
-        limit = (nextafter(until, inf) - origin.time) - origin.time_low
-        horizon = self._flight.oscillator.horizon
-        if self._searched > limit + _OVERTIME * horizon:
-            return
-        while True:
-            ahead = limit
-            if interrupted is not None:
-                ahead = min(limit, self._searched + _STRETCH * horizon)
-            found, tau, self._searched = first_crossing(
-                self._flight, self._side, self._searched, ahead
-            )
-            if found or ahead == limit:
-                break
-            if interrupted is not None and interrupted():
-                raise SearchInterruptedError
-        if found:
+    Parameters
+    ----------
+    origin, flight : Origin, Flight
+        The flight.
+    side, searched, crossing : int, float, float
+        What the call before returned; 0, 0 and infinity at the first one.
+    now, until : float
+        The two instants, s.
+    most : float
+        Most time to search at once, in horizons.
+
+    Returns
+    -------
+    decided : bool
+        Whether the search has come to its end.
+    side : int
+        Sign of X before the next passage.
+    searched : float
+        Time since the origin that has been searched, s.
+    crossing : float
+        Instant of the next passage, s, if it has been found; else infinity.
+    """
+    horizon = flight.oscillator.horizon
+    if side == 0:
+        side = starting_side(flight, origin.side)
+    while True:
+        if crossing == inf:
+            limit = (nextafter(until, inf) - origin.time) - origin.time_low
+            if searched > limit + _OVERTIME * horizon:
+                return True, side, searched, crossing
+            ahead = min(limit, searched + most * horizon)
+            found, tau, searched = first_crossing(flight, side, searched, ahead)
+            if not found:
+                return ahead == limit, side, searched, crossing
             instant = advance_time(origin.time, origin.time_low, tau)[0]
-            self._next = max(self._earliest, instant)
-
-    def after(
-        self, now: float, until: float, interrupted: Callable[[], bool] | None = None
-    ) -> float | None:
-        """
-        Return the first passage after one instant and not after another.
-
-        Neither instant may be earlier than at the call before.
-        """
-        while True:
-            self._seek(until, interrupted)
-            if self._next is None or self._next > until:
-                return None
-            if self._next > now:
-                return self._next
-            self._side, self._next = -self._side, None
-            if interrupted is not None and interrupted():
-                raise SearchInterruptedError
+            # A passage at the origin belongs to this flight and comes after it.
+            crossing = max(nextafter(origin.time, inf), instant)
+        if crossing > until or crossing > now:
+            return True, side, searched, crossing
+        side = -side
+        crossing = inf

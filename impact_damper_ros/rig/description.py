@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from .parameters import RigParameters
+from .parameters import PARAMETER_SPECS, RigParameters
 
 #: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be in the wrong unit.
 _NEAR = 1.25
@@ -237,11 +237,11 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
     """
     Return the URDF of a rig.
 
-    Its joints are those of the topic joint_states: absolute positions along the axis, so each
-    hangs from the base and none from another. The primary is at 0 while its spring is unloaded. A
-    stop's joint stands where the middle of the damper is when they touch, so the stops' blocks
-    begin half a damper further out. The deck is long enough for `gap_max`, the largest gap of the
-    control, up to eight times the gap.
+    Its joints are those of the topic joint_states: the incline, and absolute positions along its
+    axis, so each hangs from the axis and none from another. The primary is at 0 while its spring
+    is unloaded. A stop's joint stands where the middle of the damper is when they touch, so the
+    stops' blocks begin half a damper further out. The deck is long enough for `gap_max`, the
+    largest gap of the control, up to eight times the gap.
     """
     size = picture_size(rig, gap_max)
     unit = size.damper
@@ -255,16 +255,18 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
         for name, rgba in _COLOURS.items()
     )
     limit = 1000.0 * unit + abs(size.rest)
+    angles = PARAMETER_SPECS['angle']
     return f"""<?xml version="1.0"?>
 <robot name="impact_damper">
 {colours}
   <link name="base_link"/>
 
   <!-- x points down the incline: a positive turn about y lowers it. -->
-  <joint name="incline" type="fixed">
+  <joint name="incline" type="revolute">
     <parent link="base_link"/>
     <child link="axis"/>
-    <origin xyz="0 0 0" rpy="0 {rig.angle!r} 0"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="{angles.low!r}" upper="{angles.high!r}" effort="1e9" velocity="1e9"/>
   </joint>
   <!-- The rail, and on it where the middle of M is while its spring is unloaded. -->
   <link name="axis">{_box(size, 'base', 0.5 * size.rest, -1.25, rail, 1.6, 0.2)}\

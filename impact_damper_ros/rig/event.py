@@ -101,6 +101,8 @@ class Sample(NamedTuple):
 
 #: Rows that one transition may take.
 MOST_ROWS = 3
+#: Rows that plain kernels write at once, at most.
+MOST_TOGETHER = 512
 IMPACT = int(EventKind.IMPACT)
 _REST = int(EventKind.REST)
 _STICK = int(EventKind.STICK)
@@ -108,6 +110,7 @@ _RELEASE = int(EventKind.RELEASE)
 _REVERSAL = int(EventKind.REVERSAL)
 _STOP_ARRIVED = int(EventKind.STOP_ARRIVED)
 _STOP_TOUCHED = int(EventKind.STOP_TOUCHED)
+_CROSSING = int(EventKind.CROSSING)
 
 
 @kernel(inline=True)
@@ -242,70 +245,66 @@ def write_transition(
     return row
 
 
-# The table that the kernels write into, by row and column: floats and codes together
-_Table = dict[tuple[int, int], Any]
+@kernel
+def write_quiet(
+    kind: int, stop: int, origin: Origin, time: float, numbers: Any, codes: Any, row: int
+) -> int:
+    """Write an event that leaves all velocities as they are; return the next row."""
+    velocity = origin.velocity
+    damper = velocity + origin.relative_velocity
+    there = origin._replace(time=time)
+    return write_event(
+        numbers, codes, row, kind, stop, there, velocity, velocity, damper, damper, 0.0
+    )
+
+
+@kernel
+def write_crossing(origin: Origin, time: float, numbers: Any, codes: Any, row: int) -> int:
+    """Write a passage of X through zero; return the next row."""
+    return write_quiet(_CROSSING, 0, origin, time, numbers, codes, row)
+
+
+@kernel
+def write_command(
+    stop: int, arrived: bool, origin: Origin, numbers: Any, codes: Any, row: int
+) -> int:
+    """Write that a stop is at its target, or at m, just after a command; return the next row."""
+    kind = _STOP_ARRIVED if arrived else _STOP_TOUCHED
+    return write_quiet(kind, stop, origin, origin.time, numbers, codes, row)
+
+
+@kernel
+def write_support(mode_before: int, origin: Origin, numbers: Any, codes: Any, row: int) -> int:
+    """Write the rest or release that a command to a stop causes, if any; return the next row."""
+    code = support_code(mode_before, origin.mode)
+    if code == 0:
+        return row
+    stop = stop_under(origin.mode if code == _REST else mode_before)
+    return write_quiet(code, stop, origin, origin.time, numbers, codes, row)
+
+
 # The fields of `Event` in a row
-_ROWS = [
+_FIELDS = [
     itemgetter(*[(row, column) for column in (0, 8, 9, 1, 2, 3, 4, 5, 6, 7)])
-    for row in range(MOST_ROWS)
+    for row in range(MOST_TOGETHER)
 ]
 _KINDS = {int(kind): kind for kind in EventKind}
 
 
-def _event(table: _Table, row: int) -> Event:
-    """Return a row of the table as an event."""
-    time, kind, *others = _ROWS[row](table)
-    return Event(time, _KINDS[kind], *others)
+class EventRows(dict[tuple[int, int], Any]):
+    """The table that plain kernels write into, by row and column: floats and codes together."""
+
+    def events(self, count: int) -> list[Event]:
+        """Return the first rows, up to `MOST_TOGETHER`, as events."""
+        events = []
+        for fields in _FIELDS[:count]:
+            time, kind, *others = fields(self)
+            events.append(Event(time, _KINDS[kind], *others))
+        return events
 
 
-def quiet(origin: Origin, stop: int = 0) -> Transition:
-    """Return a transition that leaves all velocities as they are."""
-    velocity, relative_velocity = origin.velocity, origin.relative_velocity
-    return Transition(origin, stop, velocity, relative_velocity, velocity, relative_velocity)
-
-
-def make_event(kind: EventKind, stop: int, transition: Transition) -> Event:
-    """Return an event without impulse, of a transition."""
-    table: _Table = {}
-    before, after = transition.velocity_before, transition.velocity_after
-    write_event(
-        table,
-        table,
-        0,
-        kind,
-        stop,
-        transition.origin,
-        before,
-        after,
-        before + transition.relative_velocity_before,
-        after + transition.relative_velocity_after,
-        0.0,
-    )
-    return _event(table, 0)
-
-
-def impact_events(rig: RigConstants, damper_mass: float, transition: Transition) -> list[Event]:
-    """Return the events of an impact on a standing stop: with rest, if it is plastic."""
-    standing = transition.origin._replace(stop_velocity_1=0.0, stop_velocity_2=0.0)
-    kind = CONTACT_1 if transition.stop == 1 else CONTACT_2
-    return transition_events(rig, damper_mass, kind, standing, transition)
-
-
-def support_events(mode_before: int, transition: Transition) -> list[Event]:
-    """Return the rest or release that a command to a stop causes, if any."""
-    mode = transition.origin.mode
-    code = support_code(mode_before, mode)
-    if code == 0:
-        return []
-    kind = EventKind(code)
-    rested = mode if kind is EventKind.REST else mode_before
-    return [make_event(kind, stop_under(rested), transition)]
-
-
-def transition_events(
-    rig: RigConstants, damper_mass: float, kind: int, before: Origin, transition: Transition
-) -> list[Event]:
-    """Return the events as which the end of a flight is reported."""
-    table: _Table = {}
-    rows = write_transition(rig, damper_mass, kind, before, transition, table, table, 0)
-    return [_event(table, row) for row in range(rows)]
+def make_event(kind: EventKind, stop: int, origin: Origin) -> Event:
+    """Return an event that leaves all velocities as they are."""
+    rows = EventRows()
+    write_quiet(kind, stop, origin, origin.time, rows, rows, 0)
+    return rows.events(1)[0]

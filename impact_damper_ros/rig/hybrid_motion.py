@@ -1,35 +1,44 @@
 """
-The hybrid motion: flight, event, next flight.
+The hybrid motion of a live rig: the run loop as plain Python, with events one by one.
 
-A flight is never re-originated to sample, watch or pause it. Hence the motion does not depend on
-the sampling rate or on how a run is cut into pieces, to the last bit.
+A rig that runs in real time may be interrupted at any event and within a long search, and sampled
+ahead of the present time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
-from math import inf, nextafter, ulp
-from typing import Any
+from math import inf, ulp
+from typing import Any, ClassVar
 
-from .changes import supports
-from .contact import chatter_end, flight_end
-from .crossing import CrossingWatch, SearchInterruptedError, sided
-from .event import Event, EventKind, Sample, impact_events, make_event, quiet, transition_events
-from .flight import NO_EVENT, Flight, FlightEnd, end_at, motion_at
+from .contact import ALL_STEPS, flight_end
+from .crossing import sided
+from .event import MOST_TOGETHER, Event, EventKind, EventRows, Sample, make_event
+from .flight import NO_EVENT, Flight, end_at
 from .forcing import SteppedSine, frequency_at
-from .mode import CHATTER_1, Mode, RigConstants, launch, rig_constants
-from .origin import Origin, advance_time, carried, offset_of, placed, stop_rates
+from .mode import Mode, RigConstants, rig_constants
+from .origin import Origin, advance_time, carried, stop_rates
 from .parameters import RigParameters
-from .transition import at_rest, moving_mode, resolve, struck
+from .run_loop import (
+    DONE,
+    FULL,
+    MOST_AT_ONCE,
+    PAUSED,
+    RUNAWAY,
+    SPENT,
+    go_on,
+    open_flight,
+    started,
+    state_at,
+    write_sample,
+)
 
-# More events than any chatter has, within this part of a radian of the natural vibration.
-_MOST_EVENTS_AT_ONCE = 10_000
-_AT_ONCE = 1e-9
 #: Steps of a search between two calls of `interrupted`; few flights take more.
 _STEPS_AT_A_STRETCH = 8
 #: From this number of harmonics on, a sample takes long.
 _MANY_HARMONICS = 32
+#: Events between two looks at the table of them, in which there is room for more.
+_EVENTS_AT_A_STRETCH = 64
 _REMEDY = 'give a wider gap, a restitution below 1, or a slower start'
 
 
@@ -52,7 +61,7 @@ def origin_at_step(rig: RigConstants, origin: Origin, flight: Flight, instant: f
 
 def step_event(origin: Origin) -> Event:
     """Return the event as which a step is reported."""
-    return make_event(EventKind.FREQUENCY_STEP, 0, quiet(origin))
+    return make_event(EventKind.FREQUENCY_STEP, 0, origin)
 
 
 class HybridMotion:
@@ -68,6 +77,8 @@ class HybridMotion:
     _unreported: list[Event]
     _sweep: SteppedSine
     _step_due: float
+    #: Account of the modes; long runs have one that is read.
+    _in_mode: ClassVar = [0.0] * len(Mode)
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that the rig's future depends on."""
@@ -75,44 +86,23 @@ class HybridMotion:
 
     def _begin(self, origin: Origin) -> None:
         """Begin the flight of an origin."""
-        self._origin = origin
-        self._flight = launch(self._constants, origin)
-        self._searched = 0.0
-        self._clear = -inf
-        self._due = inf
-        self._watch: CrossingWatch | None = None
-        if origin.mode >= CHATTER_1:
-            self._expect(chatter_end(self._flight, origin.chatter_left))
-
-    def _expect(self, end: FlightEnd) -> None:
-        """Note the event that ends the flight, and its instant."""
-        self._end = end
-        self._due = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
+        self._here = open_flight(self._constants, origin, self._time)
 
     def _begin_all(self, origin: Origin) -> list[Event]:
         """Begin from a state of unknown mode, with the impact of m that moves into its stop."""
-        if origin.relative_velocity == 0.0:
-            self._begin(at_rest(self._constants, origin))
-            return []
-        on_1, on_2 = supports(origin)
-        if (on_1 and origin.relative_velocity > 0.0) or (on_2 and origin.relative_velocity < 0.0):
-            stop = 1 if origin.relative_velocity > 0.0 else 2
-            transition = struck(self._constants, origin, stop)
-            self._begin(transition.origin)
-            return impact_events(self._constants, self._parameters.damper_mass, transition)
-        mode = moving_mode(self._constants, origin.relative_velocity)
-        self._begin(origin._replace(mode=mode, chatter_left=0.0))
-        return []
+        rows = EventRows()
+        mass = self._parameters.damper_mass
+        origin, written = started(self._constants, mass, origin, rows, rows, 0)
+        self._begin(origin)
+        return rows.events(written)
 
-    def _sided(self, origin: Origin) -> Origin:
-        """Return the next origin, with the side of X if X is zero to round-off."""
-        return sided(self._constants.free, self._origin, self._flight, origin)
+    @property
+    def _origin(self) -> Origin:
+        return self._here.origin
 
-    def _crossings(self) -> CrossingWatch:
-        """Return the present flight's passages through X = 0."""
-        if self._watch is None:
-            self._watch = CrossingWatch(self._origin, self._flight)
-        return self._watch
+    @property
+    def _flight(self) -> Flight:
+        return self._here.flight
 
     @property
     def time(self) -> float:
@@ -137,29 +127,23 @@ class HybridMotion:
     @property
     def stops(self) -> tuple[float, float]:
         """Present positions Y of stop 1 and stop 2, m."""
-        here = self._here()
-        return here.stop_1, here.stop_2
+        present = self._present()
+        return present.stop_1, present.stop_2
 
     @property
     def stop_velocities(self) -> tuple[float, float]:
         """Present velocities of stop 1 and stop 2 relative to M, m/s."""
-        return stop_rates(self._origin, self._flight, self._here().relative_velocity)
+        return stop_rates(self._origin, self._flight, self._present().relative_velocity)
 
-    def _tau(self, time: float) -> float:
-        return (time - self._origin.time) - self._origin.time_low
-
-    def _here(self) -> Origin:
+    def _present(self) -> Origin:
         """Return the present state as an origin, without making it one."""
-        tau = max(0.0, self._tau(self._time))
-        return carried(self._origin, self._flight, end_at(self._flight, NO_EVENT, tau))
+        return state_at(self._here, self._time)
 
     def mark(self) -> dict[str, Any]:
         """Return a mark for `go_back`; far cheaper than a snapshot."""
         state = self.__dict__.copy()
         # All the rest of it is immutable.
         state['_unreported'] = self._unreported.copy()
-        if self._watch is not None:
-            state['_watch'] = copy(self._watch)
         return state
 
     def go_back(self, mark: dict[str, Any]) -> None:
@@ -230,77 +214,47 @@ class HybridMotion:
                 f'cannot advance to {time!r} s: give a finite time not before {self._time!r} s'
             )
         events, self._unreported = self._unreported, []
-        instant, at_once = -inf, 0
-        until, passing = time, False
         while True:
-            stretch = until if until < self._step_due else self._step_due
-            if (
-                self._due == inf
-                and stretch >= self._clear
-                and not self._search(stretch, interrupted)
-            ):
-                there = max(self._time, self._origin.time)
-                if there < until:
-                    until = there
-                    break
-                # All events of an instant that has been reached belong to it.
-                interrupted = None
-                continue
-            due = self._due if self._due <= self._step_due else self._step_due
-            if watch and not passing:
-                try:
-                    crossing = self._crossings().after(self._time, min(due, until), interrupted)
-                except SearchInterruptedError:
-                    there = max(self._time, self._origin.time)
-                    if there < until:
-                        until = there
-                        break
+            most = int(min(_EVENTS_AT_A_STRETCH, most_events - len(events)))
+            steps = ALL_STEPS if interrupted is None else _STEPS_AT_A_STRETCH
+            status, new = self._go(time, most, steps, watch=watch)
+            events += new
+            if status == RUNAWAY:
+                raise RunawayError(MOST_AT_ONCE, self._here.instant)
+            if status == PAUSED:
+                assert interrupted is not None
+                if self._time == time:
+                    # All events of an instant that has been reached belong to it.
                     interrupted = None
-                    continue
-                if crossing is not None:
-                    # Other events of that instant come first.
-                    until, passing, interrupted = crossing, True, None
-            if due > until:
-                break
-            if len(events) >= most_events and not passing:
-                until = max(self._time, self._origin.time)
-                break
-            events += self._pass_event() if self._due <= due else self._step_frequency()
-            if self._origin.time > instant + _AT_ONCE / self._constants.joint.frequency:
-                instant, at_once = self._origin.time, 0
-            at_once += 1
-            if at_once > _MOST_EVENTS_AT_ONCE:
-                raise RunawayError(_MOST_EVENTS_AT_ONCE, instant)
-            if interrupted is not None and self._origin.time < until and interrupted():
-                until = max(self._time, self._origin.time)
-                break
-        self._time = until
-        if passing:
-            events.append(
-                make_event(EventKind.CROSSING, 0, quiet(self._here()))._replace(time=until)
-            )
-        return events
-
-    def _search(self, time: float, interrupted: Callable[[], bool] | None = None) -> bool:
-        """Search for the event that ends the flight up to a time; false if interrupted."""
-        # An event that rounds to that time belongs to it.
-        limit = self._tau(nextafter(time, inf))
-        while True:
-            if interrupted is None:
-                end = flight_end(self._flight, self._searched, limit)
+                elif interrupted():
+                    return events
+            elif status in (SPENT, FULL) and len(events) < most_events:
+                continue
+            elif status != DONE or self._step_due > time or len(events) >= most_events:
+                return events
             else:
-                end = flight_end(self._flight, self._searched, limit, _STEPS_AT_A_STRETCH)
-            if end.kind != NO_EVENT:
-                self._expect(end)
-                return True
-            self._searched = end.tau
-            # No event up to here, less a digit
-            reached = advance_time(self._origin.time, self._origin.time_low, end.tau)[0]
-            self._clear = reached - 4.0 * ulp(reached)
-            if interrupted is None or not end.tau <= limit:
-                return True
-            if interrupted():
-                return False
+                events += self._step_frequency()
+
+    def _go(self, time: float, most: int, steps: int, *, watch: bool) -> tuple[int, list[Event]]:
+        """Run to a time or the next step of the frequency; return the status and events."""
+        rows, until = EventRows(), min(time, self._step_due)
+        status, self._time, self._here, written, _ = go_on(
+            self._constants,
+            self._parameters.damper_mass,
+            self._here,
+            self._time,
+            until,
+            until,
+            watch,
+            most,
+            steps,
+            rows,
+            rows,
+            MOST_TOGETHER,
+            0,
+            self._in_mode,
+        )
+        return status, rows.events(written)
 
     def _step_frequency(self) -> list[Event]:
         """Go on to the next frequency of the stepped sine, at an exact instant."""
@@ -312,14 +266,6 @@ class HybridMotion:
         self._begin(there)
         return [step_event(there)]
 
-    def _pass_event(self) -> list[Event]:
-        """Resolve the event that ends the flight, and begin the next flight."""
-        kind, before = self._end.kind, self._origin
-        transition = resolve(self._constants, before, self._flight, self._end)
-        self._begin(self._sided(transition.origin))
-        mass = self._parameters.damper_mass
-        return transition_events(self._constants, mass, kind, before, transition)
-
     def sample(self) -> Sample:
         """Return the motion at the present time, after any event at that instant."""
         return self._sample_at(self._time)
@@ -328,13 +274,7 @@ class HybridMotion:
         self, times: Sequence[float], interrupted: Callable[[], bool] | None = None
     ) -> list[Sample]:
         """Return the motion at those of the later instants that the present flight reaches."""
-        last = max(times, default=-inf)
-        until = min(self._due, self._step_due)
-        if self._due == inf and last >= self._clear:
-            decided = self._search(last, interrupted)
-            until = min(self._due, self._step_due)
-            if not decided:
-                until = min(until, self._clear)
+        until = min(self._foresee(max(times, default=-inf), interrupted), self._step_due)
         if interrupted is None or len(self._constants.phases) < _MANY_HARMONICS:
             return [self._sample_at(time) for time in times if time < until]
         samples = []
@@ -346,24 +286,27 @@ class HybridMotion:
                 break
         return samples
 
+    def _foresee(self, time: float, interrupted: Callable[[], bool] | None) -> float:
+        """Return up to when the present flight goes on; infinity if beyond that time."""
+        here = self._here
+        if here.due < inf:
+            return here.due
+        limit = (time - here.origin.time) - here.origin.time_low + 4.0 * ulp(time)
+        steps = ALL_STEPS if interrupted is None else _STEPS_AT_A_STRETCH
+        ending = here.ending
+        while ending.kind == NO_EVENT and ending.tau <= limit:
+            ending = flight_end(here.flight, ending.tau, limit, steps)
+            if interrupted is not None and interrupted():
+                break
+        reached = advance_time(here.origin.time, here.origin.time_low, ending.tau)[0]
+        if ending.kind != NO_EVENT:
+            self._here = here._replace(ending=ending, due=reached)
+            return reached
+        self._here = here._replace(ending=ending)
+        return inf if ending.tau > limit else reached - 4.0 * ulp(reached)
+
     def _sample_at(self, time: float) -> Sample:
         """Return the motion at an instant of the present flight."""
-        origin, flight = self._origin, self._flight
-        tau = max(0.0, self._tau(time))
-        motion = motion_at(flight, tau)
-        place = placed(origin, flight, tau, motion.travel)
-        _, _, stop_1, stop_2 = place
-        speed = 0.0 if flight.joint else motion.relative_velocity
-        rate_1, rate_2 = stop_rates(origin, flight, speed)
-        x, velocity = motion.x, motion.velocity
-        return Sample(
-            time,
-            x,
-            velocity,
-            x + offset_of(*place),
-            velocity + speed,
-            x + stop_1,
-            x + stop_2,
-            velocity + rate_1,
-            velocity + rate_2,
-        )
+        row = EventRows()
+        write_sample(row, 0, self._here, time)
+        return Sample(*row.values())

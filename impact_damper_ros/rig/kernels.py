@@ -4,7 +4,8 @@ Registry of the scalar kernels: functions of floats and named tuples that numba 
 A kernel runs as plain Python, so that a program starts without waiting for a compiler. `compiled`
 returns the same functions compiled; both forms do the same floating-point operations in the same
 order. Where a kernel takes a tuple with an entry for each harmonic, the compiled one also takes an
-array, and is then the same code for any number of harmonics.
+array, and is then the same code for any number of harmonics. A state that kernels change is a
+dataclass of numbers marked by `state`; compiled kernels take it as `packed`.
 
 numba caches compiled code by the source file of a function, but a kernel calls kernels of other
 files. All of them therefore share one stamp file in place of their sources, in a directory named
@@ -16,13 +17,16 @@ user, or holds a file of another user, is not used.
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import stat
 import sys
 import tempfile
+import threading
 import types
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import repeat
@@ -31,15 +35,18 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 _STAMP = 'kernels.py'
+#: Folders of the package that have kernels.
+_FOLDERS = ('rig', 'control')
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def _digest() -> str:
-    """Return a digest of all sources of this folder and of the versions of the compiler."""
+    """Return a digest of all sources of kernels and of the versions of the compiler."""
     digest = hashlib.sha256()
     for text in (sys.version, version('numba'), version('llvmlite')):
         digest.update(text.encode() + b'\0')
-    for path in sorted(Path(__file__).parent.glob('*.py')):
+    package = Path(__file__).parent.parent
+    for path in sorted(path for folder in _FOLDERS for path in package.glob(f'{folder}/*.py')):
         digest.update(path.name.encode() + b'\0' + path.read_bytes() + b'\0')
     return digest.hexdigest()[:24]
 
@@ -117,16 +124,39 @@ def stamp_file() -> Path | None:
     return None
 
 
+#: After so long, s, a compilation is reported.
+_PATIENCE = 3.0
+
+
 @contextmanager
-def compiling_alone(stamp: Path | None) -> Iterator[None]:
-    """Let one process compile at a time; the others load its result."""
+def _reported(text: str) -> Iterator[None]:
+    """Log what takes long, once it has taken some time."""
+    notice = threading.Timer(_PATIENCE, logging.getLogger(__package__).warning, (text,))
+    notice.daemon = True
+    notice.start()
+    try:
+        yield
+    finally:
+        notice.cancel()
+
+
+@contextmanager
+def compiling_alone(stamp: Path | None, form: str) -> Iterator[None]:
+    """Let one process at a time compile a form of the kernels; the others load its result."""
+    text = 'compiling the simulator: about a minute, once for each version'
+    with _reported(text), _locked(stamp, form):
+        yield
+
+
+@contextmanager
+def _locked(stamp: Path | None, form: str) -> Iterator[None]:
     if stamp is None:
         yield
         return
     try:
         import fcntl
 
-        lock = os.open(stamp.with_suffix('.lock'), os.O_RDWR | os.O_CREAT, 0o600)
+        lock = os.open(stamp.with_name(f'{form}.lock'), os.O_RDWR | os.O_CREAT, 0o600)
     except (ImportError, OSError):
         yield
         return
@@ -157,6 +187,37 @@ def record(cls: C) -> C:
     return cls
 
 
+_KINDS = {'float': 'f8', 'int': 'i8', 'bool': '?'}
+
+
+def state(cls: C) -> C:
+    """
+    Mark a dataclass as a state that kernels change, and return it unchanged.
+
+    Every field is annotated as `float`, `int` or `bool`.
+    """
+    for entry in fields(cls):
+        if entry.type not in _KINDS:
+            raise TypeError(f'{cls.__name__}.{entry.name} is of type {entry.type!r}')
+    return cls
+
+
+def packed(state: Any) -> Any:
+    """Return a copy of a state for compiled kernels: a record with the same fields."""
+    import numpy as np
+
+    entries = fields(state)
+    fields_of = [(entry.name, _KINDS[str(entry.type)]) for entry in entries]
+    kinds = np.dtype((np.record, fields_of))
+    return np.array([tuple(getattr(state, entry.name) for entry in entries)], kinds)[0]
+
+
+def unpack(record: Any, state: Any) -> None:
+    """Set a state to what compiled kernels have made of its record."""
+    for entry, value in zip(fields(state), record.item(), strict=True):
+        setattr(state, entry.name, value)
+
+
 def _register(name: str) -> None:
     if name in _KERNELS or name in _ELEMENTWISE:
         raise ValueError(f'there are two kernels named {name}; compiled ones share a namespace')
@@ -167,15 +228,23 @@ def kernel(function: F) -> F: ...
 
 
 @overload
-def kernel(*, inline: bool) -> Callable[[F], F]: ...
+def kernel(
+    *, inline: bool = False, twin: Callable[..., Any] | None = None
+) -> Callable[[F], F]: ...
 
 
-def kernel(function: F | None = None, *, inline: bool = False) -> F | Callable[[F], F]:
-    """Mark a function as a kernel and return it unchanged."""
+def kernel(
+    function: F | None = None, *, inline: bool = False, twin: Callable[..., Any] | None = None
+) -> F | Callable[[F], F]:
+    """
+    Mark a function as a kernel and return it unchanged.
+
+    With a `twin`, that one is compiled in its place.
+    """
 
     def mark(function: F) -> F:
         _register(function.__name__)
-        _KERNELS[function.__name__] = function
+        _KERNELS[function.__name__] = twin or function
         if inline:
             _INLINE.add(function.__name__)
         return function
@@ -348,9 +417,19 @@ def _compile_replace() -> None:
 
 
 @cache
-def stamp() -> Path | None:
-    """Return the stamp file of this process."""
-    return stamp_file()
+def stamp(form: str = '') -> Path | None:
+    """Return the stamp file of this process, or the one of a form of the kernels."""
+    if not form:
+        return stamp_file()
+    path = stamp()
+    if path is None:
+        return None
+    path = path.with_name(f'{path.stem}_{form}{path.suffix}')
+    try:
+        _write_stamp(path)
+    except OSError:
+        return None
+    return path
 
 
 def _share(function: types.FunctionType, namespace: dict[str, Any]) -> None:
@@ -365,8 +444,18 @@ def _share(function: types.FunctionType, namespace: dict[str, Any]) -> None:
                 )
 
 
-def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Compile every kernel imported so far with numba."""
+def compiled(
+    *,
+    cached: tuple[str, ...] = (),
+    given: dict[str, Callable[..., Any]] | None = None,
+    form: str = '',
+) -> dict[str, Any]:
+    """
+    Compile every kernel imported so far with numba.
+
+    Functions `given` by name take the place of kernels, with globals of their own. What is
+    `cached` is kept by the name of the `form`, which says what is given.
+    """
     import numba
 
     _compile_replace()
@@ -385,7 +474,7 @@ def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
     for name, function in _KERNELS.items():
         assert isinstance(function, types.FunctionType)
         code = function.__code__
-        keep = stamp() if name in cached else None
+        keep = stamp(form) if name in cached else None
         if keep is not None:
             code = code.replace(co_filename=str(keep))
         twin = types.FunctionType(
@@ -400,4 +489,7 @@ def compiled(*, cached: tuple[str, ...] = ()) -> dict[str, Any]:
             forceinline=name in _INLINE,
             cache=keep is not None,
         )
+    for name, function in (given or {}).items():
+        is_plain = isinstance(function, types.FunctionType)
+        namespace[name] = numba.njit(function, error_model='numpy') if is_plain else function
     return {name: namespace[name] for name in _KERNELS}

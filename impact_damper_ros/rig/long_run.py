@@ -7,7 +7,7 @@ snapshots, so that one can continue the other.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from enum import IntEnum
 from functools import cache
 from importlib.util import find_spec
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from .event import MOST_ROWS, Event, EventKind, Sample
+from .event import Event, EventKind, Sample
 from .forcing import SteppedSine, frequency_at
 from .hybrid_motion import origin_at_step, step_event
 from .kernels import compiled as compile_kernels
@@ -25,7 +25,7 @@ from .kernels import compiling_alone, stamp
 from .mode import Mode, RigConstants, launch, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
-from .run_loop import DONE, FULL, RUNAWAY, SPENT, Progress, run_through
+from .run_loop import DONE, FULL, ROWS_AT_ONCE, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator, Snapshot
 
 #: One event, as `Event`, and the mode after it.
@@ -121,15 +121,6 @@ class RunResult(NamedTuple):
         return found
 
 
-def event_table(events: Sequence[Event], modes: Iterable[int]) -> Events:
-    """Return events as an array, each with the mode after it."""
-    rows = [
-        (event.time, *event[3:], event.kind, event.stop, mode)
-        for event, mode in zip(events, modes, strict=True)
-    ]
-    return np.array(rows, EVENT_TYPE)
-
-
 class EventTable:
     """The events of a run while it goes on."""
 
@@ -148,12 +139,14 @@ class EventTable:
         if not self._record or not events:
             return
         rows = self._rows(len(events), 0.0)
-        rows[: len(events)] = event_table(events, [mode] * len(events))
+        rows[: len(events)] = [
+            (event.time, *event[3:], event.kind, event.stop, mode) for event in events
+        ]
         self._written += len(events)
 
     def room(self, done: float) -> Events:
-        """Return rows for one transition at least; none if events are not kept."""
-        return self._rows(MOST_ROWS, done) if self._record else self._table
+        """Return rows for the events of one instant at least; none if events are not kept."""
+        return self._rows(ROWS_AT_ONCE, done) if self._record else self._table
 
     def wrote(self, count: int) -> None:
         """Count rows that have been written."""
@@ -177,29 +170,41 @@ def has_numba() -> bool:
 
 @cache
 def _compiled_loop() -> Any:
-    """Return the compiled run loop."""
-    return compile_kernels(cached=('run_through',))['run_through']
+    """Return the run loop, compiled or about to be."""
+    name = run_through.__name__
+    return compile_kernels(cached=(name,))[name]
 
 
-#: Forms of the loop, with arrays or without, that are compiled in this process.
-_READY: set[bool] = set()
+#: Forms of loops that are compiled in this process.
+_READY: set[str] = set()
 
 
 class Loop:
     """The run loop."""
 
+    _name = run_through.__name__
+    _plain: Any = staticmethod(run_through)
+
     def __init__(self, constants: RigConstants, damper_mass: float, *, compiled: bool) -> None:
         self.constants = constants
         self.compiled = compiled
         self._damper_mass = damper_mass
-        self._loop = _compiled_loop() if compiled else run_through
+        self._loop = self._compile() if compiled else self._plain
         # One harmonic is compiled as a tuple, any other number of them as arrays.
         self._arrays = compiled and len(constants.phases) != 1
         self._packed = _with_arrays(constants) if self._arrays else constants
 
+    def _compile(self) -> Any:
+        """Return the compiled loop, or one about to be."""
+        return _compiled_loop()
+
     def turned_to(self, constants: RigConstants) -> Self:
         """Return the loop of the same rig at other frequencies."""
         return type(self)(constants, self._damper_mass, compiled=self.compiled)
+
+    def begun(self) -> Self:
+        """Return the loop for one advance, which may be given up."""
+        return self
 
     def packed(self, origin: Origin) -> Any:
         """Return an origin in the form of the loop."""
@@ -221,10 +226,11 @@ class Loop:
         table: Events,
         most: int,
         in_mode: Any,
+        step_due: float = inf,
     ) -> Progress:
         """Run until the end or until the loop stops; see `run_through`."""
-        shape = len(table), len(EVENT_TYPE.names or ())
-        arguments = (
+        del step_due  # no end is after it
+        return self._call(
             self._packed,
             self._damper_mass,
             progress.origin,
@@ -233,19 +239,28 @@ class Loop:
             instants,
             progress.sampled,
             samples,
-            table.view('f8').reshape(shape),
-            table.view('i8').reshape(shape),
+            *tables(table),
+            0,
             most,
             in_mode,
         )
-        if not self.compiled or self._arrays in _READY:
-            reached = self._loop(*arguments)
-        else:
-            with compiling_alone(stamp()):
-                reached = self._loop(*arguments)
-            _READY.add(self._arrays)
+
+    def _call(self, *arguments: Any) -> Progress:
+        """Call the loop, alone if it may have to be compiled."""
+        form = f'{self._name}{"_with_arrays" if self._arrays else ""}'
+        if self.compiled and form not in _READY:
+            with compiling_alone(stamp(), form):
+                self._loop.compile(tuple(map(self._loop.typeof_pyval, arguments)))
+            _READY.add(form)
+        reached = self._loop(*arguments)
         status, origin, *others = reached
         return Progress(status, Origin(*origin), *others)
+
+
+def tables(rows: Events) -> tuple[Any, Any]:
+    """Return rows of events as kernels write them: as floats and as codes."""
+    shape = len(rows), len(EVENT_TYPE.names or ())
+    return rows.view('f8').reshape(shape), rows.view('i8').reshape(shape)
 
 
 def _with_arrays(values: Any) -> Any:
@@ -305,8 +320,12 @@ class LongRun:
 
     def _take(self, state: Snapshot) -> None:
         self._state = state
-        constants = _constants_at(state.parameters, state.sweep)
-        self._loop = Loop(constants, state.parameters.damper_mass, compiled=self._compiled)
+        self._loop = self._loop_of(state)
+
+    def _loop_of(self, state: Snapshot) -> Loop:
+        """Return the run loop of the rig."""
+        constants = constants_at(state.parameters, state.sweep)
+        return Loop(constants, state.parameters.damper_mass, compiled=self._compiled)
 
     @classmethod
     def restore(cls, snapshot: dict[str, Any], *, compiled: bool | None = None) -> LongRun:
@@ -421,7 +440,7 @@ class LongRun:
         table.add(state.unreported, self.mode)
         happened = 0
         origin, sweep, reached, sampled = state.origin, state.sweep, state.time, 0
-        loop = self._loop
+        loop = self._loop.begun()
         while True:
             due = sweep.due(state.parameters)
             end, count = time, len(when)
@@ -439,6 +458,7 @@ class LongRun:
                     table.room(done),
                     most_events - happened,
                     in_mode,
+                    due,
                 )
                 happened += progress.happened
                 table.wrote(progress.written)
@@ -450,7 +470,7 @@ class LongRun:
                 break
             origin = origin_at_step(loop.constants, origin, launch(loop.constants, origin), due)
             sweep = SteppedSine(sweep.start, sweep.step + 1)
-            loop = loop.turned_to(_constants_at(state.parameters, sweep))
+            loop = loop.turned_to(constants_at(state.parameters, sweep))
             table.add([step_event(origin)], origin.mode)
             happened += 1
         # In one statement: an exception from a signal leaves the rig as it was
@@ -467,6 +487,6 @@ class LongRun:
         )
 
 
-def _constants_at(parameters: RigParameters, sweep: SteppedSine) -> RigConstants:
+def constants_at(parameters: RigParameters, sweep: SteppedSine) -> RigConstants:
     """Return the rig at its present frequency."""
     return rig_constants(parameters, frequency_at(parameters, sweep.step))

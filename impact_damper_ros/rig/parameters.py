@@ -305,9 +305,9 @@ class GapControlParameters(ParameterTable):
 
     gap_control: str = string_field(
         'off',
-        ('off', 'amplitude', 'timed'),
+        ('off', 'amplitude', 'timed', 'predictive'),
         'Law that moves the stops: off holds them at the gap, amplitude follows the vibration, '
-        'timed closes a stop on m where M is fastest.',
+        'timed closes a stop on m where M is fastest, predictive tries places in the simulator.',
     )
     gap_control_stops: str = string_field(
         'independent',
@@ -342,6 +342,13 @@ class GapControlParameters(ParameterTable):
         2.0,
         '',
         'Part of the way to that instant by which a stop is moved at each impact.',
+    )
+    gap_control_horizon: float = double_field(
+        1.25,
+        0.1,
+        100.0,
+        '',
+        'Time after which the predictive law wants the least energy of M, in half cycles.',
     )
     gap_control_smoothing: float = double_field(
         0.3, 1e-3, 1.0, '', 'Weight of the last half cycle in the estimate of the amplitude of X.'

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, nan
 from typing import Any, NamedTuple, Self
 
-from .changes import StopOutcome, changed, check_command, commanded, kept_angles, supports
-from .event import Event, EventKind, make_event, quiet, support_events
+from .changes import changed, check_command, kept_angles
+from .crossing import sided
+from .event import Event, EventKind, EventRows
 from .forcing import SWEEP_FIELDS, SteppedSine, frequency_at
 from .hybrid_motion import HybridMotion
 from .mode import STICK, RigConstants, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
+from .run_loop import stops_moved
 
 _FORMAT = 2
 #: Formats that can be read. The first had neither moving stops nor a stepped sine.
 FORMATS = (1, 2)
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
-#: high its bounces were.
-ARITHMETIC = 4
+#: high its bounces were, 4 polished the passages of X through zero by bisection and took the
+#: measured Y from the difference of Z and X.
+ARITHMETIC = 5
 
 
 class Snapshot(NamedTuple):
@@ -218,9 +221,9 @@ class Simulator(HybridMotion):
             self._sweep = SteppedSine.begun(parameters, self._time)
         constants = rig_constants(parameters, frequency_at(parameters, self._sweep.step))
         shift = before.static_deflection - parameters.static_deflection
-        here = self._here()
+        here = self._present()
         if shift == 0.0:
-            here = self._sided(here)
+            here = sided(self._constants.free, self._origin, self._flight, here)
         own = len(before.force_phases), len(parameters.force_phases)
         lines = len(self._constants.phases) - own[0], len(constants.phases) - own[1]
         angles = kept_angles(here.angles, own, lines)
@@ -266,29 +269,25 @@ class Simulator(HybridMotion):
         and the impact that ends its motion there is plastic.
         """
         constants = self._constants
-        targets = [(n, t) for n, t in ((1, stop_1), (2, stop_2)) if t is not None]
-        for stop, target in targets:
-            check_command(constants.one_sided, stop, target, speed)
-        before = self._here()
-        here, outcomes = self._sided(before), []
-        for stop, target in targets:
-            here, outcome = commanded(constants.one_sided, here, stop, float(target), float(speed))
-            outcomes.append((stop, outcome))
-        kinds = {
-            StopOutcome.ARRIVED: EventKind.STOP_ARRIVED,
-            StopOutcome.TOUCHED: EventKind.STOP_TOUCHED,
-        }
-        events = [
-            make_event(kinds[outcome], stop, quiet(here))
-            for stop, outcome in outcomes
-            if outcome in kinds
-        ]
-        if supports(here) == supports(before):
-            self._begin(here)
-        else:
-            hit = self._begin_all(here)
-            events += hit or support_events(before.mode, quiet(self._origin))
-        return events
+        for stop, target in ((1, stop_1), (2, stop_2)):
+            if target is not None:
+                check_command(constants.one_sided, stop, target, speed)
+        rows = EventRows()
+        origin, written = stops_moved(
+            constants,
+            self._parameters.damper_mass,
+            self._here,
+            self._time,
+            False,
+            nan if stop_1 is None else float(stop_1),
+            nan if stop_2 is None else float(stop_2),
+            float(speed),
+            rows,
+            rows,
+            0,
+        )
+        self._begin(origin)
+        return rows.events(written)
 
     def reset(self, initial: InitialConditions | None = None) -> None:
         """
@@ -323,7 +322,7 @@ class Simulator(HybridMotion):
 
     def state_here(self) -> Snapshot:
         """Return the snapshot with a flight that begins now: the same motion, to round-off."""
-        return self.state()._replace(origin=self._here())
+        return self.state()._replace(origin=self._present())
 
     @classmethod
     def restore(cls, snapshot: dict[str, Any]) -> Self:

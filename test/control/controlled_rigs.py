@@ -30,7 +30,7 @@ def random_control(rng: random.Random) -> GapControlParameters:
     """Return a control of any kind."""
     gap_min = 10 ** rng.uniform(-3, 0)
     return GapControlParameters(
-        gap_control=rng.choice(['amplitude', 'timed', 'timed']),
+        gap_control=rng.choice(['amplitude', 'timed', 'timed', 'predictive']),
         gap_control_stops=rng.choice(['symmetric', 'independent']),
         gap_control_gain=rng.uniform(0.2, 1.2),
         gap_control_park=rng.uniform(0.5, 3),

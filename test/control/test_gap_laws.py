@@ -58,3 +58,42 @@ def test_stops_of_their_own_on_an_incline():
         assert found['amplitude', 'symmetric'] > 0.25
         assert found['amplitude', 'independent'] < 0.037
         assert found['timed', 'independent'] < 0.0355
+
+
+def rms(rig, law, settled=300.0, until=900.0):
+    """Return the root mean square of X, m."""
+    run = ControlledRig(rig, control=law)
+    run.advance(settled)
+    squares = []
+    while run.time < until:
+        run.advance(run.time + 0.2)
+        squares.append(run.sample().x ** 2)
+    return math.sqrt(sum(squares) / len(squares))
+
+
+@pytest.mark.parametrize(
+    ('rig', 'share'),
+    [
+        (TRIAL, 1.0),
+        (TRIAL.replace(force_frequencies=[0.9]), 0.92),
+        (TRIAL.replace(multisine_level=1.0, force_amplitudes=[0.0]), 0.94),
+        (RigParameters(angle=math.radians(45.0), friction=0.5, gravity=1.0), 1.0),
+    ],
+    ids=['resonance', 'off resonance', 'broadband', 'incline'],
+)
+def test_the_law_that_knows_the_model_is_better(rig, share):
+    """Than the timed law, which does not."""
+    assert rms(rig, control('predictive')) < share * rms(rig, control('timed'))
+
+
+@pytest.mark.parametrize(
+    'values',
+    [
+        {'actuator_delay': 0.3},
+        {'actuator_speed': 20.0},
+        {'gap_control_stops': 'symmetric'},
+        {'actuator_delay': 0.3, 'actuator_speed': 20.0},
+    ],
+)
+def test_the_model_holds_the_actuators(values):
+    assert ratio('predictive', cycles=120, **values) < 1.1 * IDEAL

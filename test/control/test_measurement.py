@@ -4,14 +4,20 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.control import GapControlParameters
-from impact_damper_ros.control.sensors import measured, noise
-from impact_damper_ros.rig import Sample
+from impact_damper_ros.control.controller import Control, measured
+from impact_damper_ros.control.sensors import sensor_noise
+from impact_damper_ros.rig import RigParameters
 
-SAMPLE = Sample(2.5, 1.0, -2.0, 1.75, 0.5, 3.0, -2.0, -2.0, -2.0)
+#: Time, X, X', Y, Y', and the stops
+MOTION = (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
+
+
+def noise(seed, index):
+    return sensor_noise(seed, index, 1.0, 1.0)
 
 
 def test_without_noise_the_sample_itself():
-    seen = measured(SAMPLE, 3, GapControlParameters())
+    seen = measured(Control.of(GapControlParameters(), RigParameters()), 3, *MOTION)
     assert seen == (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
     assert (seen.z, seen.z_rate) == (1.75, 0.5)
 
@@ -45,7 +51,8 @@ def test_noise_has_the_standard_deviations_asked_for():
     control = GapControlParameters(
         gap_control_noise_position=0.1, gap_control_noise_velocity=2.0, gap_control_seed=9
     )
-    seen = np.array([measured(SAMPLE, k, control) for k in range(5000)])
+    there = Control.of(control, RigParameters())
+    seen = np.array([measured(there, k, *MOTION) for k in range(5000)])
     assert np.std(seen[:, (1, 3)], axis=0) == pytest.approx([0.1, 0.1], rel=0.04)
     assert np.std(seen[:, (2, 4)], axis=0) == pytest.approx([2.0, 2.0], rel=0.04)
     # Instant and encoders are exact.

@@ -1,13 +1,28 @@
 """The observer and the actuators, on their own."""
 
 import math
+import random
 
 import pytest
 
 from control.controlled_rigs import TRIAL, control
-from impact_damper_ros.control import ControlledRig, GapControlParameters, damper_of
-from impact_damper_ros.control.actuator import Actuators
-from impact_damper_ros.control.sensors import Measurement, Observer
+from impact_damper_ros.control import ControlledRig, damper_of
+from impact_damper_ros.control.actuator import (
+    commands_full,
+    next_command,
+    order_stops,
+    start_command,
+    stop_stopped,
+)
+from impact_damper_ros.control.controller import Control
+from impact_damper_ros.control.sensors import (
+    Measurement,
+    Observer,
+    forget_hits,
+    next_passage,
+    note_crossing,
+    observe_sample,
+)
 from impact_damper_ros.rig import EventKind
 
 
@@ -28,9 +43,9 @@ def watched_sine(cycles=20, smoothing=0.3):
             k += 1
             time = 0.02 * k
             if time < crossing * half:
-                observer.see(sine(time), 1.5 / 1.1, 0.0)
+                observe_sample(observer, sine(time), 1.5 / 1.1, 0.0)
         k -= 1
-        observer.cross(crossing * half, smoothing)
+        note_crossing(observer, crossing * half, smoothing)
     return observer
 
 
@@ -42,11 +57,11 @@ def test_amplitude_and_rhythm_of_a_sine():
 
 def test_the_amplitude_is_smoothed_as_the_law_says():
     observer = Observer()
-    observer.cross(0.0, 0.25)
+    assert not note_crossing(observer, 0.0, 0.25)
     assert observer.amplitude == 0.0
     for k, peak in enumerate((4.0, 2.0, 2.0), start=1):
-        observer.see(sine(k - 0.5)._replace(x=-peak), 1.5, 0.0)
-        observer.cross(float(k), 0.25)
+        observe_sample(observer, sine(k - 0.5)._replace(x=-peak), 1.5, 0.0)
+        assert note_crossing(observer, float(k), 0.25)
     assert observer.amplitude == pytest.approx(0.25 * 2 + 0.75 * (0.25 * 2 + 0.75 * 0.25 * 4))
 
 
@@ -54,8 +69,8 @@ def test_the_amplitude_is_smoothed_as_the_law_says():
 def test_the_next_passage_is_foreseen(ahead):
     observer = watched_sine()
     crossing = 40 * math.pi / 0.7
-    observer.see(sine(crossing - ahead), 1.5 / 1.1, 0.0)
-    seen = observer.next_passage()
+    observe_sample(observer, sine(crossing - ahead), 1.5 / 1.1, 0.0)
+    seen = next_passage(observer)
     assert seen.time == pytest.approx(crossing, rel=1e-9)
     assert seen.x_rate == pytest.approx(3.0 * 0.7, rel=1e-9)
     assert seen.y == pytest.approx(1.0 + 0.4 * crossing, rel=1e-9)
@@ -66,9 +81,9 @@ def test_no_passage_is_foreseen_just_after_one():
     observer = watched_sine()
     crossing = 39 * math.pi / 0.7
     for x in (1e-3, -1e-3):
-        observer.see(sine(crossing + 0.01)._replace(x=x), 1.5 / 1.1, 0.0)
-        seen = observer.next_passage()
-        assert seen is None or seen.time > crossing + 2.0
+        observe_sample(observer, sine(crossing + 0.01)._replace(x=x), 1.5 / 1.1, 0.0)
+        seen = next_passage(observer)
+        assert math.isnan(seen.time) or seen.time > crossing + 2.0
 
 
 @pytest.mark.parametrize('rate', [2.0, 5.0, 20.0])
@@ -83,15 +98,18 @@ def test_impacts_are_found_between_the_samples(rate):
         events += rig.advance(k / rate)
         s = rig.sample()
         y_rate = s.damper_velocity - s.primary_velocity
-        observer.see(
+        observe_sample(
+            observer,
             Measurement(s.time, s.x, s.primary_velocity, s.z - s.x, y_rate, 10.0, -10.0),
             rebound,
             0.0,
         )
-        for stop, hit in ((1, observer.hit_1), (2, observer.hit_2)):
-            if hit:
-                found.append((hit[0], stop, hit[1]))
-        observer.forget_hits()
+        hits = (
+            (observer.hit_time_1, 1, observer.hit_speed_1),
+            (observer.hit_time_2, 2, observer.hit_speed_2),
+        )
+        found += [hit for hit in hits if not math.isnan(hit[0])]
+        forget_hits(observer)
     impacts = [
         (e.time, e.stop, abs(e.damper_velocity_before - e.primary_velocity_before))
         for e in events
@@ -106,29 +124,55 @@ def test_impacts_are_found_between_the_samples(rate):
         assert hit[2] == pytest.approx(impact[2], abs=4.0 / rate)
 
 
+def actuators_of(**values):
+    """Return a control of stops at 1 and -1, and its actuators."""
+    there = Control.of(control('timed', **values), TRIAL.replace(gap=2.0))
+    return there, there.actuators
+
+
 def test_commands_wait_for_the_delay_in_order():
-    p = GapControlParameters(actuator_delay=0.5, actuator_speed=2.0, actuator_mass=0.1)
-    actuators = Actuators()
-    actuators.settle(1.0)
-    actuators.order(1.0, 0.5, None, p)
-    actuators.order(1.2, 1.0, -0.6, p)
+    there, actuators = actuators_of(actuator_delay=0.5, actuator_speed=2.0, actuator_mass=0.1)
+    order_stops(there, 1.0, 0.5, math.nan)
+    order_stops(there, 1.2, 1.0, -0.6)
     # One that is to be given later does not hold up the next.
-    actuators.order(1.1, None, -0.7, p)
-    assert [c.time for c in actuators.waiting] == [1.5, 1.6, 1.7]
-    assert actuators.due == 1.5
-    assert actuators.start((1.0, -1.0), p) == (0.5, None)
-    assert actuators.velocities == [-2.0, 0.0]
+    order_stops(there, 1.1, math.nan, -0.7)
+    assert [time for time, _, _ in there.waiting] == [1.5, 1.6, 1.7]
+    assert next_command(there) == 1.5
+    assert start_command(there, 1.0, -1.0) == (0.5, pytest.approx(math.nan, nan_ok=True))
+    assert (actuators.velocity_1, actuators.velocity_2) == (-2.0, 0.0)
     # 0.1 s later it has come 0.2 m far; the other one starts.
-    assert actuators.start((0.8, -1.0), p) == (None, -0.7)
-    assert actuators.velocities == [-2.0, 2.0]
+    assert start_command(there, 0.8, -1.0) == (pytest.approx(math.nan, nan_ok=True), -0.7)
+    assert (actuators.velocity_1, actuators.velocity_2) == (-2.0, 2.0)
     # Turned round on its way: paid for once more; the other goes on as it is.
-    assert actuators.start((0.6, -0.8), p) == (1.0, -0.6)
-    assert actuators.velocities == [2.0, 2.0]
-    assert actuators.energies == pytest.approx([2 * 0.5 * 0.1 * 4.0, 0.5 * 0.1 * 4.0])
-    assert actuators.due is None
-    actuators.stopped(1, 0.9)
-    assert actuators.commanded == [0.9, -0.7]
-    assert actuators.velocities == [0.0, 2.0]
+    assert start_command(there, 0.6, -0.8) == (1.0, -0.6)
+    assert (actuators.velocity_1, actuators.velocity_2) == (2.0, 2.0)
+    spent = actuators.energy_1, actuators.energy_2
+    assert spent == pytest.approx([2 * 0.5 * 0.1 * 4.0, 0.5 * 0.1 * 4.0])
+    assert next_command(there) == math.inf
+    stop_stopped(there, 1, 0.9)
+    assert (actuators.commanded_1, actuators.commanded_2) == (0.9, -0.7)
+    assert (actuators.velocity_1, actuators.velocity_2) == (0.0, 2.0)
+
+
+def test_no_command_is_lost_however_many_wait():
+    """Against a list that is sorted; the ring begins anywhere, and is enlarged on the way."""
+    rng = random.Random(1)
+    there, _ = actuators_of()
+    expected = []
+    largest = 0
+    for k in range(2000):
+        if commands_full(there):
+            there = there.enlarged()
+        if rng.random() < (0.6 if k % 400 < 200 else 0.35):
+            issue, target = round(rng.uniform(0.0, 3.0), 1), float(k)
+            order_stops(there, issue, target, math.nan)
+            expected = sorted([*expected, (issue, target)], key=lambda command: command[0])
+        elif expected:
+            assert next_command(there) == expected[0][0]
+            assert start_command(there, 0.0, 0.0)[0] == expected.pop(0)[1]
+        assert [(time, stop_1) for time, stop_1, _ in there.waiting] == expected
+        largest = max(largest, len(expected))
+    assert largest > 30
 
 
 def test_optimal_gap_is_that_of_the_symmetric_flight():

@@ -155,7 +155,7 @@ def test_the_middle_of_the_motion_of_m_is_nobodys_business():
     assert abs(state.exponent.value) <= state.exponent.uncertainty < 1e-5
     rig = NearbyRig.restore(run.snapshot())
     rig.go_between_samples()
-    here = rig.state()
+    here = rig.numbers()
     moved = here.numbers.copy()
     for place, by in (('clearance_1', -0.01), ('clearance_2', 0.01)):
         moved[here.places.index(('origin', place))] += by
@@ -190,11 +190,11 @@ def test_where_neighbours_decide_differently_there_is_no_exponent(monkeypatch):
 def test_neighbours_are_where_m_can_be():
     rig = NearbyRig(INCLINED.replace(gap=2.0), START, control=held(2.0))
     rig.advance(100.0)
-    state = rig.state()
+    state = rig.numbers()
     same = rig.at(state, state.numbers)
     # It begins a flight here, whose first instant is known to round-off.
-    assert same.state().numbers == pytest.approx(state.numbers, rel=1e-14, abs=1e-15)
-    assert same.state().alike(state)
+    assert same.numbers().numbers == pytest.approx(state.numbers, rel=1e-14, abs=1e-15)
+    assert same.numbers().alike(state)
     later = [one.advance(120.0) and one.sample() for one in (rig, same)]
     assert later[1] == pytest.approx(later[0], rel=1e-9)
     beyond = state.numbers.copy()

@@ -239,6 +239,16 @@ def test_a_motion_is_carried_to_friction_step_by_step():
     assert orbit.x_max == pytest.approx(expected.x_max, rel=1e-10)
 
 
+def test_a_motion_is_carried_to_another_angle_and_gravity():
+    inclined = INCLINED.replace(gap=16.0)
+    start = find_orbits(inclined.replace(angle=0.0), (1, 1, 2), simulate=False).orbits[0]
+    orbit = carried_over(start, inclined)
+    assert orbit is not None
+    assert orbit.parameters == inclined
+    expected = find_orbits(inclined, (1, 1, 2), simulate=False).orbits[0]
+    assert orbit.x_max == pytest.approx(expected.x_max, rel=1e-10)
+
+
 def test_one_sided_motion_with_friction():
     """One impact in a cycle, on the only stop: each flight goes up against friction and back."""
     rig = PLASTIC.replace(restitution_1=0.75, force_amplitudes=(1.0,))

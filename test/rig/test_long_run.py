@@ -193,7 +193,7 @@ def test_a_runaway_is_an_outcome(compiled, monkeypatch):
     """The simulator raises an error in its place."""
     if compiled:
         pytest.skip('numbers in compiled code cannot be changed')
-    monkeypatch.setattr('impact_damper_ros.rig.run_loop._MOST_AT_ONCE', 50)
+    monkeypatch.setattr('impact_damper_ros.rig.run_loop.MOST_AT_ONCE', 50)
     monkeypatch.setattr('impact_damper_ros.rig.run_loop.least_step', lambda horizon: horizon)
     stretch = LongRun(*ENDLESS, compiled=False).advance(10.0)
     assert stretch.outcome == Outcome.RUNAWAY
@@ -287,7 +287,7 @@ def test_the_cache_goes_where_it_may(tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(blocked))
     monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
     assert kernel_cache.stamp_file() is None
-    with kernel_cache.compiling_alone(None):
+    with kernel_cache.compiling_alone(None, 'any'):
         pass
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
     stamp = kernel_cache.stamp_file()

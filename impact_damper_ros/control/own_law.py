@@ -1,0 +1,250 @@
+"""
+A law of the user's own: a Python function, or one compiled by numba, in place of a built-in law.
+
+It is called as `law(seen, memory)` at each sample of the grid and at each passage of X through
+zero, once the amplitude is known and above the threshold, and returns where the two stops are to
+be. The same sensors, noise and actuators act as for the built-in laws.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from math import nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+from impact_damper_ros.rig.kernels import kernel, state
+
+from .law import place_stops
+from .sensors import Measurement, Observer
+
+if TYPE_CHECKING:
+    from .controller import Control
+
+#: Numbers that a law may keep.
+MEMORY = 16
+
+
+class LawInput(NamedTuple):
+    """
+    What a law of the user's own is given, all in SI units.
+
+    Attributes
+    ----------
+    time : float
+        The instant, s.
+    x, x_rate, y, y_rate : float
+        X, X', Y and Y' from the sensors.
+    stop_1, stop_2 : float
+        Positions Y of the stops.
+    crossing : int
+        0 at a sample of the grid; 1 where X passes through zero rising, -1 where it falls.
+    amplitude : float
+        Estimate of the amplitude of X, m.
+    half_cycle : float
+        Estimate of the time from one passage of X through zero to the next, s.
+    hit_time_1, hit_time_2 : float
+        Instant of the last impact seen on each stop since the last passage, s; NaN for none.
+    hit_speed_1, hit_speed_2 : float
+        Its approach speed, m/s.
+    mass_ratio, restitution : float
+        m/M, and the mean R of both stops.
+    gap_min, gap_max : float
+        Range of the gap, m.
+    """
+
+    time: float
+    x: float
+    x_rate: float
+    y: float
+    y_rate: float
+    stop_1: float
+    stop_2: float
+    crossing: int
+    amplitude: float
+    half_cycle: float
+    hit_time_1: float
+    hit_time_2: float
+    hit_speed_1: float
+    hit_speed_2: float
+    mass_ratio: float
+    restitution: float
+    gap_min: float
+    gap_max: float
+
+
+#: A law: where the stops are to be, Y in m, from what is seen and the numbers that it keeps.
+Law: TypeAlias = Callable[[LawInput, Any], tuple[float, float]]
+
+
+class LawError(ValueError):
+    """A law of the user's own cannot be used, or has failed."""
+
+
+class OwnLaw:
+    """
+    A law of the user's own, with its name.
+
+    Parameters
+    ----------
+    law : callable
+        The function.
+    name : str, optional
+        Its name in errors and snapshots; module and name of the function, if not given.
+
+    Raises
+    ------
+    LawError
+        If it does not take two arguments.
+    """
+
+    def __init__(self, law: Law, name: str = '') -> None:
+        self.function = law
+        plain = getattr(law, 'py_func', law)
+        own = getattr(plain, '__qualname__', type(plain).__name__)
+        self.name = name or f'{getattr(plain, "__module__", "?")}:{own}'
+        try:
+            inspect.signature(plain).bind(None, None)
+        except (TypeError, ValueError) as error:
+            raise LawError(
+                f'the law {self.name} cannot be called with two arguments: define it as '
+                f'law(seen, memory) ({error})'
+            ) from error
+
+    @classmethod
+    def from_text(cls, text: str) -> OwnLaw:
+        """
+        Return the law that a text MODULE:FUNCTION names; modules of this directory are found.
+
+        Raises
+        ------
+        LawError
+            If there is no such module or function.
+        """
+        module, colon, name = text.partition(':')
+        if not (module and colon and name):
+            raise LawError(f'the law {text!r}: give MODULE:FUNCTION, for example my_laws:follow')
+        here = str(Path.cwd())
+        sys.path.insert(0, here)
+        try:
+            law = getattr(import_module(module), name)
+        except AttributeError as error:
+            raise LawError(f'the law {text}: the module has no {name}') from error
+        except Exception as error:
+            raise LawError(f'the law {text}: {type(error).__name__}: {error}') from error
+        finally:
+            sys.path.remove(here)
+        if not callable(law):
+            raise LawError(f'the law {text} is {law!r}: give the name of a function')
+        return cls(law, text)
+
+    def __call__(self, seen: LawInput, memory: list[float]) -> tuple[float, float]:
+        """Return where the stops are to be."""
+        try:
+            result = self.function(seen, memory)
+        except Exception as error:
+            raise LawError(
+                f'the law {self.name} failed at {seen.time:.9g} s: {type(error).__name__}: {error}'
+            ) from error
+        try:
+            stop_1, stop_2 = map(float, result)
+        except (TypeError, ValueError) as error:
+            raise self.astray(seen.time, result) from error
+        if len(memory) != MEMORY or not all(isinstance(v, int | float) for v in memory):
+            raise LawError(
+                f'the law {self.name} has made {memory!r} of its memory at {seen.time:.9g} s: it '
+                f'holds {MEMORY} numbers'
+            )
+        return stop_1, stop_2
+
+    def astray(self, time: float, result: object) -> LawError:
+        """Return the error of a result that is no places of stops."""
+        return LawError(
+            f'the law {self.name} returned {result!r} at {time:.9g} s: return two places Y within '
+            'half of gap_max, in m, or NaN to leave a stop alone'
+        )
+
+    def refused(self, refusal: Refusal) -> LawError:
+        """Return the error of a result that the loop refused."""
+        return self.astray(refusal.time, (refusal.stop_1, refusal.stop_2))
+
+
+@state
+@dataclass(slots=True)
+class Refusal:
+    """
+    A result of a law that is no places of stops.
+
+    Attributes
+    ----------
+    time : float
+        When, s; NaN if there was none.
+    stop_1, stop_2 : float
+        The result.
+    """
+
+    time: float = nan
+    stop_1: float = nan
+    stop_2: float = nan
+
+
+@kernel
+def users_law(_seen: LawInput, _memory: Any) -> tuple[float, float]:
+    """Leave the stops alone; `compiled` puts the function of a law in place of this one."""
+    return nan, nan
+
+
+def _compiled_law(control: Control, seen: LawInput) -> tuple[float, float]:
+    return users_law(seen, control.memory)
+
+
+@kernel(twin=_compiled_law)
+def own_law(control: Control, seen: LawInput) -> tuple[float, float]:
+    """Call the law."""
+    places: tuple[float, float] = control.law(seen, control.memory)
+    return places
+
+
+@kernel
+def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
+    """Let the law act on a sample, at a passage of X through zero or of the grid."""
+    p = control.settings
+    observer: Observer = control.observer
+    refusal: Refusal = control.refusal
+    given = LawInput(
+        seen.time,
+        seen.x,
+        seen.x_rate,
+        seen.y,
+        seen.y_rate,
+        seen.stop_1,
+        seen.stop_2,
+        crossing,
+        observer.amplitude,
+        observer.half_cycle,
+        observer.hit_time_1,
+        observer.hit_time_2,
+        observer.hit_speed_1,
+        observer.hit_speed_2,
+        p.mass_ratio,
+        p.restitution,
+        p.gap_min,
+        p.gap_max,
+    )
+    stop_1, stop_2 = own_law(control, given)
+    if abs(stop_1) > 0.5 * p.gap_max or abs(stop_2) > 0.5 * p.gap_max:
+        refusal.time = seen.time
+        refusal.stop_1 = stop_1
+        refusal.stop_2 = stop_2
+        return
+    place_stops(control, seen.time, stop_1, stop_2, 0.0)
+
+
+@kernel(inline=True)
+def law_failed(control: Control) -> bool:
+    """Return whether a law has returned what are no places of stops."""
+    return control.refusal.time == control.refusal.time

@@ -1,0 +1,103 @@
+"""
+The predictive law: places that the model of the rig itself finds to be the best.
+
+At each passage of X through zero the motion ahead is computed, by the equations of the simulator
+and from its exact state, with the stops at one pair of places after the other. The stops are sent
+where the vibration of M has the least energy at the end of a horizon. No real controller knows
+so much: the law shows what could be reached if the structure and the force were known.
+
+Each stop is tried around half the optimal gap of the present amplitude, then both more and more
+finely around the best pair. The model holds the delay and the speed of the actuators; it leaves
+out commands that still wait, and the steps of a stepped sine.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from impact_damper_ros.rig.kernels import kernel
+from impact_damper_ros.rig.mode import RigConstants
+from impact_damper_ros.rig.origin import Origin
+
+from .actuator import Actuators
+from .law import optimal_gap, place_stops
+from .model import motion_ahead, sent_off
+from .sensors import Measurement
+
+if TYPE_CHECKING:
+    from .controller import Control
+
+#: Places tried on either side of the middle one at first; their step, over half the optimal gap.
+_TRIES, _FIRST_STEP = 8, 0.125
+#: How often the best place is sought again, and the step then, over that before.
+_REFINEMENTS, _FINER = 3, 0.4
+#: A stop is not moved by less than this part of its place.
+_WORTH_A_MOVE = 0.005
+
+
+@kernel
+def energy_ahead(
+    control: Control, rig: RigConstants, start: Origin, stop_1: float, stop_2: float
+) -> float:
+    """Return the energy of M at the end of the horizon, over M/2, with the stops sent off."""
+    p = control.settings
+    end = start.time + p.horizon * control.observer.half_cycle
+    there: Origin = motion_ahead(rig, sent_off(rig, start, stop_1, stop_2, p.speed), end)
+    return there.velocity * there.velocity + rig.free.omega_squared * there.x * there.x
+
+
+@kernel
+def improved(
+    control: Control,
+    rig: RigConstants,
+    start: Origin,
+    best: tuple[float, float, float],
+    stop: int,
+    centre: float,
+    step: float,
+    tries: int,
+) -> tuple[float, float, float]:
+    """Return the best places and their energy, with a stop (0 for both) tried around a place."""
+    p = control.settings
+    least, place_1, place_2 = best
+    widest = 0.5 * p.gap_max
+    for k in range(-tries, tries + 1):
+        place = min(max(centre + k * step, -widest), widest)
+        stop_1 = place if stop != 2 else best[1]
+        stop_2 = -place if stop != 1 else best[2]
+        if stop_1 - stop_2 >= p.gap_min:
+            energy = energy_ahead(control, rig, start, stop_1, stop_2)
+            if energy < least:
+                least = energy
+                place_1 = stop_1
+                place_2 = stop_2
+    return least, place_1, place_2
+
+
+@kernel
+def predictive_law_crosses(
+    control: Control, seen: Measurement, rig: RigConstants, origin: Origin
+) -> None:
+    """Send both stops to the best places, at a passage of X through zero."""
+    p = control.settings
+    actuators: Actuators = control.actuators
+    start: Origin = motion_ahead(rig, origin, seen.time + p.delay)
+    amplitude = control.observer.amplitude
+    unit = 0.5 * optimal_gap(amplitude, p.mass_ratio, p.restitution, p.gap_max)
+    place_1 = actuators.commanded_1
+    place_2 = actuators.commanded_2
+    best = (energy_ahead(control, rig, start, place_1, place_2), place_1, place_2)
+    step = unit * _FIRST_STEP
+    tries = _TRIES
+    for fineness in range(1 + _REFINEMENTS):
+        if p.independent:
+            centre = 0.5 * unit if fineness == 0 else best[1]
+            best = improved(control, rig, start, best, 1, centre, step, tries)
+            centre = 0.5 * unit if fineness == 0 else -best[2]
+            best = improved(control, rig, start, best, 2, centre, step, tries)
+        else:
+            centre = unit if fineness == 0 else best[1]
+            best = improved(control, rig, start, best, 0, centre, step, tries)
+        step *= _FINER
+        tries = 1
+    place_stops(control, seen.time, best[1], best[2], _WORTH_A_MOVE)

@@ -1,0 +1,76 @@
+"""What the control reports: each of its acts, as the topic `gap_control` has it."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, NamedTuple, Self
+
+#: Joints of the topic `gap_control`.
+CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
+
+
+class Action(IntEnum):
+    """What a record is about."""
+
+    #: A command started one or both stops.
+    COMMAND = 1
+    #: A stop reached its target.
+    ARRIVED = 2
+    #: A stop and m met; the stop stays there.
+    TOUCHED = 3
+    #: X passed through zero.
+    CROSSING = 4
+
+
+class ControlRecord(NamedTuple):
+    """
+    One instant of the control.
+
+    Attributes
+    ----------
+    time : float
+        The instant, s.
+    action : Action
+        What happened.
+    target_1, target_2 : float
+        Target of each stop, Y in m.
+    amplitude : float
+        Estimate of the amplitude of X, m.
+    velocity_1, velocity_2 : float
+        Velocity of each stop in M, m/s; 0 for one that moves at once.
+    x_rate : float
+        X' of the last sample, m/s.
+    energy_1, energy_2 : float
+        Energy spent by each actuator so far, J.
+    """
+
+    time: float
+    action: Action
+    target_1: float
+    target_2: float
+    amplitude: float
+    velocity_1: float
+    velocity_2: float
+    x_rate: float
+    energy_1: float
+    energy_2: float
+
+    @classmethod
+    def rows(cls, table: Any, count: int) -> list[Self]:
+        """Return the first rows of a table that `write_record` fills."""
+        rows = ([table[row, column] for column in range(10)] for row in range(count))
+        return [cls(time, Action(action), *numbers) for time, action, *numbers in rows]
+
+    @property
+    def frame_id(self) -> str:
+        """Name of the action in the topic `gap_control`."""
+        return self.action.name.lower()
+
+    @property
+    def numbers(self) -> tuple[tuple[float, float, float], ...]:
+        """Positions, velocities and efforts of `CONTROL_JOINTS`, as in the topic."""
+        return (
+            (self.target_1, self.target_2, self.amplitude),
+            (self.velocity_1, self.velocity_2, self.x_rate),
+            (self.energy_1, self.energy_2, 0.0),
+        )

@@ -1,0 +1,134 @@
+"""Laws of one's own: the same loop, sensors and actuators; and what is wrong with some."""
+
+import json
+import math
+
+import pytest
+
+from control import laws
+from control.controlled_rigs import IDEAL, TRIAL, amplitude_ratio, control
+from impact_damper_ros.control import ControlledRig, GapControlParameters, LawError, OwnLaw
+from impact_damper_ros.control.controlled_run import ControlledRun
+
+
+def follow_rig(**values):
+    return ControlledRig(TRIAL, control=control('timed', **values), law=laws.follow)
+
+
+def acts(rig, until):
+    rig.advance(until)
+    return [tuple(record) for record in rig.records], rig.sample()
+
+
+@pytest.mark.parametrize('values', [{}, {'actuator_delay': 0.3, 'actuator_speed': 20.0}])
+def test_it_moves_the_stops_as_the_built_in_law_that_it_copies(values):
+    """The symmetric amplitude law, but for its dead band and its search for m."""
+    assert amplitude_ratio(follow_rig(**values), 100, 20) < 1.2 * IDEAL
+    rig = follow_rig()
+    rig.advance(200.0)
+    law = control('amplitude', gap_control_stops='symmetric')
+    built_in = ControlledRig(TRIAL, control=law)
+    built_in.advance(200.0)
+    assert rig.stops == pytest.approx(built_in.stops, rel=0.02)
+    assert rig.law == 'control.laws:follow'
+
+
+def test_its_memory_goes_through_snapshots():
+    rig = follow_rig(actuator_speed=20.0)
+    rig.advance(100.0)
+    text = json.dumps(rig.snapshot(), allow_nan=False)
+    held = json.loads(text)['gap_control']['law']
+    assert held['name'] == 'control.laws:follow'
+    assert held['memory'][:3] in ([30.0, 'nan', 0.0], [31.0, 'inf', 0.0], [30.0, 'inf', 0.0])
+    twin = ControlledRig.restore(json.loads(text), laws.follow)
+    assert json.dumps(twin.snapshot()) == text
+    assert acts(twin, 200.0) == acts(rig, 200.0)
+    assert json.dumps(twin.snapshot()) == json.dumps(rig.snapshot())
+    with pytest.raises(ValueError, match=r'the law control\.laws:follow, .* give the law'):
+        ControlledRig.restore(json.loads(text))
+
+
+def test_the_run_does_not_depend_on_how_it_is_cut():
+    whole, parts = follow_rig(actuator_delay=0.2), follow_rig(actuator_delay=0.2)
+    whole.advance(30.0)
+    for k in range(1, 300):
+        mark = parts.mark()
+        parts.advance(0.1 * k)
+        if k % 7 == 0:
+            parts.go_back(mark)
+            parts.advance(0.1 * k)
+    parts.advance(30.0)
+    assert parts.snapshot() == whole.snapshot()
+
+
+def test_a_long_run_has_it_too():
+    run = ControlledRun(TRIAL, control=control('timed'), law=laws.push)
+    rig = ControlledRig(TRIAL, control=control('timed'), law=laws.push)
+    run.advance(60.0)
+    rig.advance(60.0)
+    assert run.snapshot() == rig.snapshot()
+    assert ControlledRun.restore(run.snapshot(), laws.push).snapshot() == rig.snapshot()
+    assert rig.amplitude > 0.0
+
+
+def test_it_is_on_by_itself_and_can_be_switched_off():
+    rig = ControlledRig(TRIAL, law=laws.push)
+    rig.advance(60.0)
+    assert rig.control.active
+    assert len(rig.records) > 10
+    rig.change(TRIAL, GapControlParameters())
+    rig.advance(80.0)
+    assert rig.stops == (10.0, -10.0)
+    assert rig.snapshot()['gap_control']['law']['memory'] == [0.0] * 16
+
+
+@pytest.mark.parametrize(
+    ('law', 'words'),
+    [
+        (laws.fails, ('fails failed at ', 'ZeroDivisionError: by nought')),
+        (laws.far, ('far returned (inf, -1.0) at ', 'half of gap_max')),
+        (laws.wide, ('wide returned (1.0, -600.0) at ', 'NaN to leave a stop alone')),
+        (laws.words, ("words returned ('up', 'down') at ", 'two places')),
+        (laws.nothing, ('nothing returned None at ',)),
+        (laws.forgets, ('forgets has made [] of its memory at ', '16 numbers')),
+    ],
+)
+def test_a_law_that_fails_is_named_with_its_value(law, words):
+    """And the rig is where it was before, with its control, to go on from there."""
+    rig = ControlledRig(TRIAL, control=control('timed'), law=law)
+    rig.advance(2.0)
+    before = rig.snapshot()
+    with pytest.raises(LawError) as error:
+        rig.advance(50.0)
+    assert str(error.value).startswith('the law control.laws:')
+    for word in words:
+        assert word in str(error.value)
+    assert rig.snapshot() == before
+    assert len(rig.advance(2.5)) == 0
+    assert math.isfinite(rig.sample().x)
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('follow', 'give MODULE:FUNCTION'),
+        ('no_such_module:law', "No module named 'no_such_module'"),
+        ('control.laws:missing', 'has no missing'),
+        ('control.laws:number', 'is 3: give the name of a function'),
+        ('control.laws:one_argument', 'define it as law(seen, memory)'),
+    ],
+)
+def test_a_law_that_cannot_be_used(text, words):
+    with pytest.raises(LawError) as error:
+        OwnLaw.from_text(text)
+    assert words in str(error.value)
+    assert text in str(error.value)
+
+
+def test_a_law_of_the_present_directory(tmp_path, monkeypatch):
+    (tmp_path / 'my_own_laws.py').write_text('def hold(seen, memory):\n    return 5.0, -5.0\n')
+    monkeypatch.chdir(tmp_path)
+    law = OwnLaw.from_text('my_own_laws:hold')
+    rig = ControlledRig(TRIAL, law=law)
+    rig.advance(30.0)
+    assert (rig.law, rig.stops) == ('my_own_laws:hold', (5.0, -5.0))

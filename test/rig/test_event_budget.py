@@ -1,0 +1,139 @@
+"""The budget of events: a rig stops at an event beyond it, and only if its events are dense."""
+
+import math
+import re
+
+import pytest
+
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.rig import EventKind, RigParameters, RunawayError, Simulator
+from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget, fastest_rate
+from rig.endless_rigs import ENDLESS
+
+MOST = 700
+
+
+def run_until_stopped(budget, rig):
+    events = []
+    try:
+        for portion in budget.portions(rig, 10.0):
+            events += portion
+    except EndlessEventsError as error:
+        return events, error
+    raise AssertionError
+
+
+@pytest.mark.parametrize('name', ENDLESS)
+@pytest.mark.parametrize('law', ['none', 'off', 'amplitude', 'timed'])
+def test_a_rig_is_stopped_at_an_event(name, law):
+    parameters, initial = ENDLESS[name]
+    control = GapControlParameters(gap_control=law if law != 'none' else 'off')
+    rig = (
+        Simulator(parameters, initial)
+        if law == 'none'
+        else ControlledRig(parameters, initial, control=control)
+    )
+    events, error = run_until_stopped(EventBudget(MOST, 'do something'), rig)
+    assert isinstance(error, RunawayError)
+    # Under control, events at the instant of a sample belong to it.
+    assert MOST <= len(events) <= MOST + 10
+    assert events[-1].time == pytest.approx(rig.time, abs=1e-12)
+    assert rig.time < 1e-2
+    said = re.fullmatch(
+        r'the rig had (\d+) events from 0 s to (\S+) s, the last in mode (.+): do something',
+        str(error),
+    )
+    assert int(said[1]) == len(events)
+    assert float(said[2]) == pytest.approx(rig.time, rel=1e-8)
+    assert said[3] == rig.mode.name.lower().replace('_', ' ')
+
+
+@pytest.mark.parametrize('step', [1e-6, 3.3e-7, 7e-6])
+def test_the_steps_of_a_run_do_not_matter(step):
+    parameters, initial = ENDLESS['weight']
+    rig, budget = Simulator(parameters, initial), EventBudget(MOST)
+
+    def run():
+        for k in range(1, 1000):
+            budget.advance(rig, k * step)
+
+    with pytest.raises(EndlessEventsError):
+        run()
+    assert rig.time == pytest.approx(MOST * 1e-8, rel=3e-3)
+
+
+def test_the_motion_goes_on_from_there():
+    parameters, initial = ENDLESS['weight']
+    whole, cut = Simulator(parameters, initial), Simulator(parameters, initial)
+    end = 1e-5
+    events = []
+    for _ in range(100):
+        try:
+            for portion in EventBudget(MOST).portions(cut, end):
+                events += portion
+            break
+        except EndlessEventsError:
+            assert cut.time < end
+    assert events == whole.advance(end)
+    assert cut.snapshot() == whole.snapshot()
+
+
+def test_as_many_events_as_allowed_are_not_too_many():
+    parameters, initial = ENDLESS['weight']
+    count = len(Simulator(parameters, initial).advance(1e-6))
+    rig = Simulator(parameters, initial)
+    assert len(EventBudget(count + 1).advance(rig, 1e-6)) == count
+    with pytest.raises(EndlessEventsError):
+        EventBudget(count - 1).advance(Simulator(parameters, initial), 1e-6)
+
+
+def test_a_long_run_may_have_more_if_they_come_one_by_one():
+    rig, plain = (Simulator(RigParameters(gravity=0.0)) for _ in range(2))
+    budget = EventBudget(20)
+    events = [e for k in range(1, 41) for e in budget.advance(rig, 25.0 * k)]
+    assert events == plain.advance(1000.0)
+    assert len(events) > 200
+
+
+def test_a_rig_that_chatters_in_each_cycle_is_within_the_budget():
+    chattering = RigParameters(
+        angle=math.pi / 2,
+        one_sided=True,
+        gravity=1.0,
+        restitution_1=0.7,
+        force_amplitudes=1.3,
+        force_frequencies=10.0,
+        damping=0.1,
+        damper_mass=0.01,
+        gap=0.1,
+    )
+    rig = Simulator(chattering)
+    events = EventBudget(200).advance(rig, 60.0)
+    assert rig.time == 60.0
+    assert len(events) > 600
+    assert sum(e.kind is EventKind.REST for e in events) > 20
+
+
+def test_a_change_of_the_rig_counts_anew():
+    parameters, initial = ENDLESS['weight']
+    rig, budget = Simulator(parameters, initial), EventBudget(MOST)
+    with pytest.raises(EndlessEventsError):
+        budget.advance(rig, 1.0)
+    first = rig.time
+    rig.change(parameters.replace(damping=0.5))
+    with pytest.raises(EndlessEventsError, match=rf'had {MOST} events from {first:.9g} s'):
+        budget.advance(rig, 1.0)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'rate'),
+    [
+        ({}, 1.0),
+        ({'stiffness': 16.0}, 4.0),
+        ({'force_frequencies': 9.0}, 9.0),
+        ({'force_frequencies': 9.0, 'force_amplitudes': 0.0}, 1.0),
+        ({'multisine_level': 1.0, 'multisine_high': 12.0}, 12.0),
+    ],
+)
+def test_the_fastest_of_spring_and_force(changes, rate):
+    assert fastest_rate(RigParameters(**changes)) == pytest.approx(rate)
