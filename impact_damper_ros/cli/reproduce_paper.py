@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future, as_completed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--quick',
         action='store_true',
-        help='compute a quarter of the values, in half a minute',
+        help='compute a quarter of the values, in two minutes',
     )
     parser.add_argument(
         '--only',
@@ -69,6 +69,7 @@ def _compute(
     from impact_damper_ros.studies.paper.series import (
         compute_series,
         figure_5_angles,
+        needs_others,
         optimum_at,
         plans_of,
     )
@@ -76,14 +77,28 @@ def _compute(
     plans = [plan for figure in figures for plan in plans_of(figure, quick=quick)]
     angles = figure_5_angles(quick=quick) if '5' in figures else ()
     with process_pool(jobs) as pool:
-        series: list[Future[Series]] = [pool.submit(compute_series, plan) for plan in plans]
+        first = [plan for plan in plans if not needs_others(plan)]
+        series: dict[str, Future[Series]] = {
+            plan.name: pool.submit(compute_series, plan) for plan in first
+        }
         optima: list[Future[AngleOptimum]] = [pool.submit(optimum_at, v) for v in angles]
-        work: list[Future[Any]] = [*series, *optima]
-        for done in tqdm(as_completed(work), total=len(work), desc='curves', unit=''):
-            done.result()
-        return {one.result().plan.name: one.result() for one in series}, [
-            one.result() for one in optima
-        ]
+        with tqdm(total=len(plans) + len(angles), desc='curves', unit='') as bar:
+
+            def finish(work: Iterable[Future[Any]]) -> None:
+                for done in as_completed(work):
+                    done.result()
+                    bar.update()
+
+            finish([*series.values(), *optima])
+            last = {}
+            for plan in plans:
+                if needs_others(plan):
+                    figure = [one.name for one in first if one.name[0] == plan.name[0]]
+                    others = [series[name].result() for name in figure]
+                    last[plan.name] = pool.submit(compute_series, plan, others)
+            finish(last.values())
+        found = {plan.name: (series | last)[plan.name].result() for plan in plans}
+        return found, [one.result() for one in optima]
 
 
 def _run(arguments: argparse.Namespace) -> int:

@@ -29,7 +29,12 @@ def test_the_whole_study_in_small(tmp_path, monkeypatch, capsys):
     assert text.count('\n| ') > 60
     assert all(f'({figure}.png)' in text for figure in FIGURES)
     assert ' nan' not in text
-    assert capsys.readouterr().out.count('at most') == 4
+    for law in ('amplitude', 'timed', 'predictive'):
+        # Levels of three angles, broadband, stepped sine, energy twice, and the sensitivities
+        assert text.count(f'\n| {law}') > 10
+    printed = capsys.readouterr().out
+    assert printed.count('at most') == 4
+    assert printed.count('with stops at finite speed') == 4
 
 
 def test_the_page_in_the_repository_is_whole():
@@ -38,6 +43,13 @@ def test_the_page_in_the_repository_is_whole():
         assert f'({figure}.png)' in text
         assert (DOCS / f'{figure}.png').stat().st_size > 20_000
     assert text.count('| met |') == 4
+    targets = [line.split(' | ') for line in text.splitlines() if '| met |' in line]
+    # What the actuators spend is beside every number
+    assert [cells[-1].rstrip(' |')[-1] for cells in targets] == ['%'] * 4
+    # The mean and the largest of at least eight seeds, each with its own best gap
+    assert '(1 to 8)' in text
+    mean, largest = (float(cells[2]) for cells in targets[2:])
+    assert 0.70 < mean < largest < 0.80
 
 
 def test_what_cannot_be_written(tmp_path, capsys):

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from impact_damper_ros.control import ControlledRig
-from impact_damper_ros.rig import EventKind
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.rig import EventKind, Swing
 from impact_damper_ros.studies.gap_control.findings import Target, broadband, level_sweep, targets
 from impact_damper_ros.studies.gap_control.runs import (
     INCLINED,
@@ -34,24 +34,29 @@ def results():
     found = {case.key: run_case(case) for case in tuning_cases(QUICK) if case.key[1] == 0}
     shares = {0: 0.85, 15: 0.85, 45: 0.85}
     for case in all_cases(QUICK, shares):
-        level = case.key[:2] == ('level', 0)
-        if level or (case.key[0] == 'broadband' and case.key[1] in ('fixed', 'timed')):
+        if 'predictive' not in case.key and (
+            case.key[:2] == ('level', 0)
+            or case.key[0] == 'real'
+            or (case.key[0] == 'broadband' and case.key[1] in ('fixed', 'timed'))
+        ):
             found[case.key] = run_case(case)
     return found
 
 
 def test_the_targets_are_met(results):
-    # The other laws are not run under broadband excitation here.
-    every = {
-        **results,
-        **{('broadband', one, 1): results['broadband', 'timed', 1] for one in LAWS},
-    }
-    every |= {('tuning', a, s): results['tuning', 0, s] for a in (15, 45) for s in QUICK.gaps}
+    every = with_the_others(results)
     found = targets(every, QUICK)
     assert [one.met for one in found] == [True] * 4
     assert found[0].reached == pytest.approx(1.0066, abs=0.002)
     assert found[1].reached < 1e-3
-    assert found[2].reached < 0.7
+    # The best of two gaps only
+    assert found[2].reached < 0.75
+    # Stops of finite speed: the same order of magnitude, and not for nothing
+    assert found[0].real == pytest.approx(1.005, abs=0.002)
+    assert found[1].real < 1e-3
+    assert found[2].real < 0.75
+    assert found[0].share == pytest.approx(0.6, rel=0.05)
+    assert found[2].share > 0.8
     sweep = level_sweep(every, QUICK)
     assert sweep.ratios['amplitude'] == pytest.approx([0.0558] * 3, rel=0.02)
     # A fixed gap is right for one level.
@@ -60,9 +65,88 @@ def test_the_targets_are_met(results):
     assert broadband(every, QUICK).best in QUICK.broadband_gaps
 
 
+def with_the_others(results):
+    """Put the timed law in the place of those that are not run here."""
+    timed = {('broadband', one, 1): results['broadband', 'timed', 1] for one in LAWS}
+    timed |= {
+        ('level', 0, 'predictive', level): results['level', 0, 'timed', level]
+        for level in QUICK.levels
+    }
+    timed['real', 'broadband', 'predictive', 1] = results['real', 'broadband', 'timed', 1]
+    timed |= {('tuning', a, s): results['tuning', 0, s] for a in (15, 45) for s in QUICK.gaps}
+    return {**results, **timed}
+
+
+def test_each_seed_has_a_best_gap_of_its_own():
+    extent = replace(QUICK, seeds=(1, 2, 3), broadband_gaps=(10.0, 20.0, 30.0))
+    rms = {10.0: (3.0, 2.0, 4.0), 20.0: (2.9, 2.1, 2.5), 30.0: (2.0, 6.0, 7.0)}
+
+    def run(value):
+        return Measured(
+            rms=value, peak=2.0 * value, impacts=0, actuator_power=0.0, impact_power=0.0,
+            dashpot_power=1.0,
+        )  # fmt: skip
+
+    results = {
+        ('broadband', 'fixed', gap, seed): run(values[seed - 1])
+        for gap, values in rms.items()
+        for seed in extent.seeds
+    }
+    for one in LAWS:
+        for seed in extent.seeds:
+            results['broadband', one, seed] = run(1.0)
+            results['real', 'broadband', one, seed] = run(1.5)
+    found = broadband(results, extent)
+    assert (found.best, found.own) == (20.0, (30.0, 10.0, 20.0))
+    assert found.best_rms == pytest.approx(2.5)
+    assert found.own_rms == (2.0, 2.0, 2.5)
+    assert found.ratios['timed'] == ((0.5, 0.5), (0.5, 0.5), (0.4, 0.4))
+    # All of these gaps are whole metres
+    assert found.coarse == pytest.approx((0.5, 0.5, 0.4))
+    assert found.common['timed'] == pytest.approx((1.0 / 2.9, 1.0 / 2.1, 0.4))
+    assert found.real['timed'] == pytest.approx((0.75, 0.75, 0.6))
+
+
+def test_a_fixed_gap_beats_the_law_where_it_suits_the_force():
+    """The ideal is a formula of first order, and no bound."""
+    extent = Extent()
+
+    def ratio(**values):
+        run = run_case(extent.at_resonance((), **values))
+        return math.sqrt(2.0) * run.rms / RIG.response_amplitude
+
+    assert ratio(rig=RIG.replace(gap=23.8)) == pytest.approx(0.05462, abs=2e-5)
+    assert ratio(rig=RIG, control=law('timed', RIG)) == pytest.approx(0.05482, abs=2e-5)
+    assert ideal_ratio(RIG) == pytest.approx(0.05446, abs=1e-5)
+
+
+@pytest.mark.parametrize('name', ['fixed', 'amplitude', 'timed'])
+def test_a_run_measures_what_the_live_rig_shows(name):
+    """Samples, largest |X| and losses from `ControlledRig`, step by step."""
+    control = law(name, RIG) if name != 'fixed' else GapControlParameters()
+    run = run_case(Case(key=(), rig=RIG, control=control, settle=20.0, watch=3.0))
+    rig = ControlledRig(RIG, control=control)
+    rig.advance(math.tau * 20.0)
+    swing, squares, impacts, lost = Swing(), 0.0, 0, 0.0
+    swing.look(rig.sample(), [])
+    for k in range(1, 73):
+        found = [e for e in rig.advance(math.tau * (480 + k) / 24) if e.kind is EventKind.IMPACT]
+        swing.look(rig.sample(), found)
+        squares += rig.sample().x ** 2 / 72
+        impacts += len(found)
+        for e in found:
+            before = e.damper_velocity_before - e.primary_velocity_before
+            after = e.damper_velocity_after - e.primary_velocity_after
+            lost += 0.05 / 1.1 * (before * before - after * after)
+    assert run.rms == pytest.approx(math.sqrt(squares), rel=1e-12)
+    assert run.peak == pytest.approx(swing.largest, rel=1e-12)
+    assert run.impacts == impacts > 0
+    assert run.impact_power == pytest.approx(lost / (3.0 * math.tau), rel=1e-9)
+
+
 def test_a_missed_target_is_reported():
-    assert not Target('', 0.85, 0.86).met
-    assert Target('', 0.85, 0.85).met
+    assert not Target('', 0.85, 0.86, 0.8, 0.0).met
+    assert Target('', 0.85, 0.85, 0.9, 1.0).met
 
 
 def test_ideal_without_friction_is_the_equivalent_damping():
@@ -87,7 +171,7 @@ def test_what_is_measured():
     assert run.rms == pytest.approx(5.0 / math.sqrt(2.0), rel=1e-6)
     # Mean power of the force, F A omega / 2
     assert run.dashpot_power == pytest.approx(2.5, rel=1e-6)
-    assert (run.impacts, run.commands, run.impact_power, run.actuator_power) == (0, 0, 0.0, 0.0)
+    assert (run.impacts, run.impact_power, run.actuator_power) == (0, 0.0, 0.0)
 
 
 def test_power_is_balanced():
@@ -129,7 +213,7 @@ def test_every_case_has_a_key_of_its_own():
     extent = Extent()
     cases = [*tuning_cases(extent), *all_cases(extent, {0: 1.0, 15: 0.7, 45: 0.7})]
     assert len({case.key for case in cases}) == len(cases)
-    assert len(cases) < 400
+    assert len(cases) < 1400
 
 
 def test_broadband_force_has_the_level_asked_for():

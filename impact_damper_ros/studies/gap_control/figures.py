@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from impact_damper_ros.report.drawing import BLUE, ORANGE, blank_figure, finish_panel
+from impact_damper_ros.report.drawing import BLUE, GREEN, ORANGE, blank_figure, finish_panel
 
 from .findings import LAW_LABELS, LevelSweep, Results, broadband, level_sweep
 from .runs import (
     ANGLES,
+    INDEPENDENT_LAWS,
     LAWS,
     RIG,
     SENSITIVITIES,
@@ -31,6 +32,7 @@ _STYLES: dict[str, dict[str, Any]] = {
     'amplitude': {'color': ORANGE, 'marker': 'o'},
     'timed symmetric': {'color': BLUE, 'marker': '^', 'linestyle': '--'},
     'timed': {'color': BLUE, 'marker': 'o'},
+    'predictive': {'color': GREEN, 'marker': 'v'},
 }
 _MARKS: dict[str, Any] = {'markersize': 4.2, 'markerfacecolor': 'white', 'linewidth': 1.4}
 
@@ -89,7 +91,7 @@ def _draw_broadband(results: Results, extent: Extent) -> Figure:
     ]
     gaps = extent.broadband_gaps
     left.fill_between(gaps, [min(r) for r in rows], [max(r) for r in rows], color='0.88')
-    left.plot(gaps, [fmean(r) for r in rows], color=_GREY, marker='s', label='fixed gap', **_MARKS)
+    left.plot(gaps, [fmean(r) for r in rows], color=_GREY, label='fixed gap', **_MARKS)
     for name in LAWS:
         mean = fmean(results['broadband', name, seed].rms for seed in extent.seeds)
         style = {k: v for k, v in _STYLES[name].items() if k != 'marker'}
@@ -136,7 +138,7 @@ def _draw_stepped_sine(results: Results, extent: Extent) -> Figure:
         for frequency in frequencies[:turn]
     ]
     axes.plot(frequencies[:turn], alone, color='black', linewidth=0.9, label='without impacts')
-    for name in ('fixed', 'amplitude', 'timed'):
+    for name in ('fixed', *INDEPENDENT_LAWS):
         peaks = results['stepped', name].peaks
         style = {k: v for k, v in _STYLES[name].items() if k != 'linestyle'}
         up = f'{LAW_LABELS[name]}: up'
@@ -154,7 +156,7 @@ def _draw_load(results: Results, extent: Extent) -> Figure:
     """Draw the run in which the force changes."""
     figure = blank_figure(7.5, 3.6)
     axes = figure.subplots()
-    for name in ('fixed', 'amplitude', 'timed'):
+    for name in ('fixed', *INDEPENDENT_LAWS):
         peaks = results['load', name].peaks
         color = _STYLES[name]['color']
         axes.plot(peaks, color=color, linewidth=1.2, label=LAW_LABELS[name])
@@ -171,7 +173,7 @@ def _draw_load(results: Results, extent: Extent) -> Figure:
     axes.set_xlim(0.0, 3.0 * span)
     finish_panel(axes, '', 'time [natural periods]', 'largest |X| of each period [m]')
     _log_ticks(axes.yaxis, (0.5, 1, 2, 5, 10, 20, 50, 100))
-    figure.legend(loc='outside lower center', ncols=4, frameon=False)
+    figure.legend(loc='outside lower center', ncols=3, frameon=False)
     return figure
 
 
@@ -190,10 +192,11 @@ def _draw_sensitivities(results: Results, extent: Extent) -> Figure:
     figure = blank_figure(9.0, 6.4)
     panels = figure.subplots(2, 2).ravel()
     for axes, what, letter in zip(panels, SENSITIVITIES, 'abcd', strict=True):
-        for name, color in (('amplitude', ORANGE), ('timed', BLUE)):
+        for name in INDEPENDENT_LAWS:
+            color = _STYLES[name]['color']
             for part, reference, style in (
                 ('sensitivity', ideal, {'linestyle': '-', 'marker': 'o'}),
-                ('sensitivity broadband', found.rms[0], {'linestyle': '--', 'marker': 'D'}),
+                ('sensitivity broadband', found.own_rms[0], {'linestyle': '--', 'marker': 'D'}),
             ):
                 values = [v for v in SENSITIVITIES[what] if (part, what, name, v) in results]
                 if not values:

@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from statistics import fmean
+from textwrap import fill
 
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.studies.markdown import markdown_table
 
 from .figures import FIGURES
-from .findings import LAW_LABELS, Results, broadband, level_sweep, targets
+from .findings import (
+    LAW_LABELS,
+    Results,
+    best_gap_at_resonance,
+    broadband,
+    level_sweep,
+    real_power,
+    targets,
+)
 from .runs import (
     ANGLES,
+    INDEPENDENT_LAWS,
     LAWS,
+    REAL_MASS,
+    REAL_SPEED,
     RIG,
     SENSITIVITIES,
     Extent,
@@ -26,13 +39,14 @@ _INTRODUCTION = """
 # Gap control
 
 The effect of the laws of `gap_control` on the vibration of M, compared with fixed gaps and with
-the best that two impacts per cycle can achieve. All numbers and figures are from exact runs;
+the first-order formula for two impacts per cycle. All numbers and figures are from exact runs;
 `study_gap_control` writes this page.
 
 Unless stated otherwise, the rig has M = 1 kg, K = 1 N/m, ζ = 0.01, μ = m/M = 0.1, R₁ = R₂ = 0.5,
-and is level and frictionless. The controller takes 32 samples per natural period, and the stops
-move instantly. The rig starts at rest with m in the middle. The rig is linear except for the gap:
-as long as the range of the stops does not matter, all lengths scale with the force.
+and is level and frictionless. The controller takes 32 samples per natural period. Unless a speed
+is given, the stops move instantly, and the energy that moves them is not counted (0 W). The rig
+starts at rest with m in the middle. It is linear except for the gap: as long as the range of the
+stops does not matter, all lengths scale with the force.
 """
 
 _LAW_TEXT = """
@@ -71,12 +85,19 @@ flights unequal, and under a random force the centre of the motion of m drifts.
 - *timed*: the stop closes on m on either side of the centre, up to half of d* past it, if m
   arrives with at least half the speed of M; otherwise the one impact would be too weak.
 
-**The measurements**: X, X′, Y, Y′ at `gap_control_rate`, and once more at each zero crossing of X,
-where a detector triggers the converters (with noise on all of them, if set); the instants of these
-triggers; and the positions of the stops. A jump of Z′ between two samples indicates an impact.
-With a delay or a finite speed of the stops, the controller predicts the zero crossing and the
-position of m there from the last sample and the period of the triggers, and gives the command
-earlier by this time. X is measured from the static equilibrium of M alone.
+**With the model** (*predictive*). At each zero crossing of X the simulator itself computes the
+motion ahead, from the exact state and with the exact force, for some fifty pairs of places of the
+stops. The stops go where M has the least energy 1.25 half-cycles later. No real controller knows
+so much: the law shows what could be gained if the structure and the force were known. It is no
+strict bound, because it looks ahead by 1.25 half-cycles only. This horizon was chosen under the
+broadband excitation of seed 1; the other seeds had no part in the choice.
+
+**The measurements** of the other laws: X, X′, Y, Y′ at `gap_control_rate`, and once more at each
+zero crossing of X, where a detector triggers the converters (with noise on all of them, if set);
+the instants of these triggers; and the positions of the stops. A jump of Z′ between two samples
+indicates an impact. With a delay or a finite speed of the stops, the controller predicts the zero
+crossing and the position of m there from the last sample and the period of the triggers, and gives
+the command earlier by this time. X is measured from the static equilibrium of M alone.
 
 **The actuators**: a moving stop never does work on m. Where the two meet, the stop halts, and may
 be hit there. The next command opens it again.
@@ -86,13 +107,15 @@ _CAPTIONS = {
     'level': (
         'Force level at resonance. Amplitude of X over that without impacts, for the fixed gap '
         'that is best at 1 N, and for the laws. The ideal is ζ/(ζ + ζ_eq) with '
-        'ζ_eq = (2/π)(μ/(1 + μ))(1 + R)/(1 − R): two impacts per cycle, both at X = 0.'
+        'ζ_eq = (2/π)(μ/(1 + μ))(1 + R)/(1 − R): two impacts per cycle, both at X = 0, to first '
+        'order. The lines of the timed and the predictive law coincide.'
     ),
     'broadband': (
         'Broadband excitation. A random-phase multisine of 48 lines from 0.5 to 2 times the '
         'natural frequency, 1 N rms, for 200 natural periods. (a) rms of X against the fixed gap, '
-        'mean and range over the seeds, and with the laws. (b) rms (filled) and peak (open) of X '
-        'over those with the best fixed gap, for each seed.'
+        'mean and range over the seeds, and with the laws (their means). (b) rms (filled) and '
+        'peak (open) of X over those with the fixed gap that is best for the same seed, for each '
+        'seed.'
     ),
     'stepped_sine': (
         'Stepped sine through the resonance. Largest |X| in the second half of each step of 25 '
@@ -107,16 +130,19 @@ _CAPTIONS = {
     ),
     'sensitivity': (
         'Real sensors and actuators. rms of X at resonance over the ideal (solid), and with the '
-        'timed law under broadband excitation over the best fixed gap (dashed); independent '
-        'stops. Noise on X and Y is relative to the ideal amplitude of X, on the rates to that of '
-        'X′. Horizontal lines: 1.15 and 0.85.'
+        'timed and predictive laws under broadband excitation of seed 1 over the best fixed gap '
+        '(dashed); independent stops. Noise on X and Y is relative to the ideal amplitude of X, '
+        'on the rates to that of X′; of what is measured, the predictive law uses the amplitude '
+        'only. Horizontal lines: 1.15 and 0.85.'
     ),
     'energy': (
-        'The stops have a mass of 0.01 kg (1 % of M) and move at 16 m/s. Each start or reversal '
-        'of a stop costs its kinetic energy, and nothing is recovered at its end. Friction of the '
-        'guides, and weight and inertia of the stop in the moving M, are neglected. None of this '
-        'energy reaches m: the work of the stops on m and M is zero by construction, which the '
-        'tests confirm from the energy balance of random runs.'
+        f'Here the stops have a mass of {REAL_MASS:g} kg (1 % of M) and move at '
+        f'{REAL_SPEED:g} m/s. Each start or reversal of a stop costs its kinetic energy, and '
+        'nothing is recovered at its end. A stop that moves instantly is booked with 0 W: its '
+        'kinetic energy would be infinite. Friction of the guides, and weight and inertia of the '
+        'stop in the moving M, are neglected. None of this energy reaches m: the work of the '
+        'stops on m and M is zero by construction, which the tests confirm from the energy '
+        'balance of random runs. Under broadband excitation, means of the seeds.'
     ),
 }
 
@@ -131,11 +157,14 @@ _LIMITS = """
   is worse than a fixed gap. The amplitude law needs less speed.
 - With a delay of a quarter of a period the correction of the amplitude law comes one impact too
   late. The timed law predicts, and tolerates the delay as long as the motion is regular.
-- At resonance, a fixed gap tuned for the actual force is as good as the laws. The laws are useful
-  if force, frequency or friction are unknown or change.
-- With the stops assumed above, of a hundredth of M, the timed law spends about as much energy on
-  its stops as the impacts take from M. It is proportional to their mass and the square of their
-  speed.
+- At resonance, a fixed gap tuned for the actual force is as good as the laws, and needs no energy.
+  The laws are useful if force, frequency or friction are unknown or change.
+- With the stops assumed above, of a hundredth of M, the timed law spends on its stops more than
+  half of what is dissipated at resonance, and about as much as is dissipated under broadband
+  excitation. It is proportional to their mass and the square of their speed.
+- The predictive law can be worse than the timed law where what pays comes later than 1.25
+  half-cycles: above the resonance, and with weak forces on the inclines. At resonance a delay of
+  0.25 or 0.3 periods harms it, too.
 
 ## What this study does not cover
 
@@ -149,13 +178,73 @@ _LIMITS = """
 
 
 def _target_table(results: Results, extent: Extent) -> str:
+    head = (
+        'target',
+        'at most',
+        'stops that move instantly',
+        '',
+        'stops at finite speed',
+        'spent on them / dissipated',
+    )
     return markdown_table(
-        ('target', 'at most', 'reached', ''),
+        head,
         (
-            (one.text, f'{one.limit:g}', f'{one.reached:.4f}', 'met' if one.met else '**missed**')
+            (
+                one.text,
+                f'{one.limit:g}',
+                f'{one.reached:.4f}',
+                'met' if one.met else '**missed**',
+                f'{one.real:.4f}',
+                f'{100.0 * one.share:.0f} %',
+            )
             for one in targets(results, extent)
         ),
     )
+
+
+def _paragraph(text: str) -> str:
+    """Return text in lines of full length."""
+    return fill(' '.join(text.split()), 99, break_long_words=False, break_on_hyphens=False)
+
+
+def _target_text() -> str:
+    return _paragraph(f"""
+The target is judged with stops that move instantly; the energy for them is not counted. With
+stops at finite speed ({REAL_SPEED:g} m/s per newton of force, {REAL_MASS:g} kg each) the actuators
+spend the given part of what impacts and dashpot dissipate: 0 % with a fixed gap. At resonance the
+energy is that at 1 N; under broadband excitation it is the mean of the seeds.""")
+
+
+def _ideal_text(results: Results, extent: Extent) -> str:
+    gap, ratio = best_gap_at_resonance(results, extent)
+    sweep = level_sweep(results, extent)
+    unit = sweep.levels.index(1.0)
+    timed, ideal = sweep.ratios['timed'][unit], sweep.ideal[unit]
+    best = 'less' if ratio < timed else 'no less'
+    return _paragraph(f"""
+At 1 N the best fixed gap, {gap:.1f} m, leaves {ratio:.5f} of the amplitude without impacts,
+{best} than the timed law ({timed:.5f}). The *ideal*, {ideal:.5f}, is a formula of first order: it
+counts the fundamental of the impacts' force only. It is a reference, and no bound.""")
+
+
+def _broadband_text(results: Results, extent: Extent) -> str:
+    found = broadband(results, extent)
+    timed = fmean(found.common['timed'])
+    own = [rms for rms, _ in found.ratios['timed']]
+    first, last = extent.seeds[0], extent.seeds[-1]
+    gaps = extent.broadband_gaps
+    steps = [later - gap for gap, later in pairwise(gaps)] or [0.0]
+    return _paragraph(f"""
+{len(gaps)} fixed gaps from {gaps[0]:g} to {gaps[-1]:g} m, in steps of {min(steps):g} m to
+{max(steps):g} m. The best one for each seed ({first} to {last}) is
+{', '.join(f'{gap:g}' for gap in found.own)} m, with an rms of {min(found.own_rms):.3f} to
+{max(found.own_rms):.3f} m (mean {fmean(found.own_rms):.3f} m). The ratios to it are the headline:
+{fmean(own):.3f} for the timed law in the mean, {max(own):.3f} at most. The rms depends on the gap
+irregularly, so that a finer grid finds a lower one: over whole metres only, these ratios are
+{fmean(found.coarse):.3f} and {max(found.coarse):.3f}. The one gap that is best for all seeds in
+the mean is {found.best:g} m (mean rms {found.best_rms:.3f} m); against it the timed law comes to
+{timed:.3f}. The last two columns are with stops at {REAL_SPEED:g} m/s and what their actuators
+spend; all others are with stops that move instantly, booked with 0 W.""")
 
 
 def _level_table(results: Results, extent: Extent, angle: int = 0) -> str:
@@ -173,6 +262,8 @@ def _broadband_table(results: Results, extent: Extent) -> str:
     rows = []
     for name in LAWS:
         rms, peak = zip(*found.ratios[name], strict=True)
+        real = found.real.get(name)
+        power = real_power(results, extent, 'broadband', name) if real else None
         rows.append(
             (
                 LAW_LABELS[name],
@@ -180,16 +271,29 @@ def _broadband_table(results: Results, extent: Extent) -> str:
                 f'{min(rms):.3f} to {max(rms):.3f}',
                 f'{fmean(peak):.3f}',
                 f'{min(peak):.3f} to {max(peak):.3f}',
+                f'{fmean(found.common[name]):.3f}',
+                f'{fmean(real):.3f}' if real else '',
+                f'{power.actuators:.3g} W, {100.0 * power.share:.0f} %' if power else '',
             )
         )
-    return markdown_table(('law', 'rms, mean', 'rms, seeds', 'peak, mean', 'peak, seeds'), rows)
+    head = (
+        'law',
+        'rms, mean',
+        'rms, seeds',
+        'peak, mean',
+        'peak, seeds',
+        'rms over one gap for all seeds',
+        f'rms, mean, at {REAL_SPEED:g} m/s',
+        'spent, and over dissipated',
+    )
+    return markdown_table(head, rows)
 
 
 def _stepped_table(results: Results, extent: Extent) -> str:
     frequencies = stepped_frequencies(extent)
     turn = len(frequencies) // 2
     rows = []
-    for name in ('fixed', 'amplitude', 'timed'):
+    for name in ('fixed', *INDEPENDENT_LAWS):
         peaks = results['stepped', name].peaks
         up, down = peaks[: turn + 1], peaks[turn:][::-1]
         apart = max(abs(math.log(a / b)) for a, b in zip(up, down, strict=True))
@@ -206,20 +310,20 @@ def _stepped_table(results: Results, extent: Extent) -> str:
     return markdown_table(head, rows)
 
 
-def _energy_table(results: Results) -> str:
+def _energy_table(results: Results, extent: Extent) -> str:
     rows = []
-    for where in ('resonance', 'broadband'):
-        for name in ('amplitude', 'timed'):
-            one = results['energy', where, name]
-            taken = one.impact_power + one.dashpot_power
+    for where, words in (('level', 'resonance, 1 N'), ('broadband', 'broadband')):
+        keys = extent.seeds if where == 'broadband' else (1.0,)
+        for name in INDEPENDENT_LAWS:
+            power = real_power(results, extent, where, name)
             rows.append(
                 (
-                    f'{LAW_LABELS[name]}, {where}',
-                    f'{one.impact_power:.4g}',
-                    f'{one.dashpot_power:.4g}',
-                    f'{one.actuator_power:.4g}',
-                    f'{100.0 * one.actuator_power / taken:.1f} %',
-                    f'{one.rms:.3f}',
+                    f'{LAW_LABELS[name]}, {words}',
+                    f'{power.impacts:.4g}',
+                    f'{power.dashpot:.4g}',
+                    f'{power.actuators:.4g}',
+                    f'{100.0 * power.share:.1f} %',
+                    f'{fmean(results["real", where, name, key].rms for key in keys):.3f}',
                 )
             )
     head = (
@@ -243,7 +347,7 @@ _UNITS = {
 
 def _sensitivity_table(results: Results, extent: Extent, what: str) -> str:
     ideal = ideal_ratio(RIG) * RIG.response_amplitude / math.sqrt(2.0)
-    reference = broadband(results, extent).rms[0]
+    reference = broadband(results, extent).own_rms[0]
     values = [v for v in SENSITIVITIES[what] if ('sensitivity', what, 'timed', v) in results]
     rows = [
         (
@@ -253,7 +357,14 @@ def _sensitivity_table(results: Results, extent: Extent, what: str) -> str:
         for name, part, words, scale in (
             ('amplitude', 'sensitivity', 'resonance, over the ideal', ideal),
             ('timed', 'sensitivity', 'resonance, over the ideal', ideal),
+            ('predictive', 'sensitivity', 'resonance, over the ideal', ideal),
             ('timed', 'sensitivity broadband', 'broadband, over the best fixed gap', reference),
+            (
+                'predictive',
+                'sensitivity broadband',
+                'broadband, over the best fixed gap',
+                reference,
+            ),
         )
     ]
     return markdown_table((_UNITS[what], *(f'{value:g}' for value in values)), rows)
@@ -265,21 +376,20 @@ def _figure(name: str) -> str:
 
 def report_text(results: Results, extent: Extent) -> str:
     """Return README.md."""
-    found = broadband(results, extent)
     parts = [
         _INTRODUCTION,
         '## Targets',
         _target_table(results, extent),
+        _target_text(),
         _LAW_TEXT,
         '## Sixteenfold range of force at resonance',
         _figure('level'),
         'Amplitude of X (rms times √2) over that without impacts, 50 m/N:',
         _level_table(results, extent),
+        _ideal_text(results, extent),
         '## Broadband excitation',
         _figure('broadband'),
-        f'Ratios to the best fixed gap, {found.best:g} m, which gives an rms of '
-        f'{min(found.rms):.3f} to {max(found.rms):.3f} m (seeds {extent.seeds[0]} to '
-        f'{extent.seeds[-1]}):',
+        _broadband_text(results, extent),
         _broadband_table(results, extent),
         '## Through the resonance, up and down',
         _figure('stepped_sine'),
@@ -298,7 +408,7 @@ def report_text(results: Results, extent: Extent) -> str:
         *(_sensitivity_table(results, extent, what) for what in SENSITIVITIES),
         '## Energy of the actuators',
         _CAPTIONS['energy'],
-        _energy_table(results),
+        _energy_table(results, extent),
         _LIMITS,
     ]
     return '\n\n'.join(part.strip() for part in parts) + '\n'

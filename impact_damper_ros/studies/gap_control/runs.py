@@ -7,9 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from impact_damper_ros.control import Action, ControlledRig, GapControlParameters, damper_of
-from impact_damper_ros.rig import Event, EventKind, RigParameters
-from impact_damper_ros.rig.swing import Swing
+import numpy as np
+
+from impact_damper_ros.control import GapControlParameters, damper_of
+from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.event_budget import EndlessEventsError
+from impact_damper_ros.rig.swing import turning_point
 
 
 def ideal_amplitude(rig: RigParameters) -> float:
@@ -79,9 +83,8 @@ class Measured:
     #: Root mean square and largest modulus of X, m.
     rms: float
     peak: float
-    #: Impacts, and commands to the stops.
+    #: Number of impacts.
     impacts: int
-    commands: int
     #: Mean power spent by both actuators, and dissipated by impacts and dashpot, W.
     actuator_power: float
     impact_power: float
@@ -90,90 +93,110 @@ class Measured:
     peaks: tuple[float, ...] = ()
 
 
-def _impact_loss(rig: RigParameters, events: Sequence[Event]) -> float:
-    """Return the energy that impacts dissipate, J."""
-    reduced = rig.damper_mass / (1.0 + rig.mass_ratio)
-    lost = 0.0
-    for event in events:
-        if event.kind is EventKind.IMPACT:
-            before = event.damper_velocity_before - event.primary_velocity_before
-            after = event.damper_velocity_after - event.primary_velocity_after
-            lost += 0.5 * reduced * (before * before - after * after)
-    return lost
+class _Stretch:
+    """What is measured of a stretch of a run."""
+
+    def __init__(self, run: ControlledRun, samples: Any, impacts: Any) -> None:
+        rig = run.parameters
+        x, speed = samples['x'][1:], samples['primary_velocity'][1:]
+        before = impacts['damper_velocity_before'] - impacts['primary_velocity_before']
+        after = impacts['damper_velocity_after'] - impacts['primary_velocity_after']
+        reduced = rig.damper_mass / (1.0 + rig.mass_ratio)
+        self.rms = float(np.sqrt(np.mean(x * x)))
+        self.peak = _largest(samples, impacts)
+        self.impacts = len(impacts)
+        #: J.
+        self.lost = 0.5 * reduced * float(np.sum(before * before - after * after))
+        #: W.
+        self.dashpot_power = rig.damping * float(np.mean(speed * speed))
+
+
+def _largest(samples: Any, impacts: Any) -> float:
+    """Return the largest |X|, at samples and impacts and where M turns between them, m."""
+    times = np.concatenate([samples['time'], impacts['time']])
+    order = np.argsort(times, kind='stable')
+    times = times[order]
+    x = np.concatenate([samples['x'], impacts['x']])[order]
+    rate = samples['primary_velocity']
+    before = np.concatenate([rate, impacts['primary_velocity_before']])[order]
+    after = np.concatenate([rate, impacts['primary_velocity_after']])[order]
+    turns = np.flatnonzero(after[:-1] * before[1:] < 0.0)
+    rows = zip(
+        times[turns], x[turns], after[turns], times[turns + 1], x[turns + 1], before[turns + 1],
+        strict=True,
+    )  # fmt: skip
+    return max(float(np.max(np.abs(x))), *(abs(turning_point(*map(float, row))) for row in rows))
 
 
 class _Meter:
     """Advance a rig and measure it on the way."""
 
     def __init__(self, case: Case) -> None:
-        self.rig = ControlledRig(case.rig, control=case.control)
+        self.run = ControlledRun(case.rig, control=case.control)
         self.step = math.tau / case.rig.omega / _SAMPLES
         self.levels = [(start * _SAMPLES, amplitude) for start, amplitude in sorted(case.levels)]
         self.ticks = 0
-        self.clear()
 
-    def clear(self) -> None:
-        """Begin a measurement."""
-        self.swing = Swing()
-        self.squares = self.rates = self.lost = 0.0
-        self.count = self.impacts = self.commands = 0
-        self.spent = sum(self.rig.energies)
+    def spent(self) -> float:
+        """Return the energy that the actuators have spent so far, J."""
+        return sum(self.run.simulator().energies)
 
-    def advance(self, ticks: int) -> None:
-        """Advance by some sampling intervals."""
-        rig = self.rig
-        for _ in range(ticks):
-            if self.levels and self.ticks >= self.levels[0][0]:
-                _, amplitude = self.levels.pop(0)
-                rig.change(rig.parameters.replace(force_amplitudes=[amplitude]))
-            self.ticks += 1
-            events = rig.advance(self.ticks * self.step)
-            sample = rig.sample()
-            self.swing.look(sample, [e for e in events if e.kind is EventKind.IMPACT])
-            self.squares += sample.x * sample.x
-            self.rates += sample.primary_velocity**2
-            self.lost += _impact_loss(rig.parameters, events)
-            self.impacts += sum(e.kind is EventKind.IMPACT for e in events)
-            self.commands += sum(r.action is Action.COMMAND for r in rig.records)
-            self.count += 1
+    def advance(self, ticks: int, *, measured: bool = True) -> _Stretch | None:
+        """Advance by some sampling intervals; the force changes before the first of them only."""
+        run = self.run
+        if self.levels and self.ticks >= self.levels[0][0]:
+            _, amplitude = self.levels.pop(0)
+            run.change(run.parameters.replace(force_amplitudes=[amplitude]))
+        first, self.ticks = self.ticks, self.ticks + ticks
+        instants = self.step * np.arange(first, self.ticks + 1) if measured else ()
+        found = run.advance(self.step * self.ticks, instants, record=measured)
+        if found.reason:
+            raise EndlessEventsError(found.reason)
+        return _Stretch(run, found.samples, found.impacts()) if measured else None
 
-    def result(self, peaks: Sequence[float] = ()) -> Measured:
-        """Return the result since the last `clear`."""
-        span = self.count * self.step
+    def result(self, ticks: int, peaks: Sequence[float] = ()) -> Measured:
+        """Advance by some sampling intervals and return the result."""
+        spent = self.spent()
+        found = self.advance(ticks)
+        assert found is not None
+        span = ticks * self.step
         return Measured(
-            rms=math.sqrt(self.squares / self.count),
-            peak=self.swing.largest,
-            impacts=self.impacts,
-            commands=self.commands,
-            actuator_power=(sum(self.rig.energies) - self.spent) / span,
-            impact_power=self.lost / span,
-            dashpot_power=self.rig.parameters.damping * self.rates / self.count,
-            peaks=tuple(peaks),
+            rms=found.rms,
+            peak=found.peak,
+            impacts=found.impacts,
+            actuator_power=(self.spent() - spent) / span,
+            impact_power=found.lost / span,
+            dashpot_power=found.dashpot_power,
+            peaks=(*peaks, found.peak) if peaks else (),
         )
 
 
 def run_case(case: Case) -> Measured:
     """Make a run."""
     meter = _Meter(case)
-    peaks: list[float] = []
-    if case.intervals:
-        for begin, end in zip((0.0, *case.intervals), case.intervals, strict=False):
-            half = round((0.5 * (begin + end)) / meter.step) - meter.ticks
-            meter.advance(half)
-            meter.clear()
-            meter.advance(round(end / meter.step) - meter.ticks)
-            peaks.append(meter.swing.largest)
-        return meter.result(peaks)
-    meter.advance(round(case.settle * _SAMPLES))
-    meter.clear()
-    if case.history:
-        for _ in range(round(case.watch)):
-            meter.advance(_SAMPLES)
-            peaks.append(meter.swing.largest)
-            meter.swing = Swing()
-        return meter.result(peaks)
-    meter.advance(round(case.watch * _SAMPLES))
-    return meter.result()
+    ends = case.intervals
+    if ends:
+        stretches = [
+            (round(0.5 * (begin + end) / meter.step), round(end / meter.step))
+            for begin, end in zip((0.0, *ends), ends, strict=False)
+        ]
+    else:
+        settle, watch = round(case.settle * _SAMPLES), round(case.watch * _SAMPLES)
+        stretches = [(settle, settle + watch)]
+        if case.history:
+            stretches = [
+                (settle + k * _SAMPLES, settle + (k + 1) * _SAMPLES)
+                for k in range(round(case.watch))
+            ]
+    peaks = []
+    for begin, end in stretches:
+        if begin > meter.ticks:
+            meter.advance(begin - meter.ticks, measured=False)
+        if end < stretches[-1][1]:
+            found = meter.advance(end - begin)
+            assert found is not None
+            peaks.append(found.peak)
+    return meter.result(stretches[-1][1] - meter.ticks, peaks)
 
 
 #: The best fixed gap at 1 N for each angle, over the optimal gap of the ideal amplitude.
@@ -189,7 +212,11 @@ ANGLES = (15, 45)
 #: Frequencies of the broadband excitation, rad/s.
 _BAND = (0.5, 2.0)
 _LINES = 48
-LAWS = ('amplitude symmetric', 'amplitude', 'timed symmetric', 'timed')
+LAWS = ('amplitude symmetric', 'amplitude', 'timed symmetric', 'timed', 'predictive')
+#: The laws with independent stops.
+INDEPENDENT_LAWS = ('amplitude', 'timed', 'predictive')
+#: Speed of real stops, m/s for a force of 1 N, and mass of each, kg.
+REAL_SPEED, REAL_MASS = 16.0, 0.01
 #: Disturbances and their values: natural periods, m/s, relative to the amplitude, per period.
 SENSITIVITIES: dict[str, tuple[float, ...]] = {
     'delay': (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4),
@@ -210,13 +237,13 @@ class Extent:
     #: Force levels at resonance, N.
     levels: tuple[float, ...] = tuple(2.0 ** (k / 2) for k in range(-4, 5))
     #: Seeds of the broadband excitation.
-    seeds: tuple[int, ...] = (1, 2, 3)
+    seeds: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7, 8)
     #: Fixed gaps, over the optimal gap of the ideal amplitude at 1 N.
-    gaps: tuple[float, ...] = (0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05)
-    #: Fixed gaps under broadband excitation, m.
-    broadband_gaps: tuple[float, ...] = (
-        8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.0, 22.0, 25.0, 28.0, 32.0, 38.0,
-    )  # fmt: skip
+    gaps: tuple[float, ...] = tuple(k / 100 for k in range(60, 111))
+    #: Fixed gaps under broadband excitation, m; finer where the best ones are.
+    broadband_gaps: tuple[float, ...] = tuple(
+        k / 4 for k in range(32, 153) if k % 4 == 0 or 56 < k < 100
+    )
     #: Before and during the measurement at resonance.
     settle: float = 240.0
     watch: float = 80.0
@@ -281,9 +308,9 @@ def stepped_frequencies(extent: Extent) -> tuple[float, ...]:
     return (*up, *reversed(up[:-1]))
 
 
-def _gap(rig: RigParameters, share: float) -> float:
-    """Return a share of the optimal gap for the ideal amplitude, m."""
-    return share * damper_of(rig).optimal_gap(ideal_amplitude(rig), math.inf)
+def optimal_gap(rig: RigParameters) -> float:
+    """Return the optimal gap for the ideal amplitude, m."""
+    return damper_of(rig).optimal_gap(ideal_amplitude(rig), math.inf)
 
 
 def inclined_rig(angle: int) -> RigParameters:
@@ -295,7 +322,7 @@ def tuning_cases(extent: Extent) -> list[Case]:
     """Return the runs that find the best fixed gap at 1 N, of the level and inclined rigs."""
     rigs = {angle: inclined_rig(angle) for angle in (0, *ANGLES)}
     return [
-        extent.at_resonance(('tuning', angle, share), rig.replace(gap=_gap(rig, share)))
+        extent.at_resonance(('tuning', angle, share), rig.replace(gap=share * optimal_gap(rig)))
         for angle, rig in rigs.items()
         for share in extent.gaps
     ]
@@ -305,7 +332,7 @@ def _level_cases(angle: int, extent: Extent, shares: _Shares) -> Iterator[Case]:
     rig = inclined_rig(angle)
     for level in extent.levels:
         forced = rig.replace(force_amplitudes=[level])
-        fixed = forced.replace(gap=_gap(rig, shares[angle]))
+        fixed = forced.replace(gap=shares[angle] * optimal_gap(rig))
         yield extent.at_resonance(('level', angle, 'fixed', level), fixed)
         for one in LAWS:
             yield extent.at_resonance(('level', angle, one, level), forced, control=law(one, rig))
@@ -329,11 +356,11 @@ def _stepped_cases(extent: Extent, shares: _Shares) -> Iterator[Case]:
         sweep_high=_STEPPED_HIGH,
         sweep_step=extent.frequency_step,
         sweep_dwell=dwell,
-        gap=_gap(RIG, shares[0]),
+        gap=shares[0] * optimal_gap(RIG),
     )
     intervals = tuple(dwell * (k + 1) for k in range(count))
     yield Case(key=('stepped', 'fixed'), rig=stepped, intervals=intervals)
-    for one in ('amplitude', 'timed'):
+    for one in INDEPENDENT_LAWS:
         yield Case(key=('stepped', one), rig=stepped, intervals=intervals, control=law(one, RIG))
 
 
@@ -341,14 +368,14 @@ def _load_cases(extent: Extent, shares: _Shares) -> Iterator[Case]:
     span = extent.load_span
     base = Case(
         key=(),
-        rig=RIG.replace(gap=_gap(RIG, shares[0])),
+        rig=RIG.replace(gap=shares[0] * optimal_gap(RIG)),
         settle=0.0,
         watch=3.0 * span,
         levels=((span, 4.0), (2.0 * span, 0.25)),
         history=True,
     )
     yield replace(base, key=('load', 'fixed'))
-    for one in ('amplitude', 'timed'):
+    for one in INDEPENDENT_LAWS:
         yield replace(base, key=('load', one), control=law(one, RIG))
 
 
@@ -367,19 +394,24 @@ def _disturbed(what: str, value: float) -> dict[str, float]:
 def _sensitivity_cases(extent: Extent) -> Iterator[Case]:
     for what, values in SENSITIVITIES.items():
         for value in values if len(extent.seeds) > 1 else values[2:4]:
-            for one in ('amplitude', 'timed'):
+            for one in INDEPENDENT_LAWS:
                 control = law(one, RIG, **_disturbed(what, value))
                 yield extent.at_resonance(('sensitivity', what, one, value), RIG, control=control)
-            key = ('sensitivity broadband', what, 'timed', value)
-            yield extent.under_broadband(key, extent.seeds[0], control=control)
+                if one != 'amplitude':
+                    key = ('sensitivity broadband', what, one, value)
+                    yield extent.under_broadband(key, extent.seeds[0], control=control)
 
 
-def _energy_cases(extent: Extent) -> Iterator[Case]:
-    for one in ('amplitude', 'timed'):
-        control = law(one, RIG, actuator_speed=16.0, actuator_mass=0.01)
-        yield extent.at_resonance(('energy', 'resonance', one), RIG, control=control)
-        key = ('energy', 'broadband', one)
-        yield extent.under_broadband(key, extent.seeds[0], control=control)
+def _real_cases(extent: Extent) -> Iterator[Case]:
+    """Return runs with stops of finite speed, which scales with the force."""
+    for one in INDEPENDENT_LAWS:
+        for level in extent.levels:
+            control = law(one, RIG, actuator_speed=REAL_SPEED * level, actuator_mass=REAL_MASS)
+            forced = RIG.replace(force_amplitudes=[level])
+            yield extent.at_resonance(('real', 'level', one, level), forced, control=control)
+        control = law(one, RIG, actuator_speed=REAL_SPEED, actuator_mass=REAL_MASS)
+        for seed in extent.seeds:
+            yield extent.under_broadband(('real', 'broadband', one, seed), seed, control=control)
 
 
 def all_cases(extent: Extent, shares: _Shares) -> list[Case]:
@@ -388,7 +420,7 @@ def all_cases(extent: Extent, shares: _Shares) -> list[Case]:
         *_stepped_cases(extent, shares),
         *_broadband_cases(extent),
         *_sensitivity_cases(extent),
-        *_energy_cases(extent),
+        *_real_cases(extent),
         *_load_cases(extent, shares),
     ]
     for angle in (*ANGLES, 0):

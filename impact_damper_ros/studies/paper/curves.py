@@ -2,14 +2,16 @@
 The curves of a figure: periodic motions against one parameter, and simulated motions as marks.
 
 Motions with two alternating impacts are enumerated: every solution is found at each value. Motions
-with more impacts are followed along the parameter by shooting, from motions that the simulator
-settles into; friction may then reverse within a flight.
+with more impacts, and those in which friction reverses within a flight, are followed along the
+parameter by shooting. They start from all solutions of the impact equations at each value, and
+with friction, which the equations do not cover there, from those of frictionless rigs, carried
+over. They do not start from simulations: what a run settles into may depend on its last digit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import pairwise
@@ -18,20 +20,28 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.orbits import PeriodicOrbit, find_orbits, orbit_near
+from impact_damper_ros.orbits import (
+    PeriodicOrbit,
+    find_orbits,
+    orbit_near,
+    plausible_stops,
+)
 from impact_damper_ros.orbits.recognition import repeated_impacts
+from impact_damper_ros.orbits.search import carried_over, counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles
 from impact_damper_ros.orbits.shooting import Section, section_on, shoot
 from impact_damper_ros.rig import Event, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.swing import Swing
 
 from .rigs import VARIABLES
 
 #: Cycles of the force between two checks, and in all; the tolerance within which periods agree.
 CYCLES_BETWEEN_LOOKS, MOST_CYCLES, TOLERANCE = 50, 600, 1e-8
+#: Fewest and most cycles near a predicted motion, which may be stable by little.
+_CYCLES_NEAR = (3000, 30000)
 _SAMPLES_PER_CYCLE = 240
 _MOST_PERIODS = 4
-_SEED_IMPACTS = 6
 _MOST_IMPACTS_PER_CYCLE = 25
 
 
@@ -51,9 +61,6 @@ class SettledMotion:
     durations: tuple[float, ...]
     #: The periodic motion that the theory finds next to it.
     orbit: PeriodicOrbit | None
-    #: Motions with the period of the force, stable or not, that shooting finds from states of the
-    #: run, even if it does not repeat.
-    seeds: tuple[PeriodicOrbit, ...] = ()
 
     @property
     def difference(self) -> float:
@@ -70,9 +77,10 @@ class SettledMotion:
 
 def disturbed(orbit: PeriodicOrbit, share: float = 0.001) -> Simulator:
     """
-    Return a simulator that starts near a periodic motion, just after its first impact.
+    Return a simulator that starts near a periodic motion, just before its first impact.
 
-    The velocity of M is off by a share of its amplitude.
+    The velocity of M is off by a share of its amplitude. Just after the impact would be another
+    motion where air drives m: no air acts before the first impact of a run.
     """
     rig = orbit.parameters
     rate = rig.force_frequencies[0]
@@ -80,30 +88,32 @@ def disturbed(orbit: PeriodicOrbit, share: float = 0.001) -> Simulator:
     half = 0.5 * rig.gap
     initial = InitialConditions(
         initial_primary_position=orbit.x[0],
-        initial_primary_velocity=orbit.primary_velocity_after[0] + share * orbit.x_max * rate,
+        initial_primary_velocity=orbit.primary_velocity_before[0] + share * orbit.x_max * rate,
         initial_damper_offset=half if orbit.stops[0] == 1 else -half,
-        initial_damper_velocity=orbit.damper_velocity_after[0],
+        initial_damper_velocity=orbit.damper_velocity_before[0],
     )
     return Simulator(rig.replace(force_phases=(math.remainder(phase, math.tau),)), initial)
 
 
 def _largest(rig: RigParameters, simulator: Simulator, cycles: int, begun: int) -> float:
     """Return the largest |X| over some cycles."""
-    swing = Swing()
+    swing, budget = Swing(), EventBudget()
     cycle = math.tau / rig.force_frequencies[0]
     for k in range(cycles * _SAMPLES_PER_CYCLE + 1):
-        events = simulator.advance((begun + k / _SAMPLES_PER_CYCLE) * cycle)
+        events = budget.advance(simulator, (begun + k / _SAMPLES_PER_CYCLE) * cycle)
         swing.look(simulator.sample(), events)
     return swing.largest
 
 
-def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
+def settle(
+    simulator: Simulator, value: float = 0.0, most_cycles: int = MOST_CYCLES
+) -> SettledMotion:
     """Simulate until the motion repeats."""
     rig = simulator.parameters
     cycle = math.tau / rig.force_frequencies[0]
     begun = math.ceil(simulator.time / cycle)
     recent: list[Event] = []
-    for look in run_by_cycles(simulator, CYCLES_BETWEEN_LOOKS, MOST_CYCLES, first=begun):
+    for look in run_by_cycles(simulator, CYCLES_BETWEEN_LOOKS, most_cycles, first=begun):
         k, recent = begun + look.cycles, look.impacts
         if len(recent) > _MOST_IMPACTS_PER_CYCLE * CYCLES_BETWEEN_LOOKS:
             return SettledMotion(value, (), 0, math.nan, (), None)
@@ -115,7 +125,6 @@ def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
         instants = [e.time for e in period]
         ends = [*instants[1:], instants[0] + cycles * cycle]
         orbit = orbit_near(rig, recent[-1], recent[-1].time / cycle, cycles)
-        seeds = (orbit,) if orbit is not None and cycles == 1 else _seeds(rig, recent)
         return SettledMotion(
             value=value,
             stops=tuple(e.stop for e in period),
@@ -123,17 +132,8 @@ def settle(simulator: Simulator, value: float = 0.0) -> SettledMotion:
             ratio=_largest(rig, simulator, cycles, k) / rig.response_amplitude,
             durations=tuple(2.0 * (b - a) / cycle for a, b in zip(instants, ends, strict=True)),
             orbit=orbit,
-            seeds=seeds,
         )
-    return SettledMotion(value, (), 0, math.nan, (), None, _seeds(rig, recent))
-
-
-def _seeds(rig: RigParameters, impacts: Sequence[Event]) -> tuple[PeriodicOrbit, ...]:
-    """Return periodic motions of one force cycle that shooting finds from the last impacts."""
-    cycle = math.tau / rig.force_frequencies[0]
-    last = impacts[-_SEED_IMPACTS:]
-    tries = (orbit_near(rig, impact, impact.time / cycle, 1) for impact in last)
-    return tuple(orbit for orbit in tries if orbit is not None)
+    return SettledMotion(value, (), 0, math.nan, (), None)
 
 
 def settled_motions(
@@ -151,7 +151,7 @@ def settled_motions(
     for runs, (value, rig) in zip(found, rigs, strict=True):
         _take(runs, Simulator(rig), value)
         for orbit in predicted.get(value, ()):
-            _take(runs, disturbed(orbit), value)
+            _take(runs, disturbed(orbit), value, _cycles_near(orbit))
     if carried:
         forth = list(range(len(rigs)))
         for order in (forth, forth[::-1]):
@@ -168,12 +168,21 @@ def settled_motions(
     return [motion for runs in found for motion, _ in runs]
 
 
+def _cycles_near(orbit: PeriodicOrbit) -> int:
+    """Return for how many cycles a run near a stable motion may take to settle."""
+    least, most = _CYCLES_NEAR
+    needed = 2.0 * math.log(TOLERANCE) / math.log(max(abs(orbit.multipliers[0]), 0.5))
+    return round(min(max(needed, least), most))
+
+
 _Run = tuple[SettledMotion, dict[str, Any]]
 
 
-def _take(runs: list[_Run], simulator: Simulator, value: float) -> None:
+def _take(
+    runs: list[_Run], simulator: Simulator, value: float, most_cycles: int = MOST_CYCLES
+) -> None:
     """Add the motion that a rig settles into, if it is new."""
-    motion = settle(simulator, value)
+    motion = settle(simulator, value, most_cycles)
     if not any(_same(motion, other) for other, _ in runs):
         runs.append((motion, simulator.snapshot()))
 
@@ -187,7 +196,8 @@ def _same(one: SettledMotion, other: SettledMotion) -> bool:
 
 #: Motions at neighbouring values whose relative difference is larger are on different curves.
 _LARGEST_STEP = 0.25
-_SAME = 1e-4
+#: Motions at one value nearer than this are the same, in Xmax/A and in half-cycles.
+_SAME, _SAME_DURATION = 1e-4, 1e-3
 _EDGE_BISECTIONS = 12
 #: Smallest step in following a motion, relative to the distance between values.
 _SMALLEST_STEP = 1.0 / 64.0
@@ -216,6 +226,8 @@ class SeriesPlan:
     marks: tuple[float, ...] = ()
     #: Numbers of impacts per cycle of the force that are sought.
     impacts: tuple[int, ...] = (2,)
+    #: Value up to which motions with three impacts and more are sought.
+    many_up_to: float = math.inf
 
     def at(self, value: float) -> RigParameters:
         """Return the rig at a value."""
@@ -235,6 +247,8 @@ class CurvePoint:
     status: Status
     #: Largest modulus of a multiplier.
     modulus: float
+    #: The motion itself.
+    orbit: PeriodicOrbit | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass
@@ -246,6 +260,8 @@ class Curve:
     points: list[CurvePoint] = field(default_factory=list)
     #: Whether m reverses between alternating stops, which the paper excludes.
     reverses: bool = False
+    #: Whether it starts from a simulation, since nothing else has led to it.
+    simulated: bool = False
 
     @property
     def impacts(self) -> int:
@@ -262,6 +278,7 @@ def _point(value: float, orbit: PeriodicOrbit) -> CurvePoint:
         durations=tuple(duration / half for duration in orbit.durations),
         status=status if orbit.viable else Status.NOT_VIABLE,
         modulus=abs(orbit.multipliers[0]),
+        orbit=orbit,
     )
 
 
@@ -344,26 +361,47 @@ class _Step:
         return _point(self.value, self.orbit)
 
 
-def _sharpened(plan: SeriesPlan, last: _Step, after: _Step) -> list[CurvePoint]:
-    """Return motions between two, around the value at which the stability changes."""
-    points = []
-    near, far = last, after.value
-    for _ in range(_EDGE_BISECTIONS):
-        middle = near.to(plan, 0.5 * (near.value + far))
-        if middle is None:
-            break
-        points.append(middle.point)
-        if middle.orbit.stable == near.orbit.stable:
-            near = middle
-        else:
-            far = middle.value
-    return sorted(points, key=lambda point: point.value, reverse=after.value < last.value)
+def _instability(orbit: PeriodicOrbit) -> tuple[int, int, int]:
+    """Count the multipliers outside the unit circle: above 1, below -1, and not real."""
+    outside = [m for m in orbit.multipliers if abs(m) >= 1.0]
+    above = sum(m.imag == 0.0 and m.real > 0.0 for m in outside)
+    below = sum(m.imag == 0.0 and m.real < 0.0 for m in outside)
+    return above, below, len(outside) - above - below
+
+
+def _between(plan: SeriesPlan, near: _Step, far: _Step, bisections: int) -> list[CurvePoint]:
+    """Return motions between two, around each value at which other multipliers are unstable."""
+    if not bisections or _instability(near.orbit) == _instability(far.orbit):
+        return []
+    middle = near.to(plan, 0.5 * (near.value + far.value))
+    if middle is None:
+        return []
+    return [
+        *_between(plan, near, middle, bisections - 1),
+        middle.point,
+        *_between(plan, middle, far, bisections - 1),
+    ]
+
+
+def _sharpened(plan: SeriesPlan, near: _Step, far: _Step) -> list[CurvePoint]:
+    """
+    Return motions between two, around the values at which the stability changes.
+
+    A range of stability between two unstable motions is found if they are unstable in different
+    ways, as by a period doubling on one side and a pair of multipliers on the other.
+    """
+    points = _between(plan, near, far, _EDGE_BISECTIONS)
+    found = {near.point.status, far.point.status, *(point.status for point in points)}
+    return points if Status.STABLE in found else []
 
 
 def _follow(
-    plan: SeriesPlan, start: tuple[float, PeriodicOrbit, Section], targets: Sequence[float]
+    plan: SeriesPlan,
+    start: tuple[float, PeriodicOrbit, Section],
+    targets: Sequence[float],
+    known: Mapping[float, Sequence[CurvePoint]],
 ) -> list[CurvePoint]:
-    """Follow a motion along the values, with smaller steps where needed, until it ends."""
+    """Follow a motion along the values, with smaller steps where needed, to its end or a join."""
     here = _Step(*start)
     points: list[CurvePoint] = []
     for target in targets:
@@ -377,43 +415,95 @@ def _follow(
                 if abs(step) < abs(least):
                     return points
                 continue
-            if ahead.orbit.stable != here.orbit.stable:
-                points += _sharpened(plan, here, ahead)
+            points += _sharpened(plan, here, ahead)
             here = ahead
             points.append(here.point)
             if here.orbit.impacts == 2 and not here.orbit.events:
                 return points
+        if any(alike(here.point, other) for other in known.get(target, ())):
+            return points
     return points
 
 
-def followed_curves(
-    plan: SeriesPlan, motions: Sequence[SettledMotion], impacts: int
-) -> list[Curve]:
-    """Follow motions of one force cycle, from those that the simulator has found."""
+#: A motion that a curve is followed from, and the value of the parameter.
+Start = tuple[float, PeriodicOrbit]
+
+
+def frictionless_motions(plan: SeriesPlan, values: Iterable[float]) -> list[Start]:
+    """Find the viable motions without friction at some values: all of the impact equations."""
+    found: list[Start] = []
+    for value in values:
+        rig = plan.at(value).replace(friction=0.0)
+        sequences = (
+            stops
+            for impacts in plan.impacts
+            if impacts == 2 or value <= plan.many_up_to
+            for stops in plausible_stops(rig, impacts)
+        )
+        for stops in sequences:
+            orbits = find_orbits(rig, stops, simulate=False).orbits
+            found += [(value, orbit) for orbit in orbits if orbit.viable]
+    return found
+
+
+def carried_starts(plan: SeriesPlan, motions: Iterable[Start]) -> list[Start]:
+    """Return the motions of other rigs, carried over to the rig of a series at their values."""
+    found: list[Start] = []
+    for value, orbit in motions:
+        over = carried_over(orbit, plan.at(value))
+        counted = None if over is None else counted_as(over, orbit.stops)
+        if counted is not None:
+            found.append((value, counted))
+    return found
+
+
+def followed_curves(plan: SeriesPlan, starts: Iterable[Start], impacts: int) -> list[Curve]:
+    """
+    Follow motions of one force cycle along the parameter, each curve once.
+
+    With three impacts and more only curves that are stable somewhere are kept.
+    """
     curves: list[Curve] = []
-    for motion in motions:
-        for orbit in motion.seeds:
-            # Two impacts without reversal, sticking or rest are enumerated
-            if orbit.impacts != impacts or (impacts == 2 and not orbit.events):
-                continue
-            point = _point(motion.value, orbit)
-            known = (p for c in curves for p in c.points if p.value == motion.value)
-            section = section_on(orbit)
-            if section is None or any(_alike(point, other) for other in known):
-                continue
-            start = (motion.value, orbit, section)
-            below = _follow(plan, start, [v for v in plan.values[::-1] if v < motion.value])
-            above = _follow(plan, start, [v for v in plan.values if v > motion.value])
-            points = [*below[::-1], point, *above]
-            curves.append(Curve(orbit.stops, points, reverses=impacts == 2))
-    return curves
+    known: dict[tuple[int, ...], dict[float, list[CurvePoint]]] = {}
+    for value, orbit in starts:
+        # Two impacts without reversal, sticking or rest are enumerated
+        if orbit.impacts != impacts or (impacts == 2 and not orbit.events):
+            continue
+        point, section = _point(value, orbit), section_on(orbit)
+        others = known.setdefault(orbit.stops, {})
+        if section is None or any(alike(point, other) for other in others.get(value, ())):
+            continue
+        start = (value, orbit, section)
+        below = _follow(plan, start, [v for v in plan.values[::-1] if v < value], others)
+        above = _follow(plan, start, [v for v in plan.values if v > value], others)
+        points = [*below[::-1], point, *above]
+        for one in points:
+            others.setdefault(one.value, []).append(one)
+        curves.append(Curve(orbit.stops, points, reverses=impacts == 2))
+    return [c for c in curves if impacts == 2 or any(p.status == Status.STABLE for p in c.points)]
 
 
-def _alike(one: CurvePoint, other: CurvePoint) -> bool:
+def alike(one: CurvePoint | SettledMotion, other: CurvePoint) -> bool:
+    """Return whether two motions with the same stops at the same value are the same."""
     if len(one.durations) != len(other.durations) or abs(one.ratio - other.ratio) > _SAME:
         return False
     turns = (
         np.roll(one.durations, shift) - np.array(other.durations)
         for shift in range(len(one.durations))
     )
-    return min(float(np.abs(turn).max()) for turn in turns) < math.sqrt(_SAME)
+    return min(float(np.abs(turn).max()) for turn in turns) < _SAME_DURATION
+
+
+def point_of(curves: Iterable[Curve], mark: SettledMotion) -> CurvePoint | None:
+    """Return the motion on some curves that a settled motion is."""
+    if mark.cycles != 1:
+        return None
+    turns = {mark.stops[i:] + mark.stops[:i] for i in range(len(mark.stops))}
+    points = (
+        point
+        for curve in curves
+        if curve.stops in turns
+        for point in curve.points
+        if point.value == mark.value and point.status != Status.NOT_VIABLE
+    )
+    return next((point for point in points if alike(mark, point)), None)

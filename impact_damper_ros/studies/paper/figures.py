@@ -140,12 +140,19 @@ def _viable_span(curve: Curve) -> float:
     return max(values) - min(values) if values else 0.0
 
 
-def _ever_stable(curves: Sequence[Curve]) -> list[Curve]:
-    return [c for c in curves if any(p.status == Status.STABLE for p in c.points)]
+def _without_mirror_images(one: Series, curves: Sequence[Curve]) -> list[Curve]:
+    """Leave out stop sequences that are mirror images: on the level their curves coincide."""
+    if one.plan.rig.angle or one.plan.variable == 'angle':
+        return list(curves)
+
+    def first(stops: tuple[int, ...]) -> tuple[int, ...]:
+        return min(stops[i:] + stops[:i] for i in range(len(stops)))
+
+    return [c for c in curves if first(c.stops) <= first(tuple(3 - stop for stop in c.stops))]
 
 
 def _series(axes: Any, one: Series, impacts: int, look: tuple[str, str], quantity: Any) -> None:
-    curves = one.of(impacts) if impacts == 2 else _ever_stable(one.of(impacts))
+    curves = _without_mirror_images(one, one.of(impacts))
     values = one.plan.values
     curves = [c for c in curves if _viable_span(c) > _LEAST_SPAN * (values[-1] - values[0])]
     _draw_curves(axes, curves, look[0], quantity)

@@ -11,7 +11,8 @@ from impact_damper_ros.outputs import write_text
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.studies.markdown import markdown_table
 
-from .claims import Claim, all_claims
+from .claim import Claim
+from .claims import all_claims
 from .curves import Status
 from .figures import draw_figure_2, draw_figure_3, draw_figure_4, draw_figure_5, draw_figure_6
 from .series import AngleOptimum, Series
@@ -25,8 +26,10 @@ _CAPTIONS: dict[str, dict[str, str]] = {
             'against the gap, for two (a, b), three (c, d) and four (e, f) impacts in one cycle. '
             'K = 1 N/m, M = 1 kg, F = 1 N, m = 0.042 kg, C = 0.01 N s/m, R₁ = R₂ = 0.75, '
             'Ω = 1.02 rad/s. Two impacts: all viable solutions of the impact equations. Three '
-            'and four: motions followed over the gap by shooting, up to a fold at most; drawn if '
-            'stable somewhere (the others are in the CSV file). In (e, f) the family that ends '
+            'and four: motions that are stable somewhere, followed over the gap by shooting, up '
+            'to a fold at most. They start from all viable solutions of the impact equations at '
+            'every second gap; with friction, from the motions of the rigs without it, with '
+            'angle, friction and gravity changed step by step. In (e, f) the family that ends '
             'near 9 m hits each stop twice in a row, the one that ends near 13 m hits one stop '
             'three times. With friction, m reverses within the flights that return to the same '
             'stop, and so does the friction force, which the equations of the paper do not allow '
@@ -139,10 +142,17 @@ Vibration 184(3), 417-427, 1995. `reproduce_paper` makes this page, the figures,
 with the numbers behind each figure.
 
 Lines are theory, solid where stable and dashed where unstable; solutions that the rig cannot
-perform are left out. Open marks are settled runs of the exact simulator, from rest, from near the
-predicted motions, and from the settled motions at the neighbouring marks, so that attractors not
-reached from rest are found, too. Motions that do not repeat within four cycles of the force have
-no mark. The figures of the paper have no readable axes: the ranges are chosen here.
+perform are left out. No line with three or four impacts starts from a simulation. Open marks are
+settled runs of the exact simulator, from rest, from near the predicted motions, and from the
+settled motions at the neighbouring marks, so that attractors not reached from rest are found, too.
+Motions that do not repeat within four cycles of the force have no mark. The figures of the paper
+have no readable axes: the ranges are chosen here.
+"""
+
+
+_VERDICTS = """\
+*Reproduced in part*: the claim holds for some of the rigs, motions or measures that it is about;
+the verdict says for which. A change of the displacement by less than 10 % counts as small.
 """
 
 
@@ -160,7 +170,7 @@ def write_report(
         for number, one in enumerate(claims, 1)
     ]
     table = markdown_table(('no.', 'about', 'claim', 'computed', 'verdict'), rows)
-    lines += ['## Claims', '', table, '']
+    lines += ['## Claims', '', _VERDICTS, table, '']
     write_text(directory / 'README.md', '\n'.join(lines))
     return claims
 

@@ -6,22 +6,25 @@ The axes of the scan have no numbers: the ranges here cover all that the paper s
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.optimum import OptimalGap, optimal_gap
-from impact_damper_ros.orbits.shooting import section_on, shoot
-from impact_damper_ros.rig import Simulator
 
 from .curves import (
     Curve,
     SeriesPlan,
     SettledMotion,
+    Start,
+    Status,
+    carried_starts,
     disturbed,
     enumerated_curves,
     followed_curves,
+    frictionless_motions,
+    point_of,
     settle,
     settled_motions,
 )
@@ -32,8 +35,11 @@ FIGURES = ('2', '3', '4', '5', '6')
 
 #: Every n-th value that a quick look takes.
 _QUICK = 4
-#: Gaps, m, at which the level rig has stable motion with four and three impacts.
-_LEVEL_GAPS = (8.5, 18.0)
+#: Every n-th value at which curves of three and four impacts start, and at which motions of the
+#: other rigs are carried over; of the same rig without friction, those at all values are.
+_START_EVERY, _OTHERS_EVERY = 2, 8
+#: Gap from which on no rig of Figure 2 has motions with three or four impacts, m.
+_MANY_UP_TO = 26.0
 #: The basic rig above resonance.
 _ABOVE = BASIC.replace(force_frequencies=(1.02,))
 
@@ -45,6 +51,21 @@ class Series:
     plan: SeriesPlan
     curves: tuple[Curve, ...]
     marks: tuple[SettledMotion, ...]
+    #: The motions that curves were followed from.
+    starts: tuple[Start, ...] = ()
+
+    def motions(self) -> list[Start]:
+        """Return the motions with three impacts and more on the curves, between the starts."""
+        started = {value for value, _ in self.starts}
+        return [
+            (point.value, point.orbit)
+            for curve in self.curves
+            for point in curve.points
+            if curve.impacts > 2
+            and point.value in self.plan.values
+            and point.value not in started
+            and point.orbit is not None
+        ]
 
     def of(self, impacts: int) -> list[Curve]:
         """Return the curves with a number of impacts per cycle."""
@@ -52,7 +73,7 @@ class Series:
 
 
 def _values(*pieces: tuple[float, float, float]) -> tuple[float, ...]:
-    """Return the values of (low, high, step) pieces, each once."""
+    """Return the sorted values of several ranges (low, high, step), without repeats."""
     values: set[float] = set()
     for low, high, step in pieces:
         count = round((high - low) / step)
@@ -64,22 +85,15 @@ def _figure_2() -> list[SeriesPlan]:
     values = _values((4.0, 26.0, 0.25), (26.0, 64.0, 0.5))
     marks = _values((6.0, 24.0, 0.5), (24.0, 64.0, 2.0))
     horizontal, inclined, friction = OPERATIONS
-    plans = [
-        SeriesPlan('2 horizontal', horizontal.rig(_ABOVE, 1.0), 'gap', values, marks, (2, 3, 4))
-    ]
-    plans += [
-        SeriesPlan(
-            f'2 {operation.key} g={gravity:g}',
-            operation.rig(_ABOVE, gravity),
-            'gap',
-            values,
-            marks,
-            (2, 3, 4),
-        )
+    rigs = {'2 horizontal': horizontal.rig(_ABOVE, 1.0)} | {
+        f'2 {operation.key} g={gravity:g}': operation.rig(_ABOVE, gravity)
         for gravity in (1.0, 2.0)
         for operation in (inclined, friction)
+    }
+    return [
+        SeriesPlan(name, rig, 'gap', values, marks, (2, 3, 4), _MANY_UP_TO)
+        for name, rig in rigs.items()
     ]
-    return plans
 
 
 def _figure_3() -> list[SeriesPlan]:
@@ -114,7 +128,8 @@ def _figure_3() -> list[SeriesPlan]:
         )
         for angle in (0.0, 5.0, 10.0, 15.0)
     ]
-    frictions, friction_marks = _values((0.0, 1.0, 0.02)), _values((0.0, 1.0, 0.05))
+    friction_marks = _values((0.0, 1.0, 0.05))
+    frictions = _values((0.0, 1.0, 0.02), (0.0, 1.0, 0.05))
     plans.append(SeriesPlan('3d', BASIC.replace(gap=50.0), 'friction', frictions, friction_marks))
     return plans
 
@@ -138,7 +153,7 @@ STRONG_FORCE = 10.0
 
 
 def _figure_6() -> list[SeriesPlan]:
-    values, marks = _values((0.0, 6.0, 0.1)), _values((0.0, 6.0, 0.25))
+    values, marks = _values((0.0, 6.0, 0.1), (0.0, 6.0, 0.25)), _values((0.0, 6.0, 0.25))
     return [
         SeriesPlan(
             f'6 r={rig.force_frequencies[0]:g}', rig.replace(friction=0.5), 'air', values, marks
@@ -203,50 +218,70 @@ def optimum_at(angle: float) -> AngleOptimum:
     return AngleOptimum(angle, best, settle(disturbed(best.orbit, 1e-3), angle))
 
 
-def _tilted(plan: SeriesPlan) -> list[SettledMotion]:
-    """Follow motions of more than two impacts from the level rig to the inclined one."""
-    found = []
-    for gap in _LEVEL_GAPS:
-        rig = plan.at(gap)
-        for orbit in settle(Simulator(rig.replace(angle=0.0, friction=0.0))).seeds[:1]:
-            last, section = orbit, section_on(orbit)
-            for share in np.linspace(0.05, 1.0, 20):
-                tilted = rig.replace(
-                    angle=float(share) * rig.angle, friction=float(share) * rig.friction
-                )
-                shot = None if section is None else shoot(tilted, section, orbit.cycles)
-                if shot is None or shot[0].impacts != orbit.impacts:
-                    break
-                last, section = shot[0], section_on(shot[0])
-            else:
-                found.append(SettledMotion(gap, (), 0, np.nan, (), None, (last,)))
-    return found
+def needs_others(plan: SeriesPlan) -> bool:
+    """Return whether the curves of a series start from the motions of other series."""
+    return plan.rig.friction > 0.0 and max(plan.impacts) > 2
 
 
-def compute_series(plan: SeriesPlan) -> Series:
+def start_motions(plan: SeriesPlan, others: Iterable[Series]) -> list[Start]:
+    """Return motions to follow curves from: of the impact equations, carried over to friction."""
+    if needs_others(plan):
+        own, some = plan.rig.replace(friction=0.0), set(plan.values[::_OTHERS_EVERY])
+        pool = [
+            start
+            for series in others
+            for start in (*series.starts, *series.motions())
+            if series.plan.rig == own or start[0] in some
+        ]
+        return carried_starts(plan, pool)
+    if max(plan.impacts) > 2:
+        return frictionless_motions(plan, plan.values[::_START_EVERY])
+    rubs = plan.rig.friction > 0.0 or plan.variable == 'friction'
+    return carried_starts(plan, frictionless_motions(plan, plan.marks)) if rubs else []
+
+
+def compute_series(plan: SeriesPlan, others: Sequence[Series] = ()) -> Series:
     """
     Compute a series: theory and simulation.
 
-    The simulator starts from rest, as in the paper, and near each predicted motion with two
-    impacts. Where the force stays the same, motions are also carried from mark to mark, up and
-    down. This finds attractors that are not reached from rest.
+    The simulator starts from rest, as in the paper, and near each stable motion of the theory.
+    Where the force stays the same, motions are also carried from mark to mark, up and down. This
+    finds attractors that are not reached from rest.
+
+    Parameters
+    ----------
+    plan : SeriesPlan
+        The series.
+    others : sequence of Series, optional
+        The frictionless series of the figure. With friction and three impacts or more, curves
+        start from their motions, carried over.
     """
-    predicted = {
-        v: [
-            orbit
-            for orbit in find_orbits(plan.at(v), (1, 2), simulate=False).orbits
-            if orbit.stable and orbit.viable
-        ]
-        for v in plan.marks
-    }
+    starts = start_motions(plan, others)
+    curves = enumerated_curves(plan)
+    for impacts in plan.impacts:
+        curves += followed_curves(plan, starts, impacts)
+    points = [p for curve in curves for p in curve.points if p.status == Status.STABLE]
     marks = settled_motions(
         [(v, plan.at(v)) for v in plan.marks],
         carried=plan.variable in ('gap', 'angle', 'friction', 'air'),
-        predicted=predicted,
+        predicted={
+            v: [p.orbit for p in points if p.value == v and p.orbit is not None]
+            for v in plan.marks
+        },
     )
-    curves = enumerated_curves(plan)
-    level = plan.rig.angle == 0.0 and plan.rig.friction == 0.0
-    led = [] if level or max(plan.impacts) < 3 else _tilted(plan)
-    for impacts in plan.impacts:
-        curves += followed_curves(plan, [*marks, *led], impacts)
-    return Series(plan, tuple(curves), tuple(marks))
+    if max(plan.impacts) < 3:
+        curves += _curves_of_marks(plan, curves, marks)
+    return Series(plan, tuple(curves), tuple(marks), tuple(starts))
+
+
+def _curves_of_marks(
+    plan: SeriesPlan, curves: Sequence[Curve], marks: Sequence[SettledMotion]
+) -> list[Curve]:
+    """Follow settled motions that are on no curve, such as two impacts on one stop."""
+    new = [
+        (mark.value, mark.orbit)
+        for mark in marks
+        if mark.orbit is not None and mark.cycles == 1 and point_of(curves, mark) is None
+    ]
+    found = [curve for impacts in plan.impacts for curve in followed_curves(plan, new, impacts)]
+    return [replace(curve, simulated=True) for curve in found]
