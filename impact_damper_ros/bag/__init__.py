@@ -8,8 +8,9 @@ used: a node that records nothing needs neither MCAP nor SQLite.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .bag_file import BagSummary
@@ -53,19 +54,19 @@ __all__ = [
     'recover_run',
 ]
 
-_MODULES = {
-    'bag_file': ('BagSummary',),
-    'errors': ('RecordingError',),
-    'recover': ('Recovery', 'recover_run'),
-    'rig_recorder': ('RigRecorder',),
-    'run_reader': ('Decoded', 'Record', 'RecordedTopic', 'RunReader'),
-    'run_writer': ('RunWriter', 'create_run_directory'),
-    'topics': ('LATCHED', 'QosProfile', 'Topic'),
-}
-_HOME = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    return getattr(import_module(f'{__name__}.{_HOME.get(name, "messages")}'), name)
+__getattr__ = lazy_names(
+    __name__,
+    {
+        'bag_file': ('BagSummary',),
+        'errors': ('RecordingError',),
+        'messages': (
+            *('DiagnosticArray', 'DiagnosticStatus', 'JointState', 'Message'),
+            *('Parameter', 'ParameterEvent', 'String'),
+        ),
+        'recover': ('Recovery', 'recover_run'),
+        'rig_recorder': ('RigRecorder',),
+        'run_reader': ('Decoded', 'Record', 'RecordedTopic', 'RunReader'),
+        'run_writer': ('RunWriter', 'create_run_directory'),
+        'topics': ('LATCHED', 'QosProfile', 'Topic'),
+    },
+)

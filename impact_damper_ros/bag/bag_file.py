@@ -72,10 +72,10 @@ class Output(Protocol):
     """The output of a file."""
 
     def write(self, content: bytes, /) -> object:
-        """Append to it."""
+        """Append bytes."""
 
     def tell(self) -> int:
-        """Return its length."""
+        """Return the length so far."""
 
     def flush(self) -> object:
         """Write all that has been appended."""
@@ -123,7 +123,7 @@ class ChunkWriter:
         self._output.write(content)
 
     def register_schema(self, name: str, encoding: str, content: bytes) -> int:
-        """Put a schema into the present chunk; return its number."""
+        """Register a schema in the present chunk; return its id."""
         schema = Schema(id=len(self._schemas) + 1, data=content, encoding=encoding, name=name)
         self._schemas.append(schema)
         self._append(schema)
@@ -132,7 +132,7 @@ class ChunkWriter:
     def register_channel(
         self, topic: str, message_encoding: str, schema: int, metadata: Mapping[str, str]
     ) -> int:
-        """Put a channel with the schema of a number into the present chunk; return its own."""
+        """Register a channel with the id of its schema; return the id of the channel."""
         channel = McapChannel(
             id=len(self._channels) + 1,
             topic=topic,

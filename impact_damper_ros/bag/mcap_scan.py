@@ -179,7 +179,7 @@ class Scan:
         return parts is None or any(part.channel in channels for part in parts)
 
     def fault(self, kind: str, text: str) -> None:
-        """Note a fault; of one kind, the first case is kept and the others are counted."""
+        """Note a fault: the first of each kind is kept, the others are counted."""
         first, count = self.faults.get(kind, (text, 0))
         self.faults[kind] = first, count + 1
 
@@ -392,7 +392,7 @@ def _check_numbers(scan: Scan, entries: dict[int, list[int]]) -> None:
 
 
 def jump_text(topic: str, before: int, after: int) -> str:
-    """Say that a message of one number is followed by one of another, which is not the next."""
+    """Return the text for two successive messages whose numbers are not consecutive."""
     if after > before:
         missing = after - before - 1
         text = f'{missing} message{" is" if missing == 1 else "s are"} missing'
@@ -424,7 +424,9 @@ def _check_index(
         numbers = struct.unpack(f'<{length // 8}Q', stream.read(length))
         pairs = zip(numbers[::2], numbers[1::2], strict=True)
         listed.setdefault(channel, []).extend(pairs)
-    for channel in sorted({*listed, *entries}):
+    # A file that was cut may end within the indexes of its last chunk.
+    cut = not scan.finished and block is scan.blocks[-1]
+    for channel in sorted(listed if cut else {*listed, *entries}):
         held = entries.get(channel, [])
         there = sorted(zip(held[::3], held[1::3], strict=True))
         if sorted(listed.get(channel, [])) != there:

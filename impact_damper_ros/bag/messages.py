@@ -598,10 +598,10 @@ class JointStateColumns:
 
     Parameters
     ----------
-    joints : tuple of str
-        The joints that they must have.
+    joints : sequence of tuple of str
+        The joints that they must have; several, if there are messages of several formats.
     counts : tuple of int
-        How many positions, velocities and efforts are read; there may be more efforts.
+        How many positions, velocities and efforts are read, the first of each.
 
     Attributes
     ----------
@@ -609,30 +609,35 @@ class JointStateColumns:
         The frames met.
     """
 
-    def __init__(self, joints: tuple[str, ...], counts: tuple[int, int, int]) -> None:
+    def __init__(self, joints: Sequence[tuple[str, ...]], counts: tuple[int, int, int]) -> None:
         self.frames: list[str] = []
         self._joints, self._counts = joints, counts
         self._layouts: list[JointStateLayout] = []
 
     def _layout(self, content: bytes) -> JointStateLayout:
         layout = JointStateLayout(content)
-        enough = all(a >= b for a, b in zip(layout.counts, self._counts, strict=True))
-        if layout.names != self._joints or layout.counts[:2] != self._counts[:2] or not enough:
+        whole = layout.counts[:2] == (len(layout.names),) * 2
+        if layout.names not in self._joints or not whole or layout.counts[2] < self._counts[2]:
             held = ', '.join(layout.names) or 'none'
-            raise CdrError(f'its joints are {held}, not {", ".join(self._joints)}')
+            raise CdrError(f'its joints are {held}, not {", ".join(self._joints[0])}')
         if layout.frame_id not in self.frames:
             self.frames.append(layout.frame_id)
         # The oldest are the commonest
         self._layouts = [*self._layouts[: _MOST_LAYOUTS - 1], layout]
         return layout
 
+    def _places(self, layout: JointStateLayout) -> list[int]:
+        """Return where the numbers that are read are among those of a layout."""
+        begins = (0, layout.counts[0], sum(layout.counts[:2]))
+        pairs = zip(begins, self._counts, strict=True)
+        return [begin + i for begin, count in pairs for i in range(count)]
+
     def read(self, contents: Sequence[bytes]) -> JointStateTable:
         """Return messages as a table, which names those that cannot be read."""
         import numpy as np
 
-        width = sum(self._counts)
         stamps = np.zeros(len(contents), dtype=np.int64)
-        numbers = np.zeros((len(contents), width))
+        numbers = np.zeros((len(contents), sum(self._counts)))
         frames = np.zeros(len(contents), dtype=np.int64)
         sizes = np.fromiter(map(len, contents), dtype=np.int64, count=len(contents))
         unreadable: list[tuple[int, str]] = []
@@ -654,7 +659,7 @@ class JointStateColumns:
                 fits = layout.fitting(rows)
                 at = left[fits]
                 stamps[at], values = layout.columns(rows[fits])
-                numbers[at] = values[:, :width]
+                numbers[at] = values[:, self._places(layout)]
                 frames[at] = self.frames.index(layout.frame_id)
                 left, rows = left[~fits], rows[~fits]
         bad = np.zeros(len(contents), dtype=np.bool_)

@@ -162,18 +162,23 @@ class RigRecorder:
     def _tick(self) -> None:
         """Record the joint states of the tick that is due, at which the rig is."""
         time_ns = self._instant_ns(self._due)
-        deflection = self._rig.parameters.static_deflection
-        content = self._messages.states(time_ns, self._rig.sample(), deflection)
+        rig = self._rig.parameters
+        sample, deflection = self._rig.sample(), rig.static_deflection
+        content = self._messages.states(time_ns, sample, deflection, rig.angle)
         self._write('joint_states', content, time_ns)
         self._due += 1
-        while self._writer.backlog > _BACKLOG and self._writer.error is None:
-            time.sleep(_NAP)
+        self._wait()
         # A file begins after a tick that is not the last one.
         if self._due <= self._last and self._writer.split_due(time_ns):
             if self._writer.split(time_ns):
                 self._begin_file(time_ns)
             while self._writer.splitting:
                 time.sleep(_NAP / 10)
+
+    def _wait(self) -> None:
+        """Wait for the disk if many messages are waiting for it."""
+        while self._writer.backlog > _BACKLOG and self._writer.error is None:
+            time.sleep(_NAP)
 
     def ticks(self) -> Iterator[float]:
         """Yield the instants of the ticks after the start, s; the rig must stop at each."""
@@ -228,6 +233,7 @@ class RigRecorder:
         for record in self._rig.records:
             stamp_ns = round(record.time * 1e9)
             self._write('gap_control', self._messages.control(stamp_ns, record), stamp_ns)
+        self._wait()
 
     def close(self) -> None:
         """

@@ -50,11 +50,16 @@ def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
     return {'node': node, **{key: names[key] for key in own}}
 
 
-JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
-IMPACT_JOINTS = JOINTS[:2]
-#: Format of the messages, which their snapshots name. Up to 1 all positions counted from the
-#: present static equilibrium of M, and the stops had the velocity of M.
-FORMAT = 2
+#: Joints along the axis, and all joints: the incline is an angle.
+AXIS_JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
+JOINTS = (*AXIS_JOINTS, 'incline')
+IMPACT_JOINTS = AXIS_JOINTS[:2]
+#: Format of the messages, which their snapshots name. Up to 2 the joint states had no incline. Up
+#: to 1 all positions counted from the present static equilibrium of M, and the stops had the
+#: velocity of M.
+FORMAT = 3
+#: Formats that this version reads.
+FORMATS: tuple[int, ...] = (1, 2, FORMAT)
 
 #: Frame of the joint states that a rig repeats while it is paused; they are no samples.
 PAUSED_FRAME = 'paused'
@@ -62,11 +67,16 @@ PAUSED_FRAME = 'paused'
 _Numbers = tuple[float, ...]
 
 
+def joints_of(version: int) -> tuple[str, ...]:
+    """Return the joints of the joint states of a format."""
+    return JOINTS if version > 2 else AXIS_JOINTS
+
+
 def state_numbers(
-    sample: Sample, deflection: float, version: int = FORMAT
+    sample: Sample, deflection: float, angle: float, version: int = FORMAT
 ) -> tuple[_Numbers, _Numbers]:
     """
-    Return the published numbers of a sample: positions and velocities of `JOINTS`.
+    Return the published numbers of a sample: positions and velocities of `joints_of` the format.
 
     Parameters
     ----------
@@ -75,16 +85,19 @@ def state_numbers(
     deflection : float
         Static deflection of the rig then, m. Positions count from the place of M with an unloaded
         spring, which no change of the rig moves.
+    angle : float
+        Angle of the incline then, rad. It only changes at once, so that its velocity is 0.
     version : int, optional
         Format of the messages.
     """
     _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample
     if version == 1:
         return (x, z, stop_1, stop_2), (velocity, damper_velocity, velocity, velocity)
-    return (
-        (x + deflection, z + deflection, stop_1 + deflection, stop_2 + deflection),
-        (velocity, damper_velocity, velocity_1, velocity_2),
-    )
+    places = (x + deflection, z + deflection, stop_1 + deflection, stop_2 + deflection)
+    velocities = (velocity, damper_velocity, velocity_1, velocity_2)
+    if version == 2:
+        return places, velocities
+    return (*places, angle), (*velocities, 0.0)
 
 
 def impact_numbers(
@@ -147,8 +160,8 @@ class RigMessages:
     """Encodes joint states, impacts and acts of the gap control."""
 
     def __init__(self) -> None:
-        self._states = JointStateLayout.of('', JOINTS, 4, 4, 0)
-        self._paused = JointStateLayout.of(PAUSED_FRAME, JOINTS, 4, 4, 0)
+        self._states = JointStateLayout.of('', JOINTS, 5, 5, 0)
+        self._paused = JointStateLayout.of(PAUSED_FRAME, JOINTS, 5, 5, 0)
         self._impacts = {
             stop: JointStateLayout.of(f'stop_{stop}', IMPACT_JOINTS, 2, 2, 2) for stop in (1, 2)
         }
@@ -157,13 +170,15 @@ class RigMessages:
             for action in Action
         }
 
-    def states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+    def states(self, stamp_ns: int, sample: Sample, deflection: float, angle: float) -> bytes:
         """Return the joint states of a sample; see `state_numbers`."""
-        return self._states.filled(stamp_ns, *state_numbers(sample, deflection))
+        return self._states.filled(stamp_ns, *state_numbers(sample, deflection, angle))
 
-    def paused_states(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+    def paused_states(
+        self, stamp_ns: int, sample: Sample, deflection: float, angle: float
+    ) -> bytes:
         """Return the joint states that a paused rig repeats."""
-        return self._paused.filled(stamp_ns, *state_numbers(sample, deflection))
+        return self._paused.filled(stamp_ns, *state_numbers(sample, deflection, angle))
 
     def impact(self, stamp_ns: int, event: Event, deflection: float) -> bytes:
         """Return the message of an impact; see `impact_numbers`."""

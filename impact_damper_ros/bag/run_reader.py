@@ -371,7 +371,7 @@ class RunReader:
 
     @property
     def missing(self) -> str:
-        """Which files ``metadata.yaml`` lists that are not there, in words; empty if none."""
+        """The files of ``metadata.yaml`` that are missing, in words; empty if none is."""
         if self._listing is None:
             return ''
         there = {scan.source.name for scan in self.scans} | set(self._empty)

@@ -99,7 +99,7 @@ class Diagnostics:
                 message += f': {burden}'
         elif slips:
             level = ERROR
-            message = f'cannot hold {asked:g} Hz: gave {slipped_ns * 1e-9:.3f} s of wall time up; '
+            message = f'cannot hold {asked:g} Hz: skipped {slipped_ns * 1e-9:.3f} s of wall time; '
             message += burden or 'lower state_rate or real_time_factor'
         elif overruns:
             level = WARN

@@ -10,8 +10,8 @@ published. So the joint states of a tick show a change that took effect at it.
 All requests to the engine go through a queue and take effect at the tick the rig is at, a whole
 number of nanoseconds. A rig that takes long from one tick to the next is moved in slices
 (`motion_ahead`); requests take effect between these, at whole nanoseconds, too. A rig that cannot
-go on is held until a change or a reset. Everything in a recording is written by this thread, in
-order.
+go on, or has too many events on the way to the next tick, is held until a change or a reset.
+Everything in a recording is written by this thread, in order.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from impact_damper_ros.bag.messages import String, clock_message, encode, restam
 from impact_damper_ros.bag.rig_topics import snapshot_text
 from impact_damper_ros.control import ControlledRig, ControlRecord, GapControlParameters
 from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
+from impact_damper_ros.rig.event_budget import fastest_rate
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 
 from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
@@ -52,7 +53,7 @@ class ControlStatus(NamedTuple):
 
 class Load(NamedTuple):
     """
-    Work that the rig is for the engine.
+    How much work the rig causes the engine.
 
     Attributes
     ----------
@@ -113,7 +114,7 @@ class Ticket:
         return self._done.wait(timeout)
 
     def carry_out(self, time_ns: int) -> None:
-        """Act; a request that the rig refuses is no failure of the engine."""
+        """Carry out the request; one that the rig refuses is no failure of the engine."""
         self.time_ns = time_ns
         try:
             self.result = self._action()
@@ -126,7 +127,7 @@ class Ticket:
             self._done.set()
 
     def turn_away(self) -> None:
-        """Fail the request because the engine has ended."""
+        """Reject the request because the engine has ended."""
         self.error = RuntimeError('the rig is shutting down')
         self._done.set()
 
@@ -269,7 +270,7 @@ class Engine:
         )
         # Whether the rig has another motion since the last snapshot; also at the start
         self._new_course = True
-        # All parameters, as a encoded ParameterEvent, while there is a recording
+        # All parameters, as an encoded ParameterEvent, while there is a recording
         self._listing = b''
         self._requests = RequestQueue()
         self._stopping = threading.Event()
@@ -319,14 +320,8 @@ class Engine:
 
     def _load(self) -> Load:
         parameters = self._simulator.parameters
-        amplitudes, frequencies, _ = parameters.harmonics
-        acting = [w for f, w in zip(amplitudes, frequencies, strict=True) if f != 0.0]
-        return Load(
-            self._motion.events,
-            self._busy_ns(),
-            max([parameters.omega, *acting]),
-            len(acting),
-        )
+        harmonics = sum(amplitude != 0.0 for amplitude in parameters.harmonics[0])
+        return Load(self._motion.events, self._busy_ns(), fastest_rate(parameters), harmonics)
 
     def change(
         self,
@@ -339,7 +334,7 @@ class Engine:
         return self._requests.submit(lambda: self._change(parameters, event, control, listing))
 
     def reset(self, initial: InitialConditions) -> Ticket:
-        """Put the rig to initial conditions; rig time goes on."""
+        """Put the rig back to initial conditions; rig time goes on."""
         return self._requests.submit(lambda: self._reset(initial))
 
     def pause(self, paused: bool) -> Ticket:
@@ -348,7 +343,7 @@ class Engine:
 
     def record_to(self, log: Log, event: bytes) -> Ticket:
         """
-        Record from now on; `event` is a encoded ParameterEvent with all parameters.
+        Record from now on; `event` is an encoded ParameterEvent with all parameters.
 
         The log may ask for a new file. That begins with a tick, as the recording did.
         """
@@ -359,7 +354,7 @@ class Engine:
         return self._requests.submit(self._stop_recording)
 
     def record(self, topic: str, data: bytes) -> Ticket:
-        """Record a encoded message that another thread has published."""
+        """Record an encoded message that another thread has published."""
         return self._requests.submit(lambda: self._out.record(topic, data, self.stamp_ns()))
 
     # The engine's thread
@@ -454,12 +449,12 @@ class Engine:
         self._on_trouble(f'the rig is held: {self._held}; it waits for a change or a reset')
 
     def _go_on(self) -> None:
-        """Resume a rig: its stamps and deadlines begin anew."""
+        """Resume a rig with new stamps and deadlines."""
         self._stamps.catch_up(self._time_ns)
         self._pacer.anchor(self._time_ns)
 
     def _release(self) -> None:
-        """Resume a rig that was held, since it has another motion now."""
+        """Resume a rig that was held, once its motion has changed."""
         if self._held:
             self._held = ''
             if not self._paused:
@@ -480,8 +475,8 @@ class Engine:
             self._news = self._news or 'slip'
             late_s = (self._stamps.offset_ns - before_ns) * 1e-9
             self._on_trouble(
-                f'the rig was {late_s:.3f} s late and has given them up: its stamps are moved on '
-                'by as much'
+                f'the rig was {late_s:.3f} s late and skips that time: its stamps are moved on by '
+                'as much'
             )
 
     def _wait_for_log(self) -> None:

@@ -22,6 +22,7 @@ from impact_damper_ros.bag.rig_topics import RigMessages
 from impact_damper_ros.control import Action, ControlledRig, ControlRecord
 from impact_damper_ros.orbits.recognition import turned_cycles
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.forcing import frequency_at
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.swing import extremes
@@ -131,8 +132,9 @@ RIG_FAILURES = (RunawayError, ArithmeticError, ValueError)
 #: passed after that: a stalled machine is no reason to interrupt the rig.
 SLICE_NS = 20_000_000
 GRACE_NS = 15_000_000
-#: Most events on the way to the next whole nanosecond.
+#: Most events on the way to the next whole nanosecond, and to the next tick.
 MOST_WITHIN_NS = 1000
+MOST_TO_TICK = 5000
 
 #: Wall time for which joint states are made ahead, no longer than a nap of the pacer, and the
 #: largest number of ticks.
@@ -215,6 +217,8 @@ class MotionAhead:
         self._encoder = RigMessages()
         self._grid = grid
         self._most = most
+        # Of the events on the way to the next tick
+        self._budget = EventBudget(MOST_TO_TICK)
 
     def move_to(self, time_ns: int, tick: int, offset_ns: int) -> Moved:
         """Move the rig to the next tick without known joint states, at most by one slice."""
@@ -239,6 +243,10 @@ class MotionAhead:
             records = [*records, *rig.records]
             if rig.time < reached_ns / 1e9:
                 raise RunawayError(MOST_WITHIN_NS, rig.time)
+        if reached_ns < due_ns:
+            self._budget.take(rig, len(events))
+        else:
+            self._budget.restart(rig)
         instants, samples = [], []
         if reached_ns == due_ns:
             most = min(self._most, AFTER_EVENT) if events else self._most
@@ -246,9 +254,9 @@ class MotionAhead:
             samples = rig.preview([instant / 1e9 for instant in instants], interrupted)
             samples = samples or [rig.sample()]
         messages = self.passed(events, records, offset_ns)
-        deflection = rig.parameters.static_deflection
+        deflection, angle = rig.parameters.static_deflection, rig.parameters.angle
         for instant, sample in zip(instants, samples, strict=False):
-            self.known.append(self._encoded(offset_ns + instant, sample, deflection))
+            self.known.append(self._encoded(offset_ns + instant, sample, deflection, angle))
         return Moved(reached_ns, messages)
 
     def passed(
@@ -280,13 +288,14 @@ class MotionAhead:
 
     def states(self, time_ns: int, offset_ns: int) -> bytes:
         """Encode the joint states of the tick at which the rig is."""
-        deflection = self._rig.parameters.static_deflection
-        return self._encoded(offset_ns + time_ns, self._rig.sample(), deflection)
+        rig = self._rig.parameters
+        sample, stamp_ns = self._rig.sample(), offset_ns + time_ns
+        return self._encoded(stamp_ns, sample, rig.static_deflection, rig.angle)
 
     def paused_states(self, stamp_ns: int) -> bytes:
         """Return the joint states of a paused or held rig, with a stamp of now."""
-        deflection = self._rig.parameters.static_deflection
-        return self._encoder.paused_states(stamp_ns, self._rig.sample(), deflection)
+        rig, sample = self._rig.parameters, self._rig.sample()
+        return self._encoder.paused_states(stamp_ns, sample, rig.static_deflection, rig.angle)
 
     def stand_at(self, time_ns: int) -> None:
         """Move the rig to a tick that no unknown event precedes."""
@@ -297,7 +306,8 @@ class MotionAhead:
     def discard(self) -> None:
         """Drop the joint states that are known: the rig or the stamps are about to change."""
         self.known.clear()
+        self._budget.restart(self._rig)
 
-    def _encoded(self, stamp_ns: int, sample: Sample, deflection: float) -> bytes:
+    def _encoded(self, stamp_ns: int, sample: Sample, deflection: float, angle: float) -> bytes:
         self.trace.sample(sample)
-        return self._encoder.states(stamp_ns, sample, deflection)
+        return self._encoder.states(stamp_ns, sample, deflection, angle)

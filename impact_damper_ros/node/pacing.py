@@ -61,7 +61,7 @@ class TickGrid:
     """Instants of the ticks in whole nanoseconds, each rounded from its exact value k / rate."""
 
     def __init__(self, rate: float) -> None:
-        """Take the rate as the exact fraction that the float is."""
+        """Store the rate as the exact fraction of its float."""
         self._numerator, self._denominator = float(rate).as_integer_ratio()
 
     def instant(self, tick: int) -> int:
@@ -91,7 +91,7 @@ class StampClock:
         self._zero_ns = 0
 
     def begin(self) -> None:
-        """Let rig time 0 be now."""
+        """Set rig time 0 to now."""
         if not self._simulated:
             self._zero_ns = time.time_ns() - time.monotonic_ns()
             self.catch_up(0)
@@ -166,12 +166,12 @@ class Pacer:
         self._anchor_rig_ns = rig_ns
 
     def lateness(self, rig_ns: int) -> int:
-        """Return by how much wall time an instant of rig time is late by now, ns."""
+        """Return the present lateness of an instant of rig time, in wall time, ns."""
         return self._clock() - self._deadline(rig_ns) if self._factor else 0
 
     @property
     def steady_ns(self) -> int:
-        """For how long the pace has been held so far, in wall time."""
+        """Wall time for which the pace has been held so far."""
         return self._clock() - self._unsteady_ns
 
     def approach(self, rig_ns: int, interrupted: Callable[[], bool]) -> bool:
@@ -245,7 +245,7 @@ WAKING_INTERVAL_S = 2e-5
 
 def sleep_first_in_line(seconds: float) -> None:
     """
-    Sleep, and get the interpreter back at once when that is over.
+    Sleep, and take the interpreter's lock at once afterwards.
 
     For one thread of the process. Another one that has the lock then is asked for it some
     microseconds later, while it has to wait for the switch interval itself if it wants it back.
@@ -256,7 +256,7 @@ def sleep_first_in_line(seconds: float) -> None:
 
 
 def priority_of_others(priority: int) -> int:
-    """Return the priority of the other threads, beside that of the thread that moves the rig."""
+    """Return the priority of all threads but the one that moves the rig."""
     return max(1, priority - 1) if priority else 0
 
 
@@ -337,7 +337,7 @@ class EndRequest:
         return self._received.is_set()
 
     def wake_with(self, wake: Callable[[], object] | None) -> None:
-        """Call this from another thread when a signal comes; once returned, nothing else."""
+        """Set what is called from another thread on a signal, in place of the one before."""
         with self._waking:
             self._wake = wake
 

@@ -138,8 +138,8 @@ def descriptor(spec: ParameterSpec) -> Any:
     if spec.name in FORCE_ARRAYS:
         others = ' and '.join(name for name in FORCE_ARRAYS if name != spec.name)
         constraints = (
-            f'The range holds for each entry. As long as {others}, which are cut, or filled up '
-            'with zeros, to a new length.'
+            f'The range applies to each entry. If the length changes, {others} are cut or padded '
+            'with zeros to match.'
         )
     elif spec.least:
         constraints = f'0, or at least {spec.least:g}.'
@@ -247,7 +247,7 @@ def parameters_from_overrides(
     for name in foreign[:_MOST_WARNINGS]:
         warn(f'parameter {named(name)} is not one of this node; it is ignored')
     if len(foreign) > _MOST_WARNINGS:
-        warn(f'{len(foreign) - _MOST_WARNINGS} parameters more are ignored as well')
+        warn(f'{len(foreign) - _MOST_WARNINGS} more parameters are ignored as well')
     values = {
         name: _as_meant(spec, overrides[name])
         for name, spec in ALL_SPECS.items()

@@ -1,5 +1,5 @@
 """
-The node's side of the prediction: a worker process, kept alive and asked, and its answers.
+The node's side of the prediction: a worker process, its requests and its answers.
 
 A thread of its own starts the worker, writes to it and starts it anew if it ends; another one
 reads its answers. They sleep but for some microseconds per request, so that neither the engine
@@ -114,7 +114,7 @@ class Answer:
         )
 
     def nearest(self, measured: Rhythm) -> tuple[PredictedMotion, Apart] | None:
-        """Return the motion nearest to a measured one, counted as it is, and how far it is."""
+        """Return the motion nearest to a measured one, counted as that is, and the distance."""
         found = []
         for motion in self.motions:
             turned = motion.rhythm.turned_to(measured)
@@ -264,13 +264,13 @@ class Predictor:
     # Called from other threads; none of these waits, but for `close`
 
     def ask(self, snapshot: str) -> None:
-        """Ask for the motion of a rig that has taken a new course; from one thread only."""
+        """Request the motion of a rig that was changed or reset; from one thread only."""
         self._snapshot = snapshot
         self._course += 1
         self._orders.put(lambda: self._compose(None))
 
     def ask_like(self, rhythm: Rhythm, impact: Event, phase: float, course: int) -> None:
-        """Ask for the motion on a course again, now that it is seen how the rig moves."""
+        """Request the motion once more, given how the rig was measured to move."""
         measured = {'rhythm': rhythm.as_dict(), 'impact': impact, 'phase': phase}
 
         def order() -> None:
@@ -377,7 +377,7 @@ class Predictor:
         self._orders.put(lambda: self._bury(worker))
 
     def _bury(self, worker: _Worker) -> None:
-        """Arrange for another worker, unless this one was ended on purpose."""
+        """Replace a worker that has ended, unless it was ended on purpose."""
         if worker is not self._worker or self._closing:
             return
         self._worker = None

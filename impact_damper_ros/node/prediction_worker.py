@@ -79,15 +79,15 @@ def _answer(prediction: Prediction) -> dict[str, Any]:
 def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield answers to a request, each better than the one before."""
     try:
-        course = None
+        observed = None
         if (measured := request['measured']) is not None:
             instant, kind, *numbers = measured['impact']
             impact = Event(instant, EventKind(kind), *numbers)
-            course = ObservedMotion(
+            observed = ObservedMotion(
                 Rhythm.from_dict(measured['rhythm']), impact, measured['phase']
             )
         rig = ControlledRig.restore(request['snapshot']['state'])
-        for prediction in predictions(rig, course):
+        for prediction in predictions(rig, observed):
             yield _answer(prediction)
     except Exception as error:
         yield _failure(f'{type(error).__name__}: {error}')
@@ -98,7 +98,7 @@ def _failure(error: str) -> dict[str, Any]:
 
 
 def _idle() -> None:
-    """Take the idle priority, where there is one; there may be no way back from it."""
+    """Take the idle priority, where the system has it; it may be final."""
     with contextlib.suppress(AttributeError, OSError):
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
@@ -175,7 +175,7 @@ class _Server:
         self._fork: _Fork | None = None
 
     def serve(self) -> None:
-        """Do so."""
+        """Read requests and forward answers."""
         while True:
             fork = self._fork
             watched = [self._requests] if fork is None else [self._requests, fork.pipe]

@@ -129,7 +129,7 @@ class Recorder:
 
     @property
     def splits(self) -> bool:
-        """Whether the recording may go on to further files."""
+        """Whether the recording may be split into several files."""
         return self._writer is not None and self._writer.splits
 
     def open(

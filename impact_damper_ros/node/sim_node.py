@@ -513,7 +513,7 @@ def _run(node: SimNode, executor: SingleThreadedExecutor, end: EndRequest) -> in
 
 
 def _serve(arguments: Sequence[str], end: EndRequest) -> int:
-    """Run the node on ROS, and leave it; return the exit code."""
+    """Run the node until it ends; return the exit code."""
     try:
         check_params_files(arguments)
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)

@@ -169,7 +169,7 @@ class LiveRig:
             message = decode('std_msgs/msg/String', content)
             assert isinstance(message, String)
             held = parsed(message.data)
-            if held['format'] != FORMAT:
+            if held['format'] not in (2, FORMAT):
                 return
             snapshot = Snapshot.from_dict(held['state'])
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])

@@ -132,7 +132,8 @@ class LiveSource:
             session.outbox.put(message)
 
     def _numbers(self) -> dict[str, Any]:
-        return self.rig.numbers().as_dict(self.theorist.predicted, self.theorist.optimum)
+        best = self.theorist.best_gap(self.rig.rig)
+        return self.rig.numbers().as_dict(self.theorist.predicted, *best)
 
     # The node
 

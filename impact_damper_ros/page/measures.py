@@ -15,6 +15,10 @@ from .motion import Motion, Rows
 
 #: Cycles of the force over which energy is counted.
 _CYCLES = 20
+#: Coefficients of restitution that count as equal.
+_EQUAL = 1e-3
+#: Share of its velocity that m may lose or win on its way through the gap.
+_SMALL = 0.25
 #: Samples per second of a replay at 1/20 of the speed, on a screen with 60 frames per second.
 _SLOW_RATE = 1200.0
 _MOST_SLOW, _MOST_SLOW_IMPACTS = 20_000, 200
@@ -45,8 +49,15 @@ class RigNumbers:
     x_max: float | None = None
     impacts_per_cycle: float | None = None
 
-    def as_dict(self, predicted: float | None, optimum: float | None) -> dict[str, Any]:
-        """Return the message; Xmax/A and the best gap as theory has them."""
+    def as_dict(
+        self, predicted: float | None, optimum: float | None, basis: str = 'curve'
+    ) -> dict[str, Any]:
+        """
+        Return the message; Xmax/A and the best gap as theory has them.
+
+        `basis` says where the best gap is from: the ``'curve'``, ``'part of the curve'``, or the
+        ``'formula'`` for the resonance; see `estimated_optimum`.
+        """
         rig = self.rig
         if rig is None:
             return {'type': 'numbers'}
@@ -67,6 +78,7 @@ class RigNumbers:
             'mass_ratio': rig.mass_ratio,
             'gap': rig.gap,
             'optimal_gap': optimum,
+            'optimal_gap_basis': basis if optimum else '',
             'gap_ratio': rig.gap / optimum if optimum else None,
             'impacts_per_cycle': (
                 self.impacts_per_cycle if self.impacts_per_cycle is not None else impacts
@@ -96,6 +108,34 @@ class RigNumbers:
         # X' changes at an impact, X does not.
         lost = 0.5 * rig.primary_mass * float((impacts[:, 8] ** 2 - impacts[:, 3] ** 2).sum())
         return len(impacts) / cycles, float(np.abs(x).max()), lost / cycles
+
+
+def estimated_optimum(rig: RigParameters) -> float | None:
+    """
+    Return about the best gap by an energy balance, m; None where it does not apply.
+
+    It is that of two impacts per cycle at the resonance, where M passes its equilibrium, with
+    equal stops, and m at a constant velocity in between. Theory finds the best gap itself, later.
+    """
+    restitution, mu = 0.5 * (rig.restitution_1 + rig.restitution_2), rig.mass_ratio
+    single = rig.sweep_mode == 'off' and not rig.multisine_level
+    equal = abs(rig.restitution_1 - rig.restitution_2) < _EQUAL
+    if rig.one_sided or not (single and equal and 0.0 < restitution < 1.0):
+        return None
+    share = mu / (1.0 + mu)
+    added = 2.0 / math.pi * share * (1.0 + restitution) / (1.0 - restitution)
+    damping = rig.zeta + added
+    # Within the width of the resonance with impacts
+    if len(rig.force_amplitudes) > 1 or abs(rig.frequency_ratio - 1.0) > 0.5 * damping:
+        return None
+    x_max = 0.5 * abs(rig.force_amplitudes[0]) / rig.stiffness / damping
+    gap = math.pi * x_max * (1.0 + restitution) / ((1.0 - restitution) * (1.0 + mu))
+    pull = rig.gravity * (abs(math.sin(rig.angle)) + rig.friction) + (
+        rig.air_force / rig.damper_mass
+    )
+    # What the pull changes in half a cycle, and the velocity with which m crosses the gap
+    half = math.pi / rig.force_frequencies[0]
+    return gap if 0.0 < gap < math.inf and pull * half < _SMALL * gap / half else None
 
 
 def slow_motion(motion: Motion, count: int, end: float) -> dict[str, Any]:

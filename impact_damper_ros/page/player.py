@@ -160,7 +160,7 @@ class Player:
     def _numbers(self) -> dict[str, Any]:
         rig = self._recorded.eras[self._era].rig
         numbers = RigNumbers(rig, self._recorded.motion, self.time)
-        return numbers.as_dict(self._theorist.predicted, self._theorist.optimum)
+        return numbers.as_dict(self._theorist.predicted, *self._theorist.best_gap(rig))
 
     def _tell_theory(self, message: dict[str, Any]) -> None:
         self._tell(message)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.bag.messages import JointStateColumns
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
+from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS
 from impact_damper_ros.replay.recorded_run import Item, RecordedChange, RecordedRun
 from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import INITIAL_SPECS, RigParameters
@@ -91,8 +91,8 @@ class _Reading:
         # What does not fit in is dropped below, at its end.
         self.motion = Motion(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
         self._columns = {
-            recorded.topics.joint_states: JointStateColumns(JOINTS, (4, 4, 0)),
-            recorded.topics.impacts: JointStateColumns(IMPACT_JOINTS, (2, 2, 2)),
+            recorded.topics.joint_states: JointStateColumns((JOINTS, AXIS_JOINTS), (4, 4, 0)),
+            recorded.topics.impacts: JointStateColumns((IMPACT_JOINTS,), (2, 2, 2)),
         }
         self._waiting: dict[str, list[bytes]] = {name: [] for name in self._columns}
         self._initial: dict[str, Any] = {}

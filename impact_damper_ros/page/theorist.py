@@ -8,7 +8,10 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from impact_damper_ros.rig import RigParameters
+
 from .child import Child
+from .measures import estimated_optimum
 
 _PROCESS = 'impact_damper_ros.page.theory_process'
 #: A process that has ended is started again by a request, but not sooner than this, s.
@@ -30,6 +33,10 @@ class Theorist:
     ----------
     predicted, optimum : float or None
         Xmax/A of the predicted motion, and the gap with the least; None if they are not known.
+    complete : bool
+        Whether the curve over the gap is complete, so that the optimum is that of all of it.
+    failed : bool
+        Whether there is no theory for the rig.
     """
 
     def __init__(
@@ -47,6 +54,15 @@ class Theorist:
         self._began = -_BACK_OFF_S
         self.predicted: float | None = None
         self.optimum: float | None = None
+        self.complete = self.failed = False
+
+    def best_gap(self, rig: RigParameters | None) -> tuple[float | None, str]:
+        """Return the best gap as far as it is known, and what it is from."""
+        if self.optimum is not None:
+            return self.optimum, 'curve' if self.complete else 'part of the curve'
+        if rig is None or self.complete or self.failed:
+            return None, ''
+        return estimated_optimum(rig), 'formula'
 
     def ask(self, state: dict[str, Any]) -> None:
         """Begin to work on a rig, and forget the one before."""
@@ -78,6 +94,7 @@ class Theorist:
         """Forget what is known: the rig is another one."""
         self._known.clear()
         self.predicted = self.optimum = None
+        self.complete = self.failed = False
 
     def known(self) -> list[dict[str, Any]]:
         """Return the newest message of each kind."""
@@ -93,8 +110,10 @@ class Theorist:
         self._known[message['type']] = message
         if message['type'] == 'orbit' and message['found']:
             self.predicted = message.get('x_max_ratio')
-        if message['type'] == 'gap_curve' and message['optimum']:
-            self.optimum = message['optimum']['gap']
+        if message['type'] == 'gap_curve':
+            self.optimum = message['optimum']['gap'] if message['optimum'] else None
+            self.complete = message['done']
+        self.failed |= message['type'] == 'theory_failed'
         self._tell(message)
 
     async def close(self) -> None:

@@ -169,6 +169,8 @@ class GapCurve:
         self._rig = rig
         self._here: PeriodicOrbit | None = None
         self._preview: list[dict[str, Any]] = []
+        # Branches of which one way is still to be followed
+        self._half: list[dict[str, Any]] = []
         self._special: list[dict[str, Any]] = []
         self.branches: list[dict[str, Any]] = []
 
@@ -185,11 +187,10 @@ class GapCurve:
         self._here = self._here or start
         down, _ = self._both_ways(start, _MOST_POINTS, upwards=False)
         if down is not None:
-            self.branches.append(_joined(start, down, None))
+            self._half = [_joined(start, down, None)]
             yield self.message()
         _, up = self._both_ways(start, _MOST_POINTS, downwards=False)
-        if down is not None:
-            self.branches.pop()
+        self._half = []
         if down is None and up is None:
             return
         self.branches.append(_joined(start, down, up))
@@ -242,19 +243,21 @@ class GapCurve:
                     return True
         return False
 
+    def _parts(self) -> Iterator[tuple[dict[str, Any], tuple[int, ...]]]:
+        """Yield all branches, and at which of its points each goes on: to be followed yet."""
+        yield from ((branch, ()) for branch in self.branches)
+        yield from ((branch, (-1,)) for branch in self._half)
+        yield from ((branch, (0, -1)) for branch in self._preview)
+
     @property
     def optimum(self) -> tuple[float, float] | None:
-        """The gap with the least Xmax/A of a stable motion, and that; None if there is none."""
-        best = None
-        for branch in self.branches:
-            gaps, ratios = branch['gap'], branch['x_max_ratio']
-            fit = [s and v for s, v in zip(branch['stable'], branch['viable'], strict=True)]
-            for i in (i for i, good in enumerate(fit) if good):
-                found = gaps[i], ratios[i]
-                if 0 < i < len(fit) - 1 and fit[i - 1] and fit[i + 1]:
-                    found = _vertex(gaps[i - 1 : i + 2], ratios[i - 1 : i + 2])
-                if best is None or found[1] < best[1]:
-                    best = found
+        """
+        The gap with the least Xmax/A of a stable motion, and that; None if there is none.
+
+        The open end of a branch that is still being followed is none: it goes on from there.
+        """
+        lowest = (_lowest(branch, ends) for branch, ends in self._parts())
+        best = min(filter(None, lowest), key=lambda found: found[1], default=None)
         for special in self._special:
             # A motion that loses its stability is best just before.
             at_edge = best is not None and special['stable']
@@ -270,11 +273,25 @@ class GapCurve:
             'type': 'gap_curve',
             'gap': self._rig.gap,
             'x_max_ratio': here.amplitude_ratio if here is not None else None,
-            'branches': [*self.branches, *self._preview],
+            'branches': [branch for branch, _ in self._parts()],
             'special': self._special,
             'optimum': {'gap': best[0], 'x_max_ratio': best[1]} if best else None,
             'done': done,
         }
+
+
+def _lowest(branch: Mapping[str, Any], open_ends: Sequence[int]) -> tuple[float, float] | None:
+    """Return the lowest stable point of a branch; None if a lower one may be beyond an end."""
+    best, place = None, 0
+    gaps, ratios = branch['gap'], branch['x_max_ratio']
+    fit = [s and v for s, v in zip(branch['stable'], branch['viable'], strict=True)]
+    for i in (i for i, good in enumerate(fit) if good):
+        found = gaps[i], ratios[i]
+        if 0 < i < len(fit) - 1 and fit[i - 1] and fit[i + 1]:
+            found = _vertex(gaps[i - 1 : i + 2], ratios[i - 1 : i + 2])
+        if best is None or found[1] < best[1]:
+            best, place = found, i
+    return None if place in {end % len(fit) for end in open_ends if fit} else best
 
 
 def _vertex(gaps: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:

@@ -48,27 +48,29 @@ def _run(path: Path, values: dict[str, Any]) -> str:
     rows: list[tuple[float, ...]] = []
     other: WhatIf | None = None
     due = time.monotonic() + _PERIOD_S
-    for tick in replay.ticks():
-        if other is None:
-            initial = replay.replayed.first_initial
-            other = WhatIf(replay.recorded.start, initial, held, held_initial)
-        sample, _ = other.follow(tick)
-        x, x_velocity, z, z_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample[1:]
-        rig = other.rig.parameters
-        if rig.one_sided:
-            stop_2 = velocity_2 = float('nan')
-        rows.append(
-            (
-                *(tick.time_ns / 1e9, x, x_velocity, z, z_velocity),
-                *(stop_1, velocity_1, stop_2, velocity_2, rig.angle, float('nan')),
+    try:
+        for tick in replay.ticks():
+            if other is None:
+                initial = replay.replayed.first_initial
+                other = WhatIf(replay.recorded.start, initial, held, held_initial)
+            sample, _ = other.follow(tick)
+            x, x_velocity, z, z_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample[1:]
+            rig = other.rig.parameters
+            if rig.one_sided:
+                stop_2 = velocity_2 = float('nan')
+            rows.append(
+                (
+                    *(tick.time_ns / 1e9, x, x_velocity, z, z_velocity),
+                    *(stop_1, velocity_1, stop_2, velocity_2, rig.angle, float('nan')),
+                )
             )
-        )
-        if time.monotonic() > due:
+            if time.monotonic() > due:
+                _write(base64.b64encode(np.array(rows).tobytes()).decode())
+                rows.clear()
+                due = time.monotonic() + _PERIOD_S
+    finally:
+        if rows:
             _write(base64.b64encode(np.array(rows).tobytes()).decode())
-            rows.clear()
-            due = time.monotonic() + _PERIOD_S
-    if rows:
-        _write(base64.b64encode(np.array(rows).tobytes()).decode())
     if other is None:
         return 'the recording holds no motion'
     start = 'its initial conditions' if other.from_initial else 'the recorded state'

@@ -14,7 +14,7 @@ from itertools import islice, pairwise
 from typing import NamedTuple
 
 from impact_damper_ros.bag.messages import CdrError, JointStateLayout, header_ns
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS
 from impact_damper_ros.control import CONTROL_JOINTS, ControlRecord
 
 from .findings import Difference, Findings, SampleGap
@@ -94,7 +94,7 @@ class ImpactMatcher:
         return self._begun and not self._recorded and not self._expected
 
     def paired(self, count: int) -> None:
-        """Take note of impacts that were paired elsewhere."""
+        """Count impacts that were paired elsewhere."""
         self._findings.recorded_impacts += count
         self._findings.impacts += count
 
@@ -130,7 +130,7 @@ class ImpactMatcher:
             self._expected.popleft()
 
     def begin(self, stamp_ns: int) -> int:
-        """Forget the impacts from before the first sample or message; return its stamp."""
+        """Drop the impacts before the first sample or message; return its stamp."""
         first_ns = min([stamp_ns, *(r.stamp_ns for r in self._recorded)])
         if not self._begun:
             self._begun = True
@@ -273,19 +273,16 @@ class ControlMatcher(ImpactMatcher):
         self._findings.missing_control += 1
 
 
-_QUANTITIES = (
-    *((f'position of {joint}', 'm') for joint in JOINTS),
-    *((f'velocity of {joint}', 'm/s') for joint in JOINTS),
-)
 #: Samples from which the period is estimated if the rate is not known.
 _LEARNT_FROM = 50
 
 
 class SampleCheck:
-    """Compares joint states."""
+    """Compares joint states, which are of these joints."""
 
-    def __init__(self, topic: str, findings: Findings) -> None:
+    def __init__(self, topic: str, joints: tuple[str, ...], findings: Findings) -> None:
         self._topic = topic
+        self._joints = joints
         self._findings = findings
         self._layout: JointStateLayout | None = None
 
@@ -315,9 +312,9 @@ class SampleCheck:
         layout = self._layout
         if layout is None or not layout.fits(content):
             layout = JointStateLayout(content)
-            if layout.names != JOINTS or layout.counts[:2] != (4, 4):
+            if layout.names != self._joints or layout.counts[:2] != (len(self._joints),) * 2:
                 held = ', '.join(layout.names) or 'none'
-                raise CdrError(f'its joints are {held}, not {", ".join(JOINTS)}')
+                raise CdrError(f'its joints are {held}, not {", ".join(self._joints)}')
             self._layout = layout
         return layout
 
@@ -332,7 +329,13 @@ class SampleCheck:
         there = (*positions, *velocities)
         here = sum(numbers, ())
         values_differ = False
-        for (name, unit), a, b in zip(_QUANTITIES, there, here, strict=True):
+        units = {'incline': 'rad'}
+        names = [
+            (f'{what} of {joint}', units.get(joint, 'm') + per)
+            for what, per in (('position', ''), ('velocity', '/s'))
+            for joint in self._joints
+        ]
+        for (name, unit), a, b in zip(names, there, here, strict=True):
             if bits(a) != bits(b):
                 differing.append((name, unit, a, b))
                 values_differ = True

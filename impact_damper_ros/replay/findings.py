@@ -20,7 +20,7 @@ _EARLY, _ROUND_OFF = 10, 1e-9
 
 
 class ReplayVerdict(Enum):
-    """ReplayVerdict of a replay, and the exit code."""
+    """Verdict on a replay; the value is the exit code."""
 
     IDENTICAL = 0
     DIFFERENT = 1

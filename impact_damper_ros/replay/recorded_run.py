@@ -35,7 +35,7 @@ from impact_damper_ros.bag.messages import (
     decode,
     header_ns,
 )
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, is_paused
+from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS, is_paused
 from impact_damper_ros.control import CONTROL_JOINTS, GAP_CONTROL_SPECS
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 
@@ -90,7 +90,7 @@ class Disorder:
     first_ns: int | None = None
 
     def note(self, counts: dict[str, int], topic: str, stamp_ns: int) -> None:
-        """Count one."""
+        """Count a misplaced message."""
         counts[topic] = counts.get(topic, 0) + 1
         if self.first_ns is None:
             self.first_ns = stamp_ns
@@ -341,7 +341,7 @@ _Single = Record | RecordedChange | RecordedSnapshot
 
 
 def _in_order(items: Iterator[_Single]) -> Iterator[_Single]:
-    """Yield items that overtook each other on their way in the order of their stamps."""
+    """Yield items in the order of their stamps, though some were logged out of order."""
     pending: list[tuple[int, bool, int, _Single]] = []
     for number, item in enumerate(items):
         # At one instant the cause comes before its effects.
@@ -412,7 +412,7 @@ def _named(reader: RunReader, events: str, *, snapshot_needed: bool) -> list[Rig
 def _role(message: Message) -> str:
     """Return the topic of a rig to which a message belongs; empty for other messages."""
     if isinstance(message, JointState):
-        if message.name == JOINTS:
+        if message.name in (JOINTS, AXIS_JOINTS):
             return 'joint_states'
         if message.name == IMPACT_JOINTS and message.frame_id in ('stop_1', 'stop_2'):
             return 'impacts'

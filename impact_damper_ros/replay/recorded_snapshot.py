@@ -14,16 +14,15 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.bag import Record, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
-from impact_damper_ros.bag.rig_topics import FORMAT
+from impact_damper_ros.bag.rig_topics import FORMAT, FORMATS
 from impact_damper_ros.control import ControlledRig, completed
-from impact_damper_ros.control.controller import Controller
+from impact_damper_ros.control.controller import initial_state
 from impact_damper_ros.rig import Mode
 from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.quoting import as_line, shown
-from impact_damper_ros.rig.simulator import ARITHMETIC, FORMATS, upgraded
+from impact_damper_ros.rig.simulator import ARITHMETIC, upgraded
+from impact_damper_ros.rig.simulator import FORMATS as STATE_FORMATS
 
-#: Formats of the messages that this version reads; see `bag.rig_topics.FORMAT`.
-_FORMATS = (1, FORMAT)
 #: Stamps of ROS have 32 bits of seconds, with a sign.
 _LATEST_NS = 2**31 * 10**9
 #: Longest text of a snapshot, in characters, and how deep it may be nested. The text of a rig with
@@ -102,11 +101,11 @@ def read_snapshot(record: Record, path: Path, purpose: str) -> RecordedSnapshot:
         version = held.get('format')
     except ValueError as error:
         raise RecordingError(purpose, path, f'{where} cannot be read: {error}') from error
-    found, known = version, _FORMATS
-    if version in _FORMATS and isinstance(held.get('state'), dict):
-        found, known = held['state'].get('format'), FORMATS
+    found, known = version, FORMATS
+    if version in FORMATS and isinstance(held.get('state'), dict):
+        found, known = held['state'].get('format'), STATE_FORMATS
     if found not in known:
-        formats = ' and '.join(map(str, known))
+        formats = f'{", ".join(map(str, known[:-1]))} and {known[-1]}'
         cause = f'{where} is of format {shown(found)}; this version reads format {formats}'
         remedy = 'use the version of impact_damper_ros that recorded the bag'
         raise RecordingError(purpose, path, cause, remedy)
@@ -122,14 +121,14 @@ def _checked(held: dict[str, Any]) -> RecordedSnapshot:
     offset_ns, time_ns = held['stamp_offset_ns'], held['time_ns']
     text = f'stamp_offset_ns is {shown(offset_ns)} and time_ns {shown(time_ns)}'
     if type(offset_ns) is not int or type(time_ns) is not int or time_ns < 0:
-        raise ValueError(f'{text}: whole numbers of nanoseconds are allowed')
+        raise ValueError(f'{text}: both must be whole numbers of nanoseconds')
     if abs(offset_ns) + time_ns >= _LATEST_NS:
         raise ValueError(f'{text}: stamps of ROS end at {_LATEST_NS} ns')
     reason, state = as_line(str(held['reason'])), completed(upgraded(held['state']))
     _check_state(state, time_ns / 1e9)
     arithmetic = held['state'].get('arithmetic', 1)
     if type(arithmetic) is not int:
-        raise ValueError(f'arithmetic is {shown(arithmetic)}: a whole number is allowed')
+        raise ValueError(f'arithmetic is {shown(arithmetic)}: it must be a whole number')
     return RecordedSnapshot(
         offset_ns + time_ns, offset_ns, time_ns, reason, state, arithmetic, int(held['format'])
     )
@@ -178,7 +177,7 @@ def _check_state(state: Mapping[str, Any], time: float) -> None:
         raise ValueError(f'origin.time is {begun!r} s, after time, {state["time"]!r} s')
     control = state['gap_control']['state']
     try:
-        _check_control('gap_control.state', control, Controller().as_dict())
+        _check_control('gap_control.state', control, initial_state())
         rig = ControlledRig.restore(dict(state))
         harmonics = len(rig.parameters.harmonics[0])
         if len(origin['angles']) != harmonics:
@@ -193,24 +192,24 @@ def _check_state(state: Mapping[str, Any], time: float) -> None:
 
 def _check_number(name: str, value: object) -> None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise ValueError(f'{name} is {shown(value)}: a finite number is allowed')
+        raise ValueError(f'{name} is {shown(value)}: it must be a finite number')
 
 
 def _check_whole(name: str, value: object) -> None:
     if isinstance(value, bool) or not isinstance(value, int):
-        raise ValueError(f'{name} is {shown(value)}: a whole number is allowed')
+        raise ValueError(f'{name} is {shown(value)}: it must be a whole number')
 
 
 def _check_numbers(name: str, values: object) -> None:
     if not isinstance(values, list | tuple):
-        raise ValueError(f'{name} is {shown(values)}: a list of numbers is allowed')
+        raise ValueError(f'{name} is {shown(values)}: it must be a list of numbers')
     for value in values:
         _check_number(f'an entry of {name}', value)
 
 
 def _check_origin(origin: object) -> None:
     if not isinstance(origin, dict):
-        raise ValueError(f'origin is {shown(origin)}: an object is allowed')
+        raise ValueError(f'origin is {shown(origin)}: it must be an object')
     for name in Origin._fields:
         value = origin.get(name, Origin._field_defaults.get(name))
         if name == 'angles':
@@ -219,13 +218,13 @@ def _check_origin(origin: object) -> None:
             choices = _CHOICES[name]
             if not any(type(value) is type(choice) and value == choice for choice in choices):
                 allowed = ', '.join(map(str, choices))
-                raise ValueError(f'origin.{name} is {shown(value)}: {allowed} are allowed')
+                raise ValueError(f'origin.{name} is {shown(value)}: it must be one of {allowed}')
         elif not (name in _MAY_BE_INFINITE and value in (None, inf, -inf)):
             _check_number(f'origin.{name}', value)
 
 
 #: Lengths allowed for lists of the control's state that do not keep their length.
-_LENGTHS = {'last': (0, 7), 'hit_1': (0, 2), 'hit_2': (0, 2), 'places': (0, 1, 2)}
+_LENGTHS = {'last': (0, 7), 'hit_1': (0, 2), 'hit_2': (0, 2), 'places': (0, 2)}
 
 
 def _check_control(name: str, held: Mapping[str, Any], pattern: Mapping[str, Any]) -> None:
@@ -236,16 +235,16 @@ def _check_control(name: str, held: Mapping[str, Any], pattern: Mapping[str, Any
             _check_control(where, value, like)
         elif key == 'waiting':
             for command in value:
-                time, *targets = command
+                time, stop_1, stop_2 = command
                 _check_number(f'{where}: time', time)
-                _check_numbers(where, [target for target in targets if target is not None])
+                _check_numbers(where, [t for t in (stop_1, stop_2) if t is not None])
         elif isinstance(like, list):
             _check_numbers(where, value)
             if len(value) not in _LENGTHS.get(key, (len(like),)):
                 raise ValueError(f'{where} has {len(value)} entries')
         elif isinstance(like, bool):
             if not isinstance(value, bool):
-                raise ValueError(f'{where} is {shown(value)}: true or false are allowed')
+                raise ValueError(f'{where} is {shown(value)}: it must be true or false')
         elif isinstance(like, int):
             _check_whole(where, value)
         elif not (like is None and value is None):

@@ -22,12 +22,13 @@ from impact_damper_ros.bag import Record, RecordingError
 from impact_damper_ros.bag.messages import CdrError, JointStateColumns
 from impact_damper_ros.bag.rig_topics import (
     IMPACT_JOINTS,
-    JOINTS,
     impact_numbers,
+    joints_of,
     state_numbers,
 )
 from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample, Simulator
+from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, has_numba
 from impact_damper_ros.rig.simulator import ARITHMETIC, Snapshot
@@ -47,8 +48,9 @@ class BatchReplay:
     def __init__(self, version: int, *, compiled: bool) -> None:
         self._version = version
         self._compiled = compiled
-        self._states = JointStateColumns(JOINTS, (4, 4, 0))
-        self._impacts = JointStateColumns(IMPACT_JOINTS, (2, 2, 2))
+        joints = joints_of(version)
+        self._states = JointStateColumns((joints,), (len(joints), len(joints), 0))
+        self._impacts = JointStateColumns((IMPACT_JOINTS,), (2, 2, 2))
 
     def reproduces(
         self,
@@ -57,19 +59,20 @@ class BatchReplay:
         states: Sequence[Record],
         impacts: Sequence[Record] | None,
     ) -> Simulator | None:
-        """Return a rig after recorded messages; None if it does not reproduce each bit."""
+        """Return the rig after recorded messages; None if it does not reproduce every bit."""
         stamps_ns = np.array([record.stamp_ns for record in states], dtype=np.int64)
         instants = (stamps_ns - offset_ns) / 1e9
         if not (np.diff(stamps_ns) > 0).all() or instants[0] <= state.time:
             return None
         run = LongRun.restore(state.as_dict(), compiled=self._compiled)
-        stretch = run.advance(float(instants[-1]), instants)
-        rest = state.parameters.static_deflection
+        most = max(MOST_EVENTS, 10 * (len(states) + len(impacts or ())))
+        stretch = run.advance(float(instants[-1]), instants, most_events=most)
+        rest, angle = state.parameters.static_deflection, state.parameters.angle
         if stretch.outcome is not Outcome.COMPLETE:
             return None
         columns: list[Any] = [stretch.samples[name] for name in Sample._fields]
-        parts = state_numbers(Sample(*columns), rest, self._version)
-        numbers = np.column_stack([column for part in parts for column in part])
+        parts = state_numbers(Sample(*columns), rest, angle, self._version)
+        numbers = np.column_stack(np.broadcast_arrays(*(c for part in parts for c in part)))
         if not _all_equal(self._states, states, ('',), stamps_ns, numbers):
             return None
         if impacts is not None and not self._same_impacts(
@@ -109,7 +112,7 @@ def _all_equal(
     stamps_ns: _Ints,
     numbers: NDArray[np.float64],
 ) -> bool:
-    """Return whether messages hold these frames, one or one each, stamps and numbers."""
+    """Return whether messages hold these stamps, numbers and frames (one for all, or each)."""
     table = columns.read([record.content for record in recorded])
     if table.unreadable or not np.array_equal(table.stamps_ns, stamps_ns):
         return False
@@ -222,7 +225,12 @@ class Replay:
         self._batches = BatchReplay(
             recorded.start.version, compiled=count >= _COMPILED_FROM and has_numba()
         )
-        self._check = SampleCheck(topics.joint_states, self.findings)
+        self._check = SampleCheck(
+            topics.joint_states, joints_of(recorded.start.version), self.findings
+        )
+        # A rig that does not move as recorded may have impacts without end.
+        recorded_count = sum(topic.message_count for topic in recorded.reader.topics.values())
+        self._budget = EventBudget(2 * (MOST_EVENTS + recorded_count))
         self._spacing = SampleSpacing(self.findings)
         stamped = recorded.stamped
         self._impacts = ImpactMatcher(topics.impacts, self.findings, stamped=stamped)
@@ -399,8 +407,9 @@ class Replay:
     def _sampled(self) -> tuple[Sample, tuple[tuple[float, ...], ...]]:
         """Return the present motion, and the numbers of its joint states as published."""
         rig, version = self.replayed.rig, self.recorded.start.version
-        sample = rig.sample()
-        return sample, state_numbers(sample, rig.parameters.static_deflection, version)
+        sample, parameters = rig.sample(), rig.parameters
+        deflection, angle = parameters.static_deflection, parameters.angle
+        return sample, state_numbers(sample, deflection, angle, version)
 
     def _advance(self) -> None:
         # Once to each instant, as the node does: an event that a change leaves due at once would
@@ -408,12 +417,12 @@ class Replay:
         rig, time = self.replayed.rig, self._time_ns / 1e9
         if time > rig.time:
             try:
-                events = rig.advance(time)
+                for events in self._budget.portions(rig, time):
+                    self._take_events(events, rig.records, rig.parameters)
             except (ArithmeticError, LookupError, RunawayError, TypeError, ValueError) as error:
                 cause = f'the rig cannot be run on to rig time {time:.9g} s: {error}'
                 path = self.recorded.reader.path
                 raise RecordingError('replay', path, cause, _REMEDY) from error
-            self._take_events(events, rig.records, rig.parameters)
 
     def _excuse(self, gaps: list[SampleGap]) -> None:
         for gap in gaps:
@@ -519,7 +528,7 @@ class Replay:
             batch = self.replayed.carry_out(changes, snapshot)
         except (ValueError, TypeError, KeyError) as error:
             self.findings.fault(
-                f'what changed at rig time {self._time_ns * 1e-9:.9g} s cannot be done to the '
+                f'the change at rig time {self._time_ns * 1e-9:.9g} s cannot be applied to the '
                 f'rig: {error}'
             )
             return
@@ -569,8 +578,8 @@ class Replay:
         if not batch.agrees and not self.recorded.stamped and not self.findings.difference_count:
             self.replayed.adopt(snapshot)
             self.findings.fault(
-                f'what was done at rig time {self._time_ns * 1e-9:.9g} s cannot be retraced: not '
-                'all of its parameter events were recorded; its snapshot was taken over'
+                f'the changes at rig time {self._time_ns * 1e-9:.9g} s cannot be retraced: not '
+                'all of their parameter events were recorded; the snapshot was adopted'
             )
             return
         for name, recorded, replayed in batch.differences[:1]:

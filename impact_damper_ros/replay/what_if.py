@@ -1,5 +1,5 @@
 """
-What if: another rig in the place of the recorded one.
+What-if: another rig in place of the recorded one.
 
 The other rig starts as the recorded one did, with the same force and the same changes and resets,
 but some parameters are held at other values all the time.
@@ -16,6 +16,7 @@ from typing import Any
 
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.rig import Event, InitialConditions, ParameterError, Sample
+from impact_damper_ros.rig.event_budget import EventBudget
 
 from .recorded_snapshot import RecordedSnapshot
 from .replay import Replay, Tick
@@ -39,6 +40,8 @@ class WhatIf:
         Parameters of the rig and of its gap control, and their values.
     held_initial : mapping, optional
         Initial conditions and their values.
+    budget : EventBudget, optional
+        The most events that the rig may have.
 
     Attributes
     ----------
@@ -63,7 +66,9 @@ class WhatIf:
         initial: InitialConditions | None,
         held: Mapping[str, Any],
         held_initial: Mapping[str, Any] | None = None,
+        budget: EventBudget | None = None,
     ) -> None:
+        self._budget = budget or EventBudget()
         self._held = dict(held)
         self._held_initial = dict(held_initial or {})
         self._logged = setting_of(start.state)
@@ -85,6 +90,7 @@ class WhatIf:
         """Return a copy, which goes on from here."""
         other = copy.copy(self)
         other.rig = ControlledRig.restore(self.rig.snapshot())
+        other._budget = copy.copy(self._budget)
         return other
 
     def follow(self, tick: Tick) -> tuple[Sample, list[Event]]:
@@ -102,6 +108,8 @@ class WhatIf:
         ------
         ParameterError
             If a change or reset of the recorded rig is not admissible here.
+        EndlessEventsError
+            If the rig has more events than it may.
         """
         events, self.early_events = self.early_events, []
         for time_ns, step in tick.steps:
@@ -113,7 +121,7 @@ class WhatIf:
     def advance(self, time_ns: int) -> list[Event]:
         """Go on to an instant, in one call as the node does."""
         time = time_ns / 1e9
-        return self.rig.advance(time) if time > self.rig.time else []
+        return self._budget.advance(self.rig, time) if time > self.rig.time else []
 
     def carry_out(self, step: Step) -> list[Event]:
         """

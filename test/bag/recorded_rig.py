@@ -47,7 +47,7 @@ class RecordedRig:
         rate=200.0,
         offset=samples.START,
         control=None,
-        version=2,
+        version=3,
     ):
         self.version = version
         self.initial = initial or InitialConditions()
@@ -127,15 +127,17 @@ class RecordedRig:
 
     def states(self):
         s = self.rig.sample()
+        incline = [self.rig.parameters.angle] if self.version > 2 else []
         content = samples.joint_state(
             self.offset + self.time_ns,
-            ['primary', 'damper', 'stop_1', 'stop_2'],
-            [place + self.rest for place in (s.x, s.z, s.stop_1, s.stop_2)],
+            ['primary', 'damper', 'stop_1', 'stop_2', *('incline' for _ in incline)],
+            [*(place + self.rest for place in (s.x, s.z, s.stop_1, s.stop_2)), *incline],
             [
                 s.primary_velocity,
                 s.damper_velocity,
                 s.stop_1_velocity if self.version > 1 else s.primary_velocity,
                 s.stop_2_velocity if self.version > 1 else s.primary_velocity,
+                *(0.0 for _ in incline),
             ],
         )
         self.write('/joint_states', content)

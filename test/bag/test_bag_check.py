@@ -149,6 +149,25 @@ def test_a_shortened_index_is_found(bag, tmp_path):
     assert any('of them' in fault and 'its index lists' in fault for fault in faults)
 
 
+def test_a_file_that_ends_within_the_indexes_of_a_chunk_is_only_cut(bag, tmp_path):
+    (path,) = bag.glob('*.mcap')
+    content, ends = path.read_bytes(), [8]
+    found = records(content)
+    for _, held in found:
+        ends.append(ends[-1] + 9 + len(held))
+    codes = [code for code, _ in found]
+    # Up to the chunk, and a bit further into each of its indexes
+    chunk = len(codes) - 1 - codes[::-1].index(Opcode.CHUNK)
+    indexes = codes[chunk:].count(Opcode.MESSAGE_INDEX)
+    assert indexes > 1
+    cut = tmp_path / 'run_0.mcap'
+    for index in range(indexes + 1):
+        for more in (0, 5):
+            cut.write_bytes(content[: ends[chunk + 1 + index] + more])
+            (fault,) = replayed(cut).faults
+            assert 'the bag is not complete' in fault
+
+
 @pytest.mark.parametrize(
     ('field', 'value', 'words'),
     [

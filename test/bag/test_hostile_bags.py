@@ -74,19 +74,22 @@ def put(path, value):
         (lambda t: t.replace('"x": 0.0', '"x": NaN'), 'NaN is no number of JSON'),
         (lambda t: t.replace('"x": 0.0', '"x": 1e999'), "'1e999' is beyond the range of a double"),
         (lambda t: t.replace('ns": 0,', f'ns": {"9" * 4000},'), 'a whole number has 4000 digits'),
-        (put('state.origin.x', None), 'origin.x is None: a finite number is allowed'),
-        (put('state.origin.velocity', '1.0'), "origin.velocity is '1.0': a finite number"),
-        (put('state.origin.mode', 99), 'origin.mode is 99: 0, 1, 2, 3, 4, 5, 6, 7 are allowed'),
-        (put('state.origin.mode', 'SLIDE'), "origin.mode is 'SLIDE': 0, 1, 2"),
-        (put('state.origin.released', 1), 'origin.released is 1: False, True are allowed'),
+        (put('state.origin.x', None), 'origin.x is None: it must be a finite number'),
+        (put('state.origin.velocity', '1.0'), "origin.velocity is '1.0': it must be a finite"),
+        (
+            put('state.origin.mode', 99),
+            'origin.mode is 99: it must be one of 0, 1, 2, 3, 4, 5',
+        ),
+        (put('state.origin.mode', 'SLIDE'), "origin.mode is 'SLIDE': it must be one of 0, 1, 2"),
+        (put('state.origin.released', 1), 'origin.released is 1: it must be one of False, True'),
         (put('state.origin.angles', []), 'origin.angles has 0 entries, the force has 1'),
-        (put('state.origin.angles', ['x']), "an entry of origin.angles is 'x': a finite number"),
+        (put('state.origin.angles', ['x']), "origin.angles is 'x': it must be a finite number"),
         (put('state.time', 1e9), 'its state is of rig time 1000000000.0 s, the message of 0.0 s'),
-        (put('state.sweep.step', 1.5), 'sweep.step is 1.5: a whole number is allowed'),
+        (put('state.sweep.step', 1.5), 'sweep.step is 1.5: it must be a whole number'),
         (put('state.parameters.gap', 'x' * 10**5), 'gap is '),
         (put('state.parameters.gap', -1.0), 'gap is -1.0'),
         (put('state.gap_control.state.observer.last', [1.0]), 'observer.last has 1 entries'),
-        (put('state.gap_control.state.roused', 'x'), "roused is 'x': true or false are allowed"),
+        (put('state.gap_control.state.roused', 'x'), "roused is 'x': it must be true or false"),
         (put('state.format', [2]), 'is of format [2]; this version reads format 1 and 2'),
         (put('stamp_offset_ns', '5'), "stamp_offset_ns is '5'"),
     ],
@@ -103,7 +106,7 @@ def test_snapshots(tmp_path, messages, change, words):
 
 def test_a_snapshot_goes_through_all_commands(tmp_path, messages):
     path = with_snapshots(tmp_path / 'bag', messages, put('state.origin.mode', 99))
-    said(path, 'origin.mode is 99: 0, 1, 2, 3, 4, 5, 6, 7 are allowed')
+    said(path, 'origin.mode is 99: it must be one of 0, 1, 2, 3, 4, 5')
 
 
 @pytest.mark.parametrize(

@@ -249,6 +249,10 @@ class RigParametersClient:
         reasons = [result.reason for result in response.results]
         return reasons[0] if len(values) == 1 else reasons
 
+    def service(self, name, request):
+        """Call `reset` or `pause` of the node."""
+        return self._client.call(SERVICES[name], f'{self.node}/{name}', request)
+
     def set_atomically(self, **values):
         """Set all or none; return the reason of the rejection, empty if accepted."""
         response = self._client.call(

@@ -14,13 +14,15 @@ from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
+from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.node.pacing import CATCH_UP_NS
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
 ABSURD = {
     'spring': {'stiffness': 1e15},
-    'air': {'air_force': 1e9, 'restitution_1': 1.0, 'restitution_2': 1.0},
+    'air': {'air_force': 1e5, 'restitution_1': 1.0, 'restitution_2': 1.0},
+    'more air': {'air_force': 1e9, 'restitution_1': 1.0, 'restitution_2': 1.0},
     'lines': {
         'multisine_level': 1.0,
         'multisine_low': 12000.0,
@@ -34,6 +36,14 @@ ENDLESS = {
     'restitution_1': 1.0,
     'restitution_2': 1.0,
     'initial_damper_velocity': 1e9,
+}
+#: Bounces of 0.1 pm on an elastic stop: 1e8 impacts per second.
+HAMMERING = {
+    'angle': 1.5708,
+    'gravity': 1e4,
+    'one_sided': True,
+    'restitution_1': 1.0,
+    'initial_damper_offset': 0.005 - 1.25e-13,
 }
 #: Asked for are 0.5 s and 2 s, on a machine of its own.
 ANSWER_S, END_S = 10.0, 30.0
@@ -70,7 +80,8 @@ def test_it_answers_reports_and_ends(client, recording, namespace, tmp_path, nam
     reports = client.listen(DiagnosticArray, '/diagnostics')
     process, _, parameters = recording(state_rate=1000.0)
     assert parameters.set_atomically(**ABSURD[name]) == ''
-    until(lambda: any('the rig is behind: ' in s.message for s in statuses(reports, 'pacing')))
+    said = 'held: ' if name == 'more air' else 'the rig is behind: '
+    until(lambda: any(said in s.message for s in statuses(reports, 'pacing')))
     for _ in range(2):
         began = time.monotonic()
         assert client.call(Trigger, f'{namespace}/sim_node/reset').success
@@ -105,6 +116,58 @@ def test_a_rig_with_events_without_end_is_held(client, recording, namespace, tmp
     assert process.stop() == 0, process.output
     assert 'Traceback' not in process.output
     assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0
+
+
+@pytest.mark.parametrize('law', ['off', 'timed'])
+def test_a_rig_with_too_many_impacts_is_held_and_comes_back_to_pace(
+    client, recording, namespace, tmp_path, capsys, law
+):
+    reports = client.listen(DiagnosticArray, '/diagnostics')
+    process, states, parameters = recording(gap_control=law)
+
+    def reset():
+        assert client.call(Trigger, f'{namespace}/sim_node/reset').success
+
+    def wait_until_held():
+        reports.clear()
+        until(lambda: any(s.message.startswith('held: ') for s in statuses(reports, 'rig')))
+        held = next(s for s in statuses(reports, 'rig') if s.message.startswith('held: '))
+        assert held.level == DiagnosticStatus.ERROR
+        assert held.message.startswith('held: the rig had ')
+        assert 'make the stops less elastic or the gap wider' in held.message
+        assert held.message.endswith('it waits for a changed parameter or ~/reset')
+        values = {value.key: value.value for value in held.values}
+        assert values['Held'] == 'True'
+        assert int(values['Events']) > 2500
+
+    def wait_for_pace():
+        reports.clear()
+        until(lambda: any(s.message.startswith('holds ') for s in statuses(reports, 'pacing')))
+        until(lambda: states[-1].header.frame_id == '')
+        assert statuses(reports, 'rig')[-1].level == DiagnosticStatus.OK
+
+    assert parameters.set_atomically(**HAMMERING) == ''
+    reset()
+    wait_until_held()
+    until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
+    assert parameters.get('restitution_1') == 1.0
+    # A change that is no remedy: it tries again.
+    assert parameters.set(damper_mass=0.11) == ''
+    wait_until_held()
+    assert parameters.set(restitution_1=0.5) == ''
+    wait_for_pace()
+    assert parameters.set(restitution_1=1.0) == ''
+    reset()
+    wait_until_held()
+    # Held still, with initial conditions that are harmless
+    assert parameters.set(initial_damper_offset=0.0) == ''
+    reset()
+    wait_for_pace()
+    assert process.stop() == 0, process.output
+    assert 'Traceback' not in process.output
+    bag = str(bag_of(tmp_path / 'process_0'))
+    assert replay_run([bag]) == 0, capsys.readouterr().out
+    assert compare_run([bag]) == 0, capsys.readouterr().out
 
 
 def late_ns(states, node):

@@ -118,7 +118,7 @@ def test_states_and_impacts_are_those_of_the_simulator():
         assert stamp_ns(message.header.stamp) == t_ns
         impacts += [e for e in rig.advance(t_ns / 1e9) if e.kind is EventKind.IMPACT]
         sample = rig.sample()
-        assert list(message.position) == [sample.x, sample.z, sample.stop_1, sample.stop_2]
+        assert list(message.position) == [sample.x, sample.z, sample.stop_1, sample.stop_2, 0.0]
         assert message.velocity[0] == sample.primary_velocity
         assert message.velocity[1] == sample.damper_velocity
     assert len(impacts) > 20
@@ -211,7 +211,8 @@ def test_a_change_takes_effect_at_the_instant_recorded():
             rig.change(changed)
         sample = rig.sample()
         position = list(deserialize_message(data, JointState).position)
-        assert position == [sample.x, sample.z, sample.stop_1, sample.stop_2]
+        angle = rig.parameters.angle
+        assert position == [sample.x, sample.z, sample.stop_1, sample.stop_2, angle]
     reasons = [json.loads(m.data)['reason'] for m in bench.messages('snapshot')]
     assert reasons == ['record', 'start', 'change']
 
@@ -287,7 +288,7 @@ def test_reset_puts_the_rig_back_and_time_goes_on():
         until(lambda: bench.engine.stamp_ns() > ticket.time_ns + 1e9)
     states = bench.messages('states')
     (index,) = [i for i, m in enumerate(states) if stamp_ns(m.header.stamp) == ticket.time_ns]
-    assert list(states[index].position) == [2.0, 1.75, 2.5, 1.5]
+    assert list(states[index].position) == [2.0, 1.75, 2.5, 1.5, 0.0]
     steps = {stamp_ns(b.header.stamp) - stamp_ns(a.header.stamp) for a, b in pairwise(states)}
     assert steps == {10_000_000}
     assert json.loads(bench.messages('snapshot')[-1].data)['reason'] == 'reset'

@@ -43,18 +43,19 @@ def test_joint_states_read_back(stamp_ns):
     encoder = RigMessages()
     for seed in range(50):
         sample = Sample(*numbers(9, seed))
-        rest = numbers(1, 50 + seed)[0]
-        message = deserialize_message(encoder.states(stamp_ns, sample, rest), JointState)
+        rest, angle = numbers(2, 50 + seed)
+        message = deserialize_message(encoder.states(stamp_ns, sample, rest, angle), JointState)
         assert message.header.stamp == time_of(stamp_ns)
         assert message.header.frame_id == ''
-        assert message.name == ['primary', 'damper', 'stop_1', 'stop_2']
+        assert message.name == ['primary', 'damper', 'stop_1', 'stop_2', 'incline']
         places = (sample.x, sample.z, sample.stop_1, sample.stop_2)
-        assert list(message.position) == [place + rest for place in places]
+        assert list(message.position) == [*(place + rest for place in places), angle]
         assert list(message.velocity) == [
             sample.primary_velocity,
             sample.damper_velocity,
             sample.stop_1_velocity,
             sample.stop_2_velocity,
+            0.0,
         ]
         assert list(message.effort) == []
 
@@ -66,7 +67,7 @@ def test_the_bytes_are_those_of_an_independent_serialiser():
     for seed in range(50):
         sample = Sample(*numbers(9, seed))
         rest = numbers(1, 50 + seed)[0]
-        found = [encoder.states(STAMPS[4], sample, rest)]
+        found = [encoder.states(STAMPS[4], sample, rest, -rest)]
         for stop in (1, 2):
             event = Event(1.5, EventKind.IMPACT, stop, *numbers(7, 50 + seed))
             found.append(encoder.impact(STAMPS[5], event, rest))
@@ -100,18 +101,18 @@ def test_impacts_read_back(stop):
 def test_bytes_depend_on_the_values_alone():
     """Arbitrary bytes in the padding would end up in the log."""
     sample = Sample(*numbers(9, 1))
-    first = RigMessages().states(1, sample, 0.5)
-    assert {RigMessages().states(1, sample, 0.5) for _ in range(20)} == {first}
+    first = RigMessages().states(1, sample, 0.5, 0.1)
+    assert {RigMessages().states(1, sample, 0.5, 0.1) for _ in range(20)} == {first}
     encoder = RigMessages()
-    encoder.states(2, Sample(*numbers(9, 2)), 0.5)
-    assert encoder.states(1, sample, 0.5) == first
+    encoder.states(2, Sample(*numbers(9, 2)), 0.5, 0.2)
+    assert encoder.states(1, sample, 0.5, 0.1) == first
 
 
 def test_a_filled_message_is_not_overwritten_by_the_next():
     encoder = RigMessages()
-    first = encoder.states(1, Sample(*numbers(9, 1)), 0.5)
+    first = encoder.states(1, Sample(*numbers(9, 1)), 0.5, 0.1)
     copy = bytes(bytearray(first))
-    encoder.states(2, Sample(*numbers(9, 2)), 0.5)
+    encoder.states(2, Sample(*numbers(9, 2)), 0.5, 0.2)
     assert first == copy
 
 

@@ -209,7 +209,7 @@ def test_a_thousand_parameters_of_other_nodes_are_warned_of_in_a_few_lines(launc
     until(lambda: 'runs in real time' in process.output, lambda: process.output)
     said = process.output
     assert said.count('is not one of this node; it is ignored') == 8
-    assert '993 parameters more are ignored as well' in said
+    assert '993 more parameters are ignored as well' in said
     assert '\x1b[31m' not in said
     assert process.stop() == 0
 

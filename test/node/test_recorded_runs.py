@@ -96,7 +96,8 @@ def replay(bag, namespace='', cut=False):
             note(rig.change(rig.parameters.replace(**values)))
         sample, rest = rig.sample(), rig.parameters.static_deflection
         places = (sample.x, sample.z, sample.stop_1, sample.stop_2)
-        assert list(message.position) == [place + rest for place in places]
+        angle = rig.parameters.angle
+        assert list(message.position) == [*(place + rest for place in places), angle]
     recorded = bag.messages(f'{namespace}/impacts')
     if cut:
         last_ns = stamp_of(states[-1].header.stamp)

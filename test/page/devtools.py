@@ -4,27 +4,15 @@ import asyncio
 import base64
 import contextlib
 import json
-import os
-import shutil
 import subprocess
 import tempfile
 import time
 from pathlib import Path
 
-import pytest
+import chromium
 from tornado.websocket import websocket_connect
 
-NAMES = ('chromium', 'chromium-browser', 'google-chrome')
-FLAGS = (
-    '--headless',
-    '--no-sandbox',
-    '--disable-gpu',
-    '--disable-quic',
-    '--disable-sync',
-    '--disable-background-networking',
-    '--disable-component-update',
-    '--hide-scrollbars',
-    '--no-first-run',
+OPTIONS = (
     '--mute-audio',
     '--autoplay-policy=no-user-gesture-required',
     '--remote-debugging-port=0',
@@ -34,17 +22,6 @@ ANSWER_S = 60.0
 LARGEST = 64 * 2**20
 
 
-def browser_path():
-    """Return the path of a Chromium; a test without one is skipped, except where it must run."""
-    found = next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
-        reason = 'no Chromium here; on Debian or Ubuntu: apt install chromium'
-        if os.environ.get('CI') == 'true':
-            pytest.fail(reason)
-        pytest.skip(reason)
-    return found
-
-
 class Browser:
     """A browser that has never been used, and its event loop."""
 
@@ -52,7 +29,7 @@ class Browser:
         self.profile = tempfile.TemporaryDirectory(prefix='page_browser_')
         self.loop = asyncio.new_event_loop()
         self.process = subprocess.Popen(
-            [path, *FLAGS, f'--user-data-dir={self.profile.name}', 'about:blank'],
+            chromium.command(path, self.profile.name, *OPTIONS, 'about:blank'),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -70,6 +47,17 @@ class Browser:
     def open(self, address='about:blank', *, width=1280, height=800, scale=1.0, dark=False):
         """Open a page of its own."""
         return Page(self, address, width, height, scale, dark)
+
+    def frame(self, address):
+        """Return a frame of another origin than its page, by its address."""
+        until = time.monotonic() + START_S
+        while True:
+            found = self.targets.call('Target.getTargets', filter=[{'type': 'iframe'}])
+            for target in found['targetInfos']:
+                if target['url'] == address:
+                    return Document(self, f'/devtools/page/{target["targetId"]}')
+            assert time.monotonic() < until, f'no frame shows {address}: {found}'
+            time.sleep(0.05)
 
     def close(self):
         """End the browser."""
@@ -133,18 +121,45 @@ class Channel:
             self._loop.run_until_complete(asyncio.wait_for(closed(), ANSWER_S))
 
 
-class Page(Channel):
+class Document(Channel):
+    """What runs expressions: a page, or a frame of another origin in one."""
+
+    def run(self, script):
+        """Return the value of an expression, awaited."""
+        done = self.call(
+            'Runtime.evaluate', expression=script, returnByValue=True, awaitPromise=True
+        )
+        details = done.get('exceptionDetails')
+        assert details is None, details
+        return done['result'].get('value')
+
+    def wait(self, script, seconds=20.0):
+        """Wait until an expression is true; while the page is being loaded it is not."""
+        tried = f'(() => {{ try {{ return Boolean({script}); }} catch {{ return false; }} }})()'
+        until = time.monotonic() + seconds
+        while not self.run(tried):
+            assert time.monotonic() < until, f'in vain: {script}; {self.described()}'
+            time.sleep(0.05)
+
+    def described(self):
+        """Return what a failed test should say of it."""
+        return ''
+
+
+class Page(Document):
     """
     A page in a browser.
 
     `said` is what came on its console, with errors and refusals of the policy; `failed` are
-    requests that were answered by an error.
+    requests that were answered by an error; `audio` are the events of WebAudio, if it is listened
+    to.
     """
 
     def __init__(self, browser, address, width, height, scale, dark):
         self.browser = browser
         self.said = []
         self.failed = []
+        self.audio = []
         self._target = browser.targets.call('Target.createTarget', url='about:blank')['targetId']
         super().__init__(browser, f'/devtools/page/{self._target}')
         browser.pages.append(self)
@@ -170,6 +185,8 @@ class Page(Channel):
             self.said.append(f'{entry["level"]}: {entry["text"]} {entry.get("url", "")}')
         elif method == 'Network.responseReceived' and params['response']['status'] >= 400:
             self.failed.append((params['response']['status'], params['response']['url']))
+        elif method and method.startswith('WebAudio.'):
+            self.audio.append((method.removeprefix('WebAudio.'), params))
 
     def go(self, address):
         """Open an address."""
@@ -192,23 +209,6 @@ class Page(Channel):
             {'name': 'prefers-reduced-motion', 'value': 'reduce' if calm else 'no-preference'},
         ]
         self.call('Emulation.setEmulatedMedia', features=features)
-
-    def run(self, script):
-        """Return the value of an expression, awaited."""
-        done = self.call(
-            'Runtime.evaluate', expression=script, returnByValue=True, awaitPromise=True
-        )
-        details = done.get('exceptionDetails')
-        assert details is None, details
-        return done['result'].get('value')
-
-    def wait(self, script, seconds=20.0):
-        """Wait until an expression is true; while the page is being loaded it is not."""
-        tried = f'(() => {{ try {{ return Boolean({script}); }} catch {{ return false; }} }})()'
-        until = time.monotonic() + seconds
-        while not self.run(tried):
-            assert time.monotonic() < until, f'in vain: {script}; {self.described()}'
-            time.sleep(0.05)
 
     def described(self):
         """Return what a failed test should say of the page."""

@@ -67,13 +67,13 @@ class FakeLink:
         for _ in range(round(seconds * RATE)):
             self._tick += 1
             events = self.rig.advance(self._now_ns / 1e9)
-            rest = self.rig.parameters.static_deflection
+            rig, sample = self.rig.parameters, self.rig.sample()
+            rest, stamp = rig.static_deflection, self._offset_ns + self._now_ns
             for event in events:
                 if event.kind is EventKind.IMPACT:
-                    stamp = self._offset_ns + round(event.time * 1e9)
-                    self.messages.impacts.append(self._pattern.impact(stamp, event, rest))
-            states = self._pattern.states(self._offset_ns + self._now_ns, self.rig.sample(), rest)
-            self.messages.states.append(states)
+                    at = self._offset_ns + round(event.time * 1e9)
+                    self.messages.impacts.append(self._pattern.impact(at, event, rest))
+            self.messages.states.append(self._pattern.states(stamp, sample, rest, rig.angle))
 
     def change(self, **values):
         """Turn knobs, as somebody else on the network."""

@@ -7,23 +7,26 @@ without a graphics processor here, so that any real one is faster.
 
 import argparse
 import os
-import shutil
 import tempfile
 from pathlib import Path
+
+import chromium
 
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
 
 from node.rig_client import SOURCE, SimProcess
 
-from page.devtools import NAMES, Browser
+from page.devtools import Browser
 from page.page_process import PageProcess
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
 LONG = 200.0
+#: The page offers these.
+WINDOWS = (3, 10, 30)
 SIZES = ((360, 780), (1280, 800), (2560, 1440))
 #: The traces have come to their length.
-FULL = '(({line, end}) => end - line.arrays[0][line.start] > 29.5)(impactDamper.history)'
+FULL = '(({{line, end}}) => end - line.arrays[0][line.start] > {length})(impactDamper.history)'
 #: Between frames of the screen, and in drawing one that has something new.
 PROBE = """new Promise(resolve => {{
     impactDamper.counted.work.length = 0;
@@ -45,21 +48,21 @@ def quantile(values, part):
 
 def main():
     parser = argparse.ArgumentParser(description='Measure the frame times of the page.')
-    parser.add_argument('--seconds', type=float, default=10.0)
+    parser.add_argument('--seconds', type=float, default=10.0, help='of each measurement [10]')
+    parser.add_argument(
+        '--window', type=int, default=30, choices=WINDOWS, help='length of the traces, s [30]'
+    )
     arguments = parser.parse_args()
-    path = next(filter(None, map(shutil.which, NAMES)), None)
+    path = chromium.found()
     if path is None:
-        parser.error('no Chromium here; on Debian or Ubuntu: apt install chromium')
+        parser.error(chromium.MISSING)
     with tempfile.TemporaryDirectory() as work:
         browser = Browser(path)
         server = PageProcess(Path(work), '--node', '/sim_node')
         node = SimProcess(Path(work), parameters_file=BENCH)
         try:
-            page = browser.open(server.address + '#window=30')
-            page.wait('impactDamper.history.line.length > 1500', LONG)
-            page.wait(
-                'impactDamper.history.end - impactDamper.history.line.arrays[0][0] > 30', LONG
-            )
+            page = browser.open(server.address + f'#window={arguments.window}')
+            page.wait(FULL.format(length=0.98 * arguments.window), LONG)
             print(
                 '| window | between frames: median, p99 | drawing: median, p99 | frames received |'
             )

@@ -8,11 +8,11 @@ From the directory of the package: `PYTHONPATH=.:test python -m page.screenshots
 import argparse
 import io
 import os
-import shutil
 import tempfile
 import time
 from pathlib import Path
 
+import chromium
 from PIL import Image
 
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -20,7 +20,7 @@ os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
 
 from node.rig_client import SOURCE, SimProcess
 
-from page.devtools import NAMES, Browser
+from page.devtools import Browser
 from page.page_process import PageProcess
 
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
@@ -28,7 +28,13 @@ LONG = 120.0
 SIZES = {'phone': (360, 780), 'desk': (1280, 800), 'wall': (2560, 1440)}
 RUNNING = """document.querySelector('#status').dataset.state === 'running'
     && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"""
-CURVE = 'impactDamper.theory.curve?.branches.length > 0'
+#: All of the curve
+CURVE = 'impactDamper.theory.curve?.done'
+#: The traces have come anew, at the width of this window.
+FINE = """(({line, window}, pixels) => {
+    const [times, n] = [line.arrays[0], line.end];
+    return times[n - 1] - times[n - 3] < 1.2 * window / pixels;
+})(impactDamper.history, document.querySelector('#traces .u-over').clientWidth)"""
 #: Name of a view, address, seconds of the rig until it shows what it should, what to wait for.
 VIEWS = (
     ('bench', '#preset=bench', 12.0, CURVE),
@@ -77,6 +83,7 @@ def shoot(page, name, directory, sizes, shades=('light', 'dark')):
         for shade in shades:
             page.shade(dark=shade == 'dark')
             time.sleep(1.5)
+            page.wait(FINE, LONG)
             whole = page.run('document.documentElement.scrollHeight')
             if size == 'phone':
                 page.resize(width, whole)
@@ -103,13 +110,14 @@ def recording(page):
     page.click('#record')
     page.wait("document.querySelector('#record').ariaPressed === 'false'", LONG)
     page.click('#recordings-open')
-    page.wait("document.querySelector('.recording .primary')", LONG)
+    page.wait("/[kM]B$/.test(document.querySelector('.recording p')?.textContent)", LONG)
     page.click('.recording .primary')
     page.wait("document.body.classList.contains('playing') && impactDamper.history.state", LONG)
     scrub(page, 0.25)
     page.type('#knob-gap', '18')
     page.wait('impactDamper.history.ghost !== null', LONG)
     scrub(page, 0.8)
+    page.wait(CURVE, 4.0 * LONG)
     page.run('document.activeElement.blur()')
     time.sleep(3.0)
 
@@ -200,9 +208,9 @@ def main():
     parser.add_argument('directory', type=Path, help='where those of the docs go')
     parser.add_argument('--all', type=Path, metavar='DIR', help='take all views, into this one')
     arguments = parser.parse_args()
-    path = next(filter(None, map(shutil.which, NAMES)), None)
+    path = chromium.found()
     if path is None:
-        parser.error('no Chromium here; on Debian or Ubuntu: apt install chromium')
+        parser.error(chromium.MISSING)
     arguments.directory.mkdir(parents=True, exist_ok=True)
     if arguments.all is not None:
         arguments.all.mkdir(parents=True, exist_ok=True)

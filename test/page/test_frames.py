@@ -239,6 +239,7 @@ def test_numbers(rig, motion):
     assert numbers['static_amplitude'] == rig.response_amplitude
     assert numbers['mass_ratio'] == 0.1
     assert (numbers['gap'], numbers['optimal_gap'], numbers['gap_ratio']) == (0.01, 0.02, 0.5)
+    assert numbers['optimal_gap_basis'] == 'curve'
     cycle = math.tau / 31.6
     hits = motion.impacts_between(12.0 - 20 * cycle, 12.0)
     assert numbers['impacts_per_cycle'] == len(hits) / 20

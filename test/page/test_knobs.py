@@ -80,11 +80,11 @@ ROS = ('rclpy', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs', 'diagno
     [
         (ROS, ('ros_client',)),
         # Only the server needs Tornado, and the command says so if it is not there.
-        (('tornado',), ('server',)),
+        (('tornado',), ('server', 'handlers')),
     ],
     ids=['ros', 'tornado'],
 )
-def test_only_one_module_needs(blocked, left_out):
+def test_only_one_part_needs(blocked, left_out):
     names = [
         f'impact_damper_ros.page.{path.stem}'
         for path in sorted((PACKAGE / 'page').glob('*.py'))

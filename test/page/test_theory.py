@@ -3,15 +3,18 @@
 import asyncio
 import json
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.orbits import find_orbits, optimal_gap
+from impact_damper_ros.page.measures import estimated_optimum
 from impact_damper_ros.page.theorist import Theorist
 from impact_damper_ros.page.theory import theory
-from impact_damper_ros.rig import RigParameters, Simulator
+from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
+from impact_damper_ros.rig.parameters_file import preset_file
 
 INCLINED = RigParameters(angle=0.7853981633974483, gravity=1.0, friction=0.5).replace(
     force_frequencies=(1.02,)
@@ -87,6 +90,84 @@ def test_gap_curve_comes_part_by_part(paper):
         assert near.amplitude_ratio == pytest.approx(ratio[k], rel=1e-6)
         assert (near.stable, near.viable) == (main['stable'][k], main['viable'][k])
     assert 'Neimark-Sacker' in {special['kind'] for special in last['special']}
+
+
+def test_no_optimum_is_taken_where_the_curve_goes_on(paper):
+    """Its first parts fall to their ends: the best gap may be beyond."""
+    *parts, last = (m for m in paper if m['type'] == 'gap_curve')
+    for part in parts:
+        for branch in part['branches'][-1:]:
+            gaps, ratios = branch['gap'], branch['x_max_ratio']
+            at = int(np.argmin(np.where(branch['stable'], ratios, np.inf)))
+            if part['optimum'] is None:
+                assert at in (0, len(gaps) - 1)
+            else:
+                assert part['optimum']['gap'] == pytest.approx(last['optimum']['gap'], rel=0.02)
+    assert parts[0]['optimum'] is None
+
+
+@pytest.mark.parametrize(
+    'rig',
+    [
+        RigParameters(gravity=0.0),
+        load_parameters(preset_file(Path('bench_rig')))[0],
+        RigParameters(gravity=0.0, restitution_1=0.6, restitution_2=0.6, damper_mass=0.05),
+    ],
+    ids=['paper', 'bench', 'soft stops'],
+)
+def test_an_energy_balance_gives_about_the_optimal_gap(rig):
+    estimate = estimated_optimum(rig)
+    best = optimal_gap(rig, gaps=(0.5 * estimate, 1.5 * estimate), points=15)
+    assert estimate == pytest.approx(best.gap, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'one_sided': True},
+        {'angle': 0.6, 'gravity': 9.81},
+        {'friction': 0.3, 'gravity': 9.81},
+        {'air_force': 0.2},
+        {'restitution_1': 0.5},
+        {'restitution_1': 1.0, 'restitution_2': 1.0},
+        {'force_frequencies': 1.3},
+        {'force_amplitudes': 0.0},
+        {'sweep_mode': 'up'},
+        {'multisine_level': 1.0},
+        {'force_amplitudes': (1.0, 0.2), 'force_frequencies': (1.0, 2.0), 'force_phases': (0, 0)},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_no_energy_balance_where_it_does_not_hold(changes):
+    assert estimated_optimum(RigParameters(gravity=0.0).replace(**changes)) is None
+
+
+def test_the_best_gap_that_is_known_by_now():
+    async def test():
+        theorist = Theorist(lambda _: None, (sys.executable, '-c', 'input()'))
+        rig = RigParameters(gravity=0.0)
+        theorist._number = 1
+
+        def hear(**message):
+            theorist._take(json.dumps({'for': 1, **message}).encode())
+            return theorist.best_gap(rig)
+
+        first = estimated_optimum(rig), 'formula'
+        assert theorist.best_gap(rig) == first
+        assert theorist.best_gap(None) == (None, '')
+        curve = {'type': 'gap_curve', 'done': False}
+        assert hear(**curve, optimum=None) == first
+        assert hear(**curve, optimum={'gap': 57.0}) == (57.0, 'part of the curve')
+        curve['done'] = True
+        assert hear(**curve, optimum={'gap': 58.0}) == (58.0, 'curve')
+        # Where all of the curve has no best gap, and where there is no theory, there is none.
+        assert hear(**curve, optimum=None) == (None, '')
+        theorist.forget()
+        assert theorist.best_gap(rig) == first
+        assert hear(type='theory_failed', text='') == (None, '')
+        await theorist.close()
+
+    asyncio.run(test())
 
 
 def test_optimum_of_the_curve_is_the_optimal_gap(paper):

@@ -54,6 +54,8 @@ let wanted = isOwnAddress() ? null : asked;
 const shared = { rig: asked.rig ?? '', bag: asked.bag ?? '', preset: '', values: {}, view: { ...asked.view } };
 let hello = { mode: 'live', parameters: [] };
 let ghostValues = {};
+/** Values of the rig itself; beside a recording the knobs hold those of the ghost. */
+let rigValues = {};
 let status = 'connecting';
 let presetList = [];
 
@@ -167,6 +169,7 @@ connection.addEventListener('hello', ({ detail }) => {
   slow.clear();
   verdict.clear();
   ghostValues = {};
+  rigValues = {};
   byId('clear-ghost').hidden = true;
   history.window = Number(shared.view.window) || 30;
   presetList = detail.presets ?? [];
@@ -219,6 +222,7 @@ async function applyWanted() {
 }
 
 function takeValues(values) {
+  Object.assign(rigValues, values);
   if (values.force_frequencies) {
     [theory.frequency] = values.force_frequencies;
     if (!shared.view.window) chooseWindow((60 * Math.PI) / theory.frequency);
@@ -227,7 +231,7 @@ function takeValues(values) {
     mark(byId('record'), 'aria-pressed', String(values.record));
     byId('record').lastChild.textContent = values.record ? 'Recording' : 'Record';
   }
-  const all = { ...knobs.values(), ...values };
+  const all = rigValues;
   const frequency = all.force_frequencies?.[0] / (2 * Math.PI);
   if (all.primary_mass > 0) portrait.masses = [all.primary_mass, all.damper_mass];
   portrait.seconds = frequency > 0 ? Math.min(40, 8 / frequency) : 10;
@@ -247,7 +251,7 @@ connection.addEventListener('parameters', ({ detail }) => {
   // A knob that makes the ghost another rig stays where it was turned to.
   const values = Object.fromEntries(Object.entries(detail.values).filter(([name]) => !(name in ghostValues)));
   knobs.take(values);
-  takeValues(values);
+  takeValues(detail.values);
   const rigs = (changed ?? []).filter((name) => name in values && !['record', 'bag_directory', 'predict_motion'].includes(name));
   if (!rigs.length || !Number.isFinite(time)) return;
   const said = rigs.length > 2
@@ -302,7 +306,7 @@ for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
     multipliers.stale = true;
     map.stale = true;
     const best = theory.curve?.optimum?.gap;
-    write(byId('curve-line'), best > 0 ? `optimum ${withUnit(best, 'm')}` : '');
+    write(byId('curve-line'), best > 0 ? `optimum ${theory.curve.done ? '' : '≈\u202f'}${withUnit(best, 'm')}` : '');
     if (type !== 'gap_curve') write(byId('map-line'), theory.orbit ? theory.orbit.label ?? theory.orbit.text : '');
   });
 }
@@ -484,7 +488,7 @@ function draw(now) {
   requestAnimationFrame(draw);
   const begun = performance.now();
   const anew = history.version !== drawn;
-  const driven = (knobs.values().force_amplitudes?.[0] ?? 1) !== 0;
+  const driven = (rigValues.force_amplitudes?.[0] ?? 1) !== 0;
   if ((anew || rig.stale || rig.flashing) && history.state) {
     const extent = history.extent(4);
     const oneSided = !Number.isFinite(history.state[6]);

@@ -108,24 +108,7 @@ export class GapCurve extends Axes {
       }
       for (const branch of branches) this.branch(context, branch, toX, toY);
       context.font = font(0.68);
-      const taken = [];
-      for (const special of curve?.special ?? []) {
-        const [a, b] = [toX(special.gap), toY(special.x_max_ratio)];
-        context.fillStyle = colours.page;
-        context.strokeStyle = colours.special;
-        context.lineWidth = 1.6;
-        context.beginPath();
-        context.arc(a, b, 3.6, 0, 7);
-        context.fill();
-        context.stroke();
-        if (taken.some(([u, v]) => Math.abs(u - a) < 40 && Math.abs(v - b) < 13)) continue;
-        taken.push([a, b]);
-        context.fillStyle = colours.special;
-        const right = a < box.left + 0.75 * box.width;
-        context.textAlign = right ? 'left' : 'right';
-        context.textBaseline = 'bottom';
-        context.fillText(MARKS[special.kind] ?? special.kind, a + (right ? 5 : -5), b - 4);
-      }
+      this.specials(context, curve?.special ?? [], toX, toY, box);
       if (this.aim !== null && this.settable) {
         context.strokeStyle = colours.link;
         context.lineWidth = 1;
@@ -175,6 +158,43 @@ export class GapCurve extends Axes {
     canvas.setAttribute('aria-valuemax', String(this.high));
     canvas.setAttribute('aria-valuenow', String(this.gap || 0));
     canvas.setAttribute('aria-valuetext', `gap ${label}, Xmax over A ${digits(this.measured, 3)}`);
+  }
+
+  /** Special points as rings, each with its name where there is room for it. */
+  specials(context, specials, toX, toY, box) {
+    const places = specials.map(({ gap, x_max_ratio: ratio }) => [toX(gap), toY(ratio)]);
+    context.strokeStyle = colours.special;
+    context.fillStyle = colours.page;
+    context.lineWidth = 1.6;
+    for (const [a, b] of places) {
+      context.beginPath();
+      context.arc(a, b, 3.6, 0, 7);
+      context.fill();
+      context.stroke();
+    }
+    const taken = places.map(([a, b]) => [a - 4, b - 4, a + 4, b + 4]);
+    const free = ([left, top, right, bottom]) => left > box.left && right < box.left + box.width
+      && top > box.top && bottom < box.top + box.height
+      && taken.every(([u, v, w, x]) => right < u || left > w || bottom < v || top > x);
+    const height = 0.68 * colours.size;
+    context.textAlign = 'left';
+    context.textBaseline = 'top';
+    context.lineJoin = 'round';
+    specials.forEach(({ kind }, n) => {
+      const [a, b] = places[n];
+      const name = MARKS[kind] ?? kind;
+      const { width } = context.measureText(name);
+      const corners = [[a + 5, b - 4 - height], [a - 5 - width, b - 4 - height], [a + 5, b + 4], [a - 5 - width, b + 4]];
+      const place = corners.map(([x, y]) => [x, y, x + width, y + height]).find(free);
+      if (!place) return;
+      taken.push(place);
+      // The lines of the curve do not run through the letters.
+      context.strokeStyle = colours.page;
+      context.lineWidth = 3;
+      context.strokeText(name, place[0], place[1]);
+      context.fillStyle = colours.special;
+      context.fillText(name, place[0], place[1]);
+    });
   }
 
   /** Stable parts solid, unstable or not viable ones dashed. */

@@ -244,14 +244,23 @@ class Knob {
     }
   }
 
+  /** Write a text into the field; a field whose text is selected as a whole stays so, for what is typed next. */
+  write(text) {
+    const { input } = this;
+    if (input.value === text) return;
+    const all = document.activeElement === input && input.selectionStart === 0 && input.selectionEnd === input.value.length;
+    input.value = text;
+    if (all) input.select();
+  }
+
   show(force = false) {
     const { type } = this.descriptor;
     if (type === 'bool') this.input.checked = Boolean(this.value);
     else if (this.input.tagName === 'SELECT') this.input.value = this.value;
-    else if (type === 'string') this.input.value = this.value;
+    else if (type === 'string') this.write(this.value);
     else if (type === 'double_array' && !this.firstOnly) {
-      this.input.value = this.value.map((one) => typed(one * this.shown.factor)).join(', ');
-    } else if (force || !this.dragging) this.input.value = typed(this.number, type === 'integer' ? 1e-15 : 5e-6);
+      this.write(this.value.map((one) => typed(one * this.shown.factor)).join(', '));
+    } else if (force || !this.dragging) this.write(typed(this.number, type === 'integer' ? 1e-15 : 5e-6));
     if (this.range && !this.dragging) {
       this.range.value = this.toSlider(this.number);
       mark(this.range, 'aria-valuetext', `${this.input.value} ${this.shown.unit}`);

@@ -1,6 +1,6 @@
 // The recordings: play, download, compare with theory.
 
-import { byId, element, toast } from './dom.js';
+import { byId, element, toast, write } from './dom.js';
 import { bytes, clock } from './format.js';
 
 /** Day and time of a recording, from seconds or as it is. */
@@ -17,6 +17,7 @@ export class Recordings {
     this.play = play;
     this.busy = new Set();
     this.list = [];
+    this.rows = new Map();
     byId('recordings-open').addEventListener('click', () => {
       this.refresh();
       byId('recordings').showModal();
@@ -34,32 +35,41 @@ export class Recordings {
 
   show(list) {
     this.list = Array.isArray(list) ? list : list.list ?? [];
-    // What has not changed stays as it is: somebody may be about to press it.
-    const shown = JSON.stringify([this.list, [...this.busy]]);
-    if (shown === this.shown) return;
-    this.shown = shown;
     byId('recordings-none').hidden = this.list.length > 0;
-    byId('recordings-list').replaceChildren(...this.list.map((one) => this.row(one)));
+    const rows = this.list.map((one) => this.row(one));
+    this.rows = new Map(this.list.map((one, n) => [one.name, rows[n]]));
+    // Rows stay where they are, and the same: somebody may be about to press a button.
+    const place = byId('recordings-list');
+    const same = rows.length === place.children.length && rows.every((row, n) => row === place.children[n]);
+    if (!same) place.replaceChildren(...rows);
   }
 
+  /** Return the row of a recording, which is made once, with what is to be said of it now. */
   row(one) {
+    const row = this.rows.get(one.name) ?? this.made(one.name);
     const about = [dated(one.start), clock(one.duration), bytes(one.size), one.whole ? null : 'cut short'];
-    const path = encodeURIComponent(one.name);
-    const compare = element('button', {
-      type: 'button', text: this.busy.has(one.name) ? 'Comparing…' : 'Compare', disabled: this.busy.has(one.name),
-      'aria-label': `Compare ${one.name} with theory`, onclick: () => this.compare(one.name),
-    });
+    write(row.querySelector('strong'), one.title ?? one.name);
+    write(row.querySelector('p'), about.filter((text) => text !== null && text !== undefined && text !== '–').join(' · '));
+    const compare = row.querySelector('[data-compare]');
+    compare.disabled = this.busy.has(one.name);
+    write(compare, compare.disabled ? 'Comparing…' : 'Compare');
+    return row;
+  }
+
+  made(name) {
     return element(
       'div',
-      { class: 'recording', 'data-name': one.name },
-      element('div', {}, element('strong', { text: one.title ?? one.name }), element('p', { class: 'quiet', text: about.filter((text) => text !== null && text !== undefined && text !== '–').join(' · ') })),
+      { class: 'recording', 'data-name': name },
+      element('div', {}, element('strong'), element('p', { class: 'quiet' })),
       element('div', { class: 'buttons' },
-        element('button', { type: 'button', class: 'primary', text: 'Play', 'aria-label': `Play ${one.name}`, onclick: () => {
+        element('button', { type: 'button', class: 'primary', text: 'Play', 'aria-label': `Play ${name}`, onclick: () => {
           byId('recordings').close();
-          this.play(one.name);
+          this.play(name);
         } }),
-        element('a', { class: 'button', href: `/recordings/${path}/download`, download: '', text: 'Download', 'aria-label': `Download ${one.name}` }),
-        compare),
+        element('a', { class: 'button', href: `/recordings/${encodeURIComponent(name)}/download`, download: '', text: 'Download', 'aria-label': `Download ${name}` }),
+        element('button', {
+          type: 'button', 'data-compare': '', 'aria-label': `Compare ${name} with theory`, onclick: () => this.compare(name),
+        })),
     );
   }
 

@@ -10,10 +10,17 @@ const NUMBERS = [
   ['frequency_ratio', 'frequency-ratio', 'r = Ω/ω', (value) => digits(value, 4)],
   ['static_amplitude', 'amplitude', 'amplitude A', (value) => withUnit(value, 'm')],
   ['mass_ratio', 'mass-ratio', 'µ = m/M', (value) => digits(value, 3)],
-  ['gap_ratio', 'optimal-gap', 'gap / optimum', (value) => digits(value, 3)],
+  ['gap_ratio', 'optimal-gap', 'gap / optimum', (value, { optimal_gap_basis: basis }) => about(digits(value, 3), basis)],
   ['impacts_per_cycle', 'impacts-per-cycle', 'impacts / cycle', (value) => digits(value, 3)],
   ['energy_per_cycle', 'energy', 'energy / cycle', (value) => withUnit(value, 'J')],
 ];
+/** What a best gap is from that is not that of the whole curve. */
+const PRELIMINARY = {
+  formula: 'from an energy balance at resonance; the gap curve is being computed',
+  'part of the curve': 'from the part of the gap curve that is known by now',
+};
+/** Mark a number as preliminary. */
+const about = (text, basis) => (basis in PRELIMINARY ? `≈\u202f${text}` : text);
 const LEVELS = { ok: 'ok', warn: 'warn', error: 'error' };
 const AGREEMENT = {
   agrees: 'Agrees with theory',
@@ -45,9 +52,7 @@ export class Verdict {
     write(byId('verdict-text'), 'waiting for the rig');
     byId('verdict-text').dataset.level = 'none';
     for (const id of ['motion-text', 'theory-text']) write(byId(id), '');
-    for (const value of Object.values(this.values)) write(value, '–');
-    this.ratio('measured', null);
-    this.ratio('predicted', null);
+    this.numbers({});
   }
 
   /** Beside a recording there is no live prediction. */
@@ -80,7 +85,11 @@ export class Verdict {
   }
 
   numbers(message) {
-    for (const [key, , , said] of NUMBERS) write(this.values[key], said(message[key]));
+    for (const [key, , , said] of NUMBERS) write(this.values[key], said(message[key], message));
+    const best = this.values.gap_ratio;
+    const basis = PRELIMINARY[message.optimal_gap_basis] ?? '';
+    mark(best, 'title', basis);
+    best.classList.toggle('preliminary', Boolean(basis));
     this.ratio('measured', message.x_max_ratio_measured);
     this.ratio('predicted', message.x_max_ratio_predicted);
     this.ratio('without', message.static_amplitude > 0 ? 1 : null);
