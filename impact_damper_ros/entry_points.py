@@ -57,7 +57,7 @@ def begin(command: str) -> None:
 
 
 def begin_module() -> None:
-    """Do `begin` for a command that ``python -m`` is just looking for, if it is one of these."""
+    """Call `begin` if ``python -m`` is about to run one of the commands."""
     named = [word.split('.') for word in sys.orig_argv if word.startswith(f'{_PACKAGE}.')]
     if named and named[0][1:-1] in (['cli'], ['node']):
         begin(named[0][-1])

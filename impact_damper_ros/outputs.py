@@ -40,7 +40,7 @@ def _is_stream(path: Path) -> bool:
 
 
 def _sync(path: Path) -> None:
-    """Have the disk keep a file, or the names in a directory."""
+    """Flush a file, or the names in a directory, to the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, in_words, write_text
+from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.quoting import printable
 
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
 
 #: Something could not be written, or the work itself failed; the input is not usable; Ctrl-C.
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
+
+
+#: What a command that takes ``--most-events`` advises where a rig has more.
+BUDGET_REMEDY = f'{REMEDY}, or allow more with --most-events'
 
 
 class CommandError(Exception):
@@ -113,6 +118,18 @@ def add_jobs_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_most_events_option(parser: argparse.ArgumentParser, whose: str = '') -> None:
+    """Let a command take ``--most-events``, see `EventBudget`."""
+    parser.add_argument(
+        '--most-events',
+        type=up_to(10**12),
+        default=MOST_EVENTS,
+        metavar='N',
+        help=f'end the run after N events{whose}, if they are more than {PER_PERIOD} in a period '
+        f'of the rig [{MOST_EVENTS}]',
+    )
+
+
 def up_to(largest: int) -> Callable[[str], int]:
     """Return a reader of whole numbers from 1 to the largest one, for `argparse`."""
 
@@ -157,7 +174,7 @@ def check_figure(path: Path) -> None:
 
 
 def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> tqdm[None]:
-    """Return a bar, to be used as a context manager, that shows up after a second."""
+    """Return a progress bar (a context manager) that appears after a second."""
     from tqdm import tqdm
 
     return tqdm(

@@ -59,7 +59,7 @@ class Row(NamedTuple):
 
 
 def _environment() -> None:
-    """Keep to this machine, and apart from other ROS systems on it."""
+    """Isolate the demonstration from other ROS systems, on this machine and others."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
     if (Path(sys.prefix) / 'share' / 'ament_index').is_dir():
@@ -111,7 +111,7 @@ class _Client:
         self.impacts += 1
 
     def until(self, condition: Callable[[], bool], patience: float) -> bool:
-        """Listen until a condition holds or patience ends."""
+        """Listen until a condition holds or the time is up."""
         deadline = time.monotonic() + patience
         while not condition() and time.monotonic() < deadline:
             self._rclpy.spin_once(self._node, timeout_sec=0.02)
@@ -210,7 +210,7 @@ def _read(bag: Path) -> tuple[Motion, list[float]]:
             stop = int(message.frame_id[-1])
             impacts.append((instant, message.position[1] - rest, stop))
         elif isinstance(message, JointState):
-            states.append((instant, *(place - rest for place in message.position)))
+            states.append((instant, *(place - rest for place in message.position[:4])))
     time_, x, z, stop_1, stop_2 = np.array(states).T
     hit, where, stops = np.array(impacts).reshape(-1, 3).T
     motion = Motion(time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64))

@@ -25,11 +25,16 @@ from impact_damper_ros.rig import (
     InitialConditions,
     Sample,
 )
+from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
 from impact_damper_ros.rig.quoting import printable
 
 from .command_line import (
+    BUDGET_REMEDY,
+    EXIT_FAILED,
+    CommandError,
     add_bag_argument,
     add_json_option,
+    add_most_events_option,
     add_node_option,
     add_quiet_option,
     check_figure,
@@ -51,9 +56,10 @@ bit. With --set, the same history is also run with parameters held at other valu
 compared. Works without ROS, on a bag directory or a single .mcap file, also a recovered one.
 """
 _EPILOG = """\
-Exit code: 0 if all is reproduced bit for bit; 1 if something differs (or a file cannot be
-written); 2 if the bag or an argument is not usable; 3 if all that can be compared is reproduced,
-but the bag is cut, damaged, lacks messages, or holds some twice or out of order; 130 on Ctrl-C.
+Exit code: 0 if all is reproduced bit for bit; 1 if something differs, a file cannot be written, or
+the what-if has more than --most-events events (--states and --impacts then end there); 2 if the
+bag or an argument is not usable; 3 if all that can be compared is reproduced, but the bag is cut,
+damaged, lacks messages, or holds some twice or out of order; 130 on Ctrl-C.
 Example: replay_run runs/run_20250131_120000 --set gap=0.03 --figure what_if.png
 """
 
@@ -83,6 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--impacts', type=Path, metavar='FILE', help='write its impacts as CSV, likewise'
     )
+    add_most_events_option(parser, ' of the what-if')
     add_quiet_option(parser, 'report')
     return parser
 
@@ -121,8 +128,16 @@ def _run(arguments: argparse.Namespace, replay: Replay) -> WhatIfReport | None:
             if arguments.set:
                 if report is None:
                     held = _held_values(arguments.set, setting_of(replay.recorded.start.state))
-                    report = WhatIfReport(replay, *held, drawn=arguments.figure is not None)
-                sample, events = report.look(tick)
+                    report = WhatIfReport(
+                        replay,
+                        *held,
+                        drawn=arguments.figure is not None,
+                        budget=EventBudget(arguments.most_events, BUDGET_REMEDY),
+                    )
+                try:
+                    sample, events = report.look(tick)
+                except EndlessEventsError as error:
+                    raise CommandError(f'what if: {error}', EXIT_FAILED) from error
             if states is not None:
                 states.write(row(sample))
             if impacts is not None:

@@ -11,7 +11,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters
+from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters, OwnLaw
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -65,6 +65,25 @@ def add_set_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_law_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command that takes a rig under gap control take a law of the user's own."""
+    parser.add_argument(
+        '--law',
+        metavar='MODULE:FUNCTION',
+        help='let a Python function of your own move the stops, law(seen, memory) -> (stop_1, '
+        'stop_2), in place of the law that gap_control names (timed, if that is off); a module of '
+        'the present directory is found',
+    )
+
+
+def own_law(text: str | None, control: GapControlParameters) -> tuple[Any, GapControlParameters]:
+    """Return the law of ``--law``, None without one, and the control with it."""
+    if text is None:
+        return None, control
+    on = control if control.active else control.replace(gap_control='timed')
+    return OwnLaw.from_text(text), on
+
+
 def given_rig(
     params: Path, settings: Sequence[str] = (), *, with_control: bool = True
 ) -> GivenRig:
@@ -95,7 +114,7 @@ def overridden(settings: Sequence[str], given: GivenRig, *, with_control: bool =
 def _values(
     settings: Sequence[str], names: Collection[str], option: str = '--set'
 ) -> dict[str, Any]:
-    """Read settings of parameters that have one of the names."""
+    """Read ``NAME=VALUE`` settings of the parameters in `names`."""
     values: dict[str, Any] = {}
     for setting in settings:
         name, equals, text = setting.partition('=')
@@ -161,11 +180,13 @@ def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> 
     return changes
 
 
-def rig_line(rig: RigParameters, control: GapControlParameters | None = None) -> str:
+def rig_line(
+    rig: RigParameters, control: GapControlParameters | None = None, law: str = ''
+) -> str:
     """Return the rig that a command works on in a line, with its gap control."""
     text = described(rig)
     if control is not None and control.active:
-        text += f'; gap control {control.gap_control}'
+        text += f'; gap control {law or control.gap_control}'
     return text
 
 
@@ -175,9 +196,10 @@ def announce(
     control: GapControlParameters | None = None,
     *,
     frequencies: tuple[float, float] | None = None,
+    law: str = '',
 ) -> None:
     """Say which rig a command works on, before it does, and whether a frequency may be in Hz."""
-    say(command, rig_line(rig, control))
+    say(command, rig_line(rig, control, law))
     hint(command, rig, frequencies)
 
 

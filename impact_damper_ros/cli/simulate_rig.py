@@ -16,7 +16,7 @@ from pathlib import Path
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
-from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig
+from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig, OwnLaw
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.report.formatting import setting
@@ -29,12 +29,15 @@ from impact_damper_ros.rig import (
     RigParameters,
     Sample,
 )
+from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
 from impact_damper_ros.rig.forcing import SWEEP_FIELDS, frequency_at
 from impact_damper_ros.rig.swing import Swing
 
 from .command_line import (
+    BUDGET_REMEDY,
     EXIT_FAILED,
     CommandError,
+    add_most_events_option,
     add_quiet_option,
     command_parser,
     outcome,
@@ -43,10 +46,12 @@ from .command_line import (
 from .rig_options import (
     GivenRig,
     TimedChange,
+    add_law_option,
     add_params_argument,
     add_set_option,
     announce,
     given_rig,
+    own_law,
     timed_changes,
 )
 
@@ -64,6 +69,9 @@ All quantities are in SI units; velocities are absolute, along the axis, positiv
 _EPILOG = """\
 A chatter (ever smaller impacts that end in finite time) is written impact by impact up to its
 cut, and then once as rest: a row whose velocities before and after are all the same.
+Exit code: 0 if the whole duration was simulated; 1 if the rig has more events than --most-events,
+or a file cannot be written; 2 if an argument is not usable; 130 on Ctrl-C. What was simulated
+before a failure or Ctrl-C is written.
 Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --set gap=30
 """
 
@@ -119,6 +127,7 @@ def _parser() -> argparse.ArgumentParser:
         help='rate of --states and of the joint states in --bag [200]',
     )
     add_set_option(parser)
+    add_law_option(parser)
     parser.add_argument(
         '--change',
         action='append',
@@ -127,12 +136,13 @@ def _parser() -> argparse.ArgumentParser:
         help='change a parameter during the run, for example --change 20:gap=0.03; may be '
         'repeated; changes at one time take effect together',
     )
+    add_most_events_option(parser)
     add_quiet_option(parser, 'summary')
     return parser
 
 
 class _ListParameters(argparse.Action):
-    """Print what a rig can be, as a Markdown table, and exit."""
+    """Print all parameters of a rig as a Markdown table, and exit."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:  # noqa: A002
         super().__init__(option_strings, dest, nargs=0, help=help)
@@ -215,7 +225,7 @@ def _cycle(parameters: RigParameters) -> float:
 
 
 class _Watch:
-    """What the summary says: events, commands of the control, the last impacts, largest |X|."""
+    """Collects what the summary reports: events, commands, last impacts, largest |X|."""
 
     def __init__(self) -> None:
         self.counts: Counter[EventKind] = Counter()
@@ -229,23 +239,26 @@ class _Watch:
         self.counts.update(event.kind for event in events)
         self._impacts |= {e.stop: e for e in events if e.kind is EventKind.IMPACT}
 
-    def summary(self, rig: ControlledRig, spent: float) -> str:
-        """Return the text about a rig that was simulated in so many seconds."""
+    def summary(self, rig: ControlledRig, spent: float, *, whole: bool) -> str:
+        """Return the text about a rig, simulated in so many seconds, as a whole or in part."""
         parameters, largest = rig.parameters, self.swing.largest
         mode = rig.mode.name.lower().replace('_', ' ')
         events = [f'{number} {kind.name.lower()}' for kind, number in self.counts.items()]
         lines = [
             f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
             f'events      {", ".join(events) or "none"}',
-            f'largest |X| {largest:.7g} m in the last {_WATCHED_CYCLES} cycles',
         ]
-        amplitude = parameters.response_amplitude
-        if parameters.periodic_force and math.isfinite(amplitude):
-            lines[-1] += f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
+        if whole:
+            lines.append(f'largest |X| {largest:.7g} m in the last {_WATCHED_CYCLES} cycles')
+            amplitude = parameters.response_amplitude
+            if parameters.periodic_force and math.isfinite(amplitude):
+                lines[-1] += (
+                    f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
+                )
         if rig.control.active:
             (spent_1, spent_2), (stop_1, stop_2) = rig.energies, rig.stops
             lines.append(
-                f'gap control {rig.control.gap_control}: {self._commands} commands; stop 1 spent '
+                f'gap control {rig.law}: {self._commands} commands; stop 1 spent '
                 f'{spent_1:.6g} J, stop 2 {spent_2:.6g} J; they are at Y = {stop_1:.6g} m and '
                 f'{stop_2:.6g} m'
             )
@@ -263,7 +276,7 @@ class _Watch:
 
 
 class _Tables:
-    """The CSV files that are asked for."""
+    """The requested CSV files."""
 
     def __init__(self, arguments: argparse.Namespace, stack: ExitStack) -> None:
         self._impacts = open_table(arguments.impacts, IMPACT_COLUMNS, stack)
@@ -297,15 +310,21 @@ class _Tables:
         self._steps = 0
 
 
-def _run(arguments: argparse.Namespace, given: GivenRig, changes: Sequence[TimedChange]) -> str:
-    """Simulate, write the files, and return the summary."""
+def _run(
+    arguments: argparse.Namespace,
+    given: GivenRig,
+    changes: Sequence[TimedChange],
+    law: OwnLaw | None,
+) -> tuple[str, str]:
+    """Simulate, write the files; return the summary, and why the run ended early, if it did."""
     parameters, initial, control = given
-    rig = ControlledRig(parameters, initial, control=control)
+    rig = ControlledRig(parameters, initial, control=control, law=law)
     watch = _Watch()
     duration = arguments.duration
     cycle = _cycle(parameters)
     watched_from = max(0.0, duration - _WATCHED_CYCLES * cycle)
     started = time.perf_counter()
+    failure = ''
     with ExitStack() as stack:
         tables = _Tables(arguments, stack)
         recording = None
@@ -325,13 +344,22 @@ def _run(arguments: argparse.Namespace, given: GivenRig, changes: Sequence[Timed
         changed_at = (change.time_ns / 1e9 for change in changes)
         instants = _instants(duration, tables.rate, cycle, watched_from, ticks, changed_at)
         waiting = deque(changes)
+        budget = EventBudget(arguments.most_events, BUDGET_REMEDY)
         for instant in itertools.chain([0.0], instants):
             before = rig.time
-            events = rig.advance(instant)
-            watch.look(rig, events)
-            tables.write_events(rig, events)
-            if recording is not None:
-                recording.happened(events)
+            events: list[Event] = []
+            try:
+                for portion in budget.portions(rig, instant):
+                    watch.look(rig, portion)
+                    tables.write_events(rig, portion)
+                    if recording is not None:
+                        recording.happened(portion)
+                    events += portion if instant >= watched_from else ()
+                    bar.update(rig.time - before)
+                    before = rig.time
+            except EndlessEventsError as error:
+                failure = str(error)
+                break
             if waiting and waiting[0].time_ns / 1e9 == instant:
                 change = waiting.popleft()
                 new, old = change.parameters, rig.parameters
@@ -348,8 +376,8 @@ def _run(arguments: argparse.Namespace, given: GivenRig, changes: Sequence[Timed
             if instant >= watched_from:
                 watch.swing.look(rig.sample(), events)
             tables.write_state(rig, instant)
-            bar.update(rig.time - before)
-    return watch.summary(rig, time.perf_counter() - started)
+    spent = time.perf_counter() - started
+    return watch.summary(rig, spent, whole=not failure), failure
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
@@ -366,16 +394,23 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         given = given_rig(arguments.params, arguments.set)
+        law, control = own_law(arguments.law, given.control)
+        given = given._replace(control=control)
         _check_outputs(arguments)
         changes = timed_changes(arguments.change, given, arguments.duration)
         if not arguments.quiet:
-            announce('simulate_rig', given.parameters, given.control)
+            announce(
+                *('simulate_rig', given.parameters, given.control),
+                law='' if law is None else law.name,
+            )
         try:
-            summary = _run(arguments, given, changes)
+            summary, failure = _run(arguments, given, changes, law)
         except RecordingError as error:
             raise CommandError(str(error), EXIT_FAILED) from error
         if not arguments.quiet:
             print(summary, file=sys.stderr)
+        if failure:
+            raise CommandError(f'{failure}; what was simulated is written', EXIT_FAILED)
         return 0
 
     return outcome('simulate_rig', work, 'interrupted; what was simulated is written')

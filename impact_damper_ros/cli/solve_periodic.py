@@ -108,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _multiplier_text(multipliers: Sequence[complex]) -> str:
-    """Return moduli, pairs once, with their angles."""
+    """Return the multipliers as text: real ones, and modulus and angle of each pair."""
     words = []
     for value in multipliers:
         if value.imag < 0.0:

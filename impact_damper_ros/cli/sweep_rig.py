@@ -59,7 +59,14 @@ from .command_line import (
     up_to,
     write_json,
 )
-from .rig_options import add_params_argument, add_set_option, announce, given_rig
+from .rig_options import (
+    add_law_option,
+    add_params_argument,
+    add_set_option,
+    announce,
+    given_rig,
+    own_law,
+)
 
 _DEFAULT = Settling()
 #: Exit code if every rig failed.
@@ -107,6 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add('--ranges', type=Path, metavar='FILE.yaml', help='the axes as "vary:" in a YAML file')
     add_set_option(options)
+    add_law_option(options)
     add(
         *('-o', '--output'),
         type=Path,
@@ -124,15 +132,19 @@ def _parser() -> argparse.ArgumentParser:
         'downwards or both [none]',
     )
     watched = options.add_argument_group('settling and measurement')
-    for name, meaning in (
+    for name, meaning, *aliases in (
         ('cycles', 'largest number of force cycles to settle in'),
         ('watch', 'cycles measured if the motion does not repeat'),
-        ('events', 'largest number of events of one rig'),
+        ('events', 'largest number of events of one rig', '--most-events'),
         ('section', 'largest number of points of the section to keep'),
     ):
         default = getattr(_DEFAULT, name)
         watched.add_argument(
-            f'--{name}', type=int, default=default, metavar='N', help=f'{meaning} [{default}]'
+            *(f'--{name}', *aliases),
+            type=int,
+            default=default,
+            metavar='N',
+            help=f'{meaning} [{default}]',
         )
     watched.add_argument(
         '--tolerance',
@@ -199,7 +211,8 @@ def _cores() -> int:
 
 
 def _plan(arguments: argparse.Namespace) -> SweepPlan:
-    parameters, initial, control = given_rig(arguments.params, arguments.set)
+    parameters, initial, given = given_rig(arguments.params, arguments.set)
+    law, control = own_law(arguments.law, given)
     axes: Sequence[Axis] = [
         *([] if arguments.ranges is None else axes_from_file(arguments.ranges, parameters)),
         *(axis_from_text(text, parameters) for text in arguments.vary),
@@ -210,7 +223,8 @@ def _plan(arguments: argparse.Namespace) -> SweepPlan:
         # Its other parameters have no effect
         control = GapControlParameters()
     return SweepPlan(
-        *(parameters, initial, tuple(axes), Follow(arguments.follow), settling, control)
+        *(parameters, initial, tuple(axes), Follow(arguments.follow), settling, control),
+        law='' if law is None else law.name,
     )
 
 
@@ -253,7 +267,9 @@ def _announce(plan: SweepPlan) -> None:
         if any(p.name == 'force_frequencies' and not p.index for p in axis.parameters)
     ]
     announce(
-        *('sweep_rig', plan.parameters, plan.control), frequencies=ranges[0] if ranges else None
+        *('sweep_rig', plan.parameters, plan.control),
+        frequencies=ranges[0] if ranges else None,
+        law=plan.law,
     )
 
 

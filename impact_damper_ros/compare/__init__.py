@@ -6,9 +6,9 @@ measures its motion, finds the motion that theory predicts, and gives a verdict.
 predicts the motion of a rig that is running. Importable without ROS; needs numpy.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from impact_damper_ros.lazy_names import lazy_names
 from impact_damper_ros.orbits.recognition import MotionKind
 
 from .measured_motion import cubic_rates, cubic_swing
@@ -79,17 +79,12 @@ __all__ = [
     'replay_log',
 ]
 
-
 #: Imported on first use: the node predicts without them.
-_MODULES = {
-    'bag_stretches': ('BagStretches', 'LoggedRig'),
-    'comparison': ('LogReplay', 'compare_bag', 'replay_log'),
-    'periodic_motion': ('GapCurves', 'predicted_curve'),
-}
-
-
-def __getattr__(name: str) -> Any:
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(f'{__name__}.{module}'), name)
-    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+__getattr__ = lazy_names(
+    __name__,
+    {
+        'bag_stretches': ('BagStretches', 'LoggedRig'),
+        'comparison': ('LogReplay', 'compare_bag', 'replay_log'),
+        'periodic_motion': ('GapCurves', 'predicted_curve'),
+    },
+)

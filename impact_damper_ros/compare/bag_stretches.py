@@ -12,7 +12,7 @@ stretch see all of them, part by part.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.messages import JointStateColumns, JointStateTable
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
+from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.replay.recorded_run import RecordedChange, RecordedRun
 from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
@@ -107,7 +107,7 @@ class LoggedRig:
         return replace(self, parameters=parameters, clock=clock)
 
     def changed_names(self, other: LoggedRig) -> set[str]:
-        """Return the names of the parameters that another rig has other values of."""
+        """Return the names of the parameters in which another rig differs."""
         before, after = self.parameters.as_dict(), other.parameters.as_dict()
         names = {name for name in before if before[name] != after[name]}
         if not (_active(self.control) or _active(other.control)):
@@ -118,7 +118,7 @@ class LoggedRig:
         return names | {n for n in known if self.control[n] != other.control[n]}
 
     def differences(self, other: LoggedRig) -> str:
-        """Return in words what another rig has that this one has not."""
+        """Return in words how another rig differs from this one."""
         parts = []
         for name in sorted(self.changed_names(other)):
             if name in PARAMETER_SPECS:
@@ -132,7 +132,7 @@ class LoggedRig:
 
 
 def _control_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the gap-control parameters among some; off, if there are none."""
+    """Return the gap control in a set of parameters; off if they do not name it."""
     return {**_NO_CONTROL, **{n: values[n] for n in GAP_CONTROL_SPECS if n in values}}
 
 
@@ -161,7 +161,7 @@ _MOST_LINES = 30_000_000
 
 
 class _Envelope:
-    """Least and greatest X in consecutive pieces, merged by twos as they become too many."""
+    """Range of X in consecutive pieces; pairs are merged when there are too many."""
 
     def __init__(self) -> None:
         self._size = 1
@@ -199,7 +199,7 @@ class _Envelope:
 
 class StretchBuilder:
     """
-    Makes a stretch of what was recorded of it, part by part.
+    Builds a stretch from its records, part by part.
 
     The period of the joint states, in s, is learnt if it is 0. A recorder is `lossy` if it may
     have lost single messages unnoticed. With `checks`, the flights are checked against the
@@ -320,7 +320,7 @@ def _some(table: JointStateTable, rows: slice | NDArray[np.bool_]) -> JointState
 class _TopicReader:
     """Reads the messages of one topic as columns, sorted by rig time, ns."""
 
-    def __init__(self, joints: tuple[str, ...], counts: tuple[int, int, int]) -> None:
+    def __init__(self, joints: Sequence[tuple[str, ...]], counts: tuple[int, int, int]) -> None:
         # The first reasons, and numbers of messages: unreadable, with NaN or infinite numbers,
         # and twice or after a later one had been handed on
         self.unreadable: list[str] = []
@@ -383,7 +383,7 @@ class _TopicReader:
         return taken
 
     def drop(self, instant_ns: int) -> None:
-        """Leave out a row of an instant: it may be from before or after a change there."""
+        """Drop the row at an instant: it may be from before or after a change."""
         self._rows = _some(self._rows, self._rows.stamps_ns != instant_ns)
 
     def stops(self, table: JointStateTable) -> Array:
@@ -468,8 +468,8 @@ class BagStretches:
         self._given, self._snapshots = parameters, 0
         self._pauses = self._slips = self._unlogged = self._early = 0
         self._faults: list[str] = []
-        self._states = _TopicReader(JOINTS, (4, 4, 0))
-        self._hits = _TopicReader(IMPACT_JOINTS, (2, 2, 2))
+        self._states = _TopicReader((JOINTS, AXIS_JOINTS), (4, 4, 0))
+        self._hits = _TopicReader((IMPACT_JOINTS,), (2, 2, 2))
         self._offset_ns = self.recorded.start.offset_ns
         self._period = 0.0
         self._pending: list[RecordedChange] = []
@@ -540,7 +540,7 @@ class BagStretches:
         if not self.recorded.topics.impacts:
             found.append('the topic of the impacts was not recorded: there are only samples')
         for count, what in (
-            (self._pauses, 'the rig was paused {}; rig time stood still during it'),
+            (self._pauses, 'the rig was paused {}; rig time did not advance meanwhile'),
             (self._slips, 'the machine stalled {}, and the stamps were moved on'),
         ):
             if count:
@@ -630,7 +630,7 @@ class BagStretches:
     # What the rig does
 
     def _hand_on(self) -> None:
-        """Read the messages that wait, and give them to the present stretch."""
+        """Pass the waiting messages to the present stretch."""
         for reader in (self._states, self._hits):
             reader.read()
         if self._rig is None:

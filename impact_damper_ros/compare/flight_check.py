@@ -166,7 +166,7 @@ def _tolerances(parameters: RigParameters, knots: Knots) -> Array:
 
 
 def check_intervals(clock: ForceClock, knots: Knots) -> Intervals:
-    """Compare what is recorded at each knot with what the one before it leads to."""
+    """Compare each recorded knot with the motion from the knot before it."""
     # Wrong numbers may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
         ends, plain = _flown(clock, knots)
@@ -205,7 +205,7 @@ class _SimulatedRig:
             return 1
         return 2 if math.isclose(y, -half, rel_tol=1e-9) and not self.rig.one_sided else 0
 
-    def course(
+    def trajectory(
         self, knots: Knots, first: int, duration: float, *, differentiate: bool = False
     ) -> Trajectory | None:
         """Return the motion from just after a knot on."""
@@ -245,15 +245,15 @@ class _SimulatedRig:
         last = first + 1
         duration = float(knots.time[last] - knots.time[first])
         at_impact = knots.stop[last] > 0.0
-        course = self.course(knots, first, duration + (_ROUNDED_S if at_impact else 0.0))
-        if course is None:
+        trajectory = self.trajectory(knots, first, duration + (_ROUNDED_S if at_impact else 0.0))
+        if trajectory is None:
             return None
-        hits = [i for i in course.events if i.kind is EventKind.IMPACT]
+        hits = [i for i in trajectory.events if i.kind is EventKind.IMPACT]
         speed = max(abs(float(knots.velocity[first])), abs(float(knots.damper_velocity[first])))
         # The weak impacts that end a chatter are not in the log.
         strong = [hit for hit in hits if abs(hit.relative_before) > _WEAK * speed]
         if not at_impact:
-            return None if strong else _state_of(course)
+            return None if strong else _state_of(trajectory)
         there = [hit for hit in hits if hit.time >= duration - _ROUNDED_S]
         if any(hit.time < duration - _ROUNDED_S for hit in strong) or not there:
             return None
@@ -265,9 +265,9 @@ class _SimulatedRig:
         return np.array([hit.x, hit.velocity_before, z, hit.velocity_before + hit.relative_before])
 
 
-def _state_of(course: Trajectory) -> Array:
+def _state_of(trajectory: Trajectory) -> Array:
     """Return X, X', Z and Z' at the end."""
-    end = course.end
+    end = trajectory.end
     offset = offset_of(end.clearance_1, end.clearance_2, end.stop_1, end.stop_2)
     state: Array = _RELATIVE @ np.array([end.x, end.velocity, offset, end.relative_velocity])
     return state
@@ -279,16 +279,16 @@ def _before(knots: Knots, knot: int) -> Array:
     return np.array([column[knot] for column in columns])
 
 
-def _reaches(course: Trajectory, knots: Knots, last: int, tolerances: Array) -> bool:
-    """Return whether a course leads to a joint state, in so far as round-off does not hide it."""
-    missed = _before(knots, last) - _state_of(course)
+def _reaches(trajectory: Trajectory, knots: Knots, last: int, tolerances: Array) -> bool:
+    """Return whether a simulated motion ends at a joint state, within round-off."""
+    missed = _before(knots, last) - _state_of(trajectory)
     scale = np.array(
         [
             max(abs(float(knots.x[last])), abs(float(knots.z[last]))),
             max(abs(float(knots.velocity[last])), abs(float(knots.damper_velocity[last]))),
         ]
     )
-    grown = np.abs(course.matrix) @ (1e-14 * np.tile(scale, 2))
+    grown = np.abs(trajectory.matrix) @ (1e-14 * np.tile(scale, 2))
     return bool((grown < tolerances).all()) and bool((np.abs(missed) <= tolerances).all())
 
 
@@ -392,7 +392,7 @@ class FaultSearch:
                 self._unexplained(knots, first if found.plain[first] else first + 1, found)
 
     def _wrong_intervals(self, knots: Knots, found: Intervals) -> NDArray[np.bool_]:
-        """Return which intervals do not lead to their next knot, not even event by event."""
+        """Return the intervals that miss their next knot even if simulated event by event."""
         wrong = found.plain & ~found.sound
         doubtful = np.flatnonzero(~found.sound)
         if wrong.sum() > _MOST_FOLLOWED:
@@ -422,20 +422,22 @@ class FaultSearch:
             return
         self._troubles += 1
         duration = float(knots.time[last] - knots.time[first])
-        course = None
+        trajectory = None
         if self._rig.rig.one_sided or not self._rig.out_of_reach(knots, first, last):
-            course = self._rig.course(knots, first, duration, differentiate=True)
-        if course is not None and _reaches(course, knots, last, _MARGIN * found.tolerances):
-            self._compare(course, knots, first, last, found)
+            trajectory = self._rig.trajectory(knots, first, duration, differentiate=True)
+        if trajectory is not None and _reaches(
+            trajectory, knots, last, _MARGIN * found.tolerances
+        ):
+            self._compare(trajectory, knots, first, last, found)
         else:
             self._unexplained(knots, first + int(np.argmax(wrong[first:last])), found)
 
     def _compare(
-        self, course: Trajectory, knots: Knots, first: int, last: int, found: Intervals
+        self, trajectory: Trajectory, knots: Knots, first: int, last: int, found: Intervals
     ) -> None:
         """Compare the recorded impacts between two knots with the simulated ones."""
         start = float(knots.time[first])
-        hits = [i for i in course.events if i.kind is EventKind.IMPACT]
+        hits = [i for i in trajectory.events if i.kind is EventKind.IMPACT]
         rows = [k for k in range(first + 1, last + 1) if knots.stop[k] > 0.0]
         faults: list[Fault] = []
         for row, hit in _pairs(knots, rows, hits, start):
@@ -540,7 +542,7 @@ def _troubles(wrong: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Iterator[
 def _pairs(
     knots: Knots, rows: Sequence[int], hits: Sequence[TrajectoryEvent], start: float
 ) -> Iterator[tuple[int | None, TrajectoryEvent | None]]:
-    """Yield recorded with expected impacts; None for what has no counterpart."""
+    """Yield pairs of recorded and expected impacts; None for a missing counterpart."""
     if [int(knots.stop[row]) for row in rows] == [hit.stop for hit in hits]:
         yield from zip(rows, hits, strict=True)
         return

@@ -1,7 +1,7 @@
 """
-What is wrong with a log, by itself and against the rig that it names, in words.
+The faults of a log, in itself and against the rig that it names, in words.
 
-Where m is at an impact shows the gap; how fast the masses part, the coefficients of restitution;
+Where m is at an impact shows the gap; how fast the masses separate, the restitution;
 and both masses receive the same impulse. None of this needs the motion between the impacts. If
 that disobeys the equations of motion, each parameter in turn is fitted to the residuals, all
 others kept as logged.
@@ -41,14 +41,14 @@ _ROUND_OFF = 1e-12
 
 
 def _last_run(wrong: NDArray[np.bool_]) -> int:
-    """Return where the run of wrong values begins that lasts to the end; else the length."""
+    """Return the index from which on all values are wrong; the length if there is none."""
     right = np.flatnonzero(~wrong)
     return int(right[-1]) + 1 if len(right) else 0
 
 
 @dataclass(frozen=True)
 class _StopPlace:
-    """Y of a stop, the time from which on it is there, and the evidence in words."""
+    """Y of a stop, the time since when it is there, and the evidence in words."""
 
     y: float
     time: float
@@ -145,7 +145,7 @@ def _contact_findings(
 
 
 def _stop_findings(stretch: RecordedStretch) -> Iterator[Finding]:
-    """Find joint states in which a stop is where, or as fast as, it cannot be."""
+    """Find joint states with an impossible position or velocity of a stop."""
     rig, control, states = stretch.parameters, stretch.control, stretch.states
     half, active = 0.5 * rig.gap, stretch.controlled
     speed = float(control.get('actuator_speed') or 0.0) if active else 0.0
@@ -174,9 +174,9 @@ def _stop_findings(stretch: RecordedStretch) -> Iterator[Finding]:
                 first = int(wrong[0])
                 time, found = float(states.time[first]), float(at[first])
                 text = (
-                    f'in {len(wrong)} joint states stop {stop} is where, or as fast as, it cannot '
-                    f'be, first at {time:.9g} s: at Y = {found:.9g} m, at {moving[first]:.9g} m/s '
-                    'in M'
+                    f'in {len(wrong)} joint states stop {stop} has an impossible position or '
+                    f'velocity, first at {time:.9g} s: Y is {found:.9g} m, its rate in M '
+                    f'{moving[first]:.9g} m/s'
                 )
                 yield Finding(f'stop_{stop}', 'm', time, found, side * half, place, text)
 
@@ -185,7 +185,7 @@ def _restitution_findings(
     rig: RigParameters, impacts: RecordedImpacts, *, single: bool = False
 ) -> Iterator[Finding]:
     """
-    Check that the masses part as fast as the logged coefficients of restitution say.
+    Check the velocities after impacts against the logged coefficients of restitution.
 
     With `single`, single impacts at which they do not are reported, too.
     """
@@ -201,9 +201,9 @@ def _restitution_findings(
         measured, first, tolerance = float(np.median(found)), 0, _TOLERANCE
         name = f'restitution_{stop}'
         text = (
-            f'at stop {stop} the masses part at {measured:.9g} of the speed at which they '
-            f'meet (median of {len(found)} impacts, by impulses and logged masses); logged '
-            f'is {name} = {expected:.9g}'
+            f'at stop {stop} the ratio of separation to approach speed is {measured:.9g} '
+            f'(median of {len(found)} impacts, from impulses and logged masses); logged is '
+            f'{name} = {expected:.9g}'
         )
         if abs(measured - expected) <= _TOLERANCE:
             # Slow ones are known less well.
@@ -214,9 +214,9 @@ def _restitution_findings(
             first = int(wrong[0])
             measured, tolerance = float(found[first]), float(slack[first])
             text = (
-                f'in {len(wrong)} of {len(found)} impacts on stop {stop} the masses do '
-                f'not part as {name} = {expected:.9g} says, first at {time[first]:.9f} s: at '
-                f'{measured:.9g} of the speed at which they meet'
+                f'{len(wrong)} of {len(found)} impacts on stop {stop} contradict '
+                f'{name} = {expected:.9g}, first at {time[first]:.9f} s: the ratio of '
+                f'separation to approach speed is {measured:.9g}'
             )
         yield Finding(name, '', float(time[first]), measured, expected, tolerance, text)
 
@@ -433,7 +433,7 @@ def _fault_text(fault: Fault) -> str:
     difference = fault.recorded - fault.expected
     if fault.kind == 'motion' and math.isnan(difference):
         return (
-            f'what is recorded up to {fault.time:.9g} s does not follow from what is before: '
+            f'the motion recorded up to {fault.time:.9g} s does not follow from that before: '
             'other impacts, reversals or rest are expected'
         )
     if fault.kind == 'motion':
@@ -451,7 +451,7 @@ def _fault_text(fault: Fault) -> str:
 
 
 def _fault_findings(faults: Sequence[Fault]) -> Iterator[Finding]:
-    """Yield the faults: few ones one by one, of many the first and their number."""
+    """Yield the faults one by one if they are few, else the first and their number."""
 
     def sort(fault: Fault) -> tuple[str, str]:
         return fault.kind, fault.quantity

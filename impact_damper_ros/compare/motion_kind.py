@@ -63,7 +63,7 @@ class Oscillation:
 
 
 def oscillation(clock: ForceClock, states: RecordedStates) -> Oscillation | None:
-    """Compare the last joint state with the steady vibration; None if m slides with friction."""
+    """Compare the last joint state with steady vibration; None if m slides with friction."""
     rig = clock.parameters
     still = states.damper_velocity == states.velocity
     joined = bool(still.all())
@@ -243,7 +243,7 @@ class _RigAhead:
         self.cycles = self.event_count = 0
 
     def go_on(self, cycles: int, most_events: int) -> bool:
-        """Run on; return whether that was possible with so many events in all."""
+        """Run on; return whether it was possible within that number of events in all."""
         ends = (self.cycles + np.arange(1, cycles + 1)) * self._clock.cycle
         left = max(1, most_events - self.event_count)
         instants = ends - (1.0 - self._strobe) * self._clock.cycle
@@ -404,10 +404,10 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications
     for i in range(1, len(impacts)):
         origin = _after_impact(machine, clock, impacts, i - 1)
         duration = float(impacts.time[i] - impacts.time[i - 1])
-        course = follow_trajectory(machine, origin, max(duration - _GUARD_S, 0.0))
-        if course is None or before[0][i] == before[1][i]:
+        trajectory = follow_trajectory(machine, origin, max(duration - _GUARD_S, 0.0))
+        if trajectory is None or before[0][i] == before[1][i]:
             continue
-        deviation = hits[i] @ (course.matrix @ deviation)
+        deviation = hits[i] @ (trajectory.matrix @ deviation)
         size = float(np.linalg.norm(deviation * scale))
         if size == 0.0:
             return Indications(-math.inf, 0.0, 0)

@@ -218,7 +218,7 @@ def _impact_states(clock: ForceClock, impacts: RecordedImpacts, cycles: int) -> 
 
 
 def _period_states(table: ImpactTable, recurrence: Recurrence, end: int) -> Array:
-    """Return the states of the last periods, one row for each, with whole periods taken out."""
+    """Return the states of the last periods, one row each; phases count from its period."""
     n, k = recurrence.impacts, recurrence.cycles
     begin = len(table) - (len(recurrence.distance) + 1) * n
     count = (end - begin) // n
@@ -450,11 +450,11 @@ def predicted_curve(
         0,
         stop,
     )
-    course = follow_trajectory(machine, origin, orbit.period, differentiate=False)
-    if course is None:
+    trajectory = follow_trajectory(machine, origin, orbit.period, differentiate=False)
+    if trajectory is None:
         return None
     rows = []
-    for part in course.flights:
+    for part in trajectory.flights:
         start = part.origin
         y = offset_of(start.clearance_1, start.clearance_2, start.stop_1, start.stop_2)
         count = max(2, math.ceil(_PER_CYCLE * part.duration / clock.cycle))

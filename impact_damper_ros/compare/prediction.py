@@ -20,6 +20,7 @@ from impact_damper_ros.orbits.recognition import LONGEST_RHYTHM, Rhythm, rhythm_
 from impact_damper_ros.orbits.search import counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
 from impact_damper_ros.rig import Event, ParameterError, RigParameters, Simulator
+from impact_damper_ros.rig.event_budget import REMEDY
 
 from .motion_kind import motion_ahead
 from .recorded_stretch import ForceClock, RecordedImpacts
@@ -43,6 +44,8 @@ _RUN_FOR = 50.0
 #: A solution is the motion of the rig if it is as near to it as this.
 _NEAR = 1e-2
 _SAME = 1e-6
+#: Most impacts of a motion that is searched for without its states: with more, it takes minutes.
+_MOST_SOUGHT = 32
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,8 @@ class ObservedMotion:
         Whether there were impacts in the last cycles.
     recent : tuple of Event, optional
         The last impacts, up to 100.
+    endless : bool, optional
+        Whether it was not run on because it has too many events.
     """
 
     rhythm: Rhythm | None
@@ -72,6 +77,7 @@ class ObservedMotion:
     cycles: int = 0
     hits: bool = True
     recent: tuple[Event, ...] = ()
+    endless: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,12 +124,15 @@ def run_ahead(rig: AnyRig, most_cycles: int = _MOST_CYCLES_AHEAD) -> ObservedMot
         instants = [turned + (event.time - began) / cycle for event in impacts]
         hits = bool(instants) and instants[-1] > turned + looked - LONGEST_RHYTHM
         stops, x = [event.stop for event in impacts], [event.x for event in impacts]
-        rhythm = rhythm_of(instants, stops, x, look.largest) if hits else None
+        rhythm = None
+        if hits and not look.endless:
+            rhythm = rhythm_of(instants, stops, x, look.largest)
         if (rhythm is not None and rhythm.settled) or total > _MOST_EVENTS:
             break
     impact = impacts[-1] if impacts else None
     phase = instants[-1] if instants else 0.0
-    return ObservedMotion(rhythm, impact, phase, looked, hits, tuple(impacts[-_RECENT:]))
+    recent = tuple(impacts[-_RECENT:])
+    return ObservedMotion(rhythm, impact, phase, looked, hits, recent, look.endless)
 
 
 def _period_of_force(parameters: RigParameters) -> int:
@@ -194,6 +203,8 @@ class _Orbits:
         counted = None if shot is None else counted_as(shot, rhythm.stops)
         if counted is not None:
             return self.add(counted)
+        if len(rhythm.stops) > _MOST_SOUGHT:
+            return None
         self.search(parameters, rhythm.stops, rhythm.cycles, simulate=True)
         return self.nearest(rhythm, _NEAR)
 
@@ -256,13 +267,13 @@ def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator
             continue
         orbits.like(parameters, run_ahead(start, _ELSEWHERE))
     reason = prediction.reason
-    if reason and ahead.rhythm is None and ahead.hits:
+    if reason and ahead.rhythm is None and ahead.hits and not ahead.endless:
         reason += _how_irregular(clock, ahead)
     yield replace(prediction, orbits=tuple(orbits.all), reason=reason, complete=True)
 
 
 def _how_irregular(clock: ForceClock, ahead: ObservedMotion) -> str:
-    """Return the kind of a motion that does not repeat, as `compare_run` names it."""
+    """Return the kind of a motion that does not repeat, in the words of `compare_run`."""
     later = motion_ahead(clock, RecordedImpacts.of_events(ahead.recent), _RUN_FOR)
     if later is None or (found := later.indications) is None:
         return ''
@@ -273,6 +284,11 @@ def _how_irregular(clock: ForceClock, ahead: ObservedMotion) -> str:
 
 
 def _why_none(ahead: ObservedMotion) -> str:
+    if ahead.endless:
+        return (
+            'run ahead from where it is, the rig has too many impacts to be run on after '
+            f'{ahead.cycles} cycles of the force: {REMEDY}'
+        )
     if not ahead.hits:
         return f'run ahead from where it is, m hits no stop any more after {ahead.cycles} cycles'
     if ahead.rhythm is None:

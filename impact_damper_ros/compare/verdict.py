@@ -72,7 +72,7 @@ def _judged_log(log: list[Finding]) -> _Judgement:
 
 
 def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]) -> _Judgement:
-    """Judge a motion that repeats, or will."""
+    """Judge a motion that repeats, or that settles into one that does."""
     orbit = motion.match.orbit
     distance = float(motion.match.distance)
     if log:
@@ -116,7 +116,7 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]
 def _judged_irregular(
     clock: ForceClock, kind: StretchKind, log: list[Finding]
 ) -> tuple[_Judgement, PeriodicOrbit | None]:
-    """Judge a motion that does not repeat, by the simplest motion that theory has here."""
+    """Judge a motion that does not repeat, beside the simplest periodic motion of the rig."""
     rig = clock.counted_from_zero()
     stops = (1,) if rig.one_sided else (1, 2)
     orbits: tuple[PeriodicOrbit, ...] = ()

@@ -5,8 +5,9 @@ Names are imported from their modules on first use, so that a command which writ
 does not load the rest.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .drawing import blank_figure, finish_panel, save_figure
@@ -31,18 +32,14 @@ __all__ = [
     'write_report',
 ]
 
-_MODULES = {
-    'drawing': ('blank_figure', 'finish_panel', 'save_figure'),
-    'html_report': ('report_page', 'write_report'),
-    'replay_report': ('findings_json', 'findings_text'),
-    'run_figures': ('Closeup', 'Motion', 'draw_motion'),
-    'text_report': ('comparison_text',),
-    'what_if_report': ('WhatIfReport',),
-}
-
-
-def __getattr__(name: str) -> Any:
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(f'{__name__}.{module}'), name)
-    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+__getattr__ = lazy_names(
+    __name__,
+    {
+        'drawing': ('blank_figure', 'finish_panel', 'save_figure'),
+        'html_report': ('report_page', 'write_report'),
+        'replay_report': ('findings_json', 'findings_text'),
+        'run_figures': ('Closeup', 'Motion', 'draw_motion'),
+        'text_report': ('comparison_text',),
+        'what_if_report': ('WhatIfReport',),
+    },
+)

@@ -108,7 +108,7 @@ class _Chart:
         marker: str = 'o',
         **style: Any,
     ) -> None:
-        """Draw points that leave to be seen what is in them."""
+        """Draw open circles, which do not hide what they surround."""
         style = {'markeredgewidth': 1.3, 'clip_on': False, 'zorder': 4, **style}
         self.axes.plot(
             x,
@@ -123,7 +123,7 @@ class _Chart:
         self.entry(marker, color, label)
 
     def log_axis(self, low: float, high: float) -> None:
-        """Make the upright axis one of powers of ten, from `low` to `high`, numbered sparsely."""
+        """Make the vertical axis logarithmic, from `low` to `high`, with few labels."""
         from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
         self.axes.set_yscale('log')
@@ -286,7 +286,7 @@ _LAST = 3.0 / 8.0
 
 
 def _end_of(motion: MotionCurve) -> MotionCurve:
-    """Return the last part of a motion, for which a narrow picture has room."""
+    """Return the last part of a motion, as much as fits into a narrow picture."""
     start, end = motion.time[0], motion.time[-1]
     late = motion.time >= end - _LAST * (end - start)
     return MotionCurve(*(getattr(motion, f.name)[late] for f in fields(motion)))
@@ -295,7 +295,7 @@ def _end_of(motion: MotionCurve) -> MotionCurve:
 def _draw_impacts(
     chart: _Chart, impacts: ImpactCurve | None, motion: MotionCurve, factor: float
 ) -> None:
-    """Draw the recorded impacts where m hits, by marks that show the stop."""
+    """Draw the recorded impacts where m hits, with a mark for each stop."""
     if impacts is None:
         return
     inside = (impacts.time >= motion.time[0]) & (impacts.time <= motion.time[-1])

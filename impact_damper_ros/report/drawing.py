@@ -81,7 +81,7 @@ _PAGE = {
 
 @contextmanager
 def page_style() -> Iterator[None]:
-    """Draw in the style of the page, whatever matplotlibrc says; its settings come back after."""
+    """Draw in the style of the page, whatever matplotlibrc says, and restore it afterwards."""
     import matplotlib as mpl
 
     settings = {**mpl.rcParamsDefault, 'backend': mpl.rcParams['backend'], **_PAGE}
@@ -134,7 +134,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def draw_stop(axes: Any, time: ArrayLike, place: ArrayLike, depth: float) -> None:
-    """Draw a stop over time, as a wall of some depth on its outer side."""
+    """Draw a stop over time, hatched on its outer side."""
     outer = np.asarray(place) + depth
     axes.fill_between(time, place, outer, color=COLORS['stop'], alpha=0.35, linewidth=0)
     axes.plot(time, place, color=COLORS['stop'], linewidth=1.0)

@@ -54,7 +54,7 @@ def counted(count: int, noun: str) -> str:
 
 
 def setting(value: Any) -> str:
-    """Return a value of a parameter as it is set: [1, 2], true, 0.5 or timed."""
+    """Return a value as it is written for a parameter: [1, 2], true, 0.5 or timed."""
     if isinstance(value, tuple | list):
         return f'[{", ".join(map(setting, value))}]'
     return f'{value:g}' if isinstance(value, float) else str(value).lower()
@@ -79,7 +79,7 @@ def _printed_number(match: re.Match[str]) -> str:
 
 
 def worded(text: str) -> str:
-    """Return a sentence of the analysis with its numbers, units and signs as they are printed."""
+    """Return a sentence with its numbers, units and signs typeset."""
     text = _PLUS_MINUS.sub('\N{PLUS-MINUS SIGN}', text)
     text = _MICRO.sub('\N{MICRO SIGN}', text)
     text = _NUMBER.sub(_printed_number, text)

@@ -46,7 +46,7 @@ def element(tag: str, *content: str, **attributes: str) -> Html:
 
 
 def joined(*parts: str) -> Html:
-    """Return texts, made `safe`, one after another."""
+    """Return texts, each made `safe`, joined."""
     return Html(''.join(map(safe, parts)))
 
 

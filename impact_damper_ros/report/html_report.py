@@ -79,7 +79,7 @@ def shown_stretches(
 
 
 def _figure(picture: Picture, key: str, where: str, narrow: Picture | None = None) -> Html:
-    """Return a picture with its caption, and in its place another one for a narrow page."""
+    """Return a picture with its caption, and the variant for a narrow page."""
     label = f'{picture.title}, {where}'
     drawn = Html(inline_svg(picture.figure, key, label))
     if narrow is not None:
@@ -91,7 +91,7 @@ def _figure(picture: Picture, key: str, where: str, narrow: Picture | None = Non
 
 
 def _tiles(stretch: StretchComparison) -> Html:
-    """Return the few numbers to look at first."""
+    """Return the key numbers."""
     measured, orbit, decay = stretch.measured, stretch.predicted, stretch.decay
     what = f'{stretch.impacts} impacts'
     if stretch.stops:

@@ -50,7 +50,7 @@ def sign_of(verdict: Verdict) -> str:
 
 
 def _badge(verdict: Verdict, word: str, count: int | None = None) -> Html:
-    """Return a verdict, and how often, as a label with a sign besides its colour."""
+    """Return a verdict and its count as a label with a sign and a colour."""
     kind, sign = _BADGES[verdict]
     times = '' if count is None else f': {count}'
     return element('span', f'{sign} ', word, times, class_=f'badge {kind}')
@@ -62,7 +62,7 @@ def linked_badge(verdict: Verdict, count: int | None = None) -> Html:
 
 
 def cause_of(stretch: StretchComparison) -> str:
-    """Return what a stretch begins with; of very many changes, the most important ones."""
+    """Return why a stretch begins; of many changes, the most important ones."""
     cause = worded(stretch.cause) or stretch.begins.value
     changes = _CHANGES.split(cause)
     if len(changes) <= _MOST_CHANGES:

@@ -31,7 +31,7 @@ _NUMERIC = ('d', 'x', 'y', 'width', 'height', 'transform', 'viewBox')
 
 
 def _rounded(match: re.Match[str]) -> str:
-    """Return a number with two decimals, without zeros that say nothing."""
+    """Return a number with two decimals at most, without trailing zeros."""
     text = f'{float(match[0]):.2f}'.rstrip('0').rstrip('.')
     return '0' if text in ('-0', '') else text
 
@@ -76,7 +76,7 @@ def _own_ids(root: ElementTree.Element, key: str) -> None:
 
 
 def _short(hundredths: int) -> str:
-    """Return a number as short as it goes."""
+    """Return the shortest form of a number."""
     sign, size = '-' if hundredths < 0 else '', abs(hundredths)
     tail = f'.{size % 100:02d}'.rstrip('0').rstrip('.')
     return f'{sign}{size // 100 or ("" if tail else 0)}{tail}'
@@ -134,7 +134,7 @@ def _slim(root: ElementTree.Element) -> None:
 
 
 def _prune(parent: ElementTree.Element) -> None:
-    """Remove what draws nothing, and groups that say nothing."""
+    """Remove elements that draw nothing, and groups without attributes."""
     kept: list[ElementTree.Element] = []
     for child in parent:
         _prune(child)

@@ -136,7 +136,7 @@ def _difference(difference: Difference) -> dict[str, Any]:
 
 
 def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
-    """Return the findings as what JSON can hold; times in s of rig time, stamps in ns."""
+    """Return the findings for JSON; times in s of rig time, stamps in ns."""
     divergence, first = findings.divergence, findings.first
     return {
         'bag': str(recorded.reader.path),

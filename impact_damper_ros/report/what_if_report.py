@@ -22,6 +22,7 @@ from impact_damper_ros.rig import (
     RigParameters,
     Sample,
 )
+from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.swing import Swing
 
 from .formatting import setting, unit_for
@@ -157,6 +158,8 @@ class WhatIfReport:
         Parameters and initial conditions that are held, and their values.
     drawn : bool
         Whether to keep what the figure needs.
+    budget : EventBudget, optional
+        The most events that the rig of the what-if may have.
 
     Attributes
     ----------
@@ -178,6 +181,7 @@ class WhatIfReport:
         held_initial: Mapping[str, Any],
         *,
         drawn: bool,
+        budget: EventBudget | None = None,
     ) -> None:
         start = replay.recorded.start
         logged = setting_of(start.state)
@@ -188,7 +192,7 @@ class WhatIfReport:
             **{n: RecordedValues(getattr(initial, n, None)) for n in held_initial},
         }
         self._now = {**held, **held_initial}
-        self.other = WhatIf(start, initial, held, held_initial)
+        self.other = WhatIf(start, initial, held, held_initial, budget)
         self.recorded, self.what_if = RunTotals(), RunTotals()
         cycle = max(_longest_cycle(logged.rig), _longest_cycle(self.other.rig.parameters))
         reader = replay.recorded.reader
@@ -256,7 +260,7 @@ class WhatIfReport:
         return '\n'.join(lines)
 
     def as_json(self) -> dict[str, Any]:
-        """Return both as what JSON can hold, in SI units."""
+        """Return both for JSON, in SI units."""
         return {
             'set': self._now,
             'recorded_values': {name: was.as_json() for name, was in self._was.items()},
@@ -266,7 +270,7 @@ class WhatIfReport:
         }
 
     def figure(self) -> Figure:
-        """Return the figure of both; only if it was to be drawn."""
+        """Return the figure of both; needs `drawn`."""
         assert self._ending is not None
         now = ', '.join(f'{name} = {_with_unit(v, name)}' for name, v in self._now.items())
         was = ', '.join(

@@ -21,9 +21,10 @@ from multiprocessing import connection, get_context, parent_process
 from typing import Any, Protocol, Self
 
 import impact_damper_ros
+from impact_damper_ros.control import LawError, OwnLaw
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.orbits.settling import EndlessEventsError
 from impact_damper_ros.rig import ParameterError, RigParameters
+from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.long_run import LongRun
 
 from .journal import Done, Journal
@@ -47,10 +48,11 @@ def _continued(state: _State, parameters: RigParameters) -> LongRun:
 
 
 def _controlled(setup: RigSetup, state: _State | None) -> ControlledRun:
-    """Return a rig under control; one that takes over a state goes on in its time."""
+    """Return a rig under control; with a state, it continues at the time of that state."""
+    law = OwnLaw.from_text(setup.law) if setup.law else None
     if state is None:
-        return ControlledRun(setup.parameters, setup.initial, setup.control)
-    run = ControlledRun.restore(state)
+        return ControlledRun(setup.parameters, setup.initial, setup.control, law)
+    run = ControlledRun.restore(state, law)
     run.change(setup.parameters, setup.control)
     return run
 
@@ -72,7 +74,7 @@ def rig_row(
             # The section holds nothing of the control
             row['state'] = json.dumps(last, separators=(',', ':'))
         return row, last
-    except (ParameterError, EndlessEventsError) as error:
+    except (ParameterError, EndlessEventsError, LawError) as error:
         return failed_row(str(error)), None
     except (ArithmeticError, ValueError, RuntimeError, AssertionError) as error:
         # A fault in one rig must not end the sweep
@@ -322,7 +324,7 @@ _PATIENCE = 120.0
 
 @dataclass
 class _Chain:
-    """Rigs of which each starts from the one before, and how far they are done."""
+    """A chain of rigs, each started from the one before, and its progress."""
 
     rows: Sequence[int]
     place: int = 0
@@ -331,7 +333,7 @@ class _Chain:
 
 @dataclass
 class _Sent:
-    """A block that is under way."""
+    """A block that a worker has."""
 
     block: Block
     chain: _Chain | None
@@ -485,7 +487,7 @@ def run_sweep(
 
 
 def _again(sent: _Sent, error: BaseException) -> _Sent:
-    """Return a block to hand out again after its worker died."""
+    """Return a block to be run again after its worker died."""
     if sent.tries >= _TRIES:
         first, last = sent.block.rigs[0][0], sent.block.rigs[-1][0]
         raise WorkersError(

@@ -75,8 +75,21 @@ def _measure_label(name: str) -> str:
     return _MEASURES.get(name, MEASURES[name].label)
 
 
+def _place_text(axis: Axis, value: float) -> str:
+    """Return a value of an axis for a legend, with symbol and unit."""
+    first = axis.parameters[0]
+    known = _SYMBOLS.get(first.name)
+    symbol = first.name.replace('_', ' ') if known is None else known.rsplit(' ', 1)[-1]
+    return f'{symbol} = {value:.5g} {first.spec.unit}'.rstrip()
+
+
+def _best_text(optimum: Optimum, measure: str) -> str:
+    """Return the value of a measure at the optimum for a legend, with its unit."""
+    return f'{optimum.value:.4g} {MEASURES[measure].unit}'.rstrip()
+
+
 def _times(nearby: Nearby) -> str:
-    """Return the ratio of a motion to the optimum and its kind, for a legend."""
+    """Return the ratio of a motion to the optimum and its kind, for the legend."""
     ratio = f'× {nearby.ratio:.3g}, ' if 0.0 < nearby.ratio < math.inf else ''
     return f' ({ratio}{nearby.motion})'
 
@@ -235,7 +248,7 @@ def _draw_phases(axes: Any, table: SweepTable, values: NDArray[np.float64]) -> N
             )
 
 
-def _draw_surroundings(axes: Any, optimum: Optimum) -> None:
+def _draw_surroundings(axes: Any, axis: Axis, optimum: Optimum) -> None:
     """Draw the edges around the optimum, and other motions of the best rig."""
     for edge in optimum.edges:
         axes.axvline(
@@ -243,7 +256,7 @@ def _draw_surroundings(axes: Any, optimum: Optimum) -> None:
             color='0.3',
             linewidth=0.8,
             linestyle='--',
-            label=f'edge at {edge.values[0]:.5g}{_times(edge)}',
+            label=f'edge at {_place_text(axis, edge.values[0])}{_times(edge)}',
         )
     for other in optimum.coexisting:
         axes.plot(
@@ -299,10 +312,11 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
             markersize=5.5,
             color='black',
             linestyle='none',
-            label=f'{optimum.best.value}: {optimum.value:.4g} at {optimum.values[0]:.5g}',
+            label=f'{optimum.best.value}: {_best_text(optimum, measure)} at '
+            f'{_place_text(axis, optimum.values[0])}',
             zorder=4,
         )
-        _draw_surroundings(middle, optimum)
+        _draw_surroundings(middle, axis, optimum)
     failed = ~table.flags('ok').reshape(-1, len(values)).any(axis=0)
     for axes in panels:
         for value in values[failed]:
@@ -357,7 +371,7 @@ def _scale(values: NDArray[np.float64]) -> Any:
 
 
 def _classes(table: SweepTable) -> dict[str, NDArray[np.float64]]:
-    """Return the rows of each class of motions that has dots, as ones."""
+    """Return a mask of the rows of each class of motions that has dots."""
     motions = table.texts('motion')
     chaotic = np.array([motion == MotionKind.CHAOTIC.value for motion in motions])
     unsettled = table.flags('ok') & ~table.flags('settled') & ~chaotic
@@ -402,7 +416,7 @@ def _draw_map(axes: Any, table: SweepTable, turn: int, values: Any, scale: Any) 
     return colors
 
 
-def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
+def _legend(table: SweepTable, measure: str, optimum: Optimum | None) -> list[Any]:
     """Return a legend entry for each kind of mark."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -412,13 +426,13 @@ def _legend(table: SweepTable, optimum: Optimum | None) -> list[Any]:
 
     handles: list[Any] = []
     if optimum is not None:
-        at = ', '.join(f'{value:.5g}' for value in optimum.values)
+        axes = table.plan.axes
+        at = ', '.join(map(_place_text, axes, optimum.values))
         among = 'all' if table.plan.control.active else 'those that repeat'
-        label = f'{optimum.best.value} of {among}: {optimum.value:.4g} at ({at})'
-        symbols = [_axis_label(axis).split(' [')[0].rsplit(' ', 1)[-1] for axis in table.plan.axes]
+        label = f'{optimum.best.value} of {among}: {_best_text(optimum, measure)} at {at}'
         handles.append(entry(label, **{**_STAR, 'markersize': 10}))
         handles += [
-            entry(f'edge at {symbols[i]} = {edge.values[i]:.5g}{_times(edge)}')
+            entry(f'edge at {_place_text(axes[i], edge.values[i])}{_times(edge)}')
             for edge in optimum.edges
             if (i := edge.axis) is not None
         ]
@@ -460,7 +474,7 @@ def surface_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> 
         if direction:
             axes.set_title(f'followed {direction}wards', loc='left')
     figure.colorbar(colors, ax=list(panels), label=_measure_label(measure), pad=0.015)
-    handles = _legend(table, optimum)
+    handles = _legend(table, measure, optimum)
     if handles:
         figure.legend(handles=handles, loc='outside lower center', ncols=2, frameon=False)
     figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')

@@ -146,7 +146,7 @@ class Optimum:
     coexisting: tuple[Nearby, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all of it as JSON has it."""
+        """Return the optimum for JSON."""
         return {**asdict(self), 'best': self.best.value}
 
 
@@ -317,7 +317,7 @@ class _Search:
         self.progress: Callable[[], object] | None = None
 
     def begin(self, table: SweepTable, row: int) -> bool:
-        """Bring the rig of a row back to its motion; return whether that was possible."""
+        """Run the rig of a row until it has its motion again; return whether that succeeded."""
         self.state = self._state_of(table, row)
         return self.state is not None
 
@@ -469,7 +469,7 @@ class _Search:
     def _nearby(
         self, row: Row, values: tuple[float, ...], axis: int | None, start: str, value: float
     ) -> Nearby | None:
-        """Return what a rig does; None if it could not be run."""
+        """Return the motion of a rig; None if it could not be run."""
         if not row['ok'] or row[self.measure] is None:
             return None
         measure = float(row[self.measure])

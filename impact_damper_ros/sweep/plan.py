@@ -114,7 +114,7 @@ class Axis:
 
 
 def _parameter(text: str, rig: RigParameters) -> SweptParameter:
-    """Return the parameter of a name that a user has given."""
+    """Return the parameter with the name that a user has given."""
     text = text.strip()
     match = _NAME.fullmatch(text)
     name = text if match is None else match['name']
@@ -364,9 +364,11 @@ class RigSetup(NamedTuple):
     initial: InitialConditions
     settling: Settling
     control: GapControlParameters
+    #: MODULE:FUNCTION of a law of the user's own; empty for none.
+    law: str = ''
 
     def varied(self, settings: Settings) -> Self:
-        """Return it with other values, all set at once."""
+        """Return the setup with other values, all set at once."""
         rig: dict[str, Any] = {}
         start: dict[str, Any] = {}
         law: dict[str, Any] = {}
@@ -405,6 +407,8 @@ class SweepPlan:
         How long each rig may take to settle, and how closely it is watched.
     control : GapControlParameters, optional
         The gap control; off by default.
+    law : str, optional
+        MODULE:FUNCTION of a law of the user's own, in place of the one that `control` names.
 
     Raises
     ------
@@ -418,6 +422,7 @@ class SweepPlan:
     follow: Follow = Follow.NONE
     settling: Settling = field(default_factory=Settling)
     control: GapControlParameters = field(default_factory=GapControlParameters)
+    law: str = ''
 
     def __post_init__(self) -> None:
         """Check the axes together."""
@@ -450,7 +455,7 @@ class SweepPlan:
     @property
     def setup(self) -> RigSetup:
         """What all rigs have in common."""
-        return RigSetup(self.parameters, self.initial, self.settling, self.control)
+        return RigSetup(self.parameters, self.initial, self.settling, self.control, self.law)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -489,7 +494,7 @@ class SweepPlan:
                 yield rows if direction == 'up' else rows[::-1]
 
     def inputs(self) -> dict[str, Any]:
-        """Return everything that the table depends on, as JSON has it."""
+        """Return everything that the table depends on, for JSON."""
         inputs: dict[str, Any] = {
             'format': _TABLE_FORMAT,
             'version': impact_damper_ros.__version__,
@@ -511,6 +516,8 @@ class SweepPlan:
         }
         if self.control != GapControlParameters():
             inputs['gap_control'] = self.control.as_dict()
+        if self.law:
+            inputs['law'] = self.law
         return inputs
 
     @classmethod
@@ -541,4 +548,5 @@ class SweepPlan:
             follow=Follow(inputs['follow']),
             settling=Settling(**inputs['settling']),
             control=GapControlParameters(**inputs.get('gap_control', {})),
+            law=inputs.get('law', ''),
         )

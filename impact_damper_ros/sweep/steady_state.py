@@ -184,7 +184,7 @@ class SteadyState:
 
 
 def _sequence(events: Events) -> tuple[str, ...]:
-    """Return the stops hit, the least of all rotations; a chatter to rest is one entry."""
+    """Return the stops hit, as the least rotation; a chatter to rest is one entry."""
     words: list[str] = []
     for kind, stop in zip(events['kind'].tolist(), events['stop'].tolist(), strict=True):
         if kind == EventKind.IMPACT:
@@ -257,7 +257,10 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     impacts = result.impacts()
     hits = impacts[impacts['time'] > since]
     multiplier = math.nan
-    if rig.controlled and period:
+    if rig.controlled and 'law' in snapshot['gap_control']:
+        # What the memory of a law of the user's own holds is not known
+        exponent = Exponent(math.nan, math.nan)
+    elif rig.controlled and period:
         exponent, multiplier = period_exponent(snapshot, period * cycle, rig.scales)
     elif rig.controlled:
         exponent = parting_exponent(snapshot, cycle, cycles, rig.scales)

@@ -83,7 +83,7 @@ def _as_much(nearby: Nearby, measure: str) -> str:
 
 
 def summary_of(table: SweepTable, optimum: Optimum | None) -> dict[str, Any]:
-    """Return counts, attractors and optimum of a sweep, as JSON has them."""
+    """Return counts, attractors and optimum of a sweep, for JSON."""
     ok = table.flags('ok')
     reasons = Counter(reason for reason in table.texts('reason') if reason is not None)
     return {

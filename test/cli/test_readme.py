@@ -29,6 +29,7 @@ COMMANDS = [name for name in entry_points.__all__ if not name.startswith(('begin
 BAG = 'runs/run_20261120_221707'
 #: Of other packages: only what is said of this one in them is looked at.
 FOREIGN = (
+    'sed',
     *('cd', 'colcon', 'dask', 'docker', 'export', 'git', 'mkdir', 'pip', 'python3', 'rosdep'),
     *('source', 'sudo', 'touch'),
 )

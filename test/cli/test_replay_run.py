@@ -263,8 +263,8 @@ def test_long_runs_take_little_memory(tmp_path):
                 stamp = rig.offset + rig.time_ns + (k + 1) * 1_000_000
                 follower.advance((stamp - rig.offset) / 1e9)
                 s = follower.sample()
-                speeds = (s.primary_velocity, s.damper_velocity, *[s.primary_velocity] * 2)
-                numbers = ((s.x, s.z, s.stop_1, s.stop_2), speeds)
+                speeds = (s.primary_velocity, s.damper_velocity, *[s.primary_velocity] * 2, 0.0)
+                numbers = ((s.x, s.z, s.stop_1, s.stop_2, 0.0), speeds)
                 writer.write('/joint_states', shape.filled(stamp, *numbers), stamp)
         code = (
             'import resource, sys\n'

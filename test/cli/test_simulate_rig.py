@@ -242,21 +242,6 @@ def test_interrupt_keeps_what_was_simulated(tmp_path):
     assert float(rows[50][0]) == exact[-1].time
 
 
-def test_imports_no_ros():
-    code = (
-        'import sys; import impact_damper_ros.cli.simulate_rig; '
-        'print([m for m in sys.modules if m.startswith(("rclpy", "matplotlib", "scipy"))])'
-    )
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout.strip() == '[]'
-
-
 def test_gap_control_from_the_command_line(tmp_path):
     """The same control as in the library, and what the stops do among the events."""
     events, states = tmp_path / 'events.csv', tmp_path / 'states.csv'

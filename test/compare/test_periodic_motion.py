@@ -1,4 +1,4 @@
-"""A recorded motion that repeats, against sequences with a known answer."""
+"""How fast a recorded motion approaches a periodic one, from a map with a known answer."""
 
 import math
 
@@ -6,45 +6,6 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.compare.periodic_motion import decay_rate
-from impact_damper_ros.orbits.recognition import ImpactTable, find_recurrence
-
-
-def table_of(phase, value):
-    """Return impacts on alternating stops whose states are all the same number."""
-    count = len(phase)
-    stop = np.where(np.arange(count) % 2 == 0, 1.0, 2.0)
-    return ImpactTable.of(np.asarray(phase), stop, value, value, value, 1.0)
-
-
-def test_a_period_and_how_it_is_approached():
-    n = np.arange(400)
-    settled = find_recurrence(table_of(0.5 * n, np.cos(np.pi * n)))
-    assert (settled.cycles, settled.impacts, settled.at_floor) == (1, 2, True)
-    shrinking = np.cos(np.pi * n) + 0.2 * 0.98**n
-    found = find_recurrence(table_of(0.5 * n, shrinking))
-    assert (found.cycles, found.impacts) == (1, 2)
-    assert found.factor == pytest.approx(0.98**2, rel=1e-3)
-    # The distance from the limit, by geometric series
-    assert found.remaining == pytest.approx(0.2 * 0.98**387, rel=0.2)
-    doubled = np.cos(np.pi * n) + 1e-4 * np.cos(np.pi * (n // 2))
-    found = find_recurrence(table_of(0.5 * n, doubled))
-    assert (found.cycles, found.impacts) == (2, 4)
-    slow_doubling = np.cos(np.pi * n) + 0.1 * (-0.98) ** (n // 2)
-    assert find_recurrence(table_of(0.5 * n, slow_doubling)).cycles == 1
-
-
-def test_no_period():
-    n = np.arange(2000)
-    golden = (math.sqrt(5.0) - 1.0) / 2.0
-    assert find_recurrence(table_of(0.5 * n, np.cos(math.tau * golden * n))) is None
-    draw = np.random.default_rng(3)
-    assert find_recurrence(table_of(0.5 * n, draw.normal(size=2000))) is None
-    # It leaves a motion that is not stable.
-    assert (
-        find_recurrence(table_of(0.5 * n[:120], np.cos(np.pi * n[:120]) + 1e-9 * 1.1 ** n[:120]))
-        is None
-    )
-    assert find_recurrence(table_of([0.0, 0.5], np.ones(2))) is None
 
 
 def test_the_decay_of_a_linear_map():

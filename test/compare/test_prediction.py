@@ -1,10 +1,12 @@
 """The motion predicted for a rig is the one it comes to, and is reported with its reasons."""
 
+import itertools
 import math
 import re
 
 import pytest
 from compare.observed import motion_on
+from rig.endless_rigs import ENDLESS
 
 from impact_damper_ros.compare.prediction import predictions, run_ahead
 from impact_damper_ros.control import ControlledRig, GapControlParameters
@@ -203,3 +205,17 @@ def test_the_swing_between_coarse_samples_with_impacts():
             events = rig.advance(k / samples * math.tau)
             swing.look(rig.sample(), events)
         assert swing.largest == pytest.approx(orbit.x_max, rel=error)
+
+
+@pytest.mark.parametrize('name', ['weight', 'tiny gap', 'at once'])
+def test_a_rig_with_impacts_without_end_is_not_run_ahead(name):
+    parameters, initial = ENDLESS['tiny gap' if name == 'at once' else name]
+    if name == 'at once':
+        initial = InitialConditions(initial_damper_velocity=1e9)
+    first, second = itertools.islice(predictions(Simulator(parameters, initial)), 2)
+    assert not first.complete
+    assert second.expected is None
+    assert second.reason == (
+        'run ahead from where it is, the rig has too many impacts to be run on after 0 cycles of '
+        'the force: make the stops less elastic or the gap wider'
+    )

@@ -97,6 +97,7 @@ def test_share_holds_what_users_start_from(prefix):
     share = prefix / 'share' / NAME
     wanted = ['package.xml', 'launch/rig.launch.py', 'rviz/rig.rviz', 'urdf/rig.urdf.xacro']
     wanted += ['config/paper.yaml', 'config/bench_rig.yaml']
+    wanted += ['config/lichtblick.json', 'config/plotjuggler.xml']
     for path in wanted:
         assert (share / path).read_bytes() == (ROOT / path).read_bytes()
 
@@ -189,7 +190,7 @@ def test_installed_node_runs_and_stops(prefix):
         if len(names) < 20:
             node.send_signal(signal.SIGTERM)
             pytest.fail(f'{len(names)} messages came; the node said:\n{node.communicate()[0]}')
-        assert names == [['primary', 'damper', 'stop_1', 'stop_2']] * len(names)
+        assert names == [['primary', 'damper', 'stop_1', 'stop_2', 'incline']] * len(names)
 
         node.send_signal(signal.SIGINT)
         output, _ = node.communicate(timeout=100)

@@ -2,18 +2,16 @@
 
 import ast
 import math
-import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import yaml
+from launched import Launched
 
-from impact_damper_ros.bag.rig_topics import JOINTS
+from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, JOINTS
 from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, RigParameters, Simulator
 from impact_damper_ros.rig import load_parameters as load
 from impact_damper_ros.rig.description import picture_size, robot_description, rviz_setup
@@ -134,12 +132,13 @@ def extent(urdf, link, place=0.0):
 def test_urdf_has_the_joints_of_joint_states(drawn):
     _, _, urdf = drawn
     prismatic = [joint for joint in urdf.findall('joint') if joint.get('type') == 'prismatic']
-    assert [joint.get('name') for joint in prismatic] == list(JOINTS)
+    assert [joint.get('name') for joint in prismatic] == list(AXIS_JOINTS)
+    assert {joint.get('name') for joint in urdf.findall('joint')} == set(JOINTS)
     # All from the same frame, since the positions are absolute, and along the same axis.
     assert {joint.find('parent').get('link') for joint in prismatic} == {'axis'}
     assert {joint.find('axis').get('xyz') for joint in prismatic} == {'1 0 0'}
     # Frames carry the names of the joints: the topic impacts has them as frame_id.
-    assert [joint.find('child').get('link') for joint in prismatic] == list(JOINTS)
+    assert [joint.find('child').get('link') for joint in prismatic] == list(AXIS_JOINTS)
 
 
 def test_urdf_is_one_tree_of_links(drawn):
@@ -162,9 +161,17 @@ def test_urdf_is_one_tree_of_links(drawn):
 def test_urdf_axis_points_down_the_incline(drawn):
     rig, _, urdf = drawn
     (incline,) = urdf.findall("joint[@name='incline']")
-    roll, pitch, yaw = map(float, incline.find('origin').get('rpy').split())
-    # The x axis turned by the pitch about y: (cos, 0, -sin).
-    assert (roll, pitch, yaw) == (0.0, rig.angle, 0.0)
+    assert incline.get('type') == 'revolute'
+    assert (incline.find('parent').get('link'), incline.find('child').get('link')) == (
+        'base_link',
+        'axis',
+    )
+    # The x axis turned by the angle about y: (cos, 0, -sin).
+    assert incline.find('axis').get('xyz') == '0 1 0'
+    assert incline.find('origin') is None
+    limit = incline.find('limit')
+    assert float(limit.get('lower')) <= rig.angle <= float(limit.get('upper'))
+    assert float(limit.get('upper')) == -float(limit.get('lower')) == PARAMETER_SPECS['angle'].high
 
 
 def test_urdf_damper_touches_the_stops_at_half_the_gap(drawn):
@@ -234,7 +241,6 @@ def test_xacro_gives_the_same_description(drawn):
     rig, gap_max, urdf = drawn
     size = picture_size(rig, gap_max)
     given = {
-        'angle': rig.angle,
         'gap': rig.gap,
         'widest': min(gap_max, 8.0 * rig.gap),
         'swing': size.rail - size.deck,
@@ -322,93 +328,6 @@ def test_launch_file_starts_what_it_says():
 def test_launch_file_is_python():
     """Also where there is no launch to load it with."""
     ast.parse((ROOT / 'launch' / 'rig.launch.py').read_text(encoding='utf-8'))
-
-
-LAUNCH = """
-import sys
-from launch import LaunchDescription, LaunchService
-from launch.actions import IncludeLaunchDescription
-from launch.launch_description_sources import PythonLaunchDescriptionSource
-
-source = PythonLaunchDescriptionSource(sys.argv[1])
-arguments = [argument.split(':=', 1) for argument in sys.argv[2:]]
-service = LaunchService(noninteractive=True)
-rig = IncludeLaunchDescription(source, launch_arguments=arguments)
-service.include_launch_description(LaunchDescription([rig]))
-sys.exit(service.run())
-"""
-#: In place of each executable: shows its arguments and parameters, and that it has ended.
-STAND_IN = """#!/bin/sh
-here={here}
-trap 'echo ended >> $here.ended; exit 0' INT TERM
-echo "$@" > $here.arguments
-for file in "$@"; do
-    case "$file" in *launch_params_*) cat "$file" >> $here.parameters ;; esac
-done
-touch $here.started
-while true; do sleep 0.1; done
-"""
-
-
-class Launched:
-    """A real launch of the file, in a prefix with stand-ins for some packages."""
-
-    def __init__(self, directory, *packages):
-        for module in ('launch', 'launch_ros'):
-            pytest.importorskip(module)
-        self.directory = directory
-        index = directory / 'share' / 'ament_index' / 'resource_index' / 'packages'
-        index.mkdir(parents=True)
-        for package in packages:
-            own = package == 'impact_damper_ros'
-            (index / package).touch()
-            (directory / 'lib' / package).mkdir(parents=True)
-            for name in ('sim_node', 'rig_page') if own else (package,):
-                program = directory / 'lib' / package / name
-                program.write_text(STAND_IN.format(here=directory / name), encoding='utf-8')
-                program.chmod(0o755)
-        (directory / 'share' / 'impact_damper_ros').mkdir()
-        for folder in ('config', 'rviz'):
-            (directory / 'share' / 'impact_damper_ros' / folder).symlink_to(ROOT / folder)
-        self.file = directory / 'rig.launch.py'
-        self.file.symlink_to(ROOT / 'launch' / 'rig.launch.py')
-
-    def start(self, *arguments):
-        """Start it, and return the process once what it starts is there, or it has ended."""
-        log = (self.directory / 'said.txt').open('wb')
-        path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
-        given = {'AMENT_PREFIX_PATH': str(self.directory), 'PYTHONPATH': path}
-        process = subprocess.Popen(
-            [sys.executable, '-c', LAUNCH, str(self.file), *arguments],
-            env={**os.environ, **given, 'ROS_LOG_DIR': str(self.directory / 'log')},
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        log.close()
-        expected = 1 + ('use_rviz:=true' in arguments) + ('page:=true' in arguments)
-        expected += 'use_robot_state_publisher:=false' not in arguments
-        deadline = time.monotonic() + 100.0
-        while process.poll() is None and len(self.started()) < expected:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        return process
-
-    @property
-    def said(self):
-        return (self.directory / 'said.txt').read_text(encoding='utf-8')
-
-    def started(self):
-        return sorted(path.stem for path in self.directory.glob('*.started'))
-
-    def ended(self):
-        return sorted(path.stem for path in self.directory.glob('*.ended'))
-
-    def parameters(self, name):
-        """Return the parameters that launch gives a node beside those of the file."""
-        document = yaml.safe_load((self.directory / f'{name}.parameters').read_text('utf-8'))
-        (entry,) = document.items()
-        return entry[0], entry[1]['ros__parameters']
 
 
 @pytest.mark.parametrize(

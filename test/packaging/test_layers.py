@@ -104,6 +104,37 @@ assert not set({ros!r}) & set(sys.modules)
 """
 
 
+#: What must not be loaded by an import, so that a start stays short, or works where it is missing.
+LEAN = {
+    'import impact_damper_ros.cli.simulate_rig': (*ROS, 'matplotlib', 'scipy'),
+    'import impact_damper_ros.node.sim_node': (
+        *('matplotlib', 'mcap', 'numba', 'scipy', 'tqdm', 'zstandard'),
+    ),
+    'import impact_damper_ros.node.prediction_worker': ROS,
+    'from impact_damper_ros.compare import predictions': ('impact_damper_ros.bag', 'mcap'),
+    'from impact_damper_ros.bag import RunReader, RunWriter, recover_run': (
+        *(*ROS, 'numpy', 'rosbags'),
+    ),
+    'from impact_damper_ros.cli import recover_run': (*ROS, 'numpy', 'rosbags'),
+    'import impact_damper_ros.report': ('impact_damper_ros.compare', 'matplotlib', 'numpy'),
+}
+
+
+@pytest.mark.parametrize('statement', LEAN)
+def test_what_is_not_needed_is_not_loaded(statement):
+    done = subprocess.run(
+        [sys.executable, '-c', f'import sys; {statement}; print(*sys.modules)'],
+        env={**os.environ, 'PYTHONPATH': str(PACKAGE.parent)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    loaded = done.stdout.split()
+    assert 'impact_damper_ros' in loaded
+    unwanted = tuple(f'{name}.' for name in LEAN[statement])
+    assert [name for name in loaded if f'{name}.'.startswith(unwanted)] == []
+
+
 @pytest.mark.parametrize('name', WITHOUT_ROS)
 def test_imports_without_ros(name):
     done = subprocess.run(

@@ -2,12 +2,11 @@
 
 import dataclasses
 import json
-import os
 import re
-import shutil
 import struct
 import subprocess
 
+import chromium
 import pytest
 from report.example_comparison import example
 
@@ -16,19 +15,6 @@ pytest.importorskip('matplotlib', reason='the report has plots')
 from impact_damper_ros.compare import Overall
 from impact_damper_ros.report.html_report import write_report
 
-NAMES = ('chromium', 'chromium-browser', 'google-chrome')
-FLAGS = (
-    '--headless',
-    '--no-sandbox',
-    '--disable-gpu',
-    '--disable-quic',
-    '--disable-sync',
-    '--disable-background-networking',
-    '--disable-component-update',
-    '--hide-scrollbars',
-    '--no-first-run',
-    '--enable-logging=stderr',
-)
 POLICY = "content=\"default-src 'none';"
 
 # Run within a copy of the page, whose policy lets it; the page itself has no script. The copy is
@@ -79,13 +65,7 @@ parent.postMessage('PROBE' + JSON.stringify(
 
 @pytest.fixture(scope='module')
 def browser():
-    found = next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
-        reason = 'no Chromium here; on Debian or Ubuntu: apt install chromium'
-        if os.environ.get('CI') == 'true':
-            pytest.fail(reason)
-        pytest.skip(reason)
-    return found
+    return chromium.needed()
 
 
 @pytest.fixture(scope='module')
@@ -112,7 +92,7 @@ def report(tmp_path_factory):
 def opened(browser, page, profile, *options):
     """Open a page in a browser that has never been used; return what it wrote."""
     done = subprocess.run(
-        [browser, *FLAGS, f'--user-data-dir={profile}', *options, page.as_uri()],
+        chromium.command(browser, profile, '--enable-logging=stderr', *options, page.as_uri()),
         capture_output=True,
         text=True,
         timeout=300,

@@ -8,8 +8,9 @@ from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import EndlessEventsError, Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.steady_state import steady_state
 

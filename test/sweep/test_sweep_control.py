@@ -2,18 +2,21 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+from control import laws
 from control.controlled_rigs import IDEAL, TRIAL, control
 from sweep.made_tables import Shuffled, table_of
 
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import EndlessEventsError, Settling
+from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions
+from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.execution import rig_row
 from impact_damper_ros.sweep.optimum import find_optimum
@@ -210,3 +213,23 @@ def test_plans_with_control():
     plain = SweepPlan(TRIAL, START, VARIED.axes[1:])
     assert 'gap_control' not in plain.inputs()
     assert SweepPlan.from_inputs(plain.inputs()) == plain
+
+
+def test_rigs_move_their_stops_by_a_law_of_the_users_own():
+    """The motion is that of the law itself; no exponent is given, and the inputs name it."""
+    plan = replace(plan_of('force_amplitudes=0.5,1'), law='control.laws:follow')
+    assert SweepPlan.from_inputs(json.loads(json.dumps(plan.inputs()))) == plan
+    row, last = rig_row(plan.setup, [])
+    rig = ControlledRig(TRIAL, START, control=TIMED, law=laws.follow)
+    rig.advance(last['time'])
+    assert rig.snapshot()['gap_control'] == last['gap_control']
+    assert row['period'] == 1
+    assert row['x_max'] / TRIAL.response_amplitude < 1.2 * IDEAL
+    assert row['lyapunov_exponent'] is None
+
+
+def test_a_law_that_fails_is_the_reason_in_the_row():
+    plan = replace(plan_of('force_amplitudes=0.5,1'), law='control.laws:far')
+    row, last = rig_row(plan.setup, [])
+    assert last is None
+    assert 'the law control.laws:far returned (inf, -1.0)' in row['reason']

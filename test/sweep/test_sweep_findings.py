@@ -199,7 +199,8 @@ def test_edges_are_in_the_figures(hysteresis):
     figure = bifurcation_figure(hysteresis, 'x_max', found)
     labels = [text.get_text() for text in figure.legends[0].texts]
     (edge,) = found.edges
-    assert f'edge at {edge.values[0]:.5g} (× {edge.ratio:.3g}, chaotic)' in labels
+    assert f'least: {found.value:.4g} m at d = {found.values[0]:.5g} m' in labels
+    assert f'edge at d = {edge.values[0]:.5g} m (× {edge.ratio:.3g}, chaotic)' in labels
     assert 'followed downwards (× 9.22, without impacts)' in labels
 
 
@@ -228,6 +229,23 @@ def test_bifurcation_diagram_has_units_and_every_impact(tmp_path):
     assert sorted(drawn) == sorted(phases)
     assert len(phases) == 2 * (3 + 2)
     assert 'K = 1 N/m' in figure.get_suptitle()
+
+
+def test_legend_of_a_map_has_units(tmp_path):
+    pytest.importorskip('matplotlib')
+    from impact_damper_ros.sweep.figures import surface_figure
+
+    table = swept(tmp_path, 'gap=30,32', 'damping=0.05,0.06', cycles=400, watch=21)
+    for measure, unit in (('x_rms', ' m'), ('x_max_ratio', '')):
+        best = find_optimum(table, measure, refine=False)
+        gap, damping = best.values
+        labels = [
+            text.get_text() for text in surface_figure(table, measure, best).legends[0].texts
+        ]
+        assert labels[0] == (
+            f'least of those that repeat: {best.value:.4g}{unit} at d = {gap:.5g} m, '
+            f'C = {damping:.5g} N s/m'
+        )
 
 
 @pytest.mark.parametrize('suffix', ['png', 'svg', 'pdf'])

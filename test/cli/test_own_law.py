@@ -1,0 +1,55 @@
+"""`simulate_rig --law`: the example of docs/control.md, and laws that fail."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import impact_damper_ros
+from impact_damper_ros.cli.simulate_rig import main
+
+ROOT = Path(impact_damper_ros.__file__).parents[1]
+
+
+@pytest.fixture
+def example(tmp_path, monkeypatch):
+    """Write the file of the page to the present directory, and return the page."""
+    page = (ROOT / 'docs' / 'control.md').read_text(encoding='utf-8')
+    source = re.search(r'^```python\n(.*?)^```', page, re.DOTALL | re.MULTILINE).group(1)
+    (tmp_path / 'my_laws.py').write_text(
+        source + '\n\ndef far(seen, memory):\n    return 1e9, 0.0\n'
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    return page
+
+
+def largest(text):
+    return re.search(r'largest \|X\| ([0-9.]+) m', text).group(1)
+
+
+def test_the_example_is_the_timed_law(example, capsys):
+    """And leaves what the page says."""
+    rig = ['paper', '--duration', '500', '--set', 'gap_control_rate=5']
+    assert main([*rig, '--law', 'my_laws:catch']) == 0
+    own = capsys.readouterr().err
+    assert 'gap control my_laws:catch: 313 commands' in own
+    assert main([*rig, '--set', 'gap_control=timed']) == 0
+    assert largest(own) == largest(capsys.readouterr().err)
+    assert f'leaves\n{float(largest(own)):.2f} m of 100 m' in example
+
+
+@pytest.mark.usefixtures('example')
+def test_what_was_simulated_before_a_law_fails_is_written(capsys):
+    arguments = ['paper', '--duration', '60', '--law', 'my_laws:far', '--states', 'states.csv']
+    assert main(arguments) == 2
+    assert 'the law my_laws:far returned (1000000000.0, 0.0) at 7.725' in capsys.readouterr().err
+    rows = Path('states.csv').read_text(encoding='utf-8').splitlines()
+    assert float(rows[-1].split(',')[0]) == pytest.approx(7.725)
+
+
+@pytest.mark.usefixtures('example')
+@pytest.mark.parametrize('text', ['my_laws:lost', 'my_law:catch', 'catch'])
+def test_a_law_that_is_not_there_is_named(text, capsys):
+    assert main(['paper', '--duration', '60', '--law', text]) == 2
+    assert f'the law {text}' in capsys.readouterr().err.replace("'", '')
