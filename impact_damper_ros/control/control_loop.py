@@ -22,6 +22,7 @@ from impact_damper_ros.rig.run_loop import (
     FULL,
     PAUSED,
     ROWS_AT_ONCE,
+    SPENT,
     OpenFlight,
     accounted,
     clear_until,
@@ -240,8 +241,13 @@ def go_under_control(
                 take_crossing(control, seen, rising, rig, known)
                 if recording:
                     recorded = write_record(control, _CROSSING_ACTION, time, records, recorded)
+            status = DONE
+            if happened >= most and time < end:
+                status = SPENT
         elif status != DONE or stepping:
             break
+        elif command <= until and happened >= most:
+            status = SPENT
         elif command <= until:
             place_1, place_2 = places_of_stops(here, time)
             target_1, target_2 = start_command(control, place_1, place_2)
@@ -282,6 +288,7 @@ def go_under_control(
             break
         if law_failed(control):
             status = LAW_FAILED
+        if status != DONE:
             break
         if steps < ALL_STEPS and time < end:
             status = PAUSED

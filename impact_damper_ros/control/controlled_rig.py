@@ -209,7 +209,8 @@ class ControlledRig(Simulator):
         Raises
         ------
         ValueError
-            If the time is before the present one or not finite.
+            If the time is before the present one or not finite, or the number of events is
+            negative or NaN.
         RunawayError
             If the rig has events without end at one instant; `go_back` undoes the advance.
         LawError

@@ -138,11 +138,13 @@ def _without_model(_control: Any, _seen: Any, _rig: Any, _origin: Any) -> None:
 @cache
 def _loop_for(*, predictive: bool) -> Any:
     """Return the compiled run loop with the built-in laws, the predictive one if it is needed."""
-    name = run_controlled.__name__
-    if predictive:
-        return compile_kernels(cached=(name,), form=_FORM)[name]
-    given = {predictive_law_crosses.__name__: _without_model}
-    return compile_kernels(cached=(name,), given=given)[name]
+    without_model = {predictive_law_crosses.__name__: _without_model}
+    (loop,) = compile_kernels(
+        run_controlled.__name__,
+        given={} if predictive else without_model,
+        form=_FORM if predictive else '',
+    )
+    return loop
 
 
 @cache
@@ -152,7 +154,8 @@ def _loop_with(law: OwnLaw) -> Any:
         users_law.__name__: law.function,
         predictive_law_crosses.__name__: _without_model,
     }
-    return compile_kernels(given=given)[run_controlled.__name__]
+    (loop,) = compile_kernels(run_controlled.__name__, given=given)
+    return loop
 
 
 class ControlledRun(LongRun):

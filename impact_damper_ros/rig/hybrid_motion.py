@@ -8,7 +8,7 @@ ahead of the present time.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import inf, ulp
+from math import ceil, inf, ulp
 from typing import Any, ClassVar
 
 from .contact import ALL_STEPS, flight_end
@@ -50,6 +50,15 @@ class RunawayError(RuntimeError):
             f'the rig has more than {count} events at once, at {time:.15g} s, and cannot be '
             f'followed any further: {_REMEDY}'
         )
+
+
+def number_of_events(most_events: float) -> float:
+    """Return a number of events, rounded up, or infinity; or raise a ValueError."""
+    if not most_events >= 0.0:
+        raise ValueError(
+            f'most_events is {most_events!r}: give a number from 0 on, infinity for no limit'
+        )
+    return most_events if most_events == inf else ceil(most_events)
 
 
 def origin_at_step(rig: RigConstants, origin: Origin, flight: Flight, instant: float) -> Origin:
@@ -164,8 +173,8 @@ class HybridMotion:
         time : float
             Time to reach, s; not before the present one.
         most_events : float, optional
-            After so many events the rig stops, at an event, if more are due before that time; it
-            may go on from there.
+            After so many events (rounded up) the rig stops, at an event, if more are due before
+            that time; it may go on from there.
         interrupted : callable, optional
             Called now and then; once it returns true, the rig stops.
 
@@ -177,7 +186,8 @@ class HybridMotion:
         Raises
         ------
         ValueError
-            If the time is before the present one or not finite.
+            If the time is before the present one or not finite, or the number of events is
+            negative or NaN.
         RunawayError
             If the rig has events without end at one instant; `go_back` undoes the advance.
         """
@@ -213,6 +223,7 @@ class HybridMotion:
             raise ValueError(
                 f'cannot advance to {time!r} s: give a finite time not before {self._time!r} s'
             )
+        most_events = number_of_events(most_events)
         events, self._unreported = self._unreported, []
         while True:
             most = int(min(_EVENTS_AT_A_STRETCH, most_events - len(events)))

@@ -346,7 +346,7 @@ def _compile_elementwise(scalar: Any, results: int) -> Any:
             source = _looped(list(arguments), results)
         scope: dict[str, Any] = {'scalar': scalar, 'empty': np.empty}
         exec(source, scope)
-        inner = numba.njit(scope['along'])
+        inner = numba.njit(scope['along'], **_FROM_COMPILED_CODE)
 
         def implementation(*arguments: Any) -> Any:
             return inner(*arguments)
@@ -411,7 +411,7 @@ def _compile_replace() -> None:
     method = numba.extending.overload_method(
         nb.BaseNamedTuple,
         '_replace',
-        jit_options={'forceinline': True},
+        jit_options={'forceinline': True, **_FROM_COMPILED_CODE},
     )
     method(scope['replace'])
 
@@ -444,17 +444,31 @@ def _share(function: types.FunctionType, namespace: dict[str, Any]) -> None:
                 )
 
 
-def compiled(
-    *,
-    cached: tuple[str, ...] = (),
-    given: dict[str, Callable[..., Any]] | None = None,
-    form: str = '',
-) -> dict[str, Any]:
-    """
-    Compile every kernel imported so far with numba.
+#: For a function that only compiled code calls: half of the time of compiling it goes into what
+#: lets Python call it.
+_FROM_COMPILED_CODE = {'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
 
-    Functions `given` by name take the place of kernels, with globals of their own. What is
-    `cached` is kept by the name of the `form`, which says what is given.
+
+def compiled(
+    *called: str, given: dict[str, Callable[..., Any]] | None = None, form: str | None = None
+) -> tuple[Any, ...]:
+    """
+    Compile kernels with numba.
+
+    Parameters
+    ----------
+    called : str
+        Names of the kernels that Python is to call, and of no others.
+    given : dict of str to callable, optional
+        Functions that take the place of kernels, with globals of their own.
+    form : str, optional
+        Name for what is given, by which the compiled kernels are kept from one process to the
+        next; if there is none, they are not kept.
+
+    Returns
+    -------
+    tuple of function
+        The called kernels.
     """
     import numba
 
@@ -470,11 +484,13 @@ def compiled(
             {**function.__globals__, 'sine_and_cosine': _compiled_sine_and_cosine()},
             name,
         )
-        namespace[name] = _compile_elementwise(numba.njit(scalar, forceinline=True), results)
+        scalar_kernel = numba.njit(scalar, forceinline=True, **_FROM_COMPILED_CODE)
+        namespace[name] = _compile_elementwise(scalar_kernel, results)
     for name, function in _KERNELS.items():
         assert isinstance(function, types.FunctionType)
         code = function.__code__
-        keep = stamp(form) if name in cached else None
+        inner = name not in called
+        keep = None if inner or form is None else stamp(form)
         if keep is not None:
             code = code.replace(co_filename=str(keep))
         twin = types.FunctionType(
@@ -488,8 +504,9 @@ def compiled(
             error_model='numpy',
             forceinline=name in _INLINE,
             cache=keep is not None,
+            **(_FROM_COMPILED_CODE if inner else {}),
         )
     for name, function in (given or {}).items():
         is_plain = isinstance(function, types.FunctionType)
         namespace[name] = numba.njit(function, error_model='numpy') if is_plain else function
-    return {name: namespace[name] for name in _KERNELS}
+    return tuple(namespace[name] for name in called)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from .event import Event, EventKind, Sample
 from .forcing import SteppedSine, frequency_at
-from .hybrid_motion import origin_at_step, step_event
+from .hybrid_motion import number_of_events, origin_at_step, step_event
 from .kernels import compiled as compile_kernels
 from .kernels import compiling_alone, stamp
 from .mode import Mode, RigConstants, launch, rig_constants
@@ -50,6 +50,8 @@ SAMPLE_TYPE = np.dtype([(name, 'f8') for name in Sample._fields])
 _ROWS = 512
 #: Most rows allotted beyond twice the size; pages that are not written to take no memory.
 _MOST_AHEAD = 1_000_000
+#: More events than any run has.
+_MOST = 2**62
 
 Events = npt.NDArray[np.void]
 
@@ -171,8 +173,8 @@ def has_numba() -> bool:
 @cache
 def _compiled_loop() -> Any:
     """Return the run loop, compiled or about to be."""
-    name = run_through.__name__
-    return compile_kernels(cached=(name,))[name]
+    (loop,) = compile_kernels(run_through.__name__, form='')
+    return loop
 
 
 #: Forms of loops that are compiled in this process.
@@ -395,7 +397,7 @@ class LongRun:
         instants: npt.ArrayLike = (),
         *,
         record: bool = True,
-        most_events: int = 1_000_000,
+        most_events: float = 1_000_000,
     ) -> RunResult:
         """
         Let the rig run to a later time.
@@ -408,9 +410,10 @@ class LongRun:
             Instants at which to sample, s: ascending, from the present time to the one to reach.
         record : bool, optional
             Whether to return the events.
-        most_events : int, optional
-            Most events, the steps of a stepped sine among them. With elastic stops to which m is
-            pressed they may have no end; the advance then ends here, as the outcome says.
+        most_events : float, optional
+            Most events (rounded up), the steps of a stepped sine among them. With elastic stops
+            to which m is pressed they may have no end; the advance then ends here, as the
+            outcome says.
 
         Returns
         -------
@@ -420,9 +423,11 @@ class LongRun:
         Raises
         ------
         ValueError
-            If a time is before the present one, not finite, or not in order.
+            If a time is before the present one, not finite, or not in order, or the number of
+            events is negative or NaN.
         """
         state = self._state
+        most = int(min(number_of_events(most_events), _MOST))
         if not state.time <= time < inf:
             raise ValueError(
                 f'cannot advance to {time!r} s: give a finite time not before {state.time!r} s'
@@ -456,7 +461,7 @@ class LongRun:
                     when[:count],
                     samples,
                     table.room(done),
-                    most_events - happened,
+                    most - happened,
                     in_mode,
                     due,
                 )
@@ -464,7 +469,7 @@ class LongRun:
                 table.wrote(progress.written)
             origin, reached = loop.unpacked(progress.origin), progress.time
             status, sampled = progress.status, progress.sampled
-            if status == DONE and due <= time and happened >= most_events:
+            if status == DONE and due <= time and happened >= most:
                 status = SPENT
             if status != DONE or due > time:
                 break

@@ -40,10 +40,10 @@ class Plain:
 
 @cache
 def compiled_kernels():
-    kernels = compiled(given={'users_law': laws.push})
     both = Plain()
-    for name in vars(both):
-        setattr(both, name, kernels[name])
+    names = tuple(vars(both))
+    for name, kernel in zip(names, compiled(*names, given={'users_law': laws.push}), strict=True):
+        setattr(both, name, kernel)
     return both
 
 

@@ -103,7 +103,7 @@ def main() -> int:
     first_event = contact.first_event
     if not options.plain:
         try:
-            first_event = kernels.compiled()['first_event']
+            (first_event,) = kernels.compiled('first_event')
         except ImportError:
             print('numba is not installed: plain kernels', file=sys.stderr)
     done = dict.fromkeys(GENERATORS, 0)

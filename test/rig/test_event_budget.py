@@ -6,8 +6,10 @@ import re
 import pytest
 
 from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import EventKind, RigParameters, RunawayError, Simulator
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget, fastest_rate
+from impact_damper_ros.rig.long_run import LongRun
 from rig.endless_rigs import ENDLESS
 
 MOST = 700
@@ -123,6 +125,42 @@ def test_a_change_of_the_rig_counts_anew():
     rig.change(parameters.replace(damping=0.5))
     with pytest.raises(EndlessEventsError, match=rf'had {MOST} events from {first:.9g} s'):
         budget.advance(rig, 1.0)
+
+
+LEVEL = RigParameters(gravity=0.0)
+WITHOUT_COMPILER = {'compiled': False}
+RUNS = [
+    (Simulator, {}),
+    (ControlledRig, {'control': GapControlParameters(gap_control='timed')}),
+    (LongRun, WITHOUT_COMPILER),
+    (ControlledRun, {'control': GapControlParameters(gap_control='timed'), **WITHOUT_COMPILER}),
+]
+
+
+@pytest.mark.parametrize(('kind', 'how'), RUNS)
+def test_a_number_of_events_is_rounded_up(kind, how):
+    """A fraction of an event left over once kept a Simulator from ever coming back."""
+    stops = []
+    for most in (14.67, 15, 14):
+        rig = kind(LEVEL, **how)
+        rig.advance(500.0, most_events=most)
+        stops.append(rig.time)
+    assert stops[0] == stops[1] < 500.0
+    assert stops[2] <= stops[1]
+    rig.advance(500.0, most_events=math.inf)
+    assert rig.time == 500.0
+
+
+@pytest.mark.parametrize(('kind', 'how'), RUNS)
+@pytest.mark.parametrize('most', [math.nan, -1, -math.inf])
+def test_what_is_no_number_of_events_is_refused(kind, how, most):
+    rig = kind(LEVEL, **how)
+    before = rig.snapshot()
+    with pytest.raises(ValueError, match=rf'most_events is {most!r}: give a number from 0 on'):
+        rig.advance(100.0, most_events=most)
+    assert rig.snapshot() == before
+    rig.advance(100.0, most_events=0)
+    assert rig.time < 100.0
 
 
 @pytest.mark.parametrize(
