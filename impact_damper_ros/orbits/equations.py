@@ -225,7 +225,7 @@ class ImpactEquations:
         self._decay = machine.free.decay
         self._damped = machine.free.frequency
         self._stiffness = machine.free.omega_squared
-        self._force = machine.free.forces[0]
+        self._force = machine.free.harmonics[0].force
         self.rate = math.sqrt(self._stiffness)
         swing = abs(self._force) / self._stiffness
         fall = float(np.max(np.abs(self.accelerations))) / self.frequency**2

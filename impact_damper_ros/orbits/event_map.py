@@ -121,7 +121,7 @@ def origin_at(
         clearance_2=inf if machine.one_sided else max(0.0, 2.0 * half + beyond),
         stop_1=half,
         stop_2=-half,
-        angles=turned_angles((0.0,) * len(machine.phases), machine.free.frequencies, instant),
+        angles=turned_angles((0.0,) * len(machine.phases), machine.free.harmonics, instant),
         last_stop=last_stop,
         released=False,
         chatter_left=0.0,

@@ -142,10 +142,8 @@ def deviations(
     air = machine.air * np.choose(hit, [0.0, -1.0, 1.0])
 
     drive = np.zeros(count)
-    for force, rate, phase, angle in zip(
-        machine.free.forces, machine.free.frequencies, machine.phases, angles, strict=True
-    ):
-        drive += force * np.sin(rate * time + (phase + angle))
+    for one, phase, angle in zip(machine.free.harmonics, machine.phases, angles, strict=True):
+        drive += one.force * np.sin(one.frequency * time + (phase + angle))
 
     def rates(flight: slice, side: str) -> Array:
         """Return (X', X'', Z', Z'') at the events, in the flights before or after them."""

@@ -143,7 +143,9 @@ def monodromy(equations: ImpactEquations, x: Array, instants: Array) -> Array:
     """
     machine = rig_constants(equations.parameters)
     n, at = equations.impacts, equations.velocities(x, instants)
-    drive = machine.free.forces[0] * np.sin(equations.frequency * instants + equations.phase)
+    drive = machine.free.harmonics[0].force * np.sin(
+        equations.frequency * instants + equations.phase
+    )
     direction, air = np.array(equations.directions), equations.air
     before = state_rates(
         machine,

@@ -253,9 +253,10 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
     point = base_point(flight, tau, motion)
     drive_5 = 0.0
     for j in range(len(point.sines)):
-        frequency = oscillator.frequencies[j]
+        frequency = oscillator.harmonics[j].frequency
         square = frequency * frequency
-        drive_5 += oscillator.forces[j] * (square * square * frequency) * point.cosines[j]
+        force = oscillator.harmonics[j].force
+        drive_5 += force * (square * square * frequency) * point.cosines[j]
     x_7 = drive_5 - 2.0 * oscillator.decay * motion.x_6 - oscillator.omega_squared * motion.x_5
     bound_6 = derivative_bound(oscillator, motion.x_6, x_7, grid.bound_6)
     t_a = tau

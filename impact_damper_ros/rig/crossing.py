@@ -115,8 +115,8 @@ def first_crossing(
 def _stands_at_zero(flight: Flight) -> bool:
     """Return whether M stands still at X = 0 and nothing moves it."""
     still = flight.x == 0.0 and flight.velocity == 0.0 and flight.constant == 0.0
-    for j in range(len(flight.oscillator.forces)):
-        still = still and flight.oscillator.forces[j] == 0.0
+    for j in range(len(flight.sines)):
+        still = still and flight.oscillator.harmonics[j].force == 0.0
     return still
 
 
@@ -141,8 +141,8 @@ def _side_at(origin: Origin, flight: Flight, instant: float) -> int:
 def has_side(oscillator: Oscillator, origin: Origin) -> bool:
     """Return whether X is large enough to have a side of its own."""
     scale = abs(origin.velocity) * oscillator.horizon
-    for j in range(len(oscillator.forces)):
-        scale += abs(oscillator.forces[j]) / oscillator.omega_squared
+    for j in range(len(oscillator.harmonics)):
+        scale += abs(oscillator.harmonics[j].force) / oscillator.omega_squared
     return abs(origin.x) > _NEAR_ZERO * scale
 
 

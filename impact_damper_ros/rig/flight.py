@@ -219,9 +219,10 @@ def starting_motion(flight: Flight) -> Motion:
     oscillator = flight.oscillator
     drive = _Drive(-0.0, -0.0, -0.0, -0.0, -0.0)
     for j in range(len(flight.sines)):
-        force = oscillator.forces[j]
+        force = oscillator.harmonics[j].force
+        frequency = oscillator.harmonics[j].frequency
         drive = _with_harmonic(
-            drive, force * flight.sines[j], force * flight.cosines[j], oscillator.frequencies[j]
+            drive, force * flight.sines[j], force * flight.cosines[j], frequency
         )
     return _differentiated(
         flight,
@@ -246,8 +247,8 @@ def _near_motion(flight: Flight, tau: float) -> Motion:
     )
     drive = _Drive(-0.0, -0.0, -0.0, -0.0, -0.0)
     for j in range(len(flight.sines)):
-        force = oscillator.forces[j]
-        frequency = oscillator.frequencies[j]
+        force = oscillator.harmonics[j].force
+        frequency = oscillator.harmonics[j].frequency
         sin_0 = flight.sines[j]
         cos_0 = flight.cosines[j]
         part, part_1, part_2 = _series(
@@ -290,29 +291,18 @@ def _far_motion(flight: Flight, tau: float) -> Motion:
     velocity += (constant - omega_squared * flight.x) * free.impulse
     drive = _Drive(-0.0, -0.0, -0.0, -0.0, -0.0)
     for j in range(len(flight.sines)):
-        force = oscillator.forces[j]
-        frequency = oscillator.frequencies[j]
+        harmonic = oscillator.harmonics[j]
+        force = harmonic.force
         sin_0 = flight.sines[j]
         cos_0 = flight.cosines[j]
         driven: Driven = driven_response(
-            a,
-            b,
-            oscillator.inverse,
-            omega_squared,
-            frequency,
-            oscillator.detunings[j],
-            oscillator.near_re[j],
-            oscillator.near_im[j],
-            oscillator.far_re[j],
-            oscillator.far_im[j],
-            free,
-            tau,
+            a, b, oscillator.inverse, omega_squared, harmonic, free, tau
         )
         x += force * (cos_0 * driven.sine + sin_0 * driven.cosine)
         velocity += force * (cos_0 * driven.rate_sine + sin_0 * driven.rate_cosine)
         sine = force * (sin_0 * driven.turned_cosine + cos_0 * driven.turned_sine)
         cosine = force * (cos_0 * driven.turned_cosine - sin_0 * driven.turned_sine)
-        drive = _with_harmonic(drive, sine, cosine, frequency)
+        drive = _with_harmonic(drive, sine, cosine, harmonic.frequency)
     x_2 = drive.drive_0 + constant - 2.0 * a * velocity - omega_squared * x
     damper_acceleration = flight.relative_acceleration + flight.acceleration
     return _differentiated(

@@ -20,13 +20,14 @@ from typing import TYPE_CHECKING, NamedTuple
 from .kernels import elementwise, sine_and_cosine
 
 if TYPE_CHECKING:
+    from .oscillator import Harmonic
     from .parameters import RigParameters
 
 
 @elementwise
-def turned_angles(angle: float, frequency: float, tau: float) -> float:
-    """Return angles after turning at their frequencies for a time, reduced mod 2 pi."""
-    total = angle + frequency * tau
+def turned_angles(angle: float, harmonic: Harmonic, tau: float) -> float:
+    """Return angles after turning with their harmonics for a time, reduced mod 2 pi."""
+    total = angle + harmonic.frequency * tau
     turns = floor(total * 0.15915494309189535)
     # 2 pi in two parts: the reduction must not shift the frequency.
     return total - turns * 6.283185307179586 - turns * 2.4492935982947064e-16

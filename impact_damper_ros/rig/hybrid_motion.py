@@ -131,7 +131,7 @@ class HybridMotion:
     @property
     def force_frequency(self) -> float:
         """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
-        return self._constants.free.frequencies[0]
+        return self._constants.free.harmonics[0].frequency
 
     @property
     def stops(self) -> tuple[float, float]:

@@ -24,6 +24,7 @@ from .kernels import compiled as compile_kernels
 from .kernels import compiling_alone, stamp
 from .mode import Mode, RigConstants, launch, rig_constants
 from .origin import Origin
+from .oscillator import Harmonic
 from .parameters import InitialConditions, RigParameters
 from .run_loop import DONE, FULL, ROWS_AT_ONCE, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator, Snapshot
@@ -274,6 +275,8 @@ def _with_arrays(values: Any) -> Any:
     for name, value in values._asdict().items():
         if hasattr(value, '_asdict'):
             arrays[name] = _with_arrays(value)
+        elif name == 'harmonics':
+            arrays[name] = np.array(list(value), [(entry, 'f8') for entry in Harmonic._fields])
         elif isinstance(value, tuple):
             arrays[name] = np.array(value)
     return values._replace(**arrays)
@@ -373,7 +376,7 @@ class LongRun:
     @property
     def force_frequency(self) -> float:
         """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
-        return self._loop.constants.free.frequencies[0]
+        return self._loop.constants.free.harmonics[0].frequency
 
     @property
     def compiled(self) -> bool:

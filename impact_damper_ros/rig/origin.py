@@ -128,7 +128,7 @@ def carried(origin: Origin, flight: Flight, end: FlightEnd) -> Origin:
     """Return the state that a flight reaches, as the origin of another one."""
     tau = end.tau
     time, time_low = advance_time(origin.time, origin.time_low, tau)
-    angles = turned_angles(origin.angles, flight.oscillator.frequencies, tau)
+    angles = turned_angles(origin.angles, flight.oscillator.harmonics, tau)
     clearance_1, clearance_2, stop_1, stop_2 = placed(origin, flight, tau, end.travel)
     speed = 0.0 if flight.joint else end.relative_velocity
     return Origin(

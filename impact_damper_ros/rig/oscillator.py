@@ -57,21 +57,61 @@ class Driven(NamedTuple):
 
 class Harmonic(NamedTuple):
     """
-    Constants of the response to one harmonic.
+    One harmonic of the drive, and the constants of the response to it.
 
-    `detuning` is W - b; the `near` factor is 1/(iW - l), and the `far` one 1/(iW - conj(l)), both
-    conjugated. Far above resonance `near` holds 1/((w^2 - W^2) + 2 i a W), conjugated.
+    Attributes
+    ----------
+    force, frequency : float
+        Amplitude f, m/s^2, and circular frequency W, rad/s.
+    detuning : float
+        W - b, rad/s.
+    near_re, near_im, far_re, far_im : float
+        The factors 1/(iW - l) and 1/(iW - conj(l)), both conjugated. Far above resonance `near`
+        holds 1/((w^2 - W^2) + 2 i a W), conjugated.
+    push, turn : float
+        With the time in steps of the grid: amplitude f step^2, and angle W step turned in a step.
+    turn_cosine, turn_sine : float
+        Cosine and sine of that angle.
+    x_cosine, x_sine, v_cosine, v_sine : float
+        X and X' a step after rest, for unit cosine and for unit sine of the phase at the start.
     """
 
+    force: float
+    frequency: float
     detuning: float
     near_re: float
     near_im: float
     far_re: float
     far_im: float
+    push: float = 0.0
+    turn: float = 0.0
+    turn_cosine: float = 1.0
+    turn_sine: float = 0.0
+    x_cosine: float = 0.0
+    x_sine: float = 0.0
+    v_cosine: float = 0.0
+    v_sine: float = 0.0
+
+    def stepped(
+        self, decay: float, frequency: float, omega_squared: float, free: Free, step: float
+    ) -> Harmonic:
+        """Return the harmonic with what it does in a step of the grid."""
+        inverse = 1.0 / frequency
+        response = driven_response(decay, frequency, inverse, omega_squared, self, free, step)
+        return self._replace(
+            push=self.force * step * step,
+            turn=self.frequency * step,
+            turn_cosine=response.turned_cosine,
+            turn_sine=response.turned_sine,
+            x_cosine=self.force * response.sine,
+            x_sine=self.force * response.cosine,
+            v_cosine=self.force * response.rate_sine,
+            v_sine=self.force * response.rate_cosine,
+        )
 
 
-def make_harmonic(decay: float, frequency: float, circular: float) -> Harmonic:
-    """Return the constants of a harmonic."""
+def make_harmonic(decay: float, frequency: float, force: float, circular: float) -> Harmonic:
+    """Return a harmonic without what it does in a step."""
     detuning = circular - frequency
     total = circular + frequency
     if circular > 2.0 * frequency:
@@ -83,7 +123,7 @@ def make_harmonic(decay: float, frequency: float, circular: float) -> Harmonic:
     if near > 0.0:
         real, imaginary = real / near, imaginary / near
     far = decay * decay + total * total
-    return Harmonic(detuning, real, imaginary, decay / far, total / far)
+    return Harmonic(force, circular, detuning, real, imaginary, decay / far, total / far)
 
 
 @kernel(inline=True)
@@ -113,18 +153,18 @@ def driven_response(
     frequency: float,
     inverse: float,
     omega_squared: float,
-    circular: float,
-    detuning: float,
-    near_re: float,
-    near_im: float,
-    far_re: float,
-    far_im: float,
+    harmonic: Harmonic,
     free: Free,
     tau: float,
 ) -> Driven:
     """Return the response from rest to one harmonic after a time."""
+    circular = harmonic.frequency
+    near_re = harmonic.near_re
+    near_im = harmonic.near_im
+    far_re = harmonic.far_re
+    far_im = harmonic.far_im
     # exp(i W tau) as exp(i b tau) exp(i beta tau), the latter from the half angle.
-    half = 0.5 * detuning * tau
+    half = 0.5 * harmonic.detuning * tau
     sin_half = sin(half)
     cos_half = cos(half)
     sin_beta = 2.0 * sin_half * cos_half
@@ -185,17 +225,10 @@ class Grid(NamedTuple):
         Number of points for which the bounds hold.
     x_x, v_x, x_v, v_v : float
         X and X' after a step from unit X, and from unit X', without drive.
-    x_cosine, x_sine, v_cosine, v_sine : tuple of float
-        X and X' after a step from rest under each harmonic, for unit cosine and for unit sine of
-        its phase at the start.
-    turn_cosine, turn_sine : tuple of float
-        Cosine and sine of the angle that each harmonic turns.
     bound_3, bound_4, bound_5, bound_6 : float
         As the oscillator's bounds, over all points.
     spring, dashpot : float
         Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
-    pushes, turns : tuple of float
-        Amplitude f step^2 and angle turned in a step W step of each harmonic.
     """
 
     step: float
@@ -205,20 +238,12 @@ class Grid(NamedTuple):
     v_x: float
     x_v: float
     v_v: float
-    x_cosine: tuple[float, ...]
-    x_sine: tuple[float, ...]
-    v_cosine: tuple[float, ...]
-    v_sine: tuple[float, ...]
-    turn_cosine: tuple[float, ...]
-    turn_sine: tuple[float, ...]
     bound_3: float
     bound_4: float
     bound_5: float
     bound_6: float
     spring: float
     dashpot: float
-    pushes: tuple[float, ...]
-    turns: tuple[float, ...]
 
 
 def drive_bound(
@@ -249,19 +274,10 @@ def make_grid(
     omega: float,
     decay: float,
     drive: Sequence[tuple[float, float]],
-    harmonics: Sequence[Harmonic],
-    fastest: float,
+    free: Free,
+    step: float,
 ) -> Grid:
-    """Return the grid of an oscillator."""
-    step = _STEP / fastest
-    frequency = sqrt((omega - decay) * (omega + decay))
-    inverse = 1.0 / frequency
-    free = free_response(decay, frequency, inverse, step)
-    responses = [
-        driven_response(decay, frequency, inverse, omega**2, circular, *harmonic, free, step)
-        for (_, circular), harmonic in zip(drive, harmonics, strict=True)
-    ]
-    scaled = [(force, r) for (force, _), r in zip(drive, responses, strict=True)]
+    """Return the grid of an oscillator, from its free vibration after a step."""
     bounds = [drive_bound(omega, decay, drive, order, _POINTS * step) for order in (3, 4, 5, 6)]
     return Grid(
         step=step,
@@ -271,20 +287,12 @@ def make_grid(
         v_x=-(omega * omega) * free.impulse,
         x_v=free.impulse,
         v_v=free.rate,
-        x_cosine=tuple(force * r.sine for force, r in scaled),
-        x_sine=tuple(force * r.cosine for force, r in scaled),
-        v_cosine=tuple(force * r.rate_sine for force, r in scaled),
-        v_sine=tuple(force * r.rate_cosine for force, r in scaled),
-        turn_cosine=tuple(r.turned_cosine for r in responses),
-        turn_sine=tuple(r.turned_sine for r in responses),
         bound_3=bounds[0],
         bound_4=bounds[1],
         bound_5=bounds[2],
         bound_6=bounds[3],
         spring=(omega * step) * (omega * step),
         dashpot=2.0 * decay * step,
-        pushes=tuple(force * step * step for force, _ in drive),
-        turns=tuple(circular * step for _, circular in drive),
     )
 
 
@@ -300,10 +308,8 @@ class Oscillator(NamedTuple):
     ----------
     decay, frequency, inverse, omega_squared : float
         Constants a, b, 1/b and w^2 of the equation of motion.
-    forces, frequencies : tuple of float
-        Amplitude f, m/s^2, and circular frequency W, rad/s, of each harmonic.
-    detunings, near_re, near_im, far_re, far_im : tuple of float
-        Constants of the response to each harmonic, see `Harmonic`.
+    harmonics : tuple of Harmonic
+        The drive.
     fastest : float
         Circular frequency of the fastest of spring and harmonics.
     taylor_limit : float
@@ -321,13 +327,7 @@ class Oscillator(NamedTuple):
     frequency: float
     inverse: float
     omega_squared: float
-    forces: tuple[float, ...]
-    frequencies: tuple[float, ...]
-    detunings: tuple[float, ...]
-    near_re: tuple[float, ...]
-    near_im: tuple[float, ...]
-    far_re: tuple[float, ...]
-    far_im: tuple[float, ...]
+    harmonics: tuple[Harmonic, ...]
     fastest: float
     taylor_limit: float
     horizon: float
@@ -350,31 +350,26 @@ def make_oscillator(
     omega = sqrt(omega_squared)
     decay = damping / (2.0 * mass)
     frequency = sqrt((omega - decay) * (omega + decay))
-    forces = tuple(amplitude / mass for amplitude in amplitudes)
-    drive = tuple(zip(forces, frequencies, strict=True))
+    drive = [(a / mass, w) for a, w in zip(amplitudes, frequencies, strict=True)]
     fastest = max([omega, *(w for f, w in drive if f != 0.0 and w != 0.0)])
     horizon = 2.0 / omega
     bounds = [drive_bound(omega, decay, drive, order, horizon) for order in (3, 4, 5)]
-    harmonics = [make_harmonic(decay, frequency, w) for w in frequencies]
+    step = _STEP / fastest
+    free = free_response(decay, frequency, 1.0 / frequency, step)
+    harmonics = [make_harmonic(decay, frequency, *one) for one in drive]
     return Oscillator(
         decay=decay,
         frequency=frequency,
         inverse=1.0 / frequency,
         omega_squared=omega_squared,
-        forces=forces,
-        frequencies=tuple(frequencies),
-        detunings=tuple(h.detuning for h in harmonics),
-        near_re=tuple(h.near_re for h in harmonics),
-        near_im=tuple(h.near_im for h in harmonics),
-        far_re=tuple(h.far_re for h in harmonics),
-        far_im=tuple(h.far_im for h in harmonics),
+        harmonics=tuple(one.stepped(decay, frequency, omega**2, free, step) for one in harmonics),
         fastest=fastest,
         taylor_limit=_TAYLOR_REACH / fastest,
         horizon=horizon,
         bound_3=bounds[0],
         bound_4=bounds[1],
         bound_5=bounds[2],
-        grid=make_grid(omega, decay, drive, harmonics, fastest),
+        grid=make_grid(omega, decay, drive, free, step),
     )
 
 
@@ -385,7 +380,7 @@ def acceleration_at(
     """Return X'' from the equation of motion."""
     acceleration = constant - 2.0 * oscillator.decay * velocity - oscillator.omega_squared * x
     for j in range(len(sines)):
-        acceleration += oscillator.forces[j] * sines[j]
+        acceleration += oscillator.harmonics[j].force * sines[j]
     return acceleration
 
 

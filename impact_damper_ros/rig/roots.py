@@ -22,7 +22,7 @@ from .flight import (
     unfinished,
 )
 from .kernels import elementwise, kernel
-from .oscillator import Grid, Oscillator, acceleration_at
+from .oscillator import Grid, Harmonic, Oscillator, acceleration_at
 
 
 class GridPoint(NamedTuple):
@@ -46,27 +46,27 @@ class GridPoint(NamedTuple):
 
 
 @elementwise
-def _sines_at(sine: float, cosine: float, frequency: float, tau: float) -> float:
+def _sines_at(sine: float, cosine: float, harmonic: Harmonic, tau: float) -> float:
     """Return the sine of each harmonic's phase after a time."""
-    return sine * cos(frequency * tau) + cosine * sin(frequency * tau)
+    return sine * cos(harmonic.frequency * tau) + cosine * sin(harmonic.frequency * tau)
 
 
 @elementwise
-def _cosines_at(sine: float, cosine: float, frequency: float, tau: float) -> float:
+def _cosines_at(sine: float, cosine: float, harmonic: Harmonic, tau: float) -> float:
     """Return the cosine of each harmonic's phase after a time."""
-    return cosine * cos(frequency * tau) - sine * sin(frequency * tau)
+    return cosine * cos(harmonic.frequency * tau) - sine * sin(harmonic.frequency * tau)
 
 
 @elementwise
-def _next_sines(sine: float, cosine: float, turn_cosine: float, turn_sine: float) -> float:
+def _next_sines(sine: float, cosine: float, harmonic: Harmonic) -> float:
     """Return the sine of each harmonic's phase a step later."""
-    return sine * turn_cosine + cosine * turn_sine
+    return sine * harmonic.turn_cosine + cosine * harmonic.turn_sine
 
 
 @elementwise
-def _next_cosines(sine: float, cosine: float, turn_cosine: float, turn_sine: float) -> float:
+def _next_cosines(sine: float, cosine: float, harmonic: Harmonic) -> float:
     """Return the cosine of each harmonic's phase a step later."""
-    return cosine * turn_cosine - sine * turn_sine
+    return cosine * harmonic.turn_cosine - sine * harmonic.turn_sine
 
 
 @kernel(inline=True)
@@ -75,9 +75,9 @@ def base_point(flight: Flight, tau: float, motion: Motion) -> GridPoint:
     sines = flight.sines
     cosines = flight.cosines
     if tau > 0.0:
-        frequencies = flight.oscillator.frequencies
-        sines = _sines_at(flight.sines, flight.cosines, frequencies, tau)
-        cosines = _cosines_at(flight.sines, flight.cosines, frequencies, tau)
+        harmonics = flight.oscillator.harmonics
+        sines = _sines_at(flight.sines, flight.cosines, harmonics, tau)
+        cosines = _cosines_at(flight.sines, flight.cosines, harmonics, tau)
     offset = motion.x - flight.constant / flight.oscillator.omega_squared
     return GridPoint(offset, motion.velocity, sines, cosines)
 
@@ -92,13 +92,14 @@ def next_point(oscillator: Oscillator, point: GridPoint) -> GridPoint:
     for j in range(len(point.sines)):
         sine = point.sines[j]
         cosine = point.cosines[j]
-        pushed += cosine * grid.x_cosine[j] + sine * grid.x_sine[j]
-        speeded += cosine * grid.v_cosine[j] + sine * grid.v_sine[j]
+        harmonic = oscillator.harmonics[j]
+        pushed += cosine * harmonic.x_cosine + sine * harmonic.x_sine
+        speeded += cosine * harmonic.v_cosine + sine * harmonic.v_sine
     # Terms that are known early come first: each point waits for the one before.
     offset = (pushed + point.offset * grid.x_x) + point.velocity * grid.x_v
     velocity = (speeded + point.offset * grid.v_x) + point.velocity * grid.v_v
-    sines = _next_sines(point.sines, point.cosines, grid.turn_cosine, grid.turn_sine)
-    cosines = _next_cosines(point.sines, point.cosines, grid.turn_cosine, grid.turn_sine)
+    sines = _next_sines(point.sines, point.cosines, oscillator.harmonics)
+    cosines = _next_cosines(point.sines, point.cosines, oscillator.harmonics)
     return GridPoint(offset, velocity, sines, cosines)
 
 
@@ -113,7 +114,8 @@ def jerk_of(oscillator: Oscillator, point: GridPoint, x_2: float) -> float:
     """Return X''' at a grid point, from X'' there."""
     jerk = -2.0 * oscillator.decay * x_2 - oscillator.omega_squared * point.velocity
     for j in range(len(point.cosines)):
-        jerk += oscillator.forces[j] * oscillator.frequencies[j] * point.cosines[j]
+        harmonic = oscillator.harmonics[j]
+        jerk += harmonic.force * harmonic.frequency * point.cosines[j]
     return jerk
 
 
@@ -339,9 +341,11 @@ def _series_at(oscillator: Oscillator, point: GridPoint) -> _Series:
     f_13 = -0.0
     f_14 = -0.0
     for j in range(len(point.sines)):
-        even = grid.pushes[j] * point.sines[j]
-        odd = grid.pushes[j] * grid.turns[j] * point.cosines[j]
-        turned = -grid.turns[j] * grid.turns[j]
+        push = oscillator.harmonics[j].push
+        turn = oscillator.harmonics[j].turn
+        even = push * point.sines[j]
+        odd = push * turn * point.cosines[j]
+        turned = -turn * turn
         f_0 += even
         f_1 += odd
         even *= turned

@@ -241,7 +241,9 @@ def _shares(result: RunResult, around: Events, start: float, end: float) -> Time
 def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     """Measure a motion; its period is 0 if it does not repeat, `before` are the events so far."""
     begun, cycle = rig.cycles, rig.cycle
-    finer = max([rig.omega, *rig.machine.free.frequencies]) * cycle / math.tau
+    finer = (
+        max([rig.omega, *(one.frequency for one in rig.machine.free.harmonics)]) * cycle / math.tau
+    )
     looks = math.ceil((_SAMPLES if period else _FEWER_SAMPLES) * min(max(finer, 1.0), _MOST_FINER))
     cycles = 2 * period or rig.settling.watch
     start, (mode, last_stop) = rig.time_after(begun), rig.state()

@@ -56,10 +56,10 @@ class Exact:
         # The damped frequency is a rounded float of the oscillator; the exact one is meant.
         self.b = mp.sqrt(self.square - self.a**2)
         self.terms = []
-        for force, W, s, c in zip(o.forces, o.frequencies, f.sines, f.cosines, strict=True):
-            W, turn = mp.mpf(W), mp.mpc(c, s)
+        for harmonic, s, c in zip(o.harmonics, f.sines, f.cosines, strict=True):
+            W, turn = mp.mpf(harmonic.frequency), mp.mpc(c, s)
             below = mp.mpc(self.square - W * W, 2 * self.a * W)
-            self.terms.append((force * turn, W, below, below == 0))
+            self.terms.append((harmonic.force * turn, W, below, below == 0))
         x_p, v_p = self.particular(mp.mpf(0))
         self.x_h, self.v_h = f.x - x_p, f.velocity - v_p
 
@@ -100,9 +100,9 @@ def scales(flight, t):
     o = flight.oscillator
     omega = math.sqrt(o.omega_squared)
     length, speed = abs(flight.x) + abs(flight.velocity) * min(t, 1 / o.frequency), 0.0
-    pulls = [abs(flight.constant)] + [abs(f) for f in o.forces]
-    fast = [0.0, *o.frequencies]
-    turns = 1 + max(omega, *(W for W, f in zip(o.frequencies, o.forces, strict=True) if f)) * t
+    pulls = [abs(flight.constant)] + [abs(one.force) for one in o.harmonics]
+    fast = [0.0, *(one.frequency for one in o.harmonics)]
+    turns = 1 + max(omega, *(one.frequency for one in o.harmonics if one.force)) * t
     for pull, W in zip(pulls, fast, strict=True):
         near = math.hypot(o.decay, W - o.frequency)
         reach = min(t * t / 2, t / o.frequency, 2 / (o.frequency * near) if near else inf)
@@ -233,12 +233,14 @@ def test_derivatives_are_those_of_the_motion(seed):
     flight = random_flight(rng)
     exact = Exact(flight)
     omega = math.sqrt(flight.oscillator.omega_squared)
-    fastest = max(omega, *flight.oscillator.frequencies)
+    fastest = max(omega, *(one.frequency for one in flight.oscillator.harmonics))
     t = 10 ** rng.uniform(-3, 1) / omega
     motion = motion_at(flight, t)
     step = mp.mpf(10) ** -9 / fastest
     values = [mp.diff(lambda s: exact(s)[2], t, order, h=step) for order in range(5)]
-    strength = abs(flight.acceleration) + sum(map(abs, flight.oscillator.forces))
+    strength = abs(flight.acceleration) + sum(
+        abs(one.force) for one in flight.oscillator.harmonics
+    )
     strength += omega * abs(flight.velocity) + omega**2 * abs(flight.x) + omega**2
     for order, want in enumerate(values):
         got = (motion.x_2, motion.x_3, motion.x_4, motion.x_5, motion.x_6)[order]
