@@ -51,8 +51,8 @@ SAMPLE_TYPE = np.dtype([(name, 'f8') for name in Sample._fields])
 _ROWS = 512
 #: Most rows allotted beyond twice the size; pages that are not written to take no memory.
 _MOST_AHEAD = 1_000_000
-#: Most harmonics for which a loop of their own is compiled, with tuples; that for any number of
-#: them, with arrays, takes 10 to 20 times as long for an event (2 harmonics 26, 8 harmonics 8).
+#: Most harmonics for which a loop of their own is compiled, with tuples: 4 to 7 times as fast as
+#: the one with arrays for any number of them.
 _MOST_IN_TUPLES = 8
 #: More events than any run has.
 _MOST = 2**62
