@@ -14,7 +14,11 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from .controlled_rig import ControlledRig
+from impact_damper_ros.rig.event_budget import MOST_EVENTS, EndlessEventsError
+from impact_damper_ros.rig.long_run import Outcome
+from impact_damper_ros.rig.run_loop import open_flight, state_at
+
+from .controlled_run import ControlledRun
 from .controller import PARTS
 from .state import LENGTH, SPEED, TIME, Kinds
 
@@ -83,11 +87,14 @@ class RigState(NamedTuple):
         Where in the state each of them is.
     rest : tuple
         All the rest of it.
+    parts : dict
+        The whole of it: origin of the motion, and state of the control, as in a snapshot.
     """
 
     numbers: Array
     places: tuple[_Path, ...]
     rest: tuple[tuple[_Path, Any], ...]
+    parts: dict[str, Any]
 
     @property
     def mode(self) -> int:
@@ -122,39 +129,55 @@ def _changed(node: Any, path: _Path, value: float) -> Any:
     return [*node[:key], entry, *node[key + 1 :]]
 
 
-class NearbyRig(ControlledRig):
-    """A `ControlledRig` whose state can be compared with that of another, and displaced."""
+class NearbyRig(ControlledRun):
+    """A `ControlledRun` whose state can be compared with that of another, and displaced."""
 
-    def _parts(self) -> dict[str, Any]:
-        return {
-            'origin': self.state_here().as_dict()['origin'],
-            'state': self._control.as_dict(),
-        }
+    def go_to(self, time: float) -> list[tuple[int, int]]:
+        """
+        Go on to a later time; return kinds and stops of the events, in which neighbours agree.
+
+        Raises
+        ------
+        EndlessEventsError
+            If there are too many of them.
+        """
+        result = self.advance(time, most_events=MOST_EVENTS)
+        if result.outcome is not Outcome.COMPLETE:
+            raise EndlessEventsError(result.reason)
+        return list(zip(result.events['kind'], result.events['stop'], strict=True))
 
     def go_between_samples(self) -> None:
         """Go on to the middle between two samples, away from what round-off decides."""
-        rate, index = self.control.gap_control_rate, self._control.controller.sample_index
+        rate, index = self.control.gap_control_rate, self._loop.control.controller.sample_index
         if (index - 0.5) / rate <= self.time:
             index += 1
-        self.advance((index - 0.5) / rate)
+        self.go_to((index - 0.5) / rate)
 
     def numbers(self) -> RigState:
         """Return the state at the present time."""
-        parts = self._parts()
-        if not self._control.timed.closed:
+        control = self._loop.control
+        here = state_at(
+            open_flight(self._loop.constants, self._state.origin, self.time), self.time
+        )
+        origin = self._state._replace(origin=here).as_dict()['origin']
+        parts = {'origin': origin, 'state': control.as_dict()}
+        seen = parts
+        if not control.timed.closed:
             # Left from the last stop that was closed
-            del parts['state']['timed']['until']
-        leaves = list(_leaves(parts))
+            timed = {k: v for k, v in parts['state']['timed'].items() if k != 'until'}
+            seen = {**parts, 'state': {**parts['state'], 'timed': timed}}
+        leaves = list(_leaves(seen))
         numbers = [(path, value) for path, value in leaves if isinstance(value, float)]
         return RigState(
             np.array([value for _, value in numbers]),
             tuple(path for path, _ in numbers),
             tuple((path, value) for path, value in leaves if not isinstance(value, float)),
+            parts,
         )
 
     def at(self, state: RigState, numbers: Array) -> Self | None:
         """Return a rig with other numbers; None if m would pass a stop or slide backwards."""
-        parts: dict[str, Any] = self._parts()
+        parts = state.parts
         for path, value in zip(state.places, numbers.tolist(), strict=True):
             parts = _changed(parts, path, value)
         origin, here = parts['origin'], dict(zip(state.places, state.numbers, strict=True))

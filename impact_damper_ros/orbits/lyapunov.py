@@ -26,7 +26,6 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,8 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
-from impact_damper_ros.rig import Event, EventKind, Mode
-from impact_damper_ros.rig.event_budget import EventBudget
+from impact_damper_ros.rig import EventKind, Mode
 from impact_damper_ros.rig.long_run import Events
 from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
 
@@ -245,11 +243,6 @@ def _rig(snapshot: dict[str, Any]) -> NearbyRig:
     return rig
 
 
-def _sequence(events: Iterable[Event]) -> list[tuple[int, int]]:
-    """Return kinds and stops of events, in which neighbours agree."""
-    return [(int(event.kind), event.stop) for event in events]
-
-
 def _near(rig: NearbyRig, scales: Scales) -> float:
     """Return how far apart neighbours are at first."""
     return max(_NEAR, _CLEAR * scales.rate * math.ulp(rig.time))
@@ -280,7 +273,7 @@ class _Period:
         #: Error of a deviation, relative to it: instants are the coarsest numbers of a state.
         self.round_off = max(_ROUND_OFF, scales.rate * math.ulp(self.end) / self.near)
         self.last = NearbyRig.restore(rig.snapshot())
-        self.sequence = _sequence(EventBudget().advance(self.last, self.end))
+        self.sequence = self.last.go_to(self.end)
         self.reached = self.last.numbers()
 
     def carried(self, deviation: Array) -> Array | None:
@@ -288,7 +281,7 @@ class _Period:
         for side in (1.0, -1.0):
             step = side * self.step
             other = self.rig.at(self.begun, self.begun.numbers + step * deviation)
-            if other is None or _sequence(EventBudget().advance(other, self.end)) != self.sequence:
+            if other is None or other.go_to(self.end) != self.sequence:
                 continue
             there = other.numbers()
             if not there.alike(self.reached):
@@ -400,21 +393,22 @@ def parting_exponent(
     growth, spans = np.zeros(cycles), np.zeros(cycles)
     other: NearbyRig | None = None
     size, done = near, 0
-    budgets = EventBudget(), EventBudget()
     while done < cycles:
         if other is None:
             deviation = near * scales.of(state) * _first_deviation(state)
             other, size = rig.at(state, state.numbers + deviation), near
             other = other or rig.at(state, state.numbers - deviation)
         first, apart = done, None
-        events: tuple[list[Event], list[Event]] = ([], [])
+        events: list[tuple[int, int]] = []
+        its_events: list[tuple[int, int]] = []
         while apart is None and done < min(cycles, first + _PATIENCE):
             done += 1
-            events[0].extend(budgets[0].advance(rig, begun + done * cycle))
+            events += rig.go_to(begun + done * cycle)
             state = rig.numbers()
             if other is not None:
-                events[1].extend(budgets[1].advance(other, rig.time))
-                apart = _separation(state, other, events, scales)
+                its_events += other.go_to(rig.time)
+                if its_events == events:
+                    apart = _separation(state, other.numbers(), scales)
         if apart is None or other is None:
             other = None
             continue
@@ -435,12 +429,9 @@ def parting_exponent(
     )
 
 
-def _separation(
-    state: RigState, other: NearbyRig, events: tuple[list[Event], list[Event]], scales: Scales
-) -> Array | None:
+def _separation(state: RigState, there: RigState, scales: Scales) -> Array | None:
     """Return the scaled distance of a neighbour; None if it cannot be compared."""
-    there = other.numbers()
-    if not there.alike(state) or _sequence(events[0]) != _sequence(events[1]):
+    if not there.alike(state):
         return None
     apart = (there.numbers - state.numbers) / scales.of(state)
     return apart if float(np.linalg.norm(apart)) < _PARTED else None

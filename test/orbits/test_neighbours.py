@@ -161,9 +161,9 @@ def test_the_middle_of_the_motion_of_m_is_nobodys_business():
         moved[here.places.index(('origin', place))] += by
     other = rig.at(here, moved)
     until = rig.time + 40.0 * state.cycle
-    ends = [one.advance(until) and one.sample() for one in (rig, other)]
-    assert ends[1].x == pytest.approx(ends[0].x, abs=1e-6)
-    assert ends[1].z - ends[0].z == pytest.approx(0.01, rel=1e-3)
+    ends = [one.advance(until, [until]).samples[0] for one in (rig, other)]
+    assert ends[1]['x'] == pytest.approx(ends[0]['x'], abs=1e-6)
+    assert ends[1]['z'] - ends[0]['z'] == pytest.approx(0.01, rel=1e-3)
 
 
 def test_noise_is_the_same_for_neighbours():
@@ -195,7 +195,7 @@ def test_neighbours_are_where_m_can_be():
     # It begins a flight here, whose first instant is known to round-off.
     assert same.numbers().numbers == pytest.approx(state.numbers, rel=1e-14, abs=1e-15)
     assert same.numbers().alike(state)
-    later = [one.advance(120.0) and one.sample() for one in (rig, same)]
+    later = [one.advance(120.0, [120.0]).samples.tolist()[0] for one in (rig, same)]
     assert later[1] == pytest.approx(later[0], rel=1e-9)
     beyond = state.numbers.copy()
     beyond[state.places.index(('origin', 'clearance_1'))] = -1e-9
