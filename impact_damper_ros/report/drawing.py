@@ -116,6 +116,17 @@ def finish_panel(axes: Any, panel: str, x_label: str, y_label: str) -> None:
         axes.set_title(f'({panel})', loc='left', fontweight='bold')
 
 
+def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **look: Any) -> None:
+    """Put a legend below the panels of a figure, in at most so many columns as fit into it."""
+    for count in range(columns, 0, -1):
+        legend = figure.legend(
+            handles=handles, loc='outside lower center', ncols=count, frameon=False, **look
+        )
+        if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
+
+
 def save_figure(figure: Figure, path: Path) -> None:
     """
     Write a figure, whole or not at all, without a date.

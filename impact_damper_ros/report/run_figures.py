@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .drawing import COLORS, DASHED, blank_figure, draw_stop, finish_panel, legend_handles
+from .drawing import (
+    COLORS,
+    DASHED,
+    blank_figure,
+    draw_stop,
+    finish_panel,
+    legend_below,
+    legend_handles,
+)
 from .formatting import Unit, unit_for
 
 if TYPE_CHECKING:
@@ -133,7 +141,7 @@ def _legend(figure: Figure, lines: Sequence[tuple[str, str, str]], *, band: bool
     )
     for mark in handles[len(lines) + 1 : len(lines) + 3]:
         mark.set_markeredgecolor('black')
-    figure.legend(handles=handles, loc='outside lower center', ncols=len(handles), frameon=False)
+    legend_below(figure, handles, len(handles))
 
 
 def draw_motion(

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.report.drawing import BLUE, ORANGE, blank_figure, finish_panel, save_figure
+from impact_damper_ros.report.drawing import (
+    BLUE,
+    ORANGE,
+    blank_figure,
+    finish_panel,
+    legend_below,
+    save_figure,
+)
 
 from .optimum import Nearby, Optimum
 from .plan import Axis
@@ -211,7 +218,7 @@ def basin_figure(table: SweepTable) -> Figure:
         )
     if (numbers == FAILED).any():
         handles.append(Patch(facecolor=_NONE, label='failed'))
-    figure.legend(handles=handles, loc='outside lower center', ncols=1, frameon=False)
+    legend_below(figure, handles, 1)
     figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')
     return figure
 
@@ -328,14 +335,8 @@ def bifurcation_figure(table: SweepTable, measure: str, optimum: Optimum | None)
     finish_panel(middle, 'b', '' if exponents else _axis_label(axis), _measure_label(measure))
     if exponents:
         finish_panel(panels[2], 'c', _axis_label(axis), 'Lyapunov exponent\n[1/cycle]')
-    handles, labels = middle.get_legend_handles_labels()
-    figure.legend(
-        *(handles, labels),
-        loc='outside lower center',
-        ncols=2 if optimum is not None else 3,
-        frameon=False,
-        markerscale=2.0,
-    )
+    handles, _ = middle.get_legend_handles_labels()
+    legend_below(figure, handles, 2 if optimum is not None else 3, markerscale=2.0)
     figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')
     return figure
 
@@ -476,7 +477,7 @@ def surface_figure(table: SweepTable, measure: str, optimum: Optimum | None) -> 
     figure.colorbar(colors, ax=list(panels), label=_measure_label(measure), pad=0.015)
     handles = _legend(table, measure, optimum)
     if handles:
-        figure.legend(handles=handles, loc='outside lower center', ncols=2, frameon=False)
+        legend_below(figure, handles, 2)
     figure.suptitle(_fixed_text(table), fontsize=7.5, color='0.3')
     return figure
 

@@ -210,6 +210,22 @@ def test_no_optimum_without_a_motion_that_repeats(tmp_path):
     assert 'damping is 2.0 N s/m' in summary_text(tmp_path, summary_of(table, None))
 
 
+def test_long_legends_stay_in_the_figure():
+    pytest.importorskip('matplotlib')
+    from matplotlib.lines import Line2D
+
+    from impact_damper_ros.report.drawing import blank_figure, legend_below
+
+    for length, columns in ((10, 3), (45, 2), (75, 1), (300, 1)):
+        figure = blank_figure(6.3, 4.0)
+        figure.subplots()
+        legend_below(figure, [Line2D([], [], label='m' * (length // 2)) for _ in range(6)], 3)
+        (legend,) = figure.legends
+        assert legend._ncols == columns
+        if length < 300:
+            assert legend.get_window_extent().width <= figure.bbox.width
+
+
 def panels(figure):
     return [axes for axes in figure.axes if axes.get_label() != '<colorbar>']
 
