@@ -51,7 +51,7 @@ const recordings = new Recordings((name) => join({ bag: name }));
 /** What the address holds, and what of it still has to be sent to the rig. */
 const asked = readAddress();
 let wanted = isOwnAddress() ? null : asked;
-const shared = { rig: asked.rig ?? '', bag: asked.bag ?? '', preset: '', values: {}, view: { ...asked.view } };
+const shared = { rig: asked.rig ?? '', bag: asked.bag ?? '', preset: '', values: asked.bag ? asked.values : {}, view: { ...asked.view } };
 let hello = { mode: 'live', parameters: [] };
 let ghostValues = {};
 /** Values of the rig itself; beside a recording the knobs hold those of the ghost. */
@@ -87,9 +87,10 @@ function setStatus(state, text = '') {
 }
 
 function join({ rig: name = '', bag = '' }) {
+  // Those of a recording are the values of its what-if.
+  if (bag || shared.bag) Object.assign(shared, { preset: '', values: {} });
   shared.rig = name;
   shared.bag = bag;
-  if (bag) Object.assign(shared, { preset: '', values: {} });
   wanted = null;
   connection.join({ rig: name, bag });
   keepAddress();
@@ -107,6 +108,8 @@ async function setValues(values) {
     ghostValues = { ...ghostValues, ...values };
     connection.send({ type: 'what_if', values: ghostValues });
     byId('clear-ghost').hidden = false;
+    shared.values = ghostValues;
+    keepAddress();
     return { ok: true, reason: '' };
   }
   const answer = await connection.ask({ type: 'set', values });
@@ -177,7 +180,7 @@ connection.addEventListener('hello', ({ detail }) => {
   const live = detail.mode !== 'player';
   for (const id of ['pause', 'reset']) byId(id).hidden = !live;
   byId('record').hidden = !live || detail.can_record === false;
-  byId('presets-open').hidden = !live;
+  for (const id of ['presets-open', 'tour-open']) byId(id).hidden = !live;
   if (!live) verdict.recorded();
   write(byId('knobs-title'), live ? 'Knobs' : 'What if');
   write(byId('preset-name'), live ? '' : 'as a ghost');
@@ -205,6 +208,7 @@ connection.addEventListener('hello', ({ detail }) => {
   sendView();
   if (live && detail.rig && detail.parameters.length) applyWanted();
   if (!live && wanted?.time) player.seek(wanted.time);
+  if (!live && Object.keys(shared.values).length) turn(shared.values);
   if (live) showPreset();
 });
 
@@ -214,7 +218,7 @@ async function applyWanted() {
   wanted = null;
   if (!state) {
     // Loaded anew: what this tab has set before still stands in the address.
-    Object.assign(shared, { preset: asked.preset ?? shared.preset, values: { ...asked.values, ...shared.values } });
+    if (!asked.bag) Object.assign(shared, { preset: asked.preset ?? shared.preset, values: { ...asked.values, ...shared.values } });
     return;
   }
   if (state.preset) await loadPreset(state.preset);
@@ -333,6 +337,8 @@ byId('rig-choice').addEventListener('change', () => join({ rig: byId('rig-choice
 byId('back-live').addEventListener('click', () => join({}));
 byId('clear-ghost').addEventListener('click', () => {
   ghostValues = {};
+  shared.values = {};
+  keepAddress();
   connection.send({ type: 'what_if', values: null });
   knobs.make(hello.parameters);
   byId('clear-ghost').hidden = true;
