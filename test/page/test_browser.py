@@ -359,6 +359,21 @@ def test_the_tour_has_six_steps(opened):
     assert page.run('document.activeElement.id') == 'tour-open'
 
 
+def test_theory_is_drawn_while_the_rig_is_paused(opened):
+    page = opened()
+    page.wait('impactDamper.theory.orbit?.found', LONG)
+    page.click('#pause')
+    page.wait("document.querySelector('#status').dataset.state === 'paused'", LONG)
+    page.wait('impactDamper.history.paused', LONG)
+    # Nothing comes in any more that would have it drawn.
+    names = '#portrait-canvas', '#map-canvas', '#plot canvas'
+    for _ in ('off', 'on'):
+        shown = {name: picture(page, name) for name in names}
+        page.click('#theory')
+        for name in names:
+            until(lambda n=name, s=shown[name]: picture(page, n) != s, f'{name} is not drawn')
+
+
 def test_slow_motion_shows_the_last_impacts(opened):
     page = opened()
     page.click('#slow')

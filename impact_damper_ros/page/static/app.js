@@ -59,8 +59,8 @@ let rigValues = {};
 let status = 'connecting';
 let presetList = [];
 
-// Measurements: times between frames and of drawing, and how much has come in.
-const counted = { frames: 0, bytes: 0, drawn: 0, work: [], latest: 0 };
+// Measurements: times between frames and of drawing, how much has come in, and of when its newest is.
+const counted = { frames: 0, bytes: 0, drawn: 0, work: [], latest: 0, epoch: 0 };
 globalThis.impactDamper = { counted, history, theory };
 
 function setStatus(state, text = '') {
@@ -207,7 +207,11 @@ connection.addEventListener('hello', ({ detail }) => {
   setStatus(detail.rig || !live ? 'running' : 'gone');
   sendView();
   if (live && detail.rig && detail.parameters.length) applyWanted();
-  if (!live && wanted?.time) player.seek(wanted.time);
+  if (!live && asked.time && asked.bag === shared.bag) {
+    player.seek(asked.time);
+    // Once: a connection that is lost later goes on elsewhere.
+    asked.time = NaN;
+  }
   if (!live && Object.keys(shared.values).length) turn(shared.values);
   if (live) showPreset();
 });
@@ -273,6 +277,7 @@ connection.addEventListener('frame', ({ detail: frame }) => {
   }
   counted.frames += 1;
   counted.bytes += frame.bytes;
+  counted.epoch = frame.epoch;
   counted.latest = now;
   const due = frame.paused ? 'paused' : 'running';
   if (!player.on && status !== 'lagging' && status !== due) setStatus(due);
@@ -308,7 +313,7 @@ for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
     theory.take(detail);
     curve.stale = true;
     multipliers.stale = true;
-    map.stale = true;
+    redraw();
     const best = theory.curve?.optimum?.gap;
     write(byId('curve-line'), best > 0 ? `optimum ${theory.curve.done ? '' : '≈\u202f'}${withUnit(best, 'm')}` : '');
     if (type !== 'gap_curve') write(byId('map-line'), theory.orbit ? theory.orbit.label ?? theory.orbit.text : '');
@@ -351,7 +356,7 @@ byId('sound').addEventListener('change', () => clicks.switch(byId('sound').check
 byId('theory').addEventListener('change', () => {
   const on = byId('theory').checked;
   for (const picture of [traces, portrait, map]) picture.showTheory = on;
-  map.stale = true;
+  redraw();
   connection.send({ type: 'theory', orbit: on, curve: true });
   keepView('theory', on ? '' : '0');
 });
@@ -489,6 +494,13 @@ startTour({
 
 let drawn = -1;
 let drawnImpacts = -1;
+
+/** Draw the motion anew though nothing moves: theory is another one. */
+function redraw() {
+  drawn = -1;
+  map.stale = true;
+}
+
 let spoken = 0;
 function draw(now) {
   requestAnimationFrame(draw);
