@@ -24,7 +24,7 @@ from page.page_process import PageProcess
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
 #: Longer than anything takes on a machine with much else to do.
 LONG = 90.0
-SIZES = ((360, 780), (1280, 800), (2560, 1440))
+SIZES = ((360, 780), (660, 900), (1280, 800), (2560, 1440))
 #: The rig goes on; beside many other programs it lags, and the page says so.
 SETTLED = "['running', 'lagging'].includes(document.querySelector('#status').dataset.state)"
 FULL = (
@@ -290,7 +290,7 @@ def test_the_layout_at_every_size(opened, dark):
             .filter(one => one.clientWidth < 90 || one.clientHeight < 90).map(one => one.id)""")
         assert small == []
         # Names and numbers beside one another are not cut.
-        clipped = page.run("""[...document.querySelectorAll('#numbers dt, #numbers dd')]
+        clipped = page.run("""[...document.querySelectorAll('#numbers dt, #numbers dd, #legend')]
             .filter(one => one.scrollWidth > one.clientWidth).map(one => one.textContent)""")
         assert clipped == []
     shade = page.run('getComputedStyle(document.body).backgroundColor')
