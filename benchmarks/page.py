@@ -42,7 +42,7 @@ from node_process import (
     say,
 )
 
-HEADER = struct.Struct('<BBHHHddd')
+HEADER = struct.Struct('<BBHHHHHddd')
 RATE = 200
 CLIENTS = 4
 

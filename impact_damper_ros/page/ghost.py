@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .child import Child
-from .motion import SAMPLE_COLUMNS, Motion, Rows
+from .motion import SAMPLE_COLUMNS, Motion
 from .recorded import MOST_SAMPLES
 
 _PROCESS = 'impact_damper_ros.page.what_if_process'
@@ -42,15 +42,6 @@ class Ghost:
         self._child = Child((sys.executable, '-m', _PROCESS), self._take)
         self._child.send({'path': str(path), 'values': self._values})
         self._say('computing')
-
-    def state(self, time: float) -> Rows | None:
-        """Return where it is at an instant; None where it is not known (yet)."""
-        samples = self.motion.samples
-        if not len(samples) or not samples[0, 0] <= time <= samples[-1, 0] + 0.1:
-            return None
-        place = int(np.searchsorted(samples[:, 0], time, side='right')) - 1
-        row: Rows = samples[place, 1:]
-        return row
 
     def _say(self, text: str, *, on: bool = True, done: bool = False) -> None:
         samples = self.motion.samples

@@ -58,7 +58,6 @@ class Player:
         self._ghost: Ghost | None = None
         self._said = ''
         self._said_at = -math.inf
-        self._sent = math.nan
         self._tell: Callable[[dict[str, Any]], None] = lambda _: None
         self._theorist = Theorist(self._tell_theory)
 
@@ -111,11 +110,9 @@ class Player:
         if self._playing and now >= self._end:
             self._go_to(self._end, playing=False)
         self._look(now)
-        ghost = self._ghost.state(now) if self._ghost is not None else None
-        # The ghost may come to be known while nothing moves.
-        if not view.wants(now) and (ghost is None or now == self._sent):
+        ghost = self._ghost.motion if self._ghost is not None else None
+        if not view.wants(now, ghost):
             return None
-        self._sent = now if ghost is not None else math.nan
         flags = 0 if self._playing else PAUSED
         state = state_at(self._recorded.motion, now)
         return view.frame(self._recorded.motion, now, now, flags, ghost, state)

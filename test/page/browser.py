@@ -17,7 +17,7 @@ from impact_damper_ros.page.server import PageServer
 from .fake_rig import NoAnswerError
 
 DEADLINE_S = 300.0
-HEADER = struct.Struct('<BBHHHddd')
+HEADER = struct.Struct('<BBHHHHHddd')
 
 
 @dataclass
@@ -31,19 +31,22 @@ class Frame:
     columns: np.ndarray
     impacts: np.ndarray
     samples: np.ndarray
+    ghost_columns: np.ndarray
+    ghost_samples: np.ndarray
 
 
 def taken_apart(content):
     """Return a frame as the page reads it."""
-    kind, flags, columns, impacts, samples, end, start, epoch = HEADER.unpack_from(content)
+    kind, flags, *counts, end, start, epoch = HEADER.unpack_from(content)
     assert kind == 1
     numbers = np.frombuffer(content[HEADER.size :], '<f4')
-    counts = [10, 10 if flags & 2 else 0, 8 * columns, 8 * impacts, 6 * samples]
-    assert sum(counts) == len(numbers)
-    state, ghost, *tables = np.split(numbers, np.cumsum(counts)[:-1])
+    widths = (8, 8, 6, 8, 6)
+    sizes = [10, 10 if flags & 2 else 0, *(n * w for n, w in zip(counts, widths, strict=True))]
+    assert sum(sizes) == len(numbers)
+    state, ghost, *tables = np.split(numbers, np.cumsum(sizes)[:-1])
     return Frame(
         *(flags, end, start, epoch, state, ghost if len(ghost) else None),
-        *(t.reshape(-1, width) for t, width in zip(tables, (8, 8, 6), strict=True)),
+        *(t.reshape(-1, width) for t, width in zip(tables, widths, strict=True)),
     )
 
 

@@ -1,5 +1,8 @@
 """
-Frame times of the page, with traces of 30 s, as headless Chromium measures them.
+Frame times of the page, with traces of 30 s, and how old its pictures are.
+
+Headless Chromium measures them. A picture is taken to be on the screen when the next one begins;
+its age is from the stamp of the newest joint state in it to that instant.
 
 From the directory of the package: `PYTHONPATH=.:test python -m page.frame_times`. Chromium draws
 without a graphics processor here, so that any real one is faster.
@@ -27,16 +30,22 @@ WINDOWS = (3, 10, 30)
 SIZES = ((360, 780), (1280, 800), (2560, 1440))
 #: The traces have come to their length.
 FULL = '(({{line, end}}) => end - line.arrays[0][line.start] > {length})(impactDamper.history)'
-#: Between frames of the screen, and in drawing one that has something new.
+#: Between frames of the screen, in drawing one that has something new, and from a joint state to
+#: the screen.
 PROBE = """new Promise(resolve => {{
-    impactDamper.counted.work.length = 0;
-    const times = [], frames = impactDamper.counted.frames, begun = performance.now();
+    const {{ counted }} = impactDamper;
+    counted.work.length = 0;
+    const times = [], ages = [], {{ frames }} = counted, begun = performance.now();
+    let {{ drawn }} = counted, epoch = null;
     requestAnimationFrame(function next(now) {{
         times.push(now);
+        // The page has just drawn this one; it was asked for the frame before this probe was.
+        if (epoch !== null) ages.push(performance.timeOrigin + now - 1000 * epoch);
+        epoch = counted.drawn === drawn ? null : counted.epoch;
+        drawn = counted.drawn;
         if (now - begun < 1000 * {seconds}) return requestAnimationFrame(next);
         const spans = times.slice(1).map((time, n) => time - times[n]);
-        resolve([spans, impactDamper.counted.work,
-            (impactDamper.counted.frames - frames) / {seconds}]);
+        resolve([spans, counted.work, ages, (counted.frames - frames) / {seconds}]);
     }});
 }})"""
 
@@ -64,18 +73,19 @@ def main():
             page = browser.open(server.address + f'#window={arguments.window}')
             page.wait(FULL.format(length=0.98 * arguments.window), LONG)
             print(
-                '| window | between frames: median, p99 | drawing: median, p99 | frames received |'
+                '| window | between frames: median, p99 | drawing: median, p99 '
+                '| joint state to screen: median, p99 | frames received |'
             )
-            print('| --- | --- | --- | --- |')
+            print('| --- | --- | --- | --- | --- |')
             for width, height in SIZES:
                 page.resize(width, height)
                 page.run('new Promise(resolve => setTimeout(resolve, 1500))')
-                spans, drawn, rate = page.run(PROBE.format(seconds=arguments.seconds))
+                *measured, rate = page.run(PROBE.format(seconds=arguments.seconds))
                 cells = [
                     f'{quantile(values, 0.5):.1f}, {quantile(values, 0.99):.1f} ms'
-                    for values in (spans, drawn)
+                    for values in measured
                 ]
-                print(f'| {width} × {height} | {cells[0]} | {cells[1]} | {rate:.0f} /s |')
+                print(f'| {width} × {height} | {" | ".join(cells)} | {rate:.0f} /s |')
         finally:
             node.stop()
             browser.close()

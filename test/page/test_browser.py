@@ -2,6 +2,8 @@
 
 import json
 import math
+import re
+import shutil
 
 import chromium
 import pytest
@@ -13,6 +15,7 @@ from node.rig_client import SOURCE, RigClient, RigParametersClient, SimProcess, 
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
 from page.devtools import Browser
@@ -21,12 +24,25 @@ from page.page_process import PageProcess
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
 #: Longer than anything takes on a machine with much else to do.
 LONG = 90.0
-SIZES = ((360, 780), (1280, 800), (2560, 1440))
+SIZES = ((360, 780), (660, 900), (1280, 800), (2560, 1440))
 #: The rig goes on; beside many other programs it lags, and the page says so.
 SETTLED = "['running', 'lagging'].includes(document.querySelector('#status').dataset.state)"
 FULL = (
     f"{SETTLED} && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"
 )
+
+#: Points of the traces, and of those of the what-if.
+LENGTHS = "['line', 'ghostLine'].map(name => impactDamper.history[name].length)"
+#: Pixels in the colour of the what-if.
+MAGENTA = """(canvas => {
+    const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    let count = 0;
+    for (let n = 0; n < data.length; n += 4) {
+        const [red, green, blue, alpha] = data.subarray(n, n + 4);
+        if (alpha > 100 && Math.min(red, blue) - green > 50) count += 1;
+    }
+    return count;
+})(document.querySelector('PLACE'))"""
 
 
 @pytest.fixture(scope='module')
@@ -229,7 +245,7 @@ def test_the_address_reproduces_the_rig(opened, parameters):
     assert parameters.set(friction=0.02) == ''
 
 
-def test_texts_of_the_rig_are_no_markup(opened, parameters):
+def test_texts_are_no_markup(opened, live, parameters):
     before = parameters.get('bag_directory')
     page = opened()
     page.run("document.querySelector('#more-knobs').open = true")
@@ -239,6 +255,21 @@ def test_texts_of_the_rig_are_no_markup(opened, parameters):
     assert page.run("document.querySelectorAll('img').length") == 0
     assert page.run('document.title') == 'Impact damper'
     assert parameters.set(bag_directory=before) == ''
+    # nor do those of a bag
+    bag = live.recordings / bad
+    assert simulate_rig([str(BENCH), '--duration', '2', '--bag', str(bag), '--quiet']) == 0
+    page.click('#recordings-open')
+    row = f'.recording[data-name={json.dumps(bad)}]'
+    page.wait(f'document.querySelector({json.dumps(row)})', LONG)
+    page.click(f'{row} .primary')
+    page.wait("document.body.classList.contains('playing') && impactDamper.history.state", LONG)
+    assert page.text('#rig-choice') == bad
+    page.click('#link')
+    page.call('Page.reload')
+    page.wait("document.body.classList.contains('playing') && impactDamper.history.state", LONG)
+    assert page.run("document.querySelectorAll('img').length") == 0
+    assert page.run('document.title') == 'Impact damper'
+    shutil.rmtree(bag)
 
 
 @pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
@@ -259,7 +290,7 @@ def test_the_layout_at_every_size(opened, dark):
             .filter(one => one.clientWidth < 90 || one.clientHeight < 90).map(one => one.id)""")
         assert small == []
         # Names and numbers beside one another are not cut.
-        clipped = page.run("""[...document.querySelectorAll('#numbers dt, #numbers dd')]
+        clipped = page.run("""[...document.querySelectorAll('#numbers dt, #numbers dd, #legend')]
             .filter(one => one.scrollWidth > one.clientWidth).map(one => one.textContent)""")
         assert clipped == []
     shade = page.run('getComputedStyle(document.body).backgroundColor')
@@ -289,6 +320,9 @@ def test_names_for_a_screen_reader(opened):
     assert len(found) > 60
     nameless = [n for n in found if not n.get('name', {}).get('value')]
     assert nameless == []
+    # A word of the glossary is read with its sentence.
+    described = [n['description']['value'] for n in found if n.get('description', {}).get('value')]
+    assert any('stays between the stops' in text or 'unit circle' in text for text in described)
     # The space bar holds the rig, and lets it go.
     page.run('document.activeElement.blur()')
     page.key(' ', 32)
@@ -323,6 +357,21 @@ def test_the_tour_has_six_steps(opened):
         page.click('#tour-next')
     assert page.run("document.querySelector('#tour').hidden")
     assert page.run('document.activeElement.id') == 'tour-open'
+
+
+def test_theory_is_drawn_while_the_rig_is_paused(opened):
+    page = opened()
+    page.wait('impactDamper.theory.orbit?.found', LONG)
+    page.click('#pause')
+    page.wait("document.querySelector('#status').dataset.state === 'paused'", LONG)
+    page.wait('impactDamper.history.paused', LONG)
+    # Nothing comes in any more that would have it drawn.
+    names = '#portrait-canvas', '#map-canvas', '#plot canvas'
+    for _ in ('off', 'on'):
+        shown = {name: picture(page, name) for name in names}
+        page.click('#theory')
+        for name in names:
+            until(lambda n=name, s=shown[name]: picture(page, n) != s, f'{name} is not drawn')
 
 
 def test_slow_motion_shows_the_last_impacts(opened):
@@ -441,9 +490,35 @@ def test_a_run_recorded_and_played_to_its_end(opened, live):
     page.click('#play')
     page.wait("document.querySelector('#rig-line').textContent.includes('28.0')", LONG)
     assert page.run("document.querySelector('#knob-gap').value") == '20'
+    # Its traces run beside those of the recording, in a colour that nothing else there has.
+    page.wait("document.querySelector('#status').dataset.state === 'ended'", LONG)
+    page.wait(f'{LENGTHS}[1] > 100 && {LENGTHS}[0] === {LENGTHS}[1]', LONG)
+    assert page.run("document.querySelector('#legend [data-series=ghost]').hidden") is False
+    assert re.fullmatch('X .+ mm, Z .+ mm', page.text('#legend [data-series=ghost] dd'))
+    own, other = page.run("""['line', 'ghostLine'].map(name =>
+        Array.from(impactDamper.history[name].field('x').subarray(0, 200)))""")
+    assert max(abs(a - b) for a, b in zip(own, other, strict=True)) > 1e-4
+    # without the line of the change, which is as coloured
+    page.run("""(async ({history}) => {
+        history.changes = [];
+        history.version += 1;
+        for (const _ of [1, 2]) await new Promise(requestAnimationFrame);
+    })(impactDamper)""")
+    assert page.run(MAGENTA.replace('PLACE', '#plot canvas')) > 200
+    assert page.run(MAGENTA.replace('PLACE', '#portrait-canvas')) > 50
+    # The link has it too.
+    page.wait("location.hash.includes('gap=0.02')")
+    page.call('Page.reload')
+    page.wait(f'{LENGTHS}?.[1] > 100', LONG)
+    assert page.run("document.querySelector('#knob-gap').value") == '20'
     page.click('#clear-ghost')
+    page.wait(f'{LENGTHS}[1] === 0 && impactDamper.history.ghost === null', LONG)
+    page.wait("document.querySelector('#legend [data-series=ghost]').hidden")
+    page.wait(f'{MAGENTA.replace("PLACE", "#portrait-canvas")} === 0')
     page.click('#back-live')
     page.wait(FULL, LONG)
+    page.wait('!/bag=|gap=/.test(location.hash)')
+    page.wait("document.querySelector('#knob-gap').value === '28'", LONG)
 
 
 def test_sound_makes_a_click_at_each_impact(opened):

@@ -27,14 +27,17 @@ def test_frame_times_of_each_window():
     )
     assert done.returncode == 0, done.stderr
     rows = re.findall(
-        r'^\| (\d+) × (\d+) \| ([\d.]+), ([\d.]+) ms \| ([\d.]+), ([\d.]+) ms \| (\d+) /s \|$',
+        r'^\| (\d+) × (\d+) \| ([\d.]+), ([\d.]+) ms \| ([\d.]+), ([\d.]+) ms '
+        r'\| ([\d.]+), ([\d.]+) ms \| (\d+) /s \|$',
         done.stdout,
         re.MULTILINE,
     )
     assert [row[:2] for row in rows] == [('360', '780'), ('1280', '800'), ('2560', '1440')]
     for row in rows:
-        between, late, drawing, late_drawing, rate = map(float, row[2:])
+        between, late, drawing, late_drawing, age, late_age, rate = map(float, row[2:])
         assert 0.0 < between <= late
         assert 0.0 < drawing <= late_drawing
+        # Drawn in the frame before, of a joint state that was there by then
+        assert drawing < age <= late_age < 10_000.0
         # Of a second only, with a frame or two that were late before it
         assert 0.0 < rate <= 75.0

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.page.frames import GHOST, PAUSED, REPLACE, View
+from impact_damper_ros.page.frames import GHOST, PAUSED, REPLACE, REPLACE_GHOST, View
 from impact_damper_ros.page.measures import RigNumbers, slow_motion, state_at
 from impact_damper_ros.page.motion import ForcePhase, Motion, impact_rows
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
@@ -130,14 +130,47 @@ def test_a_jump_replaces_all(motion):
     assert frames_of(motion, view, [9.5])[0].flags == REPLACE
 
 
-def test_flags_ghost_and_state(motion):
-    ghost = np.arange(10.0)
-    frame = taken_apart(View().frame(motion, 6.0, 12.5, PAUSED, ghost))
-    assert frame.flags == PAUSED | GHOST | REPLACE
-    assert frame.ghost.tolist() == ghost.tolist()
+def test_flags_and_state(motion):
+    frame = taken_apart(View().frame(motion, 6.0, 12.5, PAUSED))
+    assert frame.flags == PAUSED | REPLACE
+    assert frame.ghost is None
     assert frame.epoch == 12.5
     row = motion.samples[motion.samples[:, 0] <= 6.0][-1]
     assert frame.state == pytest.approx(row[1:], rel=1e-6)
+
+
+def test_a_ghost_that_comes_to_be_known(motion, rig):
+    """Its columns and samples are those of its own motion, each once, as far as it is known."""
+    whole = recorded(rig.replace(gap=0.006), 12.0)
+    alone = taken_apart(View(window=5.0, width=300).frame(whole, 9.0, 0.0))
+    ghost, view = Motion(10_000, 1), View(window=5.0, width=300)
+    view.frame(motion, 9.0, 0.0)
+    assert not view.wants(9.0)
+    # While nothing moves it is computed.
+    frames = []
+    for until in (2.0, 5.5, 7.3, 8.95, 12.0):
+        assert view.wants(9.0, ghost) == (until != 5.5)
+        frames.append(taken_apart(view.frame(motion, 9.0, 0.0, 0, ghost)))
+        assert not view.wants(9.0, ghost)
+        ghost.add_samples(whole.samples_between(ghost.end if frames[1:] else -1.0, until))
+    frames.append(taken_apart(view.frame(motion, 9.0, 0.0, 0, ghost)))
+    assert [f.flags for f in frames] == [REPLACE_GHOST, 0, 0, 0, GHOST, GHOST]
+    assert all(not len(f.columns) and not len(f.samples) for f in frames)
+    columns = np.concatenate([f.ghost_columns for f in frames])
+    assert np.array_equal(columns, alone.columns)
+    samples = np.concatenate([f.ghost_samples for f in frames])
+    assert np.array_equal(samples[-512:], alone.samples)
+    assert frames[-1].ghost == pytest.approx(alone.state, rel=1e-6)
+    # It goes on with the rig, and ends with a frame that says so.
+    on = [taken_apart(view.frame(motion, 9.0 + k / 60, 0.0, 0, ghost)) for k in range(1, 60)]
+    starts = np.concatenate([f.ghost_columns[:, 6] + f.end for f in (frames[-1], *on)])
+    assert np.allclose(np.diff(starts), 5.0 / 300, atol=1e-4)
+    back = taken_apart(view.frame(motion, 6.0, 0.0, 0, ghost))
+    assert back.flags == REPLACE | GHOST
+    assert len(back.ghost_columns) == len(back.columns)
+    assert view.wants(6.0)
+    gone = taken_apart(view.frame(motion, 6.0, 0.0))
+    assert (gone.flags, gone.ghost, len(gone.ghost_columns)) == (REPLACE_GHOST, None, 0)
 
 
 @pytest.mark.parametrize(('window', 'width'), [(1e9, 10**9), (-1.0, -5), (0.0, 0)])

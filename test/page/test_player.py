@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -187,6 +188,15 @@ def test_what_if_shows_another_rig(runs, recorded):
                 [other.sample().x, other.sample().z], rel=1e-5
             )
             assert frame.ghost[4] - frame.ghost[0] == pytest.approx(0.01, rel=1e-4)
+            # Its traces, beside those of the recording: the same columns of another motion
+            traces = [f for f in page.frames if f.end == 3.0 and len(f.ghost_columns)][-1]
+            assert np.array_equal(traces.ghost_columns[:, 6:], traces.columns[:, 6:])
+            starts, lows, highs = traces.ghost_columns[-40:, [6, 0, 1]].T
+            for start, low, high in zip(starts, lows, highs, strict=True):
+                # The first sample of a column lies within its extremes.
+                later = Simulator(rig.replace(gap=0.02))
+                later.advance(math.ceil(200.0 * (3.0 + start) - 0.01) / 200.0)
+                assert low - 1e-6 <= later.sample().x <= high + 1e-6
             place = np.searchsorted(recorded.motion.samples[:, 0], 3.0)
             assert frame.state[0] == pytest.approx(recorded.motion.samples[place, 1], rel=1e-4)
             seen = len(page.of('what_if'))

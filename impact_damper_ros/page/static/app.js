@@ -51,7 +51,7 @@ const recordings = new Recordings((name) => join({ bag: name }));
 /** What the address holds, and what of it still has to be sent to the rig. */
 const asked = readAddress();
 let wanted = isOwnAddress() ? null : asked;
-const shared = { rig: asked.rig ?? '', bag: asked.bag ?? '', preset: '', values: {}, view: { ...asked.view } };
+const shared = { rig: asked.rig ?? '', bag: asked.bag ?? '', preset: '', values: asked.bag ? asked.values : {}, view: { ...asked.view } };
 let hello = { mode: 'live', parameters: [] };
 let ghostValues = {};
 /** Values of the rig itself; beside a recording the knobs hold those of the ghost. */
@@ -59,8 +59,8 @@ let rigValues = {};
 let status = 'connecting';
 let presetList = [];
 
-// Measurements: times between frames and of drawing, and how much has come in.
-const counted = { frames: 0, bytes: 0, drawn: 0, work: [], latest: 0 };
+// Measurements: times between frames and of drawing, how much has come in, and of when its newest is.
+const counted = { frames: 0, bytes: 0, drawn: 0, work: [], latest: 0, epoch: 0 };
 globalThis.impactDamper = { counted, history, theory };
 
 function setStatus(state, text = '') {
@@ -87,9 +87,10 @@ function setStatus(state, text = '') {
 }
 
 function join({ rig: name = '', bag = '' }) {
+  // Those of a recording are the values of its what-if.
+  if (bag || shared.bag) Object.assign(shared, { preset: '', values: {} });
   shared.rig = name;
   shared.bag = bag;
-  if (bag) Object.assign(shared, { preset: '', values: {} });
   wanted = null;
   connection.join({ rig: name, bag });
   keepAddress();
@@ -107,6 +108,8 @@ async function setValues(values) {
     ghostValues = { ...ghostValues, ...values };
     connection.send({ type: 'what_if', values: ghostValues });
     byId('clear-ghost').hidden = false;
+    shared.values = ghostValues;
+    keepAddress();
     return { ok: true, reason: '' };
   }
   const answer = await connection.ask({ type: 'set', values });
@@ -177,7 +180,7 @@ connection.addEventListener('hello', ({ detail }) => {
   const live = detail.mode !== 'player';
   for (const id of ['pause', 'reset']) byId(id).hidden = !live;
   byId('record').hidden = !live || detail.can_record === false;
-  byId('presets-open').hidden = !live;
+  for (const id of ['presets-open', 'tour-open']) byId(id).hidden = !live;
   if (!live) verdict.recorded();
   write(byId('knobs-title'), live ? 'Knobs' : 'What if');
   write(byId('preset-name'), live ? '' : 'as a ghost');
@@ -204,7 +207,12 @@ connection.addEventListener('hello', ({ detail }) => {
   setStatus(detail.rig || !live ? 'running' : 'gone');
   sendView();
   if (live && detail.rig && detail.parameters.length) applyWanted();
-  if (!live && wanted?.time) player.seek(wanted.time);
+  if (!live && asked.time && asked.bag === shared.bag) {
+    player.seek(asked.time);
+    // Once: a connection that is lost later goes on elsewhere.
+    asked.time = NaN;
+  }
+  if (!live && Object.keys(shared.values).length) turn(shared.values);
   if (live) showPreset();
 });
 
@@ -214,7 +222,7 @@ async function applyWanted() {
   wanted = null;
   if (!state) {
     // Loaded anew: what this tab has set before still stands in the address.
-    Object.assign(shared, { preset: asked.preset ?? shared.preset, values: { ...asked.values, ...shared.values } });
+    if (!asked.bag) Object.assign(shared, { preset: asked.preset ?? shared.preset, values: { ...asked.values, ...shared.values } });
     return;
   }
   if (state.preset) await loadPreset(state.preset);
@@ -269,6 +277,7 @@ connection.addEventListener('frame', ({ detail: frame }) => {
   }
   counted.frames += 1;
   counted.bytes += frame.bytes;
+  counted.epoch = frame.epoch;
   counted.latest = now;
   const due = frame.paused ? 'paused' : 'running';
   if (!player.on && status !== 'lagging' && status !== due) setStatus(due);
@@ -304,7 +313,7 @@ for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
     theory.take(detail);
     curve.stale = true;
     multipliers.stale = true;
-    map.stale = true;
+    redraw();
     const best = theory.curve?.optimum?.gap;
     write(byId('curve-line'), best > 0 ? `optimum ${theory.curve.done ? '' : '≈\u202f'}${withUnit(best, 'm')}` : '');
     if (type !== 'gap_curve') write(byId('map-line'), theory.orbit ? theory.orbit.label ?? theory.orbit.text : '');
@@ -333,6 +342,8 @@ byId('rig-choice').addEventListener('change', () => join({ rig: byId('rig-choice
 byId('back-live').addEventListener('click', () => join({}));
 byId('clear-ghost').addEventListener('click', () => {
   ghostValues = {};
+  shared.values = {};
+  keepAddress();
   connection.send({ type: 'what_if', values: null });
   knobs.make(hello.parameters);
   byId('clear-ghost').hidden = true;
@@ -345,7 +356,7 @@ byId('sound').addEventListener('change', () => clicks.switch(byId('sound').check
 byId('theory').addEventListener('change', () => {
   const on = byId('theory').checked;
   for (const picture of [traces, portrait, map]) picture.showTheory = on;
-  map.stale = true;
+  redraw();
   connection.send({ type: 'theory', orbit: on, curve: true });
   keepView('theory', on ? '' : '0');
 });
@@ -483,6 +494,13 @@ startTour({
 
 let drawn = -1;
 let drawnImpacts = -1;
+
+/** Draw the motion anew though nothing moves: theory is another one. */
+function redraw() {
+  drawn = -1;
+  map.stale = true;
+}
+
 let spoken = 0;
 function draw(now) {
   requestAnimationFrame(draw);

@@ -1,6 +1,6 @@
 // The WebSocket: joins a rig or a recording, reads frames, comes back by itself.
 
-const HEADER = 32;
+const HEADER = 36;
 /** Code of a connection to a rig or recording that is not there. */
 const NOT_THERE = 4404;
 const FIRST_WAIT = 400;
@@ -14,6 +14,8 @@ export function readFrame(buffer) {
   const columns = view.getUint16(2, true);
   const impacts = view.getUint16(4, true);
   const samples = view.getUint16(6, true);
+  const ghostColumns = view.getUint16(8, true);
+  const ghostSamples = view.getUint16(10, true);
   let place = HEADER;
   const next = (count) => {
     const values = new Float32Array(buffer, place, count);
@@ -23,13 +25,16 @@ export function readFrame(buffer) {
   return {
     paused: (flags & 1) !== 0,
     replace: (flags & 4) !== 0,
-    end: view.getFloat64(8, true),
-    epoch: view.getFloat64(24, true),
+    replaceGhost: (flags & 8) !== 0,
+    end: view.getFloat64(12, true),
+    epoch: view.getFloat64(28, true),
     state: next(10),
     ghost: (flags & 2) !== 0 ? next(10) : null,
     columns: next(8 * columns),
     impacts: next(8 * impacts),
     samples: next(6 * samples),
+    ghostColumns: next(8 * ghostColumns),
+    ghostSamples: next(6 * ghostSamples),
     bytes: buffer.byteLength,
   };
 }

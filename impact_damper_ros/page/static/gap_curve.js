@@ -227,7 +227,11 @@ export class GapCurve extends Axes {
       else lines[lines.length - 1] = longer;
     }
     const height = 1.3 * colours.size * 0.85;
+    // The rig's own dot may be behind it.
+    context.strokeStyle = colours.page;
+    context.lineWidth = 4;
     lines.slice(0, 5).forEach((line, n) => {
+      context.strokeText(line, box.left + box.width / 2, box.top + box.height / 2 + (n - (Math.min(5, lines.length) - 1) / 2) * height);
       context.fillText(line, box.left + box.width / 2, box.top + box.height / 2 + (n - (Math.min(5, lines.length) - 1) / 2) * height);
     });
   }

@@ -36,19 +36,22 @@ export const TERMS = {
   'stop': ['stop 1, stop 2', 'The ends of the gap: stop 1 is the lower one, at Y = d/2, stop 2 the upper one, at Y = −d/2.'],
   'stretch': ['stretch', 'A part of a run with constant parameters.'],
   'rig-time': ['rig time', 'The time of the simulated rig; it stands still while the rig is paused.'],
-  'what-if': ['what-if', 'The recorded run once more with other parameters from the same state on, drawn as a dashed ghost.'],
+  'what-if': ['what-if', 'The recorded run once more with other parameters from the same state on, drawn as a dashed ghost and by thin lines.'],
   'xyz': ['M, m; X, Y, Z', 'X is the displacement of the primary mass M from its static equilibrium, Z that of the loose mass m, along the axis; Y = Z − X is where m is in the gap. A prime marks a velocity.'],
 };
 
 /** Return a word that shows its meaning when pressed. */
 export function term(key, text) {
-  return element('button', { class: 'term', type: 'button', 'data-term': key, text: text ?? TERMS[key][0] });
+  return element('button', { class: 'term', type: 'button', 'data-term': key, 'aria-description': TERMS[key][1], text: text ?? TERMS[key][0] });
 }
 
 export function startGlossary() {
   const list = byId('glossary-list');
   for (const [name, sentence] of Object.values(TERMS).sort((a, b) => a[0].localeCompare(b[0]))) {
     list.append(element('dt', { text: name }), element('dd', { text: sentence }));
+  }
+  for (const word of document.querySelectorAll('button.term')) {
+    word.setAttribute('aria-description', TERMS[word.dataset.term][1]);
   }
   const card = byId('term');
   const [title, sentence] = card.children;

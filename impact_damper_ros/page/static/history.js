@@ -3,6 +3,8 @@
 const ROOM = 16384;
 const IMPACTS = 4000;
 const SAMPLES = 6000;
+const LINE = ['time', 'x', 'z', 'stop1', 'stop2'];
+const SAMPLE = ['time', 'x', 'xv', 'z', 'zv', 'phase'];
 
 /** Rows of numbers of which the oldest are dropped; one typed array for each field. */
 class Rows {
@@ -47,9 +49,12 @@ class Rows {
 export class History {
   constructor() {
     this.window = 30;
-    this.line = new Rows(['time', 'x', 'z', 'stop1', 'stop2'], ROOM);
+    this.line = new Rows(LINE, ROOM);
     this.impacts = new Rows(['time', 'stop', 'x', 'primary', 'damper', 'impulse', 'phase', 'y'], IMPACTS);
-    this.samples = new Rows(['time', 'x', 'xv', 'z', 'zv', 'phase'], SAMPLES);
+    this.samples = new Rows(SAMPLE, SAMPLES);
+    // Those of the what-if beside a recording
+    this.ghostLine = new Rows(LINE, ROOM);
+    this.ghostSamples = new Rows(SAMPLE, SAMPLES);
     this.changes = [];
     this.clear();
   }
@@ -58,15 +63,19 @@ export class History {
     this.line.clear();
     this.impacts.clear();
     this.samples.clear();
+    this.clearGhost();
     this.changes = [];
     this.end = NaN;
     this.state = null;
-    this.ghost = null;
     this.fresh = [];
-    this.lastX = 0;
-    this.lastZ = 0;
     this.version = 0;
     this.impactVersion = 0;
+  }
+
+  clearGhost() {
+    this.ghostLine.clear();
+    this.ghostSamples.clear();
+    this.ghost = null;
   }
 
   /** Take in a frame. */
@@ -77,7 +86,9 @@ export class History {
       this.changes = changes;
     }
     const { end, columns, impacts, samples } = frame;
-    for (let n = 0; n < columns.length; n += 8) this.column(end, columns.subarray(n, n + 8));
+    if (frame.replaceGhost) this.clearGhost();
+    this.addColumns(this.line, end, columns);
+    this.addColumns(this.ghostLine, end, frame.ghostColumns);
     this.fresh = [];
     for (let n = 0; n < impacts.length; n += 8) {
       const [offset, stop, x, primary, damper, impulse, phase, y] = impacts.subarray(n, n + 8);
@@ -85,31 +96,37 @@ export class History {
       if (!frame.replace) this.fresh.push({ stop, impulse });
     }
     if (impacts.length) this.impactVersion += 1;
-    for (let n = 0; n < samples.length; n += 6) {
-      const [offset, x, xv, z, zv, phase] = samples.subarray(n, n + 6);
-      this.samples.push(end + offset, x, xv, z, zv, phase);
-    }
+    this.addSamples(this.samples, end, samples);
+    this.addSamples(this.ghostSamples, end, frame.ghostSamples);
     this.end = end;
     this.state = frame.state;
     this.ghost = frame.ghost;
     this.paused = frame.paused;
-    this.line.dropBefore(end - this.window - 1);
+    for (const line of [this.line, this.ghostLine]) line.dropBefore(end - this.window - 1);
     if (this.changes.length && this.changes[0].time < end - 120) this.changes.shift();
     this.version += 1;
   }
 
-  /** Two points of a line through the column, in the order that follows on from the one before. */
-  column(end, [xLow, xHigh, zLow, zHigh, stop1, stop2, from, to]) {
-    const first = end + from + 0.25 * (to - from);
-    const second = end + from + 0.75 * (to - from);
-    const xUp = Math.abs(this.lastX - xLow) <= Math.abs(this.lastX - xHigh);
-    const zUp = Math.abs(this.lastZ - zLow) <= Math.abs(this.lastZ - zHigh);
-    const [xa, xb] = xUp ? [xLow, xHigh] : [xHigh, xLow];
-    const [za, zb] = zUp ? [zLow, zHigh] : [zHigh, zLow];
-    this.line.push(first, xa, za, xa + stop1, xa + stop2);
-    this.line.push(second, xb, zb, xb + stop1, xb + stop2);
-    this.lastX = xb;
-    this.lastZ = zb;
+  /** Two points of a line through each column, in the order that follows on from the one before. */
+  addColumns(line, end, columns) {
+    const [xs, zs] = [line.field('x'), line.field('z')];
+    for (let n = 0; n < columns.length; n += 8) {
+      const [xLow, xHigh, zLow, zHigh, stop1, stop2, from, to] = columns.subarray(n, n + 8);
+      const first = end + from + 0.25 * (to - from);
+      const second = end + from + 0.75 * (to - from);
+      const [lastX, lastZ] = [xs[line.end - 1] ?? 0, zs[line.end - 1] ?? 0];
+      const [xa, xb] = Math.abs(lastX - xLow) <= Math.abs(lastX - xHigh) ? [xLow, xHigh] : [xHigh, xLow];
+      const [za, zb] = Math.abs(lastZ - zLow) <= Math.abs(lastZ - zHigh) ? [zLow, zHigh] : [zHigh, zLow];
+      line.push(first, xa, za, xa + stop1, xa + stop2);
+      line.push(second, xb, zb, xb + stop1, xb + stop2);
+    }
+  }
+
+  addSamples(rows, end, samples) {
+    for (let n = 0; n < samples.length; n += 6) {
+      const [offset, x, xv, z, zv, phase] = samples.subarray(n, n + 6);
+      rows.push(end + offset, x, xv, z, zv, phase);
+    }
   }
 
   /** Keep a turned knob as a line in the traces. */
@@ -127,14 +144,15 @@ export class History {
     return past.length ? past.at(-1).time : -Infinity;
   }
 
-  /** Largest |X| and |Y| of the last seconds, from the samples. */
+  /** Largest |X| and |Y| of the last seconds, from the samples, those of the what-if too. */
   extent(seconds) {
-    const { samples } = this;
-    const [time, x, z] = [samples.field('time'), samples.field('x'), samples.field('z')];
     let [swing, apart] = [0, 0];
-    for (let n = samples.end - 1; n >= samples.start && time[n] >= this.end - seconds; n -= 1) {
-      swing = Math.max(swing, Math.abs(x[n]));
-      apart = Math.max(apart, Math.abs(z[n] - x[n]));
+    for (const samples of [this.samples, this.ghostSamples]) {
+      const [time, x, z] = [samples.field('time'), samples.field('x'), samples.field('z')];
+      for (let n = samples.end - 1; n >= samples.start && time[n] >= this.end - seconds; n -= 1) {
+        swing = Math.max(swing, Math.abs(x[n]));
+        apart = Math.max(apart, Math.abs(z[n] - x[n]));
+      }
     }
     return { swing, apart };
   }

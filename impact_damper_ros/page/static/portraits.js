@@ -5,6 +5,16 @@ import { digits, lengthUnit, niceAbove, velocityUnit } from './format.js';
 
 const BANDS = 6;
 
+const fields = (samples) => ['time', 'x', 'xv', 'z', 'zv'].map((name) => samples.field(name));
+
+/** Index of the first of the rows that are not older. */
+function firstSince(samples, oldest) {
+  const time = samples.field('time');
+  let first = samples.end;
+  while (first > samples.start && time[first - 1] >= oldest) first -= 1;
+  return first;
+}
+
 /** Velocity of m relative to M over its place in the gap, the last cycles, older ones paler. */
 export class PhasePortrait extends Axes {
   constructor(canvas, history, theory) {
@@ -20,18 +30,22 @@ export class PhasePortrait extends Axes {
 
   draw(now) {
     if (!this.begin()) return;
-    const { samples, state } = this.history;
-    const [time, x, xv, z, zv] = ['time', 'x', 'xv', 'z', 'zv'].map((name) => samples.field(name));
-    let first = samples.end;
+    const { samples, state, ghost, ghostSamples } = this.history;
+    const [time, x, xv, z, zv] = fields(samples);
     const oldest = this.history.end - this.seconds;
-    while (first > samples.start && time[first - 1] >= oldest) first -= 1;
+    const first = firstSince(samples, oldest);
     const predicted = this.showTheory ? this.theory.portrait() : null;
     let [far, fast] = [0, 0];
-    for (let n = first; n < samples.end; n += 1) {
-      far = Math.max(far, Math.abs(z[n] - x[n]));
-      fast = Math.max(fast, Math.abs(zv[n] - xv[n]));
+    for (const rows of [samples, ghostSamples]) {
+      const [, x, xv, z, zv] = fields(rows);
+      for (let n = firstSince(rows, oldest); n < rows.end; n += 1) {
+        far = Math.max(far, Math.abs(z[n] - x[n]));
+        fast = Math.max(fast, Math.abs(zv[n] - xv[n]));
+      }
     }
-    if (state) far = Math.max(far, Math.abs(state[4] - state[0]), Math.abs(state[6] - state[0]) || 0);
+    for (const one of [state, ghost]) {
+      if (one) far = Math.max(far, Math.abs(one[4] - one[0]), Math.abs(one[6] - one[0]) || 0);
+    }
     if (predicted) for (const value of predicted.rate) fast = Math.max(fast, Math.abs(value));
     const width = this.across.fit(far > 0 ? niceAbove(1.08 * far) : 0, now);
     const height = this.up.fit(fast > 0 ? niceAbove(1.05 * fast) : 0, now);
@@ -45,11 +59,12 @@ export class PhasePortrait extends Axes {
     const toX = (value) => axes.toX(value * length.factor);
     const toY = (value) => axes.toY(value * speed.factor);
     this.inside(axes.box, (context) => {
-      if (state) {
-        context.strokeStyle = colours.steel;
-        context.lineWidth = 2;
+      for (const [one, stroke, width] of [[ghost, colours.special, 1], [state, colours.steel, 2]]) {
+        if (!one) continue;
+        context.strokeStyle = stroke;
+        context.lineWidth = width;
         context.beginPath();
-        for (const place of [state[4] - state[0], state[6] - state[0]]) {
+        for (const place of [one[4] - one[0], one[6] - one[0]]) {
           if (!Number.isFinite(place)) continue;
           context.moveTo(toX(place), axes.box.top);
           context.lineTo(toX(place), axes.box.top + axes.box.height);
@@ -88,6 +103,8 @@ export class PhasePortrait extends Axes {
         }
         context.stroke();
       }
+      context.globalAlpha = 0.8;
+      this.whatIf(oldest, toX, toY);
       context.globalAlpha = 1;
       if (predicted) {
         context.strokeStyle = colours.theory;
@@ -112,6 +129,19 @@ export class PhasePortrait extends Axes {
       }
     });
   }
+  /** The what-if beside a recording: a thin line from sample to sample. */
+  whatIf(oldest, toX, toY) {
+    const { context } = this;
+    const { ghostSamples: rows } = this.history;
+    const [, x, xv, z, zv] = fields(rows);
+    context.strokeStyle = colours.special;
+    context.lineWidth = 1;
+    context.beginPath();
+    for (let n = firstSince(rows, oldest); n < rows.end; n += 1) {
+      context.lineTo(toX(z[n] - x[n]), toY(zv[n] - xv[n]));
+    }
+    context.stroke();
+  }
 }
 
 /** Velocity of m after each impact over the phase of the force. */
@@ -134,7 +164,7 @@ export class ImpactMap extends Axes {
     const first = Math.max(impacts.start, impacts.end - 1500);
     for (let n = first; n < impacts.end; n += 1) fast = Math.max(fast, Math.abs(damper[n]));
     for (const one of predicted) fast = Math.max(fast, Math.abs(one.damper_velocity_after ?? one.velocity_after));
-    const height = this.up.fit(fast > 0 ? niceAbove(1.08 * fast) : 0, now);
+    const height = this.up.fit(fast > 0 ? niceAbove(1.2 * fast) : 0, now);
     const speed = velocityUnit(height);
     const axes = this.axes({
       x: [0, 1],

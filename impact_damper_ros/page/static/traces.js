@@ -34,9 +34,10 @@ export class Traces {
       ['x', 'X', 'Displacement of M from its static equilibrium'],
       ['z', 'Z', 'Displacement of m'],
       ['stop', 'stops', 'Places of the stops, which ride on M; here their distance, the gap'],
+      ['ghost', 'what if', 'X and Z of the rig with other parameters'],
     ]) {
       const value = element('dd', {});
-      list.append(element('div', { title, 'data-series': key }, element('dt', { text: name }), value));
+      list.append(element('div', { title, 'data-series': key, hidden: key === 'ghost' }, element('dt', { text: name }), value));
       made[key] = value;
     }
     return made;
@@ -123,13 +124,15 @@ export class Traces {
   }
 
   reach() {
-    const { line } = this.history;
+    const { line, ghostLine } = this.history;
     let most = 0;
-    for (const name of ['x', 'z', 'stop1', 'stop2']) {
-      const values = line.field(name);
-      for (let n = line.start; n < line.end; n += 1) {
-        const size = Math.abs(values[n]);
-        if (size > most) most = size;
+    for (const [rows, names] of [[line, ['x', 'z', 'stop1', 'stop2']], [ghostLine, ['x', 'z']]]) {
+      for (const name of names) {
+        const values = rows.field(name);
+        for (let n = rows.start; n < rows.end; n += 1) {
+          const size = Math.abs(values[n]);
+          if (size > most) most = size;
+        }
       }
     }
     const range = this.range.fit(most > 0 ? niceAbove(1.04 * most) : 0, performance.now());
@@ -208,7 +211,7 @@ export class Traces {
     context.restore();
   }
 
-  /** Over the lines: impacts as dots where m is, and the predicted motion. */
+  /** Over the lines: the what-if, impacts as dots where m is, and the predicted motion. */
   over(u) {
     const { ctx: context, bbox } = u;
     const { impacts } = this.history;
@@ -218,6 +221,7 @@ export class Traces {
     context.beginPath();
     context.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     context.clip();
+    this.ghost(u, context, ratio, from);
     const [time, stop, x, y] = ['time', 'stop', 'x', 'y'].map((name) => impacts.field(name));
     const perPixel = impacts.length / Math.max(1, bbox.width / ratio);
     const size = (perPixel > 0.25 || this.history.window > 12 ? 1.6 : 2.6) * ratio;
@@ -235,6 +239,24 @@ export class Traces {
     }
     if (this.showTheory && this.theory.orbit?.found) this.predicted(u, context, ratio, from, to);
     context.restore();
+  }
+
+  /** X and Z of the what-if, as far as they are known: thin lines, X the stronger one. */
+  ghost(u, context, ratio, from) {
+    const { ghostLine: line } = this.history;
+    const time = line.field('time');
+    context.strokeStyle = colours.special;
+    context.globalAlpha = 0.8;
+    for (const [name, width] of [['z', 0.8], ['x', 1.3]]) {
+      const values = line.field(name);
+      context.lineWidth = width * ratio;
+      context.beginPath();
+      for (let n = line.start; n < line.end; n += 1) {
+        if (time[n] >= from) context.lineTo(u.valToPos(time[n], 'x', true), u.valToPos(values[n], 'y', true));
+      }
+      context.stroke();
+    }
+    context.globalAlpha = 1;
   }
 
   predicted(u, context, ratio, from, to) {
@@ -280,19 +302,26 @@ export class Traces {
 
   /** Values at the cursor, or now. */
   readOut() {
-    const { state, line } = this.history;
+    const { state, line, ghost, ghostLine } = this.history;
+    this.legend.ghost.parentElement.hidden = !ghost && !ghostLine.length;
     if (!state) return;
     const { factor, unit } = this.unit;
     let [x, z, gap] = [state[0], state[2], state[4] - state[6]];
+    let [otherX, otherZ] = ghost ? [ghost[0], ghost[2]] : [NaN, NaN];
     const index = this.chart.cursor.idx;
     if (index !== null && index !== undefined && this.chart.cursor.left >= 0 && index < line.length) {
       const n = line.start + index;
       [x, z, gap] = [line.field('x')[n], line.field('z')[n], line.field('stop1')[n] - line.field('stop2')[n]];
+      const [otherTime, time] = [ghostLine.field('time'), line.field('time')[n]];
+      let other = ghostLine.start;
+      while (other < ghostLine.end && otherTime[other] < time - 1e-4) other += 1;
+      [otherX, otherZ] = other < ghostLine.end ? [ghostLine.field('x')[other], ghostLine.field('z')[other]] : [NaN, NaN];
     }
     const said = (value) => (Number.isFinite(value) ? `${digits(value * factor, 3)} ${unit}` : '–');
     write(this.legend.x, said(x));
     write(this.legend.z, said(z));
     write(this.legend.stop, said(gap));
+    write(this.legend.ghost, `X ${said(otherX)}, Z ${said(otherZ)}`);
   }
 }
 

@@ -75,7 +75,8 @@ export class Verdict {
     const shade = agreement === 'agrees' ? 'ok' : agreement === 'disagrees' ? 'warn' : agreement === undefined ? LEVELS[level] ?? 'none' : 'none';
     place.dataset.level = level === 'error' ? 'error' : shade;
     this.line('motion-text', message ? `Measured: ${message}` : '');
-    this.line('theory-text', verdict ? `Theory: ${verdict}` : '');
+    // Whether the measured motion agrees is said above already.
+    this.line('theory-text', verdict ? `Theory: ${verdict.replace(/; the measured motion (?:dis)?agrees/, '')}` : '');
   }
 
   line(id, text) {
