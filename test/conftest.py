@@ -12,19 +12,19 @@ import pytest
 # 1..101: above that, the ports of a domain reach into Linux's range of ephemeral ports.
 DOMAINS = 101
 
-# Files whose tests take longest, some because they compile. They come first, so that of several
-# processes none is left with one of them at the end, when the others have nothing more to do.
+# Files whose tests take longest. They come first, so that of several processes none is left with
+# one of them at the end, when the others have nothing more to do. Those that compile the same form
+# of a loop are apart: the second process would wait for the first.
 LONGEST = (
     'rig/test_long_run.py',
     'page/test_browser.py',
     'studies/test_gap_study.py',
-    'control/test_controlled_run.py',
-    'rig/test_stepped_sine.py',
-    'cli/test_readme.py',
     'node/test_absurd_rigs.py',
+    'cli/test_readme.py',
+    'rig/test_stepped_sine.py',
     'cli/test_compare_run.py',
     'control/test_compiled_control.py',
-    'cli/test_study_gap_control.py',
+    'control/test_controlled_run.py',
     'benchmarks/test_verdicts.py',
     'orbits/test_enumeration.py',
     'bag/test_bag_check.py',
