@@ -10,7 +10,7 @@ from control.controlled_rigs import TRIAL, control, one_form_of_the_loop, random
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
-from impact_damper_ros.rig.long_run import EVENT_TYPE, LongRun, Outcome
+from impact_damper_ros.rig.long_run import _MOST_IN_TUPLES, EVENT_TYPE, LongRun, Outcome
 
 #: Bounces on elastic stops under gravity, ever faster.
 ENDLESS = (
@@ -63,7 +63,7 @@ def test_it_has_the_motion_of_the_controlled_rig(seed):
 def test_any_number_of_harmonics(law, monkeypatch):
     """With arrays in place of tuples, the same bits."""
     one_form_of_the_loop(monkeypatch)
-    parameters = TRIAL.replace(multisine_level=10.0, multisine_lines=12, gap=10.0)
+    parameters = TRIAL.replace(multisine_level=10.0, multisine_lines=_MOST_IN_TUPLES, gap=10.0)
     run = ControlledRun(parameters, control=control(law))
     rig = ControlledRig(parameters, control=control(law))
     instants = np.linspace(0.0, 60.0, 40)
