@@ -12,6 +12,29 @@ import pytest
 # 1..101: above that, the ports of a domain reach into Linux's range of ephemeral ports.
 DOMAINS = 101
 
+# Files whose tests take longest. They come first, so that of several processes none is left with
+# one of them at the end, when the others have nothing more to do. Those that compile the same form
+# of a loop are apart: the second process would wait for the first.
+LONGEST = (
+    'rig/test_long_run.py',
+    'page/test_browser.py',
+    'studies/test_gap_study.py',
+    'node/test_absurd_rigs.py',
+    'cli/test_readme.py',
+    'rig/test_stepped_sine.py',
+    'cli/test_compare_run.py',
+    'control/test_compiled_control.py',
+    'control/test_controlled_run.py',
+    'benchmarks/test_verdicts.py',
+    'orbits/test_enumeration.py',
+    'bag/test_bag_check.py',
+    'bag/test_ros2_bags.py',
+    'bag/test_hostile_bags.py',
+    'replay/test_replay.py',
+    'node/test_recorded_runs.py',
+    'cli/test_demo.py',
+)
+
 # Kept open while the tests run; if they are killed, the kernel gives the name back.
 _domain_lock: socket.socket | None = None
 _log_directory: tempfile.TemporaryDirectory[str] | None = None
@@ -94,6 +117,13 @@ def _check_wheels() -> None:
 _check_wheels()
 _take_interruptions()
 _isolate_ros()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the `LONGEST` files; pytest-xdist needs ``--no-loadscope-reorder`` to do so."""
+    here = Path(__file__).parent
+    places = {here / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path, len(places)))
 
 
 def pytest_unconfigure() -> None:

@@ -34,6 +34,8 @@ PATIENCE_S = 30.0
 CLOSEUP_CYCLES = 3
 #: Seconds of the rig per second of the demonstration, so that each stage has time to settle.
 SPEED = 3.0
+#: Shortest duration, s.
+LEAST_S = 15.0
 
 
 class Stage(NamedTuple):
@@ -326,9 +328,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the demonstration."""
     parser = command_parser('demo', __doc__.split('\n\n')[0])
     parser.add_argument('directory', nargs='?', type=Path, default=Path('demo_run'))
-    parser.add_argument('--duration', type=float, default=30.0, help='seconds, at least 15 [30]')
+    parser.add_argument(
+        '--duration', type=float, default=30.0, help=f'seconds, at least {LEAST_S:g} [30]'
+    )
     arguments = parser.parse_args(argv)
-    directory, duration = arguments.directory.resolve(), max(15.0, arguments.duration)
+    directory, duration = arguments.directory.resolve(), max(LEAST_S, arguments.duration)
     return outcome(
         'demo',
         lambda: _demonstrate(directory, duration),

@@ -13,6 +13,13 @@ import pytest
 import impact_damper_ros
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
+#: The same time of the rig as in the shortest demonstration, in a third of that of the clock.
+FASTER = """
+import sys
+from impact_damper_ros.cli import demo
+demo.SPEED, demo.LEAST_S = 3.0 * demo.SPEED, demo.LEAST_S / 3.0
+sys.exit(demo.main())
+"""
 
 
 def test_the_demonstration(tmp_path):
@@ -21,8 +28,8 @@ def test_the_demonstration(tmp_path):
     anyreader = pytest.importorskip('rosbags.highlevel').AnyReader
     done = subprocess.run(
         [
-            *(sys.executable, '-m', 'impact_damper_ros.cli.demo', str(tmp_path / 'run')),
-            *('--duration', '15'),
+            *(sys.executable, '-c', FASTER, str(tmp_path / 'run')),
+            *('--duration', '5'),
         ],
         env={**os.environ, 'PYTHONPATH': str(ROOT)},
         capture_output=True,

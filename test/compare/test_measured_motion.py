@@ -69,10 +69,10 @@ def exact(clock, initial, times):
 
 
 def largest_swing(rig, initial, times):
-    """Return the largest |X|, with 50 samples for each one recorded."""
+    """Return the largest |X|, with 10 samples for each one recorded."""
     simulator, swing = Simulator(rig, initial), Swing()
     for begin, end in pairwise(times):
-        for instant in np.linspace(begin, end, 50, endpoint=False):
+        for instant in np.linspace(begin, end, 10, endpoint=False):
             events = simulator.advance(float(instant))
             swing.look(simulator.sample(), events)
     return swing.largest

@@ -7,6 +7,7 @@ import math
 import random
 from typing import Any
 
+import pytest
 from rig.random_rigs import random_rig
 
 from impact_damper_ros.control import ControlledRig, GapControlParameters
@@ -24,6 +25,16 @@ IDEAL = 0.01 / (0.01 + _ZETA_EQ)
 def control(mode: str, **values: Any) -> GapControlParameters:
     """Return a control that samples some thirty times a cycle of a rig of unit frequency."""
     return GapControlParameters(gap_control=mode, **{'gap_control_rate': 5.0, **values})
+
+
+def one_form_of_the_loop(patch: pytest.MonkeyPatch) -> None:
+    """
+    Let every law run in the loop that also holds the predictive one.
+
+    The motion is the same, and the loop for any number of harmonics takes a minute to compile:
+    with all laws in one form it is compiled once.
+    """
+    patch.setattr('impact_damper_ros.control.controlled_run._ControlLoop._is_predictive', True)
 
 
 def random_control(rng: random.Random) -> GapControlParameters:

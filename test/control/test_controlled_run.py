@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from rig.random_rigs import random_rig
 
-from control.controlled_rigs import TRIAL, control, random_controlled_rig
+from control.controlled_rigs import TRIAL, control, one_form_of_the_loop, random_controlled_rig
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
-from impact_damper_ros.rig.long_run import EVENT_TYPE, LongRun, Outcome
+from impact_damper_ros.rig.long_run import _MOST_IN_TUPLES, EVENT_TYPE, LongRun, Outcome
 
 #: Bounces on elastic stops under gravity, ever faster.
 ENDLESS = (
@@ -57,6 +57,25 @@ def test_it_has_the_motion_of_the_controlled_rig(seed):
             changed = rig.parameters.replace(gap=rig.parameters.gap * 1.1)
             other = rig.control.replace(gap_control_smoothing=0.2)
             assert run.change(changed, other) == rig.change(changed, other)
+
+
+@pytest.mark.parametrize('law', ['off', 'amplitude', 'timed', 'predictive'])
+def test_any_number_of_harmonics(law, monkeypatch):
+    """With arrays in place of tuples, the same bits."""
+    one_form_of_the_loop(monkeypatch)
+    parameters = TRIAL.replace(multisine_level=10.0, multisine_lines=_MOST_IN_TUPLES, gap=10.0)
+    run = ControlledRun(parameters, control=control(law))
+    rig = ControlledRig(parameters, control=control(law))
+    instants = np.linspace(0.0, 60.0, 40)
+    stretch = run.advance(60.0, instants)
+    events, samples = [], []
+    for instant in instants:
+        events += rig.advance(instant)
+        samples.append(tuple(rig.sample()))
+    assert stretch.samples.tolist() == samples
+    assert without_mode(stretch.events) == rows(events)
+    assert len(events) > 10
+    assert run.snapshot() == rig.snapshot()
 
 
 def test_modes_without_control_are_those_of_a_long_run():

@@ -87,7 +87,7 @@ def test_it_answers_reports_and_ends(client, recording, namespace, tmp_path, nam
         assert client.call(Trigger, f'{namespace}/sim_node/reset').success
         assert parameters.set(damper_mass=0.11) == ''
         assert time.monotonic() - began < ANSWER_S
-        time.sleep(0.5)
+        time.sleep(0.2)
     began = time.monotonic()
     assert process.stop(signal.SIGINT) == 0, process.output
     assert time.monotonic() - began < END_S

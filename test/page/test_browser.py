@@ -470,7 +470,7 @@ def test_a_run_recorded_and_played_to_its_end(opened, live):
     page.wait(f'impactDamper.history.end > {start} + 3', LONG)
     page.click('#record')
     page.wait("document.querySelector('#record').ariaPressed === 'false'", LONG)
-    page.click(f'{list_recordings(page, live)} .primary')
+    page.click(f'{list_recordings(page, newest_recording(live))} .primary')
     page.wait("document.body.classList.contains('playing') && impactDamper.history.state", LONG)
     page.run("""(() => { const speed = document.querySelector('#speed');
         speed.value = '5'; speed.dispatchEvent(new Event('change')); })()""")
@@ -559,19 +559,23 @@ def test_sound_makes_a_click_at_each_impact(opened):
     assert made('AudioBufferSource') == sources
 
 
-def list_recordings(page, live):
-    """Open the list of recordings; return the selector of the newest, which is finished."""
-    newest = max(live.recordings.iterdir(), key=lambda path: path.stat().st_mtime).name
-    row = f'.recording[data-name="{newest}"]'
+def newest_recording(live):
+    return max(live.recordings.iterdir(), key=lambda path: path.stat().st_mtime).name
+
+
+def list_recordings(page, name):
+    """Open the list of recordings; return the selector of one, which is finished."""
+    row = f'.recording[data-name="{name}"]'
     page.click('#recordings-open')
     page.wait(f"/\\d B$|kB$|MB$/.test(document.querySelector('{row} p').textContent)", LONG)
     return row
 
 
-@pytest.fixture
-def recorded(opened, live, parameters):
-    """Record a few seconds of the rig; return a page, and the row of that in its open list."""
-    page = opened()
+@pytest.fixture(scope='module')
+def recording(browser, live, parameters):
+    """Record a few seconds of the rig."""
+    page = browser.open(live.address)
+    page.wait(FULL, LONG)
     page.click('#record')
     page.wait("document.querySelector('#record').ariaPressed === 'true'", LONG)
     start = page.run('impactDamper.history.end')
@@ -579,7 +583,16 @@ def recorded(opened, live, parameters):
     page.click('#record')
     page.wait("document.querySelector('#record').ariaPressed === 'false'", LONG)
     until(lambda: parameters.get('record') is False)
-    return page, list_recordings(page, live)
+    name = newest_recording(live)
+    page.close()
+    return name
+
+
+@pytest.fixture
+def recorded(recording, opened):
+    """Return a page, and the row of the recording in its open list."""
+    page = opened()
+    return page, list_recordings(page, recording)
 
 
 def test_a_recording_is_downloaded(browser, live, recorded, tmp_path):
