@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from impact_damper_ros.bag.messages import STRING, decode
 from impact_damper_ros.bag.rig_topics import FORMAT, FORMATS
 from impact_damper_ros.control import ControlledRig, completed
 from impact_damper_ros.control.controller import initial_state
+from impact_damper_ros.rig import RunawayError
 from impact_damper_ros.rig.quoting import as_line, shown
 from impact_damper_ros.rig.simulator import ARITHMETIC, upgraded
 from impact_damper_ros.rig.simulator import FORMATS as STATE_FORMATS
@@ -30,6 +32,10 @@ _LONGEST = 4 * 1024 * 1024
 _DEEPEST = 12
 #: Whole numbers are times in ns, or counts.
 _LARGEST_INTEGER = 2**63
+
+#: How often a search for the end of a flight may pause before it is given up; one of a rig at rest
+#: for days takes long.
+_MOST_LOOKS = 1000
 
 
 def _refuse(name: str) -> float:
@@ -154,8 +160,20 @@ def _check_state(state: Mapping[str, Any], time: float) -> None:
         _check_control('gap_control.state', control, initial_state())
         rig = ControlledRig.restore(dict(state))
         check_numbers('sample', rig.sample())
+        _check_flight(rig)
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
         raise ValueError(f'{type(error).__name__}: {error}') from error
+
+
+def _check_flight(rig: ControlledRig) -> None:
+    """Check that the present flight lasts up to the rig's time, as far as that is quickly seen."""
+    looks, now = iter(range(_MOST_LOOKS)), rig.time
+    with suppress(RunawayError):
+        for event in rig.advance(now, 2, lambda: next(looks, None) is None):
+            if event.time < now - SAME_TIME:
+                raise ValueError(
+                    f'the flight from origin.time ends at {event.time!r} s, before time, {now!r} s'
+                )
 
 
 #: Lengths allowed for lists of the control's state that do not keep their length.
