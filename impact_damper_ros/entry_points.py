@@ -47,6 +47,7 @@ def begin(command: str) -> None:
     SIGINT, SIGTERM and SIGHUP, as when it runs. A Ctrl-C that the process was started to ignore
     stays ignored.
     """
+    _open_closed_streams()
     if command == _NODE:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             # nohup has SIGHUP ignored.
@@ -54,6 +55,24 @@ def begin(command: str) -> None:
                 signal.signal(number, lambda *_: os._exit(0))
     elif signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, partial(_end, command))
+
+
+def _open_closed_streams() -> None:
+    """
+    Put something in the place of standard streams that are closed.
+
+    The first file of a recording would take the place otherwise, and with it what is meant for
+    the terminal. What is written to stdout fails; messages are lost.
+    """
+    for number, mode in enumerate((os.O_RDONLY, os.O_RDONLY, os.O_WRONLY)):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, mode)
+    if sys.stdout is None:
+        sys.stdout = open(1, 'w', encoding='utf-8', closefd=False)  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(2, 'w', encoding='utf-8', closefd=False)  # noqa: SIM115
 
 
 def begin_module() -> None:
@@ -82,24 +101,31 @@ def run(command: str, main: Callable[[], int]) -> int:
         if not interrupted:
             raise
         begin(command)
-        _say_interrupted(command)
+        _say(command, 'interrupted')
         code = EXIT_INTERRUPTED
     finally:
         begin(command)
     # What is written must not be lost to a late Ctrl-C; a closed pipe is told again at exit.
-    with contextlib.suppress(OSError):
+    try:
         sys.stdout.flush()
+    except OSError as error:
+        if not code and not isinstance(error, BrokenPipeError):
+            _say(command, f'cannot write output: {error.strerror}')
+            code = 1
+        if code:
+            # Not to be said once more at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     return code
 
 
-def _say_interrupted(command: str) -> None:
+def _say(command: str, message: str) -> None:
     # Past sys.stderr, which a signal may have come in the midst of
     with contextlib.suppress(OSError):
-        os.write(2, f'{command}: interrupted\n'.encode())
+        os.write(2, f'{command}: {message}\n'.encode())
 
 
 def _end(command: str, *_: object) -> None:
-    _say_interrupted(command)
+    _say(command, 'interrupted')
     os._exit(EXIT_INTERRUPTED)
 
 

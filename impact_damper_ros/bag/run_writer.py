@@ -69,6 +69,7 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
 #: Least limits to the files of a bag, bytes and s: each begins with a description of its topics.
 SMALLEST_FILE = 100_000
 SHORTEST_FILE = 1.0
+LARGEST_FILE, LONGEST_FILE = 10**15, 1e9
 _SHORTEST_NS = round(SHORTEST_FILE * 1e9)
 #: Times per flush period that the writer thread looks at the queue while much comes in.
 _POLLS = 10
@@ -130,7 +131,8 @@ class RunWriter:
         If the bag cannot be made: no permission, disk full, a file in the way. Later failures are
         never raised, see `error`.
     ValueError
-        If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE`, and not 0.
+        If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE` and not 0, or more than
+        `LARGEST_FILE` or `LONGEST_FILE`.
     KeyError
         If no definition of a topic's type is shipped.
     """
@@ -148,12 +150,14 @@ class RunWriter:
         max_size: int = 0,
         max_duration: float = 0.0,
     ) -> None:
-        for name, limit, least in (
-            ('max_size', max_size, SMALLEST_FILE),
-            ('max_duration', max_duration, SHORTEST_FILE),
+        for name, limit, least, most in (
+            ('max_size', max_size, SMALLEST_FILE, LARGEST_FILE),
+            ('max_duration', max_duration, SHORTEST_FILE, LONGEST_FILE),
         ):
-            if limit and not limit >= least:
-                raise ValueError(f'{name} is {limit}: it must be 0 (no limit) or at least {least}')
+            if limit and not least <= limit <= most:
+                raise ValueError(
+                    f'{name} is {limit}: it must be 0 (no limit) or from {least} to {most:g}'
+                )
         if len({topic.name for topic in topics}) < len(topics):
             raise ValueError('two topics have the same name; each may be given once')
         if not flush_period > 0 or not sync_period > 0:

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
-from impact_damper_ros.bag.run_writer import SHORTEST_FILE, SMALLEST_FILE
 from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig, OwnLaw
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
@@ -23,6 +22,7 @@ from impact_damper_ros.report.formatting import setting
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
+    SETTING_SPECS,
     Event,
     EventKind,
     ParameterSpec,
@@ -31,6 +31,7 @@ from impact_damper_ros.rig import (
 )
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
 from impact_damper_ros.rig.forcing import SWEEP_FIELDS, frequency_at
+from impact_damper_ros.rig.state_checks import LATEST
 from impact_damper_ros.rig.swing import Swing
 
 from .command_line import (
@@ -60,6 +61,8 @@ EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:], 'force_frequenc
 # The end of a run that its summary describes, and how closely it looks for the largest |X|
 _WATCHED_CYCLES = 20
 _LOOKS_PER_CYCLE = 256
+# Stamps are whole nanoseconds.
+_SHORTEST, _SLOWEST, _FASTEST = 1e-9, 1e-12, 1e9
 
 _DESCRIPTION = """\
 Run an impact damper exactly, without ROS, from the same parameters file as sim_node. The rig
@@ -83,7 +86,11 @@ def _parser() -> argparse.ArgumentParser:
         '--parameters', action=_ListParameters, help='list all parameters of a rig and exit'
     )
     parser.add_argument(
-        '--duration', type=_positive, required=True, metavar='T', help='time to simulate [s]'
+        '--duration',
+        type=_number(_SHORTEST, LATEST, 's'),
+        required=True,
+        metavar='T',
+        help='time to simulate [s]',
     )
     parser.add_argument(
         '--impacts', type=Path, metavar='FILE', help='write the impacts as CSV (- : stdout)'
@@ -107,21 +114,21 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--max-bag-size',
-        type=_limit(int, SMALLEST_FILE, 'bytes'),
+        type=_limit('max_bag_size', int),
         default=0,
         metavar='BYTES',
         help='start another file of the bag when one has so many bytes [0: one file]',
     )
     parser.add_argument(
         '--max-bag-duration',
-        type=_limit(float, SHORTEST_FILE, 's'),
+        type=_limit('max_bag_duration', float),
         default=0.0,
         metavar='T',
         help='start another file of the bag after so much time [s] [0: one file]',
     )
     parser.add_argument(
         '--rate',
-        type=_positive,
+        type=_number(_SLOWEST, _FASTEST, 'Hz'),
         default=200.0,
         metavar='HZ',
         help='rate of --states and of the joint states in --bag [200]',
@@ -148,9 +155,13 @@ class _ListParameters(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, help=help)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        print(parameter_table(PARAMETER_SPECS, INITIAL_SPECS))
-        print(parameter_table(GAP_CONTROL_SPECS), end='')
-        parser.exit()
+        parser.exit(outcome('simulate_rig', _print_parameters))
+
+
+def _print_parameters() -> int:
+    print(parameter_table(PARAMETER_SPECS, INITIAL_SPECS))
+    print(parameter_table(GAP_CONTROL_SPECS), end='', flush=True)
+    return 0
 
 
 def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
@@ -162,28 +173,39 @@ def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text!r}: give a positive, finite number')
-    return value
+def _number(low: float, high: float, unit: str) -> Callable[[str], float]:
+    """Return a reader of numbers in a range, for `argparse`."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(
+                f'{text!r}: give a number from {low:g} to {high:g} {unit}'
+            )
+        return value
+
+    return read
 
 
-def _limit(kind: type[float], least: float, unit: str) -> Callable[[str], float]:
-    """Return a reader of limits to the files of a bag, for `argparse`."""
+def _limit(name: str, kind: type[float]) -> Callable[[str], float]:
+    """Return a reader of limits to the files of a bag, as of the node, for `argparse`."""
+    spec = SETTING_SPECS[name]
+    least, most = spec.least, spec.high
+    assert most is not None
 
     def read(text: str) -> float:
         try:
             value = kind(text)
         except ValueError:
             value = -1
-        if value != 0 and not least <= value < math.inf:
+        if value != 0 and not least <= value <= most:
             whole = ' whole' if kind is int else ''
             raise argparse.ArgumentTypeError(
-                f'{text!r}: give 0 (no limit) or a{whole} number of at least {least:g} {unit}'
+                f'{text!r}: give 0 (no limit) or a{whole} number from {least:g} to {most:g} '
+                f'{spec.unit}'
             )
         return value
 

@@ -20,6 +20,7 @@ from impact_damper_ros.rig import (
 )
 from impact_damper_ros.rig.event import MOST_TOGETHER, EventRows
 from impact_damper_ros.rig.simulator import Snapshot
+from impact_damper_ros.rig.state_checks import SAME_TIME, check_whole
 
 from .actuator import settle_stops
 from .control_loop import COMMANDS_FULL, LAW_FAILED, go_under_control, write_record
@@ -29,6 +30,7 @@ from .controller import (
     ControlSettings,
     forget_all,
     initial_state,
+    next_sample,
     relearn_laws,
 )
 from .own_law import Law, LawError, OwnLaw
@@ -209,7 +211,7 @@ class ControlledRig(Simulator):
         Raises
         ------
         ValueError
-            If the time is before the present one or not finite, or the number of events is
+            If the time is before the present one or after 1e13 s, or the number of events is
             negative or NaN.
         RunawayError
             If the rig has events without end at one instant; `go_back` undoes the advance.
@@ -352,8 +354,7 @@ class ControlledRig(Simulator):
             If the snapshot is of another format or lacks something, or is of a rig with a law of
             the user's own that is not given.
         """
-        plain = {name: value for name, value in snapshot.items() if name != 'gap_control'}
-        rig = super().restore(plain)
+        rig = super().restore(snapshot)
         rig._records, rig._law = [], own_law_of(law)
         rig._gap_control, rig._control = restored(snapshot, rig.parameters, rig._law)
         return rig
@@ -394,6 +395,13 @@ def restored(
                     'give the law, too'
                 )
             control.memory[:] = map(float, kept['memory'])
+        index, begun = control.controller.sample_index, snapshot['time']
+        check_whole('sample_index', index)
+        if next_sample(control) < begun - SAME_TIME:
+            raise ValueError(
+                f'sample_index is {index}, a sample at {index / parameters.gap_control_rate!r} '
+                f's: it must be the next one after time, {begun!r} s'
+            )
     except (AttributeError, KeyError, TypeError) as error:
         raise ValueError(f'snapshot is not complete: gap_control: {error}') from error
     return parameters, control

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from math import inf, nan
+from math import inf, nan, ulp
 from typing import Any, ClassVar, NamedTuple
 
 from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters, RigParameters
@@ -319,8 +319,10 @@ class Control(NamedTuple):
         """Begin to sample at the first sampling instant after the present time."""
         rate = self.settings.rate
         index = max(0, int(time * rate))
+        # Late on, the spacing of floats is that of many samples.
+        step = max(1, int(ulp(time) * rate))
         while index / rate <= time:
-            index += 1
+            index += step
         self.controller.sample_index = index
 
 

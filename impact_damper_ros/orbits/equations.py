@@ -26,8 +26,14 @@ from impact_damper_ros.rig.mode import rig_constants
 
 #: Most impacts in a period for which all stop sequences are listed.
 MOST_LISTED_IMPACTS = 6
+#: Most impacts, and cycles of the force, in a period; the equations grow with both.
+MOST_IMPACTS = MOST_CYCLES = 1000
 
 _WHOLE = 1e-12
+#: Least frequency of the force, over the natural one.
+_SLOWEST = 1e-6
+#: Where M loses this much of a free vibration, in powers of e, nothing is left of it.
+_LOST = 500.0
 
 
 class OrbitError(ValueError):
@@ -46,6 +52,13 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     It must repeat after so many cycles of its first harmonic, or be one harmonic if they are
     not given, as the periodic theory assumes.
     """
+    amplitude, first = parameters.force_amplitudes[0], parameters.force_frequencies[0]
+    if 0.0 < first < _SLOWEST * parameters.omega:
+        raise OrbitError(
+            f'the first harmonic of the force has a frequency of {first:g} rad/s, '
+            f'{parameters.frequency_ratio:.3g} of the natural one: motion so slow is no '
+            f'vibration, give at least {_SLOWEST * parameters.omega:.3g} rad/s'
+        )
     if parameters.periodic_force:
         return
     lasting = 'periodic motion repeats with the first harmonic of the force'
@@ -59,7 +72,6 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
             f'sweep_mode is {parameters.sweep_mode!r}: {lasting}, give off, and the frequency '
             'asked for in force_frequencies'
         )
-    amplitude, first = parameters.force_amplitudes[0], parameters.force_frequencies[0]
     if amplitude == 0.0 or first == 0.0:
         raise OrbitError(
             f'the first harmonic of the force has amplitude {amplitude:g} N and frequency '
@@ -97,8 +109,13 @@ def check_stops(parameters: RigParameters, stops: tuple[int, ...], cycles: int) 
             f'stop sequence {",".join(str(s) for s in stops)}: the rig is one-sided and has no '
             'stop 2, give stop 1 only, or one_sided: false'
         )
-    if cycles < 1:
-        raise OrbitError(f'{cycles} force cycles: give a period of at least 1 cycle')
+    if len(stops) > MOST_IMPACTS:
+        raise OrbitError(f'{len(stops)} impacts: give at most {MOST_IMPACTS} in a period')
+    if not 1 <= cycles <= MOST_CYCLES or cycles != int(cycles):
+        raise OrbitError(
+            f'{cycles} force cycles: give a period of at least 1 cycle, a whole number up to '
+            f'{MOST_CYCLES}'
+        )
 
 
 def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, ...]]:
@@ -123,8 +140,10 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
     OrbitError
         If N is not positive, or too large to list all.
     """
-    if impacts < 1:
-        raise OrbitError(f'{impacts} impacts: give at least 1 in a period')
+    if not 1 <= impacts <= MOST_IMPACTS or impacts != int(impacts):
+        raise OrbitError(
+            f'{impacts} impacts: give at least 1 in a period, a whole number up to {MOST_IMPACTS}'
+        )
     if impacts == 1 or parameters.one_sided:
         return [(1,) * impacts]
     if impacts > MOST_LISTED_IMPACTS:
@@ -254,7 +273,9 @@ class ImpactEquations:
             if apart == 0.0:
                 parts.append(lasts * np.exp(eigenvalue * lasts))
             else:
-                parts.append(np.exp(eigenvalue * lasts) * np.expm1(apart * lasts) / apart)
+                near = np.where(self._decay * lasts < _LOST, lasts, 0.0)
+                grown = np.exp(eigenvalue * near) * np.expm1(apart * near)
+                parts.append(np.where(near < lasts, np.exp(drive * lasts), grown) / apart)
         x = (parts[0] - parts[1]) / (2j * self._damped)
         return x, root * x + parts[1]
 

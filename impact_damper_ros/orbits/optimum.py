@@ -33,6 +33,9 @@ _SAME_BRANCH = 0.02
 #: A pair of multipliers this close to 1 and -1 in angle counts as real, rad.
 _REAL_ANGLE = 1e-6
 
+#: Most gaps at which a search begins.
+_MOST_POINTS = 100_000
+
 
 class Limit(Enum):
     """What limits the best gap; the value says it in words."""
@@ -302,10 +305,10 @@ def optimal_gap(
     if rig.one_sided:
         raise OrbitError('the rig is one-sided, it has no gap to choose: give one_sided: false')
     low, high = gap_range(rig) if gaps is None else gaps
-    if not 0.0 < low < high or points < 3:
+    if not 0.0 < low < high or not 3 <= points <= _MOST_POINTS or points != int(points):
         raise OrbitError(
             f'gaps from {low:g} to {high:g} m at {points} points: give 0 < low < high and at '
-            'least 3 points'
+            f'least 3 points, a whole number up to {_MOST_POINTS}'
         )
     search = _Search(rig, stops, cycles, simulate)
     grid = search.refined([float(gap) for gap in np.geomspace(low, high, points)])

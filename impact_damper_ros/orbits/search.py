@@ -373,8 +373,8 @@ def find_orbits(
     [0.733784, 0.233784]
     """
     stops = tuple(stops)
-    check_forcing(parameters, cycles)
     check_stops(parameters, stops, cycles)
+    check_forcing(parameters, cycles)
     orbits: list[PeriodicOrbit] = []
     if single_harmonic(parameters) and within_theory(parameters, stops):
         rig = _with_first_harmonic(parameters)

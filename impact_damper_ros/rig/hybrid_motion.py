@@ -8,7 +8,7 @@ ahead of the present time.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import ceil, inf, ulp
+from math import ceil, inf, nan, ulp
 from typing import Any, ClassVar
 
 from .contact import ALL_STEPS, flight_end
@@ -19,6 +19,7 @@ from .forcing import SteppedSine, frequency_at
 from .mode import Mode, RigConstants, rig_constants
 from .origin import Origin, advance_time, carried, stop_rates
 from .parameters import RigParameters
+from .quoting import shown
 from .run_loop import (
     DONE,
     FULL,
@@ -32,6 +33,7 @@ from .run_loop import (
     state_at,
     write_sample,
 )
+from .state_checks import LATEST
 
 #: Steps of a search between two calls of `interrupted`; few flights take more.
 _STEPS_AT_A_STRETCH = 8
@@ -52,13 +54,51 @@ class RunawayError(RuntimeError):
         )
 
 
+def as_float(value: Any) -> float:
+    """
+    Return a number as a float, one too large as infinity, and NaN for what is no number.
+
+    A float32 would otherwise have its few digits in all that is computed with it.
+    """
+    try:
+        return float(value) if hasattr(value, '__float__') else nan
+    except (TypeError, ValueError):
+        return nan
+    except OverflowError:
+        return inf if value > 0 else -inf
+
+
 def number_of_events(most_events: float) -> float:
     """Return a number of events, rounded up, or infinity; or raise a ValueError."""
-    if not most_events >= 0.0:
+    number = as_float(most_events)
+    if not number >= 0.0:
         raise ValueError(
-            f'most_events is {most_events!r}: give a number from 0 on, infinity for no limit'
+            f'most_events is {shown(most_events)}: give a number from 0 on, infinity for no limit'
         )
-    return most_events if most_events == inf else ceil(most_events)
+    return number if number == inf else ceil(number)
+
+
+def starting_time(time: float) -> float:
+    """Return the time at which a rig starts, s; or raise a ValueError."""
+    start = as_float(time)
+    if not -LATEST <= start <= LATEST:
+        raise ValueError(
+            f'the rig cannot start at {shown(time)} s: give a number from {-LATEST:g} to '
+            f'{LATEST:g} s'
+        )
+    return start
+
+
+def later_time(time: float, now: float) -> float:
+    """Return a time to which a rig can run, s; or raise a ValueError."""
+    end = as_float(time)
+    if not now <= end < inf:
+        raise ValueError(
+            f'cannot advance to {shown(time)} s: give a finite time not before {now!r} s'
+        )
+    if end > LATEST:
+        raise ValueError(f'cannot advance to {end!r} s: give a time up to {LATEST:g} s')
+    return end
 
 
 def origin_at_step(rig: RigConstants, origin: Origin, flight: Flight, instant: float) -> Origin:
@@ -186,7 +226,7 @@ class HybridMotion:
         Raises
         ------
         ValueError
-            If the time is before the present one or not finite, or the number of events is
+            If the time is before the present one or after 1e13 s, or the number of events is
             negative or NaN.
         RunawayError
             If the rig has events without end at one instant; `go_back` undoes the advance.
@@ -219,10 +259,7 @@ class HybridMotion:
         watch: bool,
     ) -> list[Event]:
         """Advance to a time, or to the first passage of X through zero."""
-        if not self._time <= time < inf:
-            raise ValueError(
-                f'cannot advance to {time!r} s: give a finite time not before {self._time!r} s'
-            )
+        time = later_time(time, self._time)
         most_events = number_of_events(most_events)
         events, self._unreported = self._unreported, []
         while True:
@@ -285,6 +322,7 @@ class HybridMotion:
         self, times: Sequence[float], interrupted: Callable[[], bool] | None = None
     ) -> list[Sample]:
         """Return the motion at those of the later instants that the present flight reaches."""
+        times = [as_float(time) for time in times]
         until = min(self._foresee(max(times, default=-inf), interrupted), self._step_due)
         if interrupted is None or len(self._constants.phases) < _MANY_HARMONICS:
             return [self._sample_at(time) for time in times if time < until]

@@ -8,12 +8,14 @@ from typing import Any, NamedTuple, Self
 from .changes import changed, check_command, kept_angles
 from .crossing import sided
 from .event import Event, EventKind, EventRows
-from .forcing import SWEEP_FIELDS, SteppedSine, frequency_at
-from .hybrid_motion import HybridMotion
+from .forcing import SWEEP_FIELDS, SteppedSine, frequency_at, frequency_steps
+from .hybrid_motion import HybridMotion, starting_time
 from .mode import STICK, RigConstants, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
+from .quoting import shown
 from .run_loop import stops_moved
+from .state_checks import LATEST, SAME_TIME, check_number, check_origin, check_whole
 
 _FORMAT = 2
 #: Formats that can be read. The first had neither moving stops nor a stepped sine.
@@ -76,33 +78,52 @@ class Snapshot(NamedTuple):
         Raises
         ------
         ValueError
-            If the snapshot is of another format or lacks something.
+            If the snapshot is of another format or lacks something, or no rig can be in that
+            state.
         """
+        if not isinstance(stored, dict):
+            raise ValueError(f'snapshot is {shown(stored)}: give a dictionary, as it was taken')
         version = stored.get('format')
         if version not in FORMATS:
             known = ' and '.join(map(str, FORMATS))
-            raise ValueError(f'snapshot of format {version!r}: this version reads {known}')
+            raise ValueError(f'snapshot of format {shown(version)}: this version reads {known}')
         try:
             parameters = RigParameters(**stored['parameters'])
-            values: dict[str, Any] = {
-                name: inf if value is None else value for name, value in stored['origin'].items()
-            }
+            check_number('time', stored['time'], LATEST)
+            held = dict(stored['origin'])
             if version == 1:
                 half = 0.5 * parameters.gap
-                values = {**values, 'target_1': half, 'target_2': -half}
+                held |= {'target_1': half, 'target_2': -half}
+            check_origin(held, stored['time'], len(parameters.harmonics[0]))
+            values: dict[str, Any] = {n: inf if v is None else v for n, v in held.items()}
+            # The first format had no stepped sine; one that is off starts at 0.
+            sweep = SteppedSine(**stored.get('sweep', {'start': 0.0}))
+            _check_sweep(sweep, parameters, stored['time'])
             return cls(
                 parameters=parameters,
-                origin=Origin(**{**values, 'angles': tuple(values['angles'])}),
+                origin=Origin(**{**values, 'angles': tuple(map(float, values['angles']))}),
                 time=float(stored['time']),
                 unreported=tuple(
                     Event(event[0], EventKind(event[1]), *event[2:])
                     for event in stored.get('unreported', [])
                 ),
-                # The first format had no stepped sine; one that is off starts at 0.
-                sweep=SteppedSine(**stored.get('sweep', {'start': 0.0})),
+                sweep=sweep,
             )
-        except (KeyError, TypeError) as error:
+        except (AttributeError, IndexError, KeyError, TypeError) as error:
             raise ValueError(f'snapshot is not complete: {error}') from error
+
+
+def _check_sweep(sweep: SteppedSine, parameters: RigParameters, time: float) -> None:
+    """Check a stored sweep of a rig at a time, s: the steps due by then, and no more, are done."""
+    check_number('sweep.start', sweep.start, LATEST)
+    check_whole('sweep.step', sweep.step, 0, frequency_steps(parameters))
+    done = sweep.start + sweep.step * parameters.sweep_dwell
+    due = sweep.due(parameters)
+    if parameters.sweep_mode != 'off' and not done - SAME_TIME <= time <= due + SAME_TIME:
+        raise ValueError(
+            f'sweep.step is {sweep.step}, from {done!r} s to {due!r} s: it must be the one at '
+            f'time, {time!r} s'
+        )
 
 
 def upgraded(stored: dict[str, Any]) -> dict[str, Any]:
@@ -128,12 +149,14 @@ class Simulator(HybridMotion):
     initial : InitialConditions, optional
         Where it starts; at rest with m in the middle of the gap, if not given.
     time : float, optional
-        Time at the start, s.
+        Time at the start, s; from -1e13 to 1e13.
 
     Raises
     ------
     ParameterError
         If m would not start between the stops.
+    ValueError
+        If the time is out of range.
 
     Examples
     --------
@@ -151,7 +174,7 @@ class Simulator(HybridMotion):
     ) -> None:
         """Start the rig."""
         constants = rig_constants(parameters, frequency_at(parameters, 0))
-        self._start(parameters, constants, initial or InitialConditions(), time)
+        self._start(parameters, constants, initial or InitialConditions(), starting_time(time))
 
     def _start(
         self,
@@ -332,7 +355,8 @@ class Simulator(HybridMotion):
         Raises
         ------
         ValueError
-            If the snapshot is of another format or lacks something.
+            If the snapshot is of another format or lacks something, or no rig can be in that
+            state.
         """
         return cls.resume(Snapshot.from_dict(snapshot))
 

@@ -88,12 +88,15 @@ def put(path, value):
         (put('state.sweep.step', 1.5), 'sweep.step is 1.5: it must be a whole number'),
         (put('state.parameters.gap', 'x' * 10**5), 'gap is '),
         (put('state.parameters.gap', -1.0), 'gap is -1.0'),
+        (put('state.sweep.step', -(2**62)), 'sweep.step is -4611686018427387904: it must be from'),
+        (put('state.origin.velocity', 1e300), 'origin.velocity is 1e+300: it must be a number'),
+        (put('state.origin.time', -1e9), 'the flight from origin.time ends at -999999'),
         (put('state.gap_control.state.observer.last', [1.0]), 'observer.last has 1 entries'),
         (put('state.gap_control.state.roused', 'x'), "roused is 'x': it must be true or false"),
         (put('state.format', [2]), 'is of format [2]; this version reads format 1 and 2'),
         (put('stamp_offset_ns', '5'), "stamp_offset_ns is '5'"),
     ],
-    ids=range(21),
+    ids=range(24),
 )
 def test_snapshots(tmp_path, messages, change, words):
     path = with_snapshots(tmp_path / 'bag', messages, change)

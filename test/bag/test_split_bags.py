@@ -450,7 +450,7 @@ def test_kill_loses_nothing_of_the_files_before(tmp_path):
     'limits', [{'max_size': 99_999}, {'max_size': -1}, {'max_duration': 0.5}], ids=str
 )
 def test_limits_too_small_are_refused(tmp_path, limits):
-    with pytest.raises(ValueError, match=r'must be 0 \(no limit\) or at least'):
+    with pytest.raises(ValueError, match=r'must be 0 \(no limit\) or from'):
         RunWriter(tmp_path / 'bag', [NOTE], **limits)
     assert not (tmp_path / 'bag').exists()
 

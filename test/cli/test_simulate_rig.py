@@ -210,6 +210,51 @@ def test_missing_directory_is_explained(tmp_path, capsys):
     assert 'a directory that exists' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ('option', 'value', 'words'),
+    [
+        *(('--duration', value, 'from 1e-09 to 1e+13 s') for value in ('nan', '1e-320', '1e14')),
+        *(('--rate', value, 'from 1e-12 to 1e+09 Hz') for value in ('inf', '1e-320', '1e300')),
+        ('--max-bag-duration', '1e300', 'from 1 to 1e+09 s'),
+        ('--max-bag-size', '9' * 20, 'whole number from 100000 to 1e+15 B'),
+    ],
+)
+def test_numbers_that_no_run_can_have(capsys, option, value, words):
+    with pytest.raises(SystemExit) as ended:
+        main([str(PAPER), '--duration', '1', option, value])
+    assert ended.value.code == 2
+    assert words in capsys.readouterr().err
+
+
+SIMULATE = (sys.executable, '-m', 'impact_damper_ros.cli.simulate_rig', str(PAPER))
+
+
+@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&- >&- 2>&-'])
+def test_closed_standard_streams(tmp_path, closed):
+    """A recording must not be opened in the place of stderr, where messages go."""
+    words = [*SIMULATE, '--duration', '50', '--bag', 'bag']
+    shell = ['sh', '-c', f'"$@" {closed}', 'sh']
+    ended = subprocess.run([*shell, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert (ended.returncode, 'Traceback' in ended.stderr) == (0, False)
+    assert compare_run([str(tmp_path / 'bag'), '--quiet']) == 0
+    ended = subprocess.run(
+        [*shell[:2], '"$@" >&-', 'sh', *SIMULATE, '--duration', '50', '--impacts', '-'],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1].startswith('simulate_rig: cannot write output')
+
+
+def test_the_list_of_parameters_on_a_full_disk():
+    with Path('/dev/full').open('w') as full:
+        words = [*SIMULATE, '--parameters']
+        ended = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith('simulate_rig: cannot write output: No space left')
+
+
 def test_interrupt_keeps_what_was_simulated(tmp_path):
     impacts = tmp_path / 'impacts.csv'
     process = subprocess.Popen(

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.orbits import ImpactEquations, OrbitError, plausible_stops
+from impact_damper_ros.orbits import ImpactEquations, OrbitError, find_orbits, plausible_stops
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 
 RIG = RigParameters(
@@ -157,3 +157,30 @@ def test_plausible_stops(impacts, expected):
 def test_too_few_or_too_many_sequences(impacts):
     with pytest.raises(OrbitError, match=f'{impacts} impacts'):
         plausible_stops(RIG, impacts)
+
+
+@pytest.mark.parametrize('number', [0, -1, 1.5, 1001, 10**12, math.inf, math.nan])
+def test_numbers_that_no_period_can_have(number):
+    """10**12 impacts were once listed, and as many cycles failed deep in linear algebra."""
+    with pytest.raises(OrbitError, match='a whole number up to 1000'):
+        find_orbits(RigParameters(), (1, 2), number)
+    for one_sided in (False, True):
+        with pytest.raises(OrbitError, match='a whole number up to 1000'):
+            plausible_stops(RigParameters(one_sided=one_sided), number)
+
+
+@pytest.mark.parametrize('frequency', [1e-300, 1e-162, 1e-9])
+def test_a_force_too_slow_for_a_vibration(frequency):
+    """It once ended in a division by zero, or deep in linear algebra."""
+    with pytest.raises(OrbitError, match='no vibration, give at least 1e-06 rad/s'):
+        find_orbits(RigParameters(force_frequencies=frequency), (1, 2))
+
+
+@pytest.mark.filterwarnings('error')
+def test_free_vibration_that_dies_out_within_a_flight():
+    """Its growth rate over a flight once was beyond the floats."""
+    rig = RigParameters(gravity=0.0, damping=1.9, force_frequencies=1e-3)
+    equations = ImpactEquations(rig, (1, 2), 1)
+    system = equations.linear_system(np.array([0.0, 0.5 * equations.period]))
+    assert np.all(np.isfinite(system))
+    find_orbits(rig, (1, 2), simulate=False)

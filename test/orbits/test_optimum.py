@@ -122,6 +122,8 @@ def test_default_range_holds_the_optimum():
     [
         (LEVEL.replace(one_sided=True), {}, 'one-sided'),
         (LEVEL, {'gaps': (30.0, 20.0)}, 'low < high'),
+        (LEVEL, {'gaps': (1.0, 2.0), 'points': 10**12}, 'a whole number up to 100000'),
+        (LEVEL, {'gaps': (1.0, 2.0), 'points': float('nan')}, 'a whole number up to 100000'),
         (LEVEL, {'gaps': (1.0, 2.0), 'points': 3}, 'no stable, viable motion'),
         (LEVEL.replace(damping=0.0), {}, 'gaps=\\(low, high\\)'),
     ],
