@@ -164,7 +164,11 @@ def _series(
             rate += n * term
             rate_2 += n * (n - 1) * term
         even, odd = odd, turn * even / ((n + 1) * (n + 2))
-    return displacement, rate / tau, rate_2 / (tau * tau)
+    square = tau * tau
+    if square == 0.0:
+        # After less than 1e-162 s nothing is left of the rates either.
+        return displacement, 0.0, 0.0
+    return displacement, rate / tau, rate_2 / square
 
 
 class _Drive(NamedTuple):

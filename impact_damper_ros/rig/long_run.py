@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from .event import Event, EventKind, Sample
 from .forcing import SteppedSine, frequency_at
-from .hybrid_motion import number_of_events, origin_at_step, step_event
+from .hybrid_motion import later_time, number_of_events, origin_at_step, step_event
 from .kernels import compiled as compile_kernels
 from .kernels import compiling_alone, stamp
 from .mode import Mode, RigConstants, launch, rig_constants
@@ -434,10 +434,7 @@ class LongRun:
         """
         state = self._state
         most = int(min(number_of_events(most_events), _MOST))
-        if not state.time <= time < inf:
-            raise ValueError(
-                f'cannot advance to {time!r} s: give a finite time not before {state.time!r} s'
-            )
+        time = later_time(time, state.time)
         when = np.array(instants, dtype=float).reshape(-1)
         in_order = bool(np.all(when[1:] >= when[:-1]))
         if len(when) and not (in_order and when[0] >= state.time and when[-1] <= time):

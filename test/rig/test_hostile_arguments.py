@@ -9,6 +9,7 @@ import pytest
 
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.rig import GapControlParameters, RigParameters, Simulator
+from impact_damper_ros.rig.long_run import LongRun
 
 LEVEL = RigParameters(gravity=0.0)
 TIMED = GapControlParameters(gap_control='timed', gap_control_rate=5.0)
@@ -26,9 +27,29 @@ def test_any_kind_of_number_gives_all_digits(kind):
     assert rig.sample() == exact.sample()
     assert json.dumps(rig.snapshot()) == json.dumps(exact.snapshot())
     assert type(Simulator(LEVEL, time=kind(3)).time) is float
+    run = LongRun(LEVEL, compiled=False)
+    run.advance(kind(100))
+    assert json.dumps(run.snapshot()) == json.dumps(exact.snapshot())
 
 
-@pytest.mark.parametrize('make', [Simulator, ControlledRig])
+@pytest.mark.parametrize('exponent', [-323, -300, -170, -160, -155, -100])
+def test_times_whose_squares_are_no_floats(exponent):
+    """The least of them once ended in a division by zero."""
+    time = 10.0**exponent
+    rig, run = Simulator(LEVEL), LongRun(LEVEL, compiled=False)
+    (foreseen,) = rig.preview([time])
+    rig.advance(time)
+    assert tuple(foreseen) == tuple(rig.sample()) == tuple(run.advance(1.0, [time]).samples[0])
+    rig.move_stops(15.0, -15.0, 1.0)
+    assert abs(foreseen.primary_velocity) <= time
+    rig.advance(1.0)
+
+
+def long_run(rig, time=0.0):
+    return LongRun(rig, time=time, compiled=False)
+
+
+@pytest.mark.parametrize('make', [Simulator, ControlledRig, long_run])
 @pytest.mark.parametrize(
     'time', [math.nan, math.inf, -math.inf, 1e300, 1.1e13, 10**400, None, 'x', 3 + 0j, [1.0]]
 )
