@@ -198,9 +198,12 @@ def _limit(name: str, kind: type[float]) -> Callable[[str], float]:
 
     def read(text: str) -> float:
         try:
-            value = kind(text)
+            value = float(text)
         except ValueError:
-            value = -1
+            value = -1.0
+        if kind is int:
+            # 1e6 is a whole number, too.
+            value = int(value) if value.is_integer() else -1
         if value != 0 and not least <= value <= most:
             whole = ' whole' if kind is int else ''
             raise argparse.ArgumentTypeError(

@@ -28,6 +28,7 @@ from impact_damper_ros.bag.bag_file import BagFile
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.recover_run import main as recover_run
 from impact_damper_ros.cli.replay_run import main as replay_run
+from impact_damper_ros.cli.simulate_rig import _parser
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.replay.findings import ReplayVerdict
 
@@ -456,22 +457,28 @@ def test_limits_too_small_are_refused(tmp_path, limits):
 
 
 @pytest.mark.parametrize(
-    ('option', 'value', 'least'),
+    ('option', 'value', 'allowed'),
     [
-        ('--max-bag-size', '5', '100000 bytes'),
-        ('--max-bag-size', '1e6', '100000 bytes'),
-        ('--max-bag-duration', '0.5', '1 s'),
-        ('--max-bag-duration', 'nan', '1 s'),
-        ('--max-bag-duration', '-3', '1 s'),
+        ('--max-bag-size', '5', 'whole number from 100000 to 1e+15 B'),
+        ('--max-bag-size', '150000.5', 'whole number from 100000 to 1e+15 B'),
+        ('--max-bag-size', 'inf', 'whole number from 100000 to 1e+15 B'),
+        ('--max-bag-duration', '0.5', 'number from 1 to 1e+09 s'),
+        ('--max-bag-duration', 'nan', 'number from 1 to 1e+09 s'),
+        ('--max-bag-duration', '-3', 'number from 1 to 1e+09 s'),
     ],
 )
-def test_options_out_of_range(option, value, least, capsys):
+def test_options_out_of_range(option, value, allowed, capsys):
     with pytest.raises(SystemExit) as end:
         simulate_rig(['bench_rig', '--duration', '1', '--bag', 'bag', f'{option}={value}'])
     assert end.value.code == 2
     text = capsys.readouterr().err
     assert f"'{value}': give 0 (no limit) or a" in text
-    assert f'number of at least {least}' in text
+    assert allowed in text
+
+
+def test_a_whole_number_may_be_written_with_an_exponent():
+    options = _parser().parse_args(['bench_rig', '--duration', '1', '--max-bag-size', '1e6'])
+    assert (options.max_bag_size, type(options.max_bag_size)) == (1_000_000, int)
 
 
 def test_what_a_file_begins_with_may_be_larger_than_the_limit(tmp_path):
