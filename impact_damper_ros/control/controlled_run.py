@@ -33,7 +33,7 @@ from impact_damper_ros.rig.simulator import Snapshot
 from .control_loop import COMMANDS_FULL, LAW_FAILED, run_controlled
 from .controlled_rig import ControlledRig, own_law_of, restored, stored
 from .controller import LAW_NUMBERS, Control
-from .own_law import Law, OwnLaw, users_law
+from .own_law import Law, OwnLaw, call_by_address, call_law
 from .predictive_law import predictive_law_crosses
 
 
@@ -47,9 +47,7 @@ class _ControlLoop(Loop):
         self, constants: RigConstants, damper_mass: float, control: Control, *, compiled: bool
     ) -> None:
         self._control = control
-        if control.law is not None:
-            self._name = f'{self._name}_{id(control.law)}'
-        elif self._is_predictive:
+        if self._is_predictive:
             self._name = f'{self._name}_{_FORM}'
         super().__init__(constants, damper_mass, compiled=compiled)
         self._records = control.packed() if compiled else control.copied()
@@ -57,9 +55,6 @@ class _ControlLoop(Loop):
 
     def _compile(self) -> Any:
         """Return the compiled loop, or one about to be."""
-        law = self._control.law
-        if law is not None:
-            return _loop_with(law)
         return _loop_for(predictive=self._is_predictive)
 
     @property
@@ -138,23 +133,11 @@ def _without_model(_control: Any, _seen: Any, _rig: Any, _origin: Any) -> None:
 @cache
 def _loop_for(*, predictive: bool) -> Any:
     """Return the compiled run loop with the built-in laws, the predictive one if it is needed."""
-    without_model = {predictive_law_crosses.__name__: _without_model}
-    (loop,) = compile_kernels(
-        run_controlled.__name__,
-        given={} if predictive else without_model,
-        form=_FORM if predictive else '',
-    )
-    return loop
-
-
-@cache
-def _loop_with(law: OwnLaw) -> Any:
-    """Return the compiled run loop with a law of the user's own in it."""
-    given: dict[str, Any] = {
-        users_law.__name__: law.function,
-        predictive_law_crosses.__name__: _without_model,
-    }
-    (loop,) = compile_kernels(run_controlled.__name__, given=given)
+    given: dict[str, Any] = {call_law.__name__: call_by_address()}
+    if not predictive:
+        given[predictive_law_crosses.__name__] = _without_model
+    form = _FORM if predictive else ''
+    (loop,) = compile_kernels(run_controlled.__name__, given=given, form=form)
     return loop
 
 
@@ -171,8 +154,8 @@ class ControlledRun(LongRun):
     control : GapControlParameters, optional
         The control; off, if not given.
     law : callable, optional
-        A law of one's own, as of a `ControlledRig`. One that numba has compiled is compiled into
-        the run loop; with any other the loop is not compiled.
+        A law of one's own, as of a `ControlledRig`. One that numba has compiled is called by the
+        compiled run loop; with any other the loop is not compiled.
     compiled : bool, optional
         Whether to run compiled code; if not given, whether numba is installed. The results are
         the same, to the last bit.

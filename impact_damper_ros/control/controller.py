@@ -19,7 +19,7 @@ from .actuator import (
 )
 from .amplitude_law import AmplitudeLaw, amplitude_law_crosses, clear_amplitude_law
 from .law import Search, clear_search, damper_of, search_anew, search_missed, search_sample
-from .own_law import MEMORY, OwnLaw, Refusal, own_law_acts
+from .own_law import MEMORY, OwnLaw, Refusal, entry_of, own_law_acts
 from .predictive_law import predictive_law_crosses
 from .sensors import (
     Measurement,
@@ -244,7 +244,8 @@ class Control(NamedTuple):
 
         records = {name: packed(part) for name, part in self.states().items()}
         rows, memory = np.array(self.commands), np.array(self.memory)
-        return self._replace(commands=rows, memory=memory, law=0, **records)
+        law = 0 if self.law is None else entry_of(self.law).address
+        return self._replace(commands=rows, memory=memory, law=law, **records)
 
     def unpacked(self, records: Control) -> Control:
         """Return this control in the state of one that was `packed`."""

@@ -12,8 +12,9 @@ import inspect
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
-from math import nan
+from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -104,7 +105,8 @@ class OwnLaw:
 
     def __init__(self, law: Law, name: str = '') -> None:
         self.function = law
-        plain = getattr(law, 'py_func', law)
+        self._plain: Law = getattr(law, 'py_func', law)
+        plain = self._plain
         own = getattr(plain, '__qualname__', type(plain).__name__)
         self.name = name or f'{getattr(plain, "__module__", "?")}:{own}'
         try:
@@ -145,7 +147,7 @@ class OwnLaw:
     def __call__(self, seen: LawInput, memory: list[float]) -> tuple[float, float]:
         """Return where the stops are to be."""
         try:
-            result = self.function(seen, memory)
+            result = self._plain(seen, memory)
         except Exception as error:
             raise LawError(
                 f'the law {self.name} failed at {seen.time:.9g} s: {type(error).__name__}: {error}'
@@ -170,6 +172,11 @@ class OwnLaw:
 
     def refused(self, refusal: Refusal) -> LawError:
         """Return the error of a result that the loop refused."""
+        if refusal.stop_1 == inf and refusal.stop_2 != refusal.stop_2:
+            return LawError(
+                f'the law {self.name} failed at {refusal.time:.9g} s: it raised an error, which '
+                'compiled=False shows'
+            )
         return self.astray(refusal.time, (refusal.stop_1, refusal.stop_2))
 
 
@@ -192,14 +199,13 @@ class Refusal:
     stop_2: float = nan
 
 
-@kernel
-def users_law(_seen: LawInput, _memory: Any) -> tuple[float, float]:
-    """Leave the stops alone; `compiled` puts the function of a law in place of this one."""
-    return nan, nan
+def call_law(_address: int, _seen: LawInput, _memory: Any) -> tuple[float, float]:
+    """Stand for `call_by_address`, which takes its place in compiled code."""
+    raise NotImplementedError
 
 
 def _compiled_law(control: Control, seen: LawInput) -> tuple[float, float]:
-    return users_law(seen, control.memory)
+    return call_law(control.law, seen, control.memory)
 
 
 @kernel(twin=_compiled_law)
@@ -248,3 +254,87 @@ def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
 def law_failed(control: Control) -> bool:
     """Return whether a law has returned what are no places of stops."""
     return control.refusal.time == control.refusal.time
+
+
+@cache
+def entry_of(law: OwnLaw) -> Any:
+    """
+    Return the C function by which compiled code calls a law that numba has compiled.
+
+    It takes pointers to the numbers of a `LawInput`, to the memory and to the two places. So the
+    law is compiled by itself, and the run loop is the same for all laws.
+
+    Raises
+    ------
+    LawError
+        If numba cannot compile the law for its arguments.
+    """
+    import numba
+    from numba import types as nb
+    from numba.core.errors import NumbaError
+
+    function = law.function
+    count = len(LawInput._fields)
+    values = ', '.join(
+        f'int(v[{k}])' if name == 'crossing' else f'v[{k}]'
+        for k, name in enumerate(LawInput._fields)
+    )
+    scope: dict[str, Any] = {'LawInput': LawInput}
+    exec(f'def from_numbers(v):\n    return LawInput({values})', scope)
+    from_numbers = numba.njit(scope['from_numbers'])
+
+    def entry(seen: Any, memory: Any, places: Any) -> None:
+        given = from_numbers(numba.carray(seen, count))
+        try:
+            stop_1, stop_2 = function(given, numba.carray(memory, MEMORY))
+        except Exception:
+            # No error leaves a C function; these are refused.
+            stop_1, stop_2 = inf, nan
+        places[0] = stop_1
+        places[1] = stop_2
+
+    pointer = nb.CPointer(nb.float64)
+    try:
+        return numba.cfunc(nb.void(pointer, pointer, pointer))(entry)
+    except NumbaError as error:
+        # The lines about numba itself are the first and the last ones.
+        lines = [line for line in str(error).splitlines() if line and 'pipeline' not in line]
+        raise LawError(
+            f'numba cannot compile the law {law.name}: {lines[0] if lines else error}. It has to '
+            'return two numbers; in plain Python it runs uncompiled'
+        ) from error
+
+
+@cache
+def call_by_address() -> Any:
+    """Return what calls an `entry_of` in compiled code, in place of `call_law`."""
+    import numba
+    from llvmlite import ir
+    from numba.core import cgutils
+    from numba.core import types as nb
+
+    @numba.extending.intrinsic  # type: ignore[untyped-decorator]
+    def call(_context: Any, _address: Any, seen: Any, memory: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            address, seen, memory = arguments
+            double = ir.DoubleType()
+            number, pair = nb.float64, signature.return_type
+            kinds = list(signature.args[1])
+            numbers = cgutils.alloca_once(builder, double, size=len(kinds))
+            for k, kind in enumerate(kinds):
+                value = builder.extract_value(seen, k)
+                value = context.cast(builder, value, kind, number)
+                builder.store(value, cgutils.gep_inbounds(builder, numbers, k))
+            kept = context.make_array(signature.args[2])(context, builder, memory).data
+            places = cgutils.alloca_once(builder, double, size=2)
+            pointer = double.as_pointer()
+            form = ir.FunctionType(ir.VoidType(), (pointer, pointer, pointer))
+            entry = builder.inttoptr(address, form.as_pointer())
+            builder.call(entry, (numbers, kept, places))
+            values = [builder.load(cgutils.gep_inbounds(builder, places, k)) for k in range(2)]
+            return context.make_tuple(builder, pair, values)
+
+        pair = nb.UniTuple(nb.float64, 2)  # type: ignore[attr-defined]
+        return pair(nb.intp, seen, memory), generate
+
+    return call

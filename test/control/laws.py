@@ -35,6 +35,13 @@ def fails(seen, memory):
     raise ZeroDivisionError('by nought')
 
 
+def raises_late(seen, memory):
+    memory[0] += 1.0
+    if memory[0] > 20.0:
+        raise ValueError('enough')
+    return 5.0, -5.0
+
+
 def far(seen, memory):
     return math.inf, -1.0
 

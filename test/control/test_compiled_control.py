@@ -10,10 +10,11 @@ from control import laws
 from control.controlled_rigs import random_control
 from impact_damper_ros.control import OwnLaw, actuator, controller
 from impact_damper_ros.control.controller import Control
+from impact_damper_ros.control.own_law import call_by_address
 from impact_damper_ros.rig import InitialConditions, RigParameters, Simulator
 from impact_damper_ros.rig.kernels import compiled
 
-pytest.importorskip('numba')
+numba = pytest.importorskip('numba')
 
 NAMES = {
     actuator: ('commands_full', 'next_command', 'start_command', 'stop_stopped'),
@@ -42,7 +43,8 @@ class Plain:
 def compiled_kernels():
     both = Plain()
     names = tuple(vars(both))
-    for name, kernel in zip(names, compiled(*names, given={'users_law': laws.push}), strict=True):
+    given = {'call_law': call_by_address()}
+    for name, kernel in zip(names, compiled(*names, given=given), strict=True):
         setattr(both, name, kernel)
     return both
 
@@ -97,7 +99,7 @@ def test_plain_and_compiled_control_have_the_same_bits(seed):
     if seed % 5 == 0:
         law = law.replace(actuator_delay=20.0)
     rig = RigParameters(one_sided=seed % 7 == 0, gap=8.0)
-    start = Control.of(law, rig, OwnLaw(laws.push) if seed % 4 == 3 else None)
+    start = Control.of(law, rig, OwnLaw(numba.njit(laws.push)) if seed % 4 == 3 else None)
     simulator = Simulator(rig, InitialConditions(initial_damper_velocity=2.0))
     model = simulator._constants, simulator._present()
     plain, expected, commands = run(Plain(), start.copied(), model, seed)

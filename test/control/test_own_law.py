@@ -71,6 +71,43 @@ def test_a_long_run_has_it_too():
     assert rig.amplitude > 0.0
 
 
+@pytest.mark.parametrize('values', [{}, {'gap_control_noise_position': 0.1}])
+def test_a_compiled_law_runs_in_the_compiled_loop(values):
+    """As the law runs in plain Python, to the last bit, and from its snapshots."""
+    numba = pytest.importorskip('numba')
+    own = numba.njit(laws.push)
+    run = ControlledRun(TRIAL, control=control('timed', **values), law=own, compiled=True)
+    rig = ControlledRig(TRIAL, control=control('timed', **values), law=own)
+    for until in (31.0, 60.0):
+        run.advance(until)
+        rig.advance(until)
+        assert run.snapshot() == rig.snapshot()
+        run = ControlledRun.restore(run.snapshot(), own, compiled=True)
+    assert run.snapshot()['gap_control']['law']['name'] == 'control.laws:push'
+    assert len(rig.records) > 10
+
+
+@pytest.mark.parametrize(
+    ('law', 'words'),
+    [
+        (laws.raises_late, ('raises_late failed at ', 'compiled=False')),
+        (laws.wide, ('wide returned (1.0, -600.0) at ', 'NaN to leave a stop alone')),
+        (laws.far, ('far returned (inf, -1.0) at ',)),
+        (laws.words, ('cannot compile the law control.laws:words', 'two numbers')),
+        (laws.nothing, ('cannot compile the law control.laws:nothing', 'two numbers')),
+        (laws.forgets, ("Unknown attribute 'clear'", 'law control.laws:forgets')),
+    ],
+)
+def test_a_compiled_law_that_fails_is_named(law, words):
+    numba = pytest.importorskip('numba')
+    rig = ControlledRig(TRIAL, control=control('timed'), law=numba.njit(law))
+    before = rig.snapshot()
+    with pytest.raises(LawError) as error:
+        ControlledRun.restore(before, rig.own_law, compiled=True).advance(50.0, record=False)
+    for word in words:
+        assert word in str(error.value)
+
+
 def test_it_is_on_by_itself_and_can_be_switched_off():
     rig = ControlledRig(TRIAL, law=laws.push)
     rig.advance(60.0)
