@@ -8,7 +8,7 @@ from math import inf, nan, ulp
 from typing import Any, ClassVar, NamedTuple
 
 from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters, RigParameters
-from impact_damper_ros.rig.kernels import kernel, packed, state, unpack
+from impact_damper_ros.rig.kernels import by_reference, kernel, packed, state, unpack
 from impact_damper_ros.rig.mode import RigConstants
 from impact_damper_ros.rig.origin import Origin
 
@@ -245,7 +245,8 @@ class Control(NamedTuple):
         records = {name: packed(part) for name, part in self.states().items()}
         rows, memory = np.array(self.commands), np.array(self.memory)
         law = 0 if self.law is None else entry_of(self.law).address
-        return self._replace(commands=rows, memory=memory, law=law, **records)
+        settings: Any = by_reference(self.settings)
+        return self._replace(commands=rows, settings=settings, memory=memory, law=law, **records)
 
     def unpacked(self, records: Control) -> Control:
         """Return this control in the state of one that was `packed`."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from math import copysign, inf
 
-from .certificate import ROUND_OFF, least_step, look_ahead, look_past, safe_step
+from .certificate import ROUND_OFF, keeps_sign, least_step, look_ahead, look_past, safe_step
 from .flight import (
     ARRIVAL,
     CONTACT_1,
@@ -53,29 +53,6 @@ _GRID_ERROR = 1e-13
 
 # Results of `_in_doubt`
 _CLOSING, _CLEAR, _ENDED = range(3)
-
-
-@kernel(inline=True)
-def keeps_sign(
-    f_a: float, d_a: float, f_b: float, d_b: float, step: float, bound: float, error: float
-) -> bool:
-    """
-    Return whether a function is certain to be positive between two grid points.
-
-    Notes
-    -----
-    With s = (t - t_a)/step the function is no less than
-
-        f_a (1-s)^3 + 3 c_1 s (1-s)^2 + 3 c_2 s^2 (1-s) + f_b s^3 - bound step^4/24 s^2 (1-s)^2
-
-    where c_1 and c_2 are the inner Bernstein coefficients of the Hermite cubic; either inner term
-    outweighs the last one, if its coefficient is at least bound step^4/72.
-    """
-    third = step * (1.0 / 3.0)
-    c_1 = f_a + third * d_a
-    c_2 = f_b - third * d_b
-    least = bound * (step * step) * (step * step) * (1.0 / 72.0) + error
-    return f_a >= 0.0 and f_b > error and c_1 >= error and c_2 >= error and max(c_1, c_2) >= least
 
 
 @kernel

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from math import inf, nextafter
 
-from .certificate import ROUND_OFF, least_step, safe_step
+from .certificate import ROUND_OFF, keeps_sign, least_step, safe_step
 from .flight import Flight, Motion, motion_at
 from .kernels import kernel
 from .origin import Origin, advance_time
 from .oscillator import Oscillator, derivative_bound
+from .roots import falling_root
 
 _EPSILON = 2.220446049250313e-16
 # Where X is smaller than this part of its scale, its side comes from the flight before.
@@ -42,9 +43,11 @@ def starting_side(flight: Flight, side: int) -> int:
 
 
 @kernel
-def _root_of_x(flight: Flight, side: int, low: float, high: float, band: float) -> float:
+def _root_of_x(
+    flight: Flight, side: int, low: float, high: float, guess: float, band: float
+) -> float:
     """Return the root of X between two times, where `side` X becomes negative."""
-    tau = high
+    tau = guess
     nearest = _NEAREST * flight.oscillator.horizon
     for _ in range(200):
         motion: Motion = motion_at(flight, tau)
@@ -66,33 +69,71 @@ def _root_of_x(flight: Flight, side: int, low: float, high: float, band: float) 
     return high if tau > high else tau
 
 
+@kernel(inline=True)
+def _round_off(flight: Flight, motion: Motion) -> float:
+    """Return the round-off of X, by what X is the sum of."""
+    oscillator: Oscillator = flight.oscillator
+    scale = (
+        abs(motion.velocity) * oscillator.horizon
+        + (abs(motion.x_2) + abs(flight.constant)) / oscillator.omega_squared
+    )
+    return ROUND_OFF * (abs(motion.x) + scale)
+
+
+# What X does up to the next point of the grid: it keeps its sign, passes zero once, or is unclear.
+_KEEPS, _PASSES, _UNCLEAR = range(3)
+
+
+@kernel
+def _up_to(flight: Flight, side: int, a: Motion, b: Motion, band: float, band_b: float) -> int:
+    """Return what X does between two instants that are a step of the grid apart."""
+    oscillator: Oscillator = flight.oscillator
+    step = oscillator.grid.step
+    x_a = side * a.x
+    x_b = side * b.x
+    v_a = side * a.velocity
+    v_b = side * b.velocity
+    error = 4.0 * max(band, band_b)
+    if x_b > 0.0:
+        bound = derivative_bound(oscillator, a.x_4, a.x_5, oscillator.bound_4)
+        if keeps_sign(x_a, v_a, x_b, v_b, step, bound, error):
+            return _KEEPS
+    elif x_a > error and x_b < -error:
+        bound = derivative_bound(oscillator, a.x_5, a.x_6, oscillator.bound_5)
+        error *= oscillator.grid.inverse
+        if keeps_sign(-v_a, -side * a.x_2, -v_b, -side * b.x_2, step, bound, error):
+            return _PASSES
+    return _UNCLEAR
+
+
 @kernel
 def first_crossing(
     flight: Flight, side: int, searched: float, limit: float
 ) -> tuple[bool, float, float]:
-    """Find the first passage of X through zero after a time searched."""
+    """
+    Find the first passage of X through zero after a time searched.
+
+    The search goes along a grid; where X may touch zero, by certified steps.
+    """
     oscillator: Oscillator = flight.oscillator
     horizon = oscillator.horizon
+    step = oscillator.grid.step
     above = searched
     tau = searched
+    motion: Motion = motion_at(flight, tau)
     # A flight that begins at a passage may have its rest before it, by the round-off of its time.
     arriving = searched == 0.0
     while True:
-        motion: Motion = motion_at(flight, tau)
         height = side * motion.x
-        # What X is the sum of, and with it its round-off
-        scale = (
-            abs(motion.velocity) * horizon
-            + (abs(motion.x_2) + abs(flight.constant)) / oscillator.omega_squared
-        )
-        band = ROUND_OFF * (abs(motion.x) + scale)
+        band = _round_off(flight, motion)
         bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, oscillator.bound_3)
         if height < -band:
             rate = side * motion.velocity
             if not arriving or rate <= 0.0:
-                return True, _root_of_x(flight, side, above, tau, band), tau
-            step = safe_step(-height, -rate, -side * motion.x_2, bound_3, horizon)
-            tau += max(step, least_step(horizon), _EPSILON * tau)
+                return True, _root_of_x(flight, side, above, tau, tau, band), tau
+            safe = safe_step(-height, -rate, -side * motion.x_2, bound_3, horizon)
+            tau += max(safe, least_step(horizon), _EPSILON * tau)
+            motion = motion_at(flight, tau)
             continue
         arriving = False
         if height > band:
@@ -101,14 +142,27 @@ def first_crossing(
                 return False, tau, tau
         elif tau > limit + _OVERTIME * horizon:
             return False, tau, tau
-        step = safe_step(
+        following: Motion = motion_at(flight, tau + step)
+        course = _up_to(flight, side, motion, following, band, _round_off(flight, following))
+        if course == _PASSES:
+            guess = falling_root(
+                height, side * motion.velocity, side * following.x, side * following.velocity, step
+            )
+            root = _root_of_x(flight, side, tau, tau + step, tau + guess, band)
+            return True, root, tau + step
+        if course == _KEEPS:
+            tau += step
+            motion = following
+            continue
+        safe = safe_step(
             max(0.0, height + band),
             side * motion.velocity,
             side * motion.x_2,
             bound_3,
             horizon,
         )
-        tau += max(step, least_step(horizon), _EPSILON * tau)
+        tau += max(safe, least_step(horizon), _EPSILON * tau)
+        motion = motion_at(flight, tau)
 
 
 @kernel
@@ -141,7 +195,7 @@ def _side_at(origin: Origin, flight: Flight, instant: float) -> int:
 def has_side(oscillator: Oscillator, origin: Origin) -> bool:
     """Return whether X is large enough to have a side of its own."""
     scale = abs(origin.velocity) * oscillator.horizon
-    for j in range(len(oscillator.harmonics)):
+    for j in range(len(origin.angles)):
         scale += abs(oscillator.harmonics[j].force) / oscillator.omega_squared
     return abs(origin.x) > _NEAR_ZERO * scale
 

@@ -4,8 +4,9 @@ Registry of the scalar kernels: functions of floats and named tuples that numba 
 A kernel runs as plain Python, so that a program starts without waiting for a compiler. `compiled`
 returns the same functions compiled; both forms do the same floating-point operations in the same
 order. Where a kernel takes a tuple with an entry for each harmonic, the compiled one also takes an
-array, and is then the same code for any number of harmonics. A state that kernels change is a
-dataclass of numbers marked by `state`; compiled kernels take it as `packed`.
+array, and is then the same code for any number of harmonics. Constants are a named tuple;
+compiled kernels take it `by_reference`, too. A state that kernels change is a dataclass of numbers
+marked by `state`; compiled kernels take it as `packed`.
 
 numba caches compiled code by the source file of a function, but a kernel calls kernels of other
 files. All of them therefore share one stamp file in place of their sources, in a directory named
@@ -218,6 +219,13 @@ def unpack(record: Any, state: Any) -> None:
         setattr(state, entry.name, value)
 
 
+def by_reference(constants: Any) -> Any:
+    """Return a named tuple of constants in the form that compiled kernels take."""
+    from .by_reference import ByReference
+
+    return ByReference(constants)
+
+
 def _register(name: str) -> None:
     if name in _KERNELS or name in _ELEMENTWISE:
         raise ValueError(f'there are two kernels named {name}; compiled ones share a namespace')
@@ -295,7 +303,7 @@ def _unrolled(arguments: list[Any], rows: int, results: int) -> str:
     names = ', '.join(f'a{i}' for i in range(len(arguments)))
     cells = [
         ', '.join(
-            f'a{i}[{row}]' if isinstance(a, nb.BaseTuple) else f'a{i}'
+            f'a{i}' if isinstance(a, nb.Number) else f'a{i}[{row}]'
             for i, a in enumerate(arguments)
         )
         for row in range(rows)
@@ -316,7 +324,9 @@ def _looped(arguments: list[Any], results: int) -> str:
 
     names = ', '.join(f'a{i}' for i in range(len(arguments)))
     arrays = [i for i, a in enumerate(arguments) if isinstance(a, nb.Array)]
-    cells = ', '.join(f'a{i}[row]' if i in arrays else f'a{i}' for i in range(len(arguments)))
+    cells = ', '.join(
+        f'a{i}' if isinstance(a, nb.Number) else f'a{i}[row]' for i, a in enumerate(arguments)
+    )
     outs = [f'out{k}' for k in range(results)]
     made = ''.join(f'    {out} = empty(len(a{arrays[0]}))\n' for out in outs)
     return (

@@ -20,11 +20,10 @@ import numpy.typing as npt
 from .event import Event, EventKind, Sample
 from .forcing import SteppedSine, frequency_at
 from .hybrid_motion import later_time, number_of_events, origin_at_step, step_event
+from .kernels import by_reference, compiling_alone, stamp
 from .kernels import compiled as compile_kernels
-from .kernels import compiling_alone, stamp
 from .mode import Mode, RigConstants, launch, rig_constants
 from .origin import Origin
-from .oscillator import Harmonic
 from .parameters import InitialConditions, RigParameters
 from .run_loop import DONE, FULL, ROWS_AT_ONCE, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator, Snapshot
@@ -198,7 +197,7 @@ class Loop:
         self._loop = self._compile() if compiled else self._plain
         self._harmonics = len(constants.phases)
         self._arrays = compiled and self._harmonics > _MOST_IN_TUPLES
-        self._packed = _with_arrays(constants) if self._arrays else constants
+        self._packed = by_reference(constants) if compiled else constants
 
     def _compile(self) -> Any:
         """Return the compiled loop, or one about to be."""
@@ -267,19 +266,6 @@ def tables(rows: Events) -> tuple[Any, Any]:
     """Return rows of events as kernels write them: as floats and as codes."""
     shape = len(rows), len(EVENT_TYPE.names or ())
     return rows.view('f8').reshape(shape), rows.view('i8').reshape(shape)
-
-
-def _with_arrays(values: Any) -> Any:
-    """Return a named tuple with arrays in place of tuples, within it too."""
-    arrays = {}
-    for name, value in values._asdict().items():
-        if hasattr(value, '_asdict'):
-            arrays[name] = _with_arrays(value)
-        elif name == 'harmonics':
-            arrays[name] = np.array(list(value), [(entry, 'f8') for entry in Harmonic._fields])
-        elif isinstance(value, tuple):
-            arrays[name] = np.array(value)
-    return values._replace(**arrays)
 
 
 class LongRun:

@@ -23,8 +23,8 @@ FORMATS = (1, 2)
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
 #: high its bounces were, 4 polished the passages of X through zero by bisection and took the
-#: measured Y from the difference of Z and X.
-ARITHMETIC = 5
+#: measured Y from the difference of Z and X, 5 looked for these passages by certified steps alone.
+ARITHMETIC = 6
 
 
 class Snapshot(NamedTuple):

@@ -12,7 +12,7 @@ from impact_damper_ros.control import OwnLaw, actuator, controller
 from impact_damper_ros.control.controller import Control
 from impact_damper_ros.control.own_law import call_by_address
 from impact_damper_ros.rig import InitialConditions, RigParameters, Simulator
-from impact_damper_ros.rig.kernels import compiled
+from impact_damper_ros.rig.kernels import by_reference, compiled
 
 numba = pytest.importorskip('numba')
 
@@ -57,12 +57,11 @@ def motion(rng, time):
     return time, x, x_rate, y, y_rate, rng.uniform(3.0, 5.0), rng.uniform(-5.0, -3.0)
 
 
-def run(kernels, control, model, seed):
+def run(kernels, control, model, seed, *, control_off=False):
     """Go through samples, crossings and commands; return what came of them."""
     rng = random.Random(seed)
     time, crossings, commands = 0.0, 0, 0
     results = []
-    control_off = control.settings.law == 0
     while time < 120.0:
         if kernels.commands_full(control):
             control = control.enlarged()
@@ -102,8 +101,10 @@ def test_plain_and_compiled_control_have_the_same_bits(seed):
     start = Control.of(law, rig, OwnLaw(numba.njit(laws.push)) if seed % 4 == 3 else None)
     simulator = Simulator(rig, InitialConditions(initial_damper_velocity=2.0))
     model = simulator._constants, simulator._present()
-    plain, expected, commands = run(Plain(), start.copied(), model, seed)
-    records, found, count = run(compiled_kernels(), start.packed(), model, seed)
+    off = start.settings.law == 0
+    plain, expected, commands = run(Plain(), start.copied(), model, seed, control_off=off)
+    known = by_reference(model[0]), model[1]
+    records, found, count = run(compiled_kernels(), start.packed(), known, seed, control_off=off)
     assert repr([float(value) for value in found]) == repr(list(map(float, expected)))
     assert count == commands
     assert commands > 0 or plain.refusal.time > 0.0

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig.contact import flight_end, keeps_sign
+from impact_damper_ros.rig.certificate import keeps_sign
+from impact_damper_ros.rig.contact import flight_end
 from impact_damper_ros.rig.flight import NO_EVENT, motion_at
 from impact_damper_ros.rig.roots import (
     Relative,
