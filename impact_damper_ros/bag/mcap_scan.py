@@ -75,96 +75,49 @@ class ChunkHead(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """
-    A stretch of the file that holds messages: a chunk, or one message outside of any.
+    """A stretch of the file that holds messages: a chunk, or one message outside of any."""
 
-    Attributes
-    ----------
-    offset, length : int
-        Of the record's content in the file, as far as it is there.
-    start_ns, end_ns : int
-        Earliest and latest stamp.
-    whole : bool
-        False for the last chunk of a file that was cut in the middle of it.
-    chunk : bool
-        False for a message on its own (rosbag2's ``fastwrite``).
-    """
-
+    #: Of the record's content in the file, as far as it is there.
     offset: int
     length: int
+    #: Earliest and latest stamp.
     start_ns: int
     end_ns: int
-    whole: bool = True
-    chunk: bool = True
+    whole: bool = True  # false for the last chunk of a file that was cut in the middle of it
+    chunk: bool = True  # false for a message on its own (rosbag2's ``fastwrite``)
 
 
 @dataclass
 class Scan:
-    """
-    The usable content of an MCAP file.
+    """The usable content of an MCAP file."""
 
-    Attributes
-    ----------
-    path : Path
-        The file.
-    source : Path
-        The file as the user knows it, where `path` is an expanded copy of it.
-    size : int
-        Its length in bytes.
-    profile, library : str
-        ``'ros2'``, if written by ROS 2, and what wrote it.
-    blocks : list of Block
-        Where the messages are, in file order.
-    schemas, channels : dict
-        By id.
-    counts : dict of int to int
-        Messages per channel id, without those of damaged blocks.
-    metadata : list of Metadata
-        The metadata records.
-    finished : bool
-        Whether the file has its footer and the magic at its end.
-    unusable : int
-        Bytes at the end that belong to no whole record.
-    indexes : dict of int to list of IndexPart
-        The message index records by the block that they follow.
-    heads : list of ChunkHead
-        The whole chunks.
-    statistics : Statistics or None
-        The counts in the summary.
-    chunk_indexes : list of ChunkIndex
-        The places of the chunks in the summary.
-    footer : Footer or None
-        Where the summary is.
-    data_end : (int, int) or None
-        Where the data ends, and its checksum or 0.
-    attachments : int
-        Number of attachments.
-    faults : dict of str to list
-        The faults so far: the first case of each kind, and how many there are.
-    numbers : dict of int to dict
-        First and last sequence number by channel of the blocks that were read whole.
-    """
-
-    path: Path
-    source: Path
-    size: int
+    path: Path  # the file
+    source: Path  # the file as the user knows it, where `path` is an expanded copy of it
+    size: int  # its length in bytes
+    #: ``'ros2'``, if written by ROS 2, and what wrote it.
     profile: str = ''
     library: str = ''
-    blocks: list[Block] = field(default_factory=list)
+    blocks: list[Block] = field(default_factory=list)  # where the messages are, in file order
+    #: By id.
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    #: Messages per channel id, without those of damaged blocks.
     counts: dict[int, int] = field(default_factory=dict)
-    metadata: list[Metadata] = field(default_factory=list)
-    finished: bool = False
-    unusable: int = 0
+    metadata: list[Metadata] = field(default_factory=list)  # the metadata records
+    finished: bool = False  # whether the file has its footer and the magic at its end
+    unusable: int = 0  # bytes at the end that belong to no whole record
+    #: The message index records by the block that they follow.
     indexes: dict[int, list[IndexPart]] = field(default_factory=dict)
-    heads: list[ChunkHead] = field(default_factory=list)
-    statistics: Statistics | None = None
+    heads: list[ChunkHead] = field(default_factory=list)  # the whole chunks
+    statistics: Statistics | None = None  # the counts in the summary
+    #: The places of the chunks in the summary.
     chunk_indexes: list[ChunkIndex] = field(default_factory=list)
-    footer: Footer | None = None
-    data_end: tuple[int, int] | None = None
-    attachments: int = 0
+    footer: Footer | None = None  # where the summary is
+    data_end: tuple[int, int] | None = None  # where the data ends, and its checksum or 0
+    attachments: int = 0  # number of attachments
+    #: The faults so far: the first case of each kind, and how many there are.
     faults: dict[str, tuple[str, int]] = field(default_factory=dict)
+    #: First and last sequence number by channel of the blocks that were read whole.
     numbers: dict[int, dict[int, tuple[int, int]]] = field(default_factory=dict)
     description_size: int = 0
 

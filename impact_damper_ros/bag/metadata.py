@@ -37,20 +37,10 @@ _NEVER = 2**63 - 1
 
 
 class FileInformation(NamedTuple):
-    """
-    The entry of one file of a bag.
+    """The entry of one file of a bag."""
 
-    Attributes
-    ----------
-    path : str
-        Its name, in the directory of the bag.
-    start_ns, end_ns : int or None
-        Earliest and latest stamp; None without messages.
-    message_count : int
-        Its messages.
-    """
-
-    path: str
+    path: str  # name within the directory of the bag
+    #: Earliest and latest stamp; None without messages.
     start_ns: int | None = None
     end_ns: int | None = None
     message_count: int = 0
@@ -69,25 +59,12 @@ class FileInformation(NamedTuple):
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """
-    The metadata of a bag.
+    """The metadata of a bag."""
 
-    Attributes
-    ----------
-    files : tuple of FileInformation
-        The MCAP files, in order.
-    channels : tuple of Channel
-        The topics.
-    counts : tuple of int
-        Messages per channel.
-    custom : mapping of str to str
-        Free notes of the recorder.
-    """
-
-    files: tuple[FileInformation, ...]
+    files: tuple[FileInformation, ...]  # the MCAP files, in order
     channels: tuple[Channel, ...]
-    counts: tuple[int, ...]
-    custom: Mapping[str, str] = field(default_factory=dict)
+    counts: tuple[int, ...]  # messages in each channel
+    custom: Mapping[str, str] = field(default_factory=dict)  # free notes of the recorder
 
     @property
     def whole(self) -> FileInformation:

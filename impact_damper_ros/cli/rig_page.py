@@ -89,14 +89,7 @@ def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def _started(params: Path | None) -> subprocess.Popen[bytes] | None:
-    """
-    Start the node of a rig, if one is to be started.
-
-    Raises
-    ------
-    ValueError
-        If it is not a rig.
-    """
+    """Start the node of a rig, if one is to be started; ValueError if it is not a rig."""
     if params is None:
         return None
     file = preset_file(params)

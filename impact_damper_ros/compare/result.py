@@ -492,31 +492,16 @@ class StretchCurves:
 
 @dataclass(frozen=True, kw_only=True)
 class LoggedStretch:
-    """
-    A stretch of a run between two cuts, with constant parameters.
+    """A stretch of a run between two cuts, with constant parameters."""
 
-    Attributes
-    ----------
-    number : int
-        Counted from 1.
-    start, end : float
-        Rig time, s.
-    begins : Beginning
-        Why it begins.
-    cause : str
-        The same in words: ``'gap = 0.012 m (was 0.01 m)'``.
-    parameters : RigParameters
-        As logged.
-    control : mapping of str to value
-        Gap-control parameters as logged; empty if the bag has none.
-    """
-
-    number: int
+    number: int  # counted from 1
+    #: Rig time, s.
     start: float
     end: float
     begins: Beginning
-    cause: str
-    parameters: RigParameters
+    cause: str  # why it begins, in words, such as 'gap = 0.012 m (was 0.01 m)'
+    parameters: RigParameters  # as logged
+    #: Parameters of the gap control as logged; empty if the bag has none.
     control: Mapping[str, Any] = field(default_factory=dict)
 
 

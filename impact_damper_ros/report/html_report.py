@@ -58,16 +58,9 @@ def shown_stretches(
     stretches: Sequence[StretchComparison], most: int
 ) -> tuple[StretchComparison, ...]:
     """
-    Return the stretches to show, in the order of the run.
+    Return the `most` important stretches, in the order of the run.
 
     Those that differ from theory come first, then those with findings, then the longest.
-
-    Parameters
-    ----------
-    stretches : sequence of StretchComparison
-        All of them.
-    most : int
-        How many to return.
     """
 
     def rank(stretch: StretchComparison) -> tuple[int, bool, float]:

@@ -339,22 +339,11 @@ class Follow(Enum):
 
 
 class GridPoint(NamedTuple):
-    """
-    The place of one rig in a sweep.
+    """The place of one rig in a sweep."""
 
-    Attributes
-    ----------
-    row : int
-        Its row in the table, from 0.
-    direction : str
-        'up', 'down', or empty if it does not start from another rig's state.
-    values : tuple of float
-        Its value on each axis.
-    """
-
-    row: int
-    direction: str
-    values: tuple[float, ...]
+    row: int  # its row in the table, from 0
+    direction: str  # 'up', 'down', or empty if it does not start from another rig's state
+    values: tuple[float, ...]  # its value on each axis
 
 
 class RigSetup(NamedTuple):

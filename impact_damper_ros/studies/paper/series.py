@@ -246,15 +246,8 @@ def compute_series(plan: SeriesPlan, others: Sequence[Series] = ()) -> Series:
 
     The simulator starts from rest, as in the paper, and near each stable motion of the theory.
     Where the force stays the same, motions are also carried from mark to mark, up and down. This
-    finds attractors that are not reached from rest.
-
-    Parameters
-    ----------
-    plan : SeriesPlan
-        The series.
-    others : sequence of Series, optional
-        The frictionless series of the figure. With friction and three impacts or more, curves
-        start from their motions, carried over.
+    finds attractors that are not reached from rest. With friction and three impacts or more,
+    curves start from the motions of `others`, the frictionless series of the figure, carried over.
     """
     starts = start_motions(plan, others)
     curves = enumerated_curves(plan)
