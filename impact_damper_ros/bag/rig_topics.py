@@ -15,13 +15,7 @@ from typing import Any
 from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
 from impact_damper_ros.rig import Event, Sample
 
-from .messages import (
-    DIAGNOSTIC_ARRAY,
-    JOINT_STATE,
-    PARAMETER_EVENT,
-    STRING,
-    JointStateLayout,
-)
+from .messages import DIAGNOSTIC_ARRAY, JOINT_STATE, PARAMETER_EVENT, STRING, JointStateLayout
 from .topics import LATCHED, QosProfile, Topic
 
 #: What a rig publishes, by the name under which the notes of a bag list it. A name without a slash

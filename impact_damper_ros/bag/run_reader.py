@@ -29,14 +29,7 @@ from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .mcap_scan import LARGEST_CHUNK, MAGIC, Scan, open_file, plain_content, read_block, scan_file
-from .messages import (
-    DECODABLE,
-    JOINT_STATE,
-    CdrError,
-    JointStateDecoder,
-    Message,
-    decode,
-)
+from .messages import DECODABLE, JOINT_STATE, CdrError, JointStateDecoder, Message, decode
 from .metadata import (
     PART,
     check_summary,

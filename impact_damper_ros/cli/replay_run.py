@@ -18,13 +18,7 @@ from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, ope
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.replay_report import findings_json, findings_text
 from impact_damper_ros.report.what_if_report import WhatIfReport
-from impact_damper_ros.rig import (
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-    Event,
-    InitialConditions,
-    Sample,
-)
+from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, Event, InitialConditions, Sample
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
 from impact_damper_ros.rig.quoting import printable
 

@@ -12,13 +12,7 @@ from typing import TYPE_CHECKING, Any
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory
 
-from .command_line import (
-    add_jobs_option,
-    command_parser,
-    need_matplotlib,
-    outcome,
-    process_pool,
-)
+from .command_line import add_jobs_option, command_parser, need_matplotlib, outcome, process_pool
 
 if TYPE_CHECKING:
     from impact_damper_ros.studies.paper.series import AngleOptimum, Series

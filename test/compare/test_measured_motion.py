@@ -8,15 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from bag.recorded_rig import LIVELY, RecordedRig
-from compare.recorded import (
-    BENCH,
-    DISPLACED,
-    INCLINED,
-    OFF_RESONANCE,
-    VERTICAL,
-    metered,
-    recorded,
-)
+from compare.recorded import BENCH, DISPLACED, INCLINED, OFF_RESONANCE, VERTICAL, metered, recorded
 
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.compare.measured_motion import (

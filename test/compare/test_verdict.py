@@ -4,14 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from compare.recorded import (
-    DISPLACED,
-    HORIZONTAL,
-    INCLINED,
-    OFF_RESONANCE,
-    VERTICAL,
-    compared,
-)
+from compare.recorded import DISPLACED, HORIZONTAL, INCLINED, OFF_RESONANCE, VERTICAL, compared
 
 from impact_damper_ros.compare import Verdict
 from impact_damper_ros.orbits.recognition import MotionKind

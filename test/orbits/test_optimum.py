@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
-from impact_damper_ros.orbits.optimum import (
-    Limit,
-    _without_impacts,
-    gap_range,
-    optimal_gap,
-)
+from impact_damper_ros.orbits.optimum import Limit, _without_impacts, gap_range, optimal_gap
 from impact_damper_ros.rig import InitialConditions, RigParameters, Simulator
 
 LEVEL = RigParameters(gravity=0.0)

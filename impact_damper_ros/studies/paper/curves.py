@@ -20,12 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.orbits import (
-    PeriodicOrbit,
-    find_orbits,
-    orbit_near,
-    plausible_stops,
-)
+from impact_damper_ros.orbits import PeriodicOrbit, find_orbits, orbit_near, plausible_stops
 from impact_damper_ros.orbits.recognition import repeated_impacts
 from impact_damper_ros.orbits.search import carried_over, counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles

@@ -9,18 +9,8 @@ from itertools import pairwise, takewhile
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import RigParameters
 
-from .claim import (
-    Claim,
-    Judgement,
-    branch_of,
-    judged,
-    least_ratio,
-    stable_ratios,
-)
-from .curves import (
-    SeriesPlan,
-    Status,
-)
+from .claim import Claim, Judgement, branch_of, judged, least_ratio, stable_ratios
+from .curves import SeriesPlan, Status
 from .rigs import BASIC, scaled_rig
 from .series import STRONG_FORCE, Series
 

@@ -9,19 +9,8 @@ import numpy as np
 
 from impact_damper_ros.orbits import find_orbits, plausible_stops
 
-from .claim import (
-    Claim,
-    Judgement,
-    branch_of,
-    excess_over,
-    judged,
-    range_text,
-    stable_width,
-)
-from .curves import (
-    Curve,
-    Status,
-)
+from .claim import Claim, Judgement, branch_of, excess_over, judged, range_text, stable_width
+from .curves import Curve, Status
 from .rigs import BASIC, OPERATIONS
 from .series import Series
 
