@@ -96,7 +96,7 @@ def _compute(
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from impact_damper_ros.studies.paper.claims import claims_of
+    from impact_damper_ros.studies.paper.figure_claims import claims_of
     from impact_damper_ros.studies.paper.report import write_figure, write_report
     from impact_damper_ros.studies.paper.series import FIGURES, figure_of
 

@@ -18,7 +18,7 @@ from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig, OwnLaw
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from impact_damper_ros.report.formatting import setting
+from impact_damper_ros.report.formatting import markdown_table, setting
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -166,11 +166,12 @@ def _print_parameters() -> int:
 
 def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
     """Return name, unit, range, default and meaning of every parameter, in Markdown."""
-    lines = ['| parameter | unit | range | default | meaning |', '| --- | --- | --- | --- | --- |']
-    for spec in (spec for group in groups for spec in group.values()):
-        cells = (f'`{spec.name}`', spec.unit, spec.span, setting(spec.default), spec.description)
-        lines.append(f'| {" | ".join(cells)} |')
-    return '\n'.join(lines) + '\n'
+    rows = [
+        (f'`{spec.name}`', spec.unit, spec.span, setting(spec.default), spec.description)
+        for group in groups
+        for spec in group.values()
+    ]
+    return markdown_table(('parameter', 'unit', 'range', 'default', 'meaning'), rows) + '\n'
 
 
 def _number(low: float, high: float, unit: str) -> Callable[[str], float]:

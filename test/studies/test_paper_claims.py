@@ -21,9 +21,11 @@ from impact_damper_ros.studies.paper.curves import (
     frictionless_motions,
     settle,
 )
-from impact_damper_ros.studies.paper.frequency_claims import stability_edge
-from impact_damper_ros.studies.paper.gap_claims import range_claims
-from impact_damper_ros.studies.paper.response_claims import inclination_effects
+from impact_damper_ros.studies.paper.figure_claims import (
+    inclination_effects,
+    range_claims,
+    stability_edge,
+)
 from impact_damper_ros.studies.paper.rigs import BASIC, OPERATIONS, scaled_rig
 from impact_damper_ros.studies.paper.series import Series, figure_of, plans_of
 from impact_damper_ros.studies.paper.theory_claims import (
