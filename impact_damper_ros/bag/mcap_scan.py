@@ -126,6 +126,11 @@ class Scan:
         """Whether this package has written the file."""
         return self.library.startswith('impact_damper_ros/')
 
+    def topic_of(self, channel: int) -> str:
+        """Return the topic of a channel, or its number in words if it is not described."""
+        known = self.channels.get(channel)
+        return known.topic if known is not None else f'channel {channel}'
+
     def may_hold(self, block: Block, channels: Collection[int]) -> bool:
         """Return whether a block may hold messages of channels, by its index if it has one."""
         parts = self.indexes.get(block.offset) if self.finished else None
@@ -317,16 +322,11 @@ def _messages(
 # Checks of a block
 
 
-def _topic(scan: Scan, channel: int) -> str:
-    known = scan.channels.get(channel)
-    return known.topic if known is not None else f'channel {channel}'
-
-
 def _check_publish_time(scan: Scan, channel: int, stamp_ns: int, publish_ns: int) -> None:
     if publish_ns != stamp_ns and scan.own:
         scan.fault(
             'publish time',
-            f'a message of {_topic(scan, channel)} is logged at {stamp_ns} ns and published at '
+            f'a message of {scan.topic_of(channel)} is logged at {stamp_ns} ns and published at '
             f'{publish_ns} ns, which are the same in a bag of this package',
         )
 
@@ -340,7 +340,7 @@ def _check_numbers(scan: Scan, entries: dict[int, list[int]]) -> None:
         if numbers[-1] - numbers[0] != len(numbers) - 1 or sorted(numbers) != numbers:
             for before, after in pairwise(numbers):
                 if after != before + 1:
-                    text = jump_text(_topic(scan, channel), before, after)
+                    text = jump_text(scan.topic_of(channel), before, after)
                     scan.fault(f'number {channel}', text)
 
 
@@ -388,7 +388,7 @@ def _check_index(
                 text = 'its index lists others'
             scan.fault(
                 'chunk index',
-                f'{where} holds {len(there)} messages of {_topic(scan, channel)}, and {text}',
+                f'{where} holds {len(there)} messages of {scan.topic_of(channel)}, and {text}',
             )
 
 

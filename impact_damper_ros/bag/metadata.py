@@ -170,7 +170,6 @@ _FOOTER_LENGTH = 9 + 8 + 8 + 4
 #: Times in the metadata of other recorders are right to about this, ns: theirs is the first
 #: message to arrive, not the earliest.
 _ABOUT_NS = 10**9
-_NEVER_NS = 2**63 - 1
 
 
 def counted(number: int, noun: str = 'message') -> str:
@@ -196,12 +195,8 @@ def _count_faults(scan: Scan) -> Iterator[tuple[str, str]]:
         there = scan.counts.get(channel, 0)
         if listed != there:
             wrong = True
-            known = scan.channels.get(channel)
-            topic = known.topic if known is not None else f'channel {channel}'
-            yield (
-                f'statistics {channel}',
-                f'its statistics count {counted(listed)} on {topic}, {there:,} are there',
-            )
+            text = f'its statistics count {counted(listed)} on {scan.topic_of(channel)}'
+            yield f'statistics {channel}', f'{text}, {there:,} are there'
     total = sum(scan.counts.values())
     if said.message_count != total and not wrong:
         text = f'its statistics count {counted(said.message_count)} in all, {total:,} are there'
@@ -319,8 +314,7 @@ def number_faults(scans: Sequence[Scan], *, later: bool = False) -> Iterator[str
             if held is None:
                 return
             for channel, (begin, end) in held.items():
-                known = scan.channels.get(channel)
-                topic = known.topic if known is not None else f'channel {channel}'
+                topic = scan.topic_of(channel)
                 before = here.get(topic, -1)
                 on = topic not in here and (
                     begin == last.get(topic, -1) + 1 or (later and scan is scans[0])

@@ -99,10 +99,26 @@ def add_node_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_json_option(parser: argparse.ArgumentParser, what: str = 'the result') -> None:
+def add_path_option(
+    parser: argparse._ActionsContainer, name: str, text: str, metavar: str = 'FILE'
+) -> None:
+    """Let a command take a path."""
+    parser.add_argument(name, type=Path, metavar=metavar, help=text)
+
+
+def add_json_option(parser: argparse._ActionsContainer, what: str = 'the result') -> None:
     """Let a command take ``--json``, see `write_json`."""
+    add_path_option(parser, '--json', f'write {what} as JSON (- : stdout)')
+
+
+def add_directory_option(parser: argparse.ArgumentParser, default: str) -> None:
+    """Let a command take ``--output``, the directory of its files."""
     parser.add_argument(
-        '--json', type=Path, metavar='FILE', help=f'write {what} as JSON (- : stdout)'
+        '--output',
+        type=Path,
+        default=Path(default),
+        metavar='DIR',
+        help=f'directory of the files [{default}]',
     )
 
 

@@ -11,7 +11,6 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
@@ -39,6 +38,7 @@ from .command_line import (
     EXIT_FAILED,
     CommandError,
     add_most_events_option,
+    add_path_option,
     add_quiet_option,
     command_parser,
     outcome,
@@ -92,25 +92,17 @@ def _parser() -> argparse.ArgumentParser:
         metavar='T',
         help='time to simulate [s]',
     )
-    parser.add_argument(
-        '--impacts', type=Path, metavar='FILE', help='write the impacts as CSV (- : stdout)'
-    )
-    parser.add_argument(
+    add_path_option(parser, '--impacts', 'write the impacts as CSV (- : stdout)')
+    add_path_option(
+        parser,
         '--events',
-        type=Path,
-        metavar='FILE',
-        help='write every event: impacts, rest, stick, release, reversals, steps of a sweep, and '
+        'write every event: impacts, rest, stick, release, reversals, steps of a sweep, and '
         'under gap control what the stops do, as CSV; the last column, force_frequency, is the '
         'circular frequency of the first harmonic from then on [rad/s] (- : stdout)',
     )
-    parser.add_argument(
-        '--states', type=Path, metavar='FILE', help='write sampled states as CSV (- : stdout)'
-    )
-    parser.add_argument(
-        '--bag',
-        type=Path,
-        metavar='DIR',
-        help='record to MCAP what sim_node would record; DIR must not exist',
+    add_path_option(parser, '--states', 'write sampled states as CSV (- : stdout)')
+    add_path_option(
+        parser, '--bag', 'record to MCAP what sim_node would record; DIR must not exist', 'DIR'
     )
     parser.add_argument(
         '--max-bag-size',

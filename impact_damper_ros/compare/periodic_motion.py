@@ -24,7 +24,7 @@ from impact_damper_ros.orbits import (
     find_orbits,
     orbit_near,
 )
-from impact_damper_ros.orbits.event_map import follow_trajectory, origin_at
+from impact_damper_ros.orbits.event_map import follow_trajectory, origin_after_impact
 from impact_damper_ros.orbits.impact_roots import polish
 from impact_damper_ros.orbits.recognition import SETTLED, ImpactTable, Recurrence
 from impact_damper_ros.orbits.search import orbit_of, within_theory
@@ -439,16 +439,13 @@ def predicted_curve(
     first = period.phases[0] if period is not None else float(clock.phase(np.array(time)) % 1.0)
     late = round(orbit.phases[0] - first) if period is not None else 0
     zero = time - (first + late) * clock.cycle
-    stop = orbit.stops[0]
-    origin = origin_at(
+    origin = origin_after_impact(
         machine,
         zero + orbit.phases[0] * clock.cycle - clock.zero,
+        orbit.stops[0],
         orbit.x[0],
         orbit.primary_velocity_after[0],
-        0.0 if stop == 1 else -2.0 * machine.stop,
-        orbit.damper_velocity_after[0] - orbit.primary_velocity_after[0],
-        0,
-        stop,
+        orbit.damper_velocity_after[0],
     )
     trajectory = follow_trajectory(machine, origin, orbit.period, differentiate=False)
     if trajectory is None:

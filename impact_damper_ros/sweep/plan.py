@@ -46,8 +46,7 @@ class SweptParameter:
     """A parameter of rig or gap control, an initial condition, or an entry of an array."""
 
     name: str
-    #: Entry of an array, from 0.
-    index: int | None = None
+    index: int | None = None  # entry of an array, from 0
 
     def __str__(self) -> str:
         return self.name if self.index is None else f'{self.name}[{self.index}]'
@@ -353,8 +352,7 @@ class RigSetup(NamedTuple):
     initial: InitialConditions
     settling: Settling
     control: GapControlParameters
-    #: MODULE:FUNCTION of a law of the user's own; empty for none.
-    law: str = ''
+    law: str = ''  # MODULE:FUNCTION of a law of the user's own; empty for none
 
     def varied(self, settings: Settings) -> Self:
         """Return the setup with other values, all set at once."""

@@ -43,22 +43,7 @@ DISPLACED = InitialConditions(initial_primary_position=1.0)
 def impact_rows(events):
     """Return impacts as they are logged."""
     hits = [e for e in events if e.kind is EventKind.IMPACT]
-    if not hits:
-        return RecordedImpacts.none()
-    rows = [
-        (
-            round(e.time * 1e9) / 1e9,
-            float(e.stop),
-            e.x,
-            e.x + e.y,
-            e.primary_velocity_after,
-            e.damper_velocity_after,
-            e.impulse if e.stop == 1 else -e.impulse,
-            -e.impulse if e.stop == 1 else e.impulse,
-        )
-        for e in hits
-    ]
-    return RecordedImpacts(*np.array(rows).T)
+    return RecordedImpacts.of_events([e._replace(time=round(e.time * 1e9) / 1e9) for e in hits])
 
 
 def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40):

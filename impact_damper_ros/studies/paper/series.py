@@ -51,8 +51,7 @@ class Series:
     plan: SeriesPlan
     curves: tuple[Curve, ...]
     marks: tuple[SettledMotion, ...]
-    #: The motions that curves were followed from.
-    starts: tuple[Start, ...] = ()
+    starts: tuple[Start, ...] = ()  # the motions that curves were followed from
 
     def motions(self) -> list[Start]:
         """Return the motions with three impacts and more on the curves, between the starts."""
