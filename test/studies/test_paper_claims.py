@@ -242,6 +242,9 @@ def test_every_figure_has_its_series():
         assert [s.name for s in full] == [s.name for s in quick]
         assert all(set(s.marks) <= set(s.values) for s in (*quick, *full))
         assert all(list(s.values) == sorted(s.values) for s in full)
+        # The values that its claims name, in a quick look, too
+        judged = {0.0, 0.5, 1.0, 2.0} if figure == '6' else set()
+        assert all(judged <= set(s.values) for s in (*quick, *full))
         assert sum(len(s.values) for s in quick) < sum(len(s.values) for s in full)
     with pytest.raises(ValueError, match='7'):
         figure_of('7')

@@ -214,6 +214,7 @@ class SeriesPlan:
     impacts: tuple[int, ...] = (2,)  # numbers of impacts per cycle of the force that are sought
     #: Value up to which motions with three impacts and more are sought.
     many_up_to: float = math.inf
+    judged_at: tuple[float, ...] = ()  # values that a claim names; a quick look takes them, too
 
     def at(self, value: float) -> RigParameters:
         """Return the rig at a value."""

@@ -155,7 +155,12 @@ def _figure_6() -> list[SeriesPlan]:
     values, marks = _values((0.0, 6.0, 0.1), (0.0, 6.0, 0.25)), _values((0.0, 6.0, 0.25))
     return [
         SeriesPlan(
-            f'6 r={rig.force_frequencies[0]:g}', rig.replace(friction=0.5), 'air', values, marks
+            f'6 r={rig.force_frequencies[0]:g}',
+            rig.replace(friction=0.5),
+            'air',
+            values,
+            marks,
+            judged_at=(0.0, 0.5, 1.0, 2.0),
         )
         for rig in (BASIC, _ABOVE)
     ]
@@ -170,7 +175,7 @@ def plans_of(figure: str, *, quick: bool = False) -> list[SeriesPlan]:
     return [
         replace(
             plan,
-            values=tuple(sorted({*plan.values[::_QUICK], *plan.marks[::_QUICK]})),
+            values=tuple(sorted({*plan.values[::_QUICK], *plan.marks[::_QUICK], *plan.judged_at})),
             marks=plan.marks[::_QUICK],
         )
         for plan in plans
