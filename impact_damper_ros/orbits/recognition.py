@@ -374,10 +374,14 @@ def _apart(one: Rhythm, other: Rhythm) -> Apart:
     return Apart(max(phases), max(abs(a - b) for a, b in zip(one.x, other.x, strict=True)) / size)
 
 
-def _beginning(stops: Sequence[int], count: int) -> int:
-    """Return the index of the last impact on stop 1 after stop 2 with a whole period from it."""
+def last_period(stops: Sequence[int] | NDArray[Any], count: int) -> int:
+    """
+    Return where the last whole period of so many impacts begins.
+
+    On stop 1 after stop 2, if there is such an impact in the last two periods.
+    """
     total = len(stops)
-    for i in range(total - count, total - 2 * count, -1):
+    for i in range(total - count, max(total - 2 * count, 0), -1):
         if stops[i] == 1 and stops[i - 1] == 2:
             return i
     return total - count
@@ -429,7 +433,7 @@ def rhythm_of(
     if best is None:
         return None
     cycles, count, drift, decay = best
-    first = _beginning(stops, count)
+    first = last_period(stops, count)
     whole = math.floor(instants[first])
     chosen = range(first, first + count)
     return Rhythm(
@@ -491,7 +495,7 @@ def repeated_impacts(
         if count == 0 or len(impacts) < 3 * count:
             continue
         if table.distances(count, cycles)[-2 * count :].max() < tolerance:
-            first = _beginning(stops, count)
+            first = last_period(stops, count)
             return list(impacts[first : first + count]), cycles
     return None
 
