@@ -18,7 +18,8 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
-from impact_damper_ros.compare import GapCurves, RunComparison, StretchComparison, Verdict
+from impact_damper_ros.compare import RunComparison, StretchComparison, Verdict
+from impact_damper_ros.compare.periodic_motion import GapCurves
 from impact_damper_ros.outputs import write_texts
 
 from .charts import PICTURES, Picture, draw_history, draw_run

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare import cubic_swing
+from impact_damper_ros.compare.measured_motion import cubic_swing
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.lyapunov import (

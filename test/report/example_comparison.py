@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.compare import (
+from impact_damper_ros.compare.result import (
     Beginning,
     Convergence,
     Decay,
