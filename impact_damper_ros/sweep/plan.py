@@ -261,25 +261,9 @@ def axis_from_mapping(name: str, entry: Any, rig: RigParameters) -> Axis:
     """
     Read one entry of a ranges file.
 
-    Parameters
-    ----------
-    name : str
-        The name or names, as on the command line.
-    entry : str, number, list or mapping
-        The text of the command line, a list of values, or a mapping with the keys ``from``,
-        ``to``, ``count`` and optionally ``spacing`` (linear or log).
-    rig : RigParameters
-        The rig, for the lengths of its arrays.
-
-    Returns
-    -------
-    Axis
-        The axis.
-
-    Raises
-    ------
-    AxisError
-        As for `axis_from_text`.
+    The name or names are as on the command line. The entry is the text of the command line, a list
+    of values, or a mapping with the keys ``from``, ``to``, ``count`` and optionally ``spacing``
+    (linear or log). Raises `AxisError` as `axis_from_text` does.
     """
     names = name.split('=')
     if isinstance(entry, str):
