@@ -8,35 +8,8 @@ from impact_damper_ros.compare.bag_stretches import LoggedRig, StretchBuilder
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from impact_damper_ros.compare.result import Beginning
 from impact_damper_ros.compare.verdict import compare_stretch
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
 
-HORIZONTAL = RigParameters(gravity=0.0)
-OFF_RESONANCE = HORIZONTAL.replace(force_frequencies=(1.02,))
-INCLINED = RigParameters(
-    angle=math.radians(45.0), gravity=1.0, friction=0.5, force_frequencies=(1.02,)
-)
-VERTICAL = RigParameters(
-    angle=math.radians(90.0),
-    gravity=1.0,
-    one_sided=True,
-    damping=0.1,
-    damper_mass=0.01,
-    force_amplitudes=(0.8,),
-    force_frequencies=(10.0,),
-)
-#: The rig of config/bench_rig.yaml
-BENCH = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    damper_mass=0.1,
-    gap=0.024,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    friction=0.02,
-    force_amplitudes=(1.2,),
-    force_frequencies=(31.416,),
-)
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
 
