@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .optimum import OptimalGap, optimal_gap
     from .orbit import OrbitEvent, PeriodicOrbit
     from .search import OrbitSearch, StartReport, find_orbits
-    from .shooting import orbit_near
+    from .shooting import Section, orbit_near, section_on, shoot
 
 __all__ = [
     'Branch',
@@ -32,6 +32,7 @@ __all__ = [
     'OrbitEvent',
     'OrbitSearch',
     'PeriodicOrbit',
+    'Section',
     'SpecialKind',
     'SpecialPoint',
     'StartReport',
@@ -40,6 +41,8 @@ __all__ = [
     'optimal_gap',
     'orbit_near',
     'plausible_stops',
+    'section_on',
+    'shoot',
     'switch_branch',
     'value_of',
 ]
@@ -55,6 +58,6 @@ __getattr__ = lazy_names(
         'optimum': ('OptimalGap', 'optimal_gap'),
         'orbit': ('OrbitEvent', 'PeriodicOrbit'),
         'search': ('OrbitSearch', 'StartReport', 'find_orbits'),
-        'shooting': ('orbit_near',),
+        'shooting': ('Section', 'orbit_near', 'section_on', 'shoot'),
     },
 )

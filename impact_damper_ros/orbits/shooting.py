@@ -48,12 +48,25 @@ _ABSOLUTE = np.linalg.inv(_RELATIVE)
 
 @dataclass(frozen=True)
 class Section:
-    """A state at which a period begins."""
+    """
+    A state at which a period begins.
 
-    instant: float  # time on the force's clock, s
-    resting: int  # the mode `STICK`, `REST_1` or `REST_2`, or 0 if m moves relative to M
-    last_stop: int  # the stop hit last
-    state: Array  # as many of (X, X', Y - d/2, Y') as are free: 4, 3 or 2
+    Attributes
+    ----------
+    instant : float
+        Time on the force's clock, s.
+    resting : int
+        The mode `STICK`, `REST_1` or `REST_2`, or 0 if m moves relative to M.
+    last_stop : int
+        The stop hit last.
+    state : ndarray, shape (4,), (3,) or (2,)
+        As many of (X, X', Y - d/2, Y') as are free.
+    """
+
+    instant: float
+    resting: int
+    last_stop: int
+    state: Array
 
     @property
     def dimension(self) -> int:
@@ -128,9 +141,17 @@ def _section_after(
 
 def section_on(orbit: PeriodicOrbit) -> Section | None:
     """
-    Choose where the period of a motion with impacts, viable or nearly so, begins.
+    Choose where the period of a known motion begins.
 
-    None if the simulator cannot follow it.
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        A motion with impacts, viable or nearly so.
+
+    Returns
+    -------
+    Section or None
+        None if the simulator cannot follow it.
     """
     return _section_after(
         orbit.parameters,
@@ -193,9 +214,26 @@ def shoot(
     """
     Find the periodic motion near a state by Newton's method on the event map.
 
-    Returns the motion, which is viable, being the simulator's own, and its state where the period
-    begins; None if the method does not converge. Raises `OrbitError` if the force does not repeat
-    within the period.
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig; the period is counted in cycles of the force's first harmonic.
+    section : Section
+        Where to begin.
+    cycles : int
+        Period in cycles of the force.
+
+    Returns
+    -------
+    orbit : PeriodicOrbit
+        The motion; it is viable, being the simulator's own.
+    section : Section
+        Its state where the period begins. None stands for both if the method does not converge.
+
+    Raises
+    ------
+    OrbitError
+        If the force does not repeat within the period.
     """
     check_forcing(parameters, cycles)
     machine = rig_constants(parameters)

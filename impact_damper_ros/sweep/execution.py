@@ -136,6 +136,11 @@ class ProcessPool(ProcessPoolExecutor):
     A pool of processes that ignore Ctrl-C and end with this process.
 
     On leaving its ``with`` block it waits for calls that are under way, except after an exception.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of processes.
     """
 
     def __init__(self, jobs: int) -> None:
