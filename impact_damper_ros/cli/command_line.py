@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +21,8 @@ from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.quoting import printable
 
 if TYPE_CHECKING:
+    import subprocess
+
     from tqdm import tqdm
 
     from impact_damper_ros.sweep.execution import ProcessPool
@@ -159,6 +162,19 @@ def up_to(largest: int) -> Callable[[str], int]:
         return value
 
     return read
+
+
+def end_node(node: subprocess.Popen[bytes], patience: float) -> None:
+    """End the process of a node; kill it if it takes longer than that, s."""
+    from subprocess import TimeoutExpired
+
+    if node.poll() is None:
+        node.send_signal(signal.SIGINT)
+    try:
+        node.wait(patience)
+    except TimeoutExpired:
+        node.kill()
+        node.wait()
 
 
 def text_stream(json: Path | None) -> TextIO:

@@ -23,7 +23,7 @@ from pathlib import Path
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
 
-from .command_line import command_parser, outcome, say
+from .command_line import command_parser, end_node, outcome, say
 
 COMMAND = 'rig_page'
 NODE_END_S = 10.0
@@ -105,18 +105,6 @@ def _started(params: Path | None) -> subprocess.Popen[bytes] | None:
     )
 
 
-def _end(node: subprocess.Popen[bytes] | None) -> None:
-    if node is None:
-        return
-    if node.poll() is None:
-        node.send_signal(signal.SIGINT)
-    try:
-        node.wait(NODE_END_S)
-    except subprocess.TimeoutExpired:
-        node.kill()
-        node.wait()
-
-
 def _open(url: str) -> None:
     """Open a page in a browser with windows, if there is one."""
     if sys.platform == 'linux' and not {'DISPLAY', 'WAYLAND_DISPLAY'} & os.environ.keys():
@@ -166,7 +154,8 @@ def _work(arguments: argparse.Namespace) -> int:
     try:
         return asyncio.run(_serve(arguments))
     finally:
-        _end(node)
+        if node is not None:
+            end_node(node, NODE_END_S)
 
 
 def _missing(arguments: argparse.Namespace) -> str:
