@@ -36,7 +36,8 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from impact_damper_ros.cli import compare_run, replay_run, simulate_rig
-from impact_damper_ros.compare import BagStretches, replay_log
+from impact_damper_ros.compare.bag_stretches import BagStretches
+from impact_damper_ros.compare.comparison import replay_log
 
 ROOT = Path(__file__).parents[1]
 BENCH, PAPER = (str(ROOT / 'config' / f'{name}.yaml') for name in ('bench_rig', 'paper'))

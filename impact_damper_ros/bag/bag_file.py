@@ -377,16 +377,7 @@ class BagSummary:
 
 
 class BagFile:
-    """
-    A bag being written; its directory must not hold one already.
-
-    Attributes
-    ----------
-    path : Path
-        The MCAP file being written.
-    counts : list of int
-        Messages by channel, in all files.
-    """
+    """A bag being written; its directory must not hold one already."""
 
     def __init__(
         self,
@@ -397,9 +388,11 @@ class BagFile:
     ) -> None:
         self.directory = Path(directory)
         self._stem = name or self.directory.absolute().name
+        #: The MCAP file being written
         self.path = self._path(0)
         self.channels = tuple(channels)
         self.custom = {str(key): str(value) for key, value in custom.items()}
+        #: Messages by channel, in all files
         self.counts = [0] * len(self.channels)
         # The files before the present one, and messages by channel up to it
         self._files: list[FileInformation] = []

@@ -75,96 +75,49 @@ class ChunkHead(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """
-    A stretch of the file that holds messages: a chunk, or one message outside of any.
+    """A stretch of the file that holds messages: a chunk, or one message outside of any."""
 
-    Attributes
-    ----------
-    offset, length : int
-        Of the record's content in the file, as far as it is there.
-    start_ns, end_ns : int
-        Earliest and latest stamp.
-    whole : bool
-        False for the last chunk of a file that was cut in the middle of it.
-    chunk : bool
-        False for a message on its own (rosbag2's ``fastwrite``).
-    """
-
+    #: Of the record's content in the file, as far as it is there.
     offset: int
     length: int
+    #: Earliest and latest stamp.
     start_ns: int
     end_ns: int
-    whole: bool = True
-    chunk: bool = True
+    whole: bool = True  # false for the last chunk of a file that was cut in the middle of it
+    chunk: bool = True  # false for a message on its own (rosbag2's ``fastwrite``)
 
 
 @dataclass
 class Scan:
-    """
-    The usable content of an MCAP file.
+    """The usable content of an MCAP file."""
 
-    Attributes
-    ----------
-    path : Path
-        The file.
-    source : Path
-        The file as the user knows it, where `path` is an expanded copy of it.
-    size : int
-        Its length in bytes.
-    profile, library : str
-        ``'ros2'``, if written by ROS 2, and what wrote it.
-    blocks : list of Block
-        Where the messages are, in file order.
-    schemas, channels : dict
-        By id.
-    counts : dict of int to int
-        Messages per channel id, without those of damaged blocks.
-    metadata : list of Metadata
-        The metadata records.
-    finished : bool
-        Whether the file has its footer and the magic at its end.
-    unusable : int
-        Bytes at the end that belong to no whole record.
-    indexes : dict of int to list of IndexPart
-        The message index records by the block that they follow.
-    heads : list of ChunkHead
-        The whole chunks.
-    statistics : Statistics or None
-        The counts in the summary.
-    chunk_indexes : list of ChunkIndex
-        The places of the chunks in the summary.
-    footer : Footer or None
-        Where the summary is.
-    data_end : (int, int) or None
-        Where the data ends, and its checksum or 0.
-    attachments : int
-        Number of attachments.
-    faults : dict of str to list
-        The faults so far: the first case of each kind, and how many there are.
-    numbers : dict of int to dict
-        First and last sequence number by channel of the blocks that were read whole.
-    """
-
-    path: Path
-    source: Path
-    size: int
+    path: Path  # the file
+    source: Path  # the file as the user knows it, where `path` is an expanded copy of it
+    size: int  # its length in bytes
+    #: ``'ros2'``, if written by ROS 2, and what wrote it.
     profile: str = ''
     library: str = ''
-    blocks: list[Block] = field(default_factory=list)
+    blocks: list[Block] = field(default_factory=list)  # where the messages are, in file order
+    #: By id.
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    #: Messages per channel id, without those of damaged blocks.
     counts: dict[int, int] = field(default_factory=dict)
-    metadata: list[Metadata] = field(default_factory=list)
-    finished: bool = False
-    unusable: int = 0
+    metadata: list[Metadata] = field(default_factory=list)  # the metadata records
+    finished: bool = False  # whether the file has its footer and the magic at its end
+    unusable: int = 0  # bytes at the end that belong to no whole record
+    #: The message index records by the block that they follow.
     indexes: dict[int, list[IndexPart]] = field(default_factory=dict)
-    heads: list[ChunkHead] = field(default_factory=list)
-    statistics: Statistics | None = None
+    heads: list[ChunkHead] = field(default_factory=list)  # the whole chunks
+    statistics: Statistics | None = None  # the counts in the summary
+    #: The places of the chunks in the summary.
     chunk_indexes: list[ChunkIndex] = field(default_factory=list)
-    footer: Footer | None = None
-    data_end: tuple[int, int] | None = None
-    attachments: int = 0
+    footer: Footer | None = None  # where the summary is
+    data_end: tuple[int, int] | None = None  # where the data ends, and its checksum or 0
+    attachments: int = 0  # number of attachments
+    #: The faults so far: the first case of each kind, and how many there are.
     faults: dict[str, tuple[str, int]] = field(default_factory=dict)
+    #: First and last sequence number by channel of the blocks that were read whole.
     numbers: dict[int, dict[int, tuple[int, int]]] = field(default_factory=dict)
     description_size: int = 0
 
@@ -172,6 +125,11 @@ class Scan:
     def own(self) -> bool:
         """Whether this package has written the file."""
         return self.library.startswith('impact_damper_ros/')
+
+    def topic_of(self, channel: int) -> str:
+        """Return the topic of a channel, or its number in words if it is not described."""
+        known = self.channels.get(channel)
+        return known.topic if known is not None else f'channel {channel}'
 
     def may_hold(self, block: Block, channels: Collection[int]) -> bool:
         """Return whether a block may hold messages of channels, by its index if it has one."""
@@ -364,16 +322,11 @@ def _messages(
 # Checks of a block
 
 
-def _topic(scan: Scan, channel: int) -> str:
-    known = scan.channels.get(channel)
-    return known.topic if known is not None else f'channel {channel}'
-
-
 def _check_publish_time(scan: Scan, channel: int, stamp_ns: int, publish_ns: int) -> None:
     if publish_ns != stamp_ns and scan.own:
         scan.fault(
             'publish time',
-            f'a message of {_topic(scan, channel)} is logged at {stamp_ns} ns and published at '
+            f'a message of {scan.topic_of(channel)} is logged at {stamp_ns} ns and published at '
             f'{publish_ns} ns, which are the same in a bag of this package',
         )
 
@@ -387,7 +340,7 @@ def _check_numbers(scan: Scan, entries: dict[int, list[int]]) -> None:
         if numbers[-1] - numbers[0] != len(numbers) - 1 or sorted(numbers) != numbers:
             for before, after in pairwise(numbers):
                 if after != before + 1:
-                    text = jump_text(_topic(scan, channel), before, after)
+                    text = jump_text(scan.topic_of(channel), before, after)
                     scan.fault(f'number {channel}', text)
 
 
@@ -435,7 +388,7 @@ def _check_index(
                 text = 'its index lists others'
             scan.fault(
                 'chunk index',
-                f'{where} holds {len(there)} messages of {_topic(scan, channel)}, and {text}',
+                f'{where} holds {len(there)} messages of {scan.topic_of(channel)}, and {text}',
             )
 
 

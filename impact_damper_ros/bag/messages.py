@@ -39,17 +39,9 @@ class CdrError(ValueError):
 
 class CdrReader:
     """
-    Reads the fields of a message one after the other.
+    Reads the fields of a message with its encapsulation header one after the other.
 
-    Parameters
-    ----------
-    content : bytes
-        The serialised message with its encapsulation header.
-
-    Raises
-    ------
-    CdrError
-        If the encapsulation is not plain CDR.
+    Raises `CdrError` if the encapsulation is not plain CDR.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -132,16 +124,10 @@ class CdrReader:
 
 
 class CdrWriter:
-    """
-    Appends the fields of a message one after the other, little-endian, with zeros as padding.
-
-    Attributes
-    ----------
-    content : bytearray
-        The message so far, with its encapsulation header.
-    """
+    """Appends the fields of a message, little-endian, with zeros as padding."""
 
     def __init__(self) -> None:
+        #: The message so far, with its encapsulation header
         self.content = bytearray(b'\x00\x01\x00\x00')
 
     def put(self, letter: str, *values: float) -> CdrWriter:
@@ -393,14 +379,7 @@ _NS_PER_S = 10**9
 
 
 def header_ns(content: bytes) -> int:
-    """
-    Return the stamp of a message that begins with it, in nanoseconds.
-
-    Raises
-    ------
-    CdrError
-        If the message is too short to have one.
-    """
+    """Return the stamp of a message that begins with it, ns; `CdrError` if it is too short."""
     if len(content) < _STAMP_END:
         raise CdrError(f'the message ends at byte {len(content)}, in its header')
     layout = _LITTLE if content[1] == 1 else _BIG
@@ -422,26 +401,7 @@ class JointStateLayout:
     """
     The layout of a sensor_msgs/JointState: all of it but the stamp and the numbers.
 
-    Parameters
-    ----------
-    content : bytes
-        A message of that layout, in CDR.
-
-    Attributes
-    ----------
-    frame_id : str
-        Frame of the header.
-    names : tuple of str
-        The joints.
-    counts : tuple of int
-        How many positions, velocities and efforts there are.
-    size : int
-        Length of a message, in bytes.
-
-    Raises
-    ------
-    CdrError
-        If it is no JointState.
+    It is read from a message in CDR; `CdrError` if that is no JointState.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -465,6 +425,7 @@ class JointStateLayout:
         except UnicodeDecodeError as error:
             raise CdrError(f'it is no {JOINT_STATE}: {error}') from error
         fixed.append((end, len(content)))
+        #: How many positions, velocities and efforts there are
         self.counts = tuple(place.size // 8 for _, place in self._places)
         self.size = len(content)
         self._fixed = [(start, stop, content[start:stop]) for start, stop in fixed]
@@ -527,14 +488,7 @@ class JointStateLayout:
         return fits
 
     def columns(self, rows: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """
-        Return the stamps, in ns, and all numbers of messages that fit, one per row.
-
-        Parameters
-        ----------
-        rows : ndarray of uint8, shape (n, size)
-            The messages.
-        """
+        """Return the stamps, in ns, and all numbers of messages (one per row) that fit."""
         import numpy as np
 
         order = self._stamp.format[0]
@@ -571,24 +525,12 @@ _MOST_LAYOUTS = 8
 
 @dataclass(frozen=True)
 class JointStateTable:
-    """
-    Joint states, impacts or acts of the gap control as columns, one message per row.
+    """Joint states, impacts or acts of the gap control as columns, one message per row."""
 
-    Attributes
-    ----------
-    stamps_ns : ndarray of int, shape (n,)
-        Stamps of the headers.
-    numbers : ndarray, shape (n, k)
-        Positions, velocities and efforts.
-    frames : ndarray of int, shape (n,)
-        Index of each frame among `JointStateColumns.frames`.
-    unreadable : tuple of (int, str)
-        Index of each message that could not be read, which has no row, and why.
-    """
-
-    stamps_ns: NDArray[np.int64]
-    numbers: NDArray[np.float64]
-    frames: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]  # stamps of the headers, shape (n,)
+    numbers: NDArray[np.float64]  # positions, velocities and efforts, shape (n, k)
+    frames: NDArray[np.int64]  # index of each frame among `JointStateColumns.frames`, shape (n,)
+    #: Index of each message that could not be read, which has no row, and why.
     unreadable: tuple[tuple[int, str], ...]
 
 
@@ -596,20 +538,12 @@ class JointStateColumns:
     """
     Reads the joint states of one topic.
 
-    Parameters
-    ----------
-    joints : sequence of tuple of str
-        The joints that they must have; several, if there are messages of several formats.
-    counts : tuple of int
-        How many positions, velocities and efforts are read, the first of each.
-
-    Attributes
-    ----------
-    frames : list of str
-        The frames met.
+    The messages must have one of the lists of joints; several, if there are messages of several
+    formats. Of the positions, velocities and efforts the first `counts` are read.
     """
 
     def __init__(self, joints: Sequence[tuple[str, ...]], counts: tuple[int, int, int]) -> None:
+        #: Those met so far
         self.frames: list[str] = []
         self._joints, self._counts = joints, counts
         self._layouts: list[JointStateLayout] = []

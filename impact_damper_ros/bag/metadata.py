@@ -37,20 +37,10 @@ _NEVER = 2**63 - 1
 
 
 class FileInformation(NamedTuple):
-    """
-    The entry of one file of a bag.
+    """The entry of one file of a bag."""
 
-    Attributes
-    ----------
-    path : str
-        Its name, in the directory of the bag.
-    start_ns, end_ns : int or None
-        Earliest and latest stamp; None without messages.
-    message_count : int
-        Its messages.
-    """
-
-    path: str
+    path: str  # name within the directory of the bag
+    #: Earliest and latest stamp; None without messages.
     start_ns: int | None = None
     end_ns: int | None = None
     message_count: int = 0
@@ -69,25 +59,12 @@ class FileInformation(NamedTuple):
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """
-    The metadata of a bag.
+    """The metadata of a bag."""
 
-    Attributes
-    ----------
-    files : tuple of FileInformation
-        The MCAP files, in order.
-    channels : tuple of Channel
-        The topics.
-    counts : tuple of int
-        Messages per channel.
-    custom : mapping of str to str
-        Free notes of the recorder.
-    """
-
-    files: tuple[FileInformation, ...]
+    files: tuple[FileInformation, ...]  # the MCAP files, in order
     channels: tuple[Channel, ...]
-    counts: tuple[int, ...]
-    custom: Mapping[str, str] = field(default_factory=dict)
+    counts: tuple[int, ...]  # messages in each channel
+    custom: Mapping[str, str] = field(default_factory=dict)  # free notes of the recorder
 
     @property
     def whole(self) -> FileInformation:
@@ -193,7 +170,6 @@ _FOOTER_LENGTH = 9 + 8 + 8 + 4
 #: Times in the metadata of other recorders are right to about this, ns: theirs is the first
 #: message to arrive, not the earliest.
 _ABOUT_NS = 10**9
-_NEVER_NS = 2**63 - 1
 
 
 def counted(number: int, noun: str = 'message') -> str:
@@ -219,12 +195,8 @@ def _count_faults(scan: Scan) -> Iterator[tuple[str, str]]:
         there = scan.counts.get(channel, 0)
         if listed != there:
             wrong = True
-            known = scan.channels.get(channel)
-            topic = known.topic if known is not None else f'channel {channel}'
-            yield (
-                f'statistics {channel}',
-                f'its statistics count {counted(listed)} on {topic}, {there:,} are there',
-            )
+            text = f'its statistics count {counted(listed)} on {scan.topic_of(channel)}'
+            yield f'statistics {channel}', f'{text}, {there:,} are there'
     total = sum(scan.counts.values())
     if said.message_count != total and not wrong:
         text = f'its statistics count {counted(said.message_count)} in all, {total:,} are there'
@@ -342,8 +314,7 @@ def number_faults(scans: Sequence[Scan], *, later: bool = False) -> Iterator[str
             if held is None:
                 return
             for channel, (begin, end) in held.items():
-                known = scan.channels.get(channel)
-                topic = known.topic if known is not None else f'channel {channel}'
+                topic = scan.topic_of(channel)
                 before = here.get(topic, -1)
                 on = topic not in here and (
                     begin == last.get(topic, -1) + 1 or (later and scan is scans[0])

@@ -15,13 +15,7 @@ from typing import Any
 from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
 from impact_damper_ros.rig import Event, Sample
 
-from .messages import (
-    DIAGNOSTIC_ARRAY,
-    JOINT_STATE,
-    PARAMETER_EVENT,
-    STRING,
-    JointStateLayout,
-)
+from .messages import DIAGNOSTIC_ARRAY, JOINT_STATE, PARAMETER_EVENT, STRING, JointStateLayout
 from .topics import LATCHED, QosProfile, Topic
 
 #: What a rig publishes, by the name under which the notes of a bag list it. A name without a slash
@@ -78,17 +72,9 @@ def state_numbers(
     """
     Return the published numbers of a sample: positions and velocities of `joints_of` the format.
 
-    Parameters
-    ----------
-    sample : Sample
-        The sample.
-    deflection : float
-        Static deflection of the rig then, m. Positions count from the place of M with an unloaded
-        spring, which no change of the rig moves.
-    angle : float
-        Angle of the incline then, rad. It only changes at once, so that its velocity is 0.
-    version : int, optional
-        Format of the messages.
+    Positions count from the place of M with an unloaded spring, which no change of the rig moves;
+    `deflection` is the static deflection of the rig then, m. The angle of the incline, rad, only
+    changes at once, so that its velocity is 0.
     """
     _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample
     if version == 1:
@@ -124,14 +110,7 @@ def snapshot_text(offset_ns: int, time_ns: int, reason: str, state: Mapping[str,
     """
     Return the text of a snapshot: all that a bit-for-bit continuation needs.
 
-    Parameters
-    ----------
-    offset_ns, time_ns : int
-        Stamp of rig time 0, and rig time.
-    reason : str
-        Reason of its publication.
-    state : mapping
-        State of the rig.
+    `offset_ns` is the stamp of rig time 0, `reason` that of the publication.
     """
     return json.dumps(
         {

@@ -29,14 +29,7 @@ from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .mcap_scan import LARGEST_CHUNK, MAGIC, Scan, open_file, plain_content, read_block, scan_file
-from .messages import (
-    DECODABLE,
-    JOINT_STATE,
-    CdrError,
-    JointStateDecoder,
-    Message,
-    decode,
-)
+from .messages import DECODABLE, JOINT_STATE, CdrError, JointStateDecoder, Message, decode
 from .metadata import (
     PART,
     check_summary,
@@ -50,7 +43,7 @@ from .metadata import (
 from .topics import definition, load_yaml
 
 #: Bytes to which the compressed files of a bag may expand in all.
-LARGEST_FILE = 8 * 1024**3
+MOST_EXPANDED = 8 * 1024**3
 #: Bytes that are left free on the disk.
 _SPARE = 256 * 1024**2
 _PIECE = 1024 * 1024
@@ -68,7 +61,7 @@ class Unpacked:
 
     def __init__(self) -> None:
         self._directory: Path | None = None
-        self._left = LARGEST_FILE
+        self._left = MOST_EXPANDED
         self._count = 0
 
     def file(self, path: Path) -> Path:
@@ -194,8 +187,8 @@ def _database_channels(
 
 def _too_large(path: Path, what: str, limit: int) -> RecordingError:
     cause = (
-        f'{what}; {limit} can be used here (at most {LARGEST_FILE} for a bag, and what is free in '
-        f'{tempfile.gettempdir()})'
+        f'{what}; {limit} can be used here (at most {MOST_EXPANDED} for a bag, and what is free '
+        f'in {tempfile.gettempdir()})'
     )
     remedy = 'set TMPDIR to a directory with more space, or expand or convert it beforehand'
     return RecordingError('expand', path, cause, remedy)

@@ -169,28 +169,15 @@ class Topic:
 
 @dataclass(frozen=True)
 class Channel:
-    """
-    A topic with all that a reader needs; also one of a bag written elsewhere.
+    """A topic with all that a reader needs; also one of a bag written elsewhere."""
 
-    Attributes
-    ----------
-    topic, type : str
-        Names of the topic and of its type.
-    schema : bytes
-        Definition of the type with its dependencies.
-    type_hash : str
-        As of REP 2016; empty if unknown.
-    qos_profiles : tuple of mappings
-        One per publisher.
-    schema_encoding, message_encoding : str
-        As of the MCAP registry of well-known encodings.
-    """
-
+    #: Names of the topic and of its type.
     topic: str
     type: str
-    schema: bytes
-    type_hash: str
-    qos_profiles: tuple[Mapping[str, Any], ...] = ()
+    schema: bytes  # definition of the type with its dependencies
+    type_hash: str  # as of REP 2016; empty if unknown
+    qos_profiles: tuple[Mapping[str, Any], ...] = ()  # one per publisher
+    #: As of the MCAP registry of well-known encodings.
     schema_encoding: str = 'ros2msg'
     message_encoding: str = 'cdr'
 

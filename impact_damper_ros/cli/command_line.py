@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +21,8 @@ from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.quoting import printable
 
 if TYPE_CHECKING:
+    import subprocess
+
     from tqdm import tqdm
 
     from impact_damper_ros.sweep.execution import ProcessPool
@@ -99,10 +102,26 @@ def add_node_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_json_option(parser: argparse.ArgumentParser, what: str = 'the result') -> None:
+def add_path_option(
+    parser: argparse._ActionsContainer, name: str, text: str, metavar: str = 'FILE'
+) -> None:
+    """Let a command take a path."""
+    parser.add_argument(name, type=Path, metavar=metavar, help=text)
+
+
+def add_json_option(parser: argparse._ActionsContainer, what: str = 'the result') -> None:
     """Let a command take ``--json``, see `write_json`."""
+    add_path_option(parser, '--json', f'write {what} as JSON (- : stdout)')
+
+
+def add_directory_option(parser: argparse.ArgumentParser, default: str) -> None:
+    """Let a command take ``--output``, the directory of its files."""
     parser.add_argument(
-        '--json', type=Path, metavar='FILE', help=f'write {what} as JSON (- : stdout)'
+        '--output',
+        type=Path,
+        default=Path(default),
+        metavar='DIR',
+        help=f'directory of the files [{default}]',
     )
 
 
@@ -143,6 +162,19 @@ def up_to(largest: int) -> Callable[[str], int]:
         return value
 
     return read
+
+
+def end_node(node: subprocess.Popen[bytes], patience: float) -> None:
+    """End the process of a node; kill it if it takes longer than that, s."""
+    from subprocess import TimeoutExpired
+
+    if node.poll() is None:
+        node.send_signal(signal.SIGINT)
+    try:
+        node.wait(patience)
+    except TimeoutExpired:
+        node.kill()
+        node.wait()
 
 
 def text_stream(json: Path | None) -> TextIO:

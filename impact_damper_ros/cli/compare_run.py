@@ -20,6 +20,7 @@ from .command_line import (
     add_bag_argument,
     add_json_option,
     add_node_option,
+    add_path_option,
     add_quiet_option,
     command_parser,
     need_matplotlib,
@@ -52,18 +53,10 @@ def _parser() -> argparse.ArgumentParser:
     add_bag_argument(parser)
     add_node_option(parser)
     add_json_option(parser)
-    parser.add_argument(
-        '--report',
-        type=Path,
-        metavar='DIR',
-        help='write an HTML page with plots, and the JSON beside it',
-    )
-    parser.add_argument(
-        '--params',
-        type=Path,
-        metavar='FILE.yaml',
-        help='the rig, for a bag that does not hold its parameters (recorded without snapshot)',
-    )
+    page = 'write an HTML page with plots, and the JSON beside it'
+    add_path_option(parser, '--report', page, 'DIR')
+    rig = 'the rig, for a bag that does not hold its parameters (recorded without snapshot)'
+    add_path_option(parser, '--params', rig, 'FILE.yaml')
     add_quiet_option(parser, 'tables')
     return parser
 

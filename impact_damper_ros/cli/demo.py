@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import signal
 import subprocess
 import sys
 import textwrap
@@ -28,7 +27,7 @@ from impact_damper_ros.outputs import check_directory
 from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
 from impact_damper_ros.rig import RigParameters, load_parameters
 
-from .command_line import EXIT_FAILED, CommandError, command_parser, outcome
+from .command_line import EXIT_FAILED, CommandError, command_parser, end_node, outcome
 
 PATIENCE_S = 30.0
 CLOSEUP_CYCLES = 3
@@ -179,16 +178,6 @@ def _perform(node: subprocess.Popen[bytes], duration: float) -> tuple[int, int]:
         client.close()
 
 
-def _end(node: subprocess.Popen[bytes]) -> None:
-    if node.poll() is None:
-        node.send_signal(signal.SIGINT)
-        try:
-            node.wait(PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            node.kill()
-            node.wait()
-
-
 def _read(bag: Path) -> tuple[Motion, list[float]]:
     """Read the motion from the equilibrium of each stage, and the instants of the changes."""
     reader = RunReader(bag)
@@ -303,7 +292,7 @@ def _demonstrate(directory: Path, duration: float) -> int:
     except RuntimeError as error:
         raise CommandError(str(error), EXIT_FAILED) from error
     finally:
-        _end(node)
+        end_node(node, PATIENCE_S)
     bags = sorted(path for path in set(directory.iterdir()) - known if path.is_dir())
     if not bags:
         raise CommandError(f'the node left no recording in {directory}', EXIT_FAILED)

@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from impact_damper_ros.entry_points import run
@@ -18,13 +17,7 @@ from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, ope
 from impact_damper_ros.report.drawing import save_figure
 from impact_damper_ros.report.replay_report import findings_json, findings_text
 from impact_damper_ros.report.what_if_report import WhatIfReport
-from impact_damper_ros.rig import (
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-    Event,
-    InitialConditions,
-    Sample,
-)
+from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, Event, InitialConditions, Sample
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
 from impact_damper_ros.rig.quoting import printable
 
@@ -36,6 +29,7 @@ from .command_line import (
     add_json_option,
     add_most_events_option,
     add_node_option,
+    add_path_option,
     add_quiet_option,
     check_figure,
     command_parser,
@@ -77,18 +71,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_node_option(parser)
     add_json_option(parser)
-    parser.add_argument(
-        '--figure', type=Path, metavar='FILE', help='draw the recorded run and the what-if'
-    )
-    parser.add_argument(
-        '--states',
-        type=Path,
-        metavar='FILE',
-        help='write the replayed states (with --set, those of the what-if) as CSV (- : stdout)',
-    )
-    parser.add_argument(
-        '--impacts', type=Path, metavar='FILE', help='write its impacts as CSV, likewise'
-    )
+    add_path_option(parser, '--figure', 'draw the recorded run and the what-if')
+    states = 'write the replayed states (with --set, those of the what-if) as CSV (- : stdout)'
+    add_path_option(parser, '--states', states)
+    add_path_option(parser, '--impacts', 'write its impacts as CSV, likewise')
     add_most_events_option(parser, ' of the what-if')
     add_quiet_option(parser, 'report')
     return parser

@@ -6,13 +6,13 @@ import argparse
 import sys
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Future, as_completed
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory
 
 from .command_line import (
+    add_directory_option,
     add_jobs_option,
     command_parser,
     need_matplotlib,
@@ -39,13 +39,7 @@ Example: reproduce_paper --only 3a,5 --output /tmp/paper
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('reproduce_paper', _DESCRIPTION, _EPILOG)
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('docs/paper'),
-        metavar='DIR',
-        help='directory of the files [docs/paper]',
-    )
+    add_directory_option(parser, 'docs/paper')
     add_jobs_option(parser)
     parser.add_argument(
         '--quick',
@@ -102,7 +96,7 @@ def _compute(
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from impact_damper_ros.studies.paper.claims import claims_of
+    from impact_damper_ros.studies.paper.figure_claims import claims_of
     from impact_damper_ros.studies.paper.report import write_figure, write_report
     from impact_damper_ros.studies.paper.series import FIGURES, figure_of
 

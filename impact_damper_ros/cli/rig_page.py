@@ -23,7 +23,7 @@ from pathlib import Path
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig.parameters_file import load_parameters, preset_file
 
-from .command_line import command_parser, outcome, say
+from .command_line import command_parser, end_node, outcome, say
 
 COMMAND = 'rig_page'
 NODE_END_S = 10.0
@@ -89,14 +89,7 @@ def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def _started(params: Path | None) -> subprocess.Popen[bytes] | None:
-    """
-    Start the node of a rig, if one is to be started.
-
-    Raises
-    ------
-    ValueError
-        If it is not a rig.
-    """
+    """Start the node of a rig, if one is to be started; ValueError if it is not a rig."""
     if params is None:
         return None
     file = preset_file(params)
@@ -110,18 +103,6 @@ def _started(params: Path | None) -> subprocess.Popen[bytes] | None:
         ],
         preexec_fn=lambda: libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
     )
-
-
-def _end(node: subprocess.Popen[bytes] | None) -> None:
-    if node is None:
-        return
-    if node.poll() is None:
-        node.send_signal(signal.SIGINT)
-    try:
-        node.wait(NODE_END_S)
-    except subprocess.TimeoutExpired:
-        node.kill()
-        node.wait()
 
 
 def _open(url: str) -> None:
@@ -173,7 +154,8 @@ def _work(arguments: argparse.Namespace) -> int:
     try:
         return asyncio.run(_serve(arguments))
     finally:
-        _end(node)
+        if node is not None:
+            end_node(node, NODE_END_S)
 
 
 def _missing(arguments: argparse.Namespace) -> str:

@@ -11,14 +11,13 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig, OwnLaw
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from impact_damper_ros.report.formatting import setting
+from impact_damper_ros.report.formatting import markdown_table, setting
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -39,6 +38,7 @@ from .command_line import (
     EXIT_FAILED,
     CommandError,
     add_most_events_option,
+    add_path_option,
     add_quiet_option,
     command_parser,
     outcome,
@@ -92,25 +92,17 @@ def _parser() -> argparse.ArgumentParser:
         metavar='T',
         help='time to simulate [s]',
     )
-    parser.add_argument(
-        '--impacts', type=Path, metavar='FILE', help='write the impacts as CSV (- : stdout)'
-    )
-    parser.add_argument(
+    add_path_option(parser, '--impacts', 'write the impacts as CSV (- : stdout)')
+    add_path_option(
+        parser,
         '--events',
-        type=Path,
-        metavar='FILE',
-        help='write every event: impacts, rest, stick, release, reversals, steps of a sweep, and '
+        'write every event: impacts, rest, stick, release, reversals, steps of a sweep, and '
         'under gap control what the stops do, as CSV; the last column, force_frequency, is the '
         'circular frequency of the first harmonic from then on [rad/s] (- : stdout)',
     )
-    parser.add_argument(
-        '--states', type=Path, metavar='FILE', help='write sampled states as CSV (- : stdout)'
-    )
-    parser.add_argument(
-        '--bag',
-        type=Path,
-        metavar='DIR',
-        help='record to MCAP what sim_node would record; DIR must not exist',
+    add_path_option(parser, '--states', 'write sampled states as CSV (- : stdout)')
+    add_path_option(
+        parser, '--bag', 'record to MCAP what sim_node would record; DIR must not exist', 'DIR'
     )
     parser.add_argument(
         '--max-bag-size',
@@ -166,11 +158,12 @@ def _print_parameters() -> int:
 
 def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
     """Return name, unit, range, default and meaning of every parameter, in Markdown."""
-    lines = ['| parameter | unit | range | default | meaning |', '| --- | --- | --- | --- | --- |']
-    for spec in (spec for group in groups for spec in group.values()):
-        cells = (f'`{spec.name}`', spec.unit, spec.span, setting(spec.default), spec.description)
-        lines.append(f'| {" | ".join(cells)} |')
-    return '\n'.join(lines) + '\n'
+    rows = [
+        (f'`{spec.name}`', spec.unit, spec.span, setting(spec.default), spec.description)
+        for group in groups
+        for spec in group.values()
+    ]
+    return markdown_table(('parameter', 'unit', 'range', 'default', 'meaning'), rows) + '\n'
 
 
 def _number(low: float, high: float, unit: str) -> Callable[[str], float]:

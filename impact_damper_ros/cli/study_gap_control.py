@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory
 
 from .command_line import (
+    add_directory_option,
     add_jobs_option,
     command_parser,
     need_matplotlib,
@@ -39,13 +39,7 @@ Example: study_gap_control --output /tmp/gap_control --quick
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('study_gap_control', _DESCRIPTION, _EPILOG)
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('docs/gap_control'),
-        metavar='DIR',
-        help='directory of the files [docs/gap_control]',
-    )
+    add_directory_option(parser, 'docs/gap_control')
     add_jobs_option(parser)
     parser.add_argument('--quick', action='store_true', help='make a few short runs of each part')
     return parser

@@ -51,6 +51,8 @@ from impact_damper_ros.sweep.table import FORMATS, need_pyarrow, stored_inputs
 from .command_line import (
     EXIT_FAILED,
     CommandError,
+    add_json_option,
+    add_path_option,
     add_quiet_option,
     check_figure,
     command_parser,
@@ -112,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
         help='a parameter and its values; may be repeated for further axes, of which the first is '
         'followed',
     )
-    add('--ranges', type=Path, metavar='FILE.yaml', help='the axes as "vary:" in a YAML file')
+    add_path_option(options, '--ranges', 'the axes as "vary:" in a YAML file', 'FILE.yaml')
     add_set_option(options)
     add_law_option(options)
     add(
@@ -183,12 +185,7 @@ def _parser() -> argparse.ArgumentParser:
         help='take the optimum from the grid, without a search between its values, which takes '
         'long for rigs under gap control',
     )
-    drawn.add_argument(
-        '--json',
-        type=Path,
-        metavar='FILE',
-        help='write counts, attractors and optimum as JSON (- : stdout)',
-    )
+    add_json_option(drawn, 'counts, attractors and optimum')
     where = options.add_argument_group('execution').add_mutually_exclusive_group()
     where.add_argument(
         '--jobs',

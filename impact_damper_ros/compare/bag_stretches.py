@@ -425,32 +425,8 @@ class BagStretches:
     """
     Reads the stretches of a bag; iterate over it once.
 
-    Parameters
-    ----------
-    path : Path
-        A bag directory or ``.mcap`` file.
-    node : str, optional
-        Name or namespace of the node, if there are several rigs in the bag.
-    parameters : RigParameters, optional
-        The rig, for a bag that does not name its parameters.
-
-    Attributes
-    ----------
-    checks : bool
-        Whether the flights are checked against the equations of motion.
-    progress : callable
-        Called now and then with the rig time reached, s.
-    recorded : RecordedRun
-        The bag.
-    samples, impacts : int
-        How many were read so far.
-    start_ns, end_ns : int or None
-        Rig times of the first and last joint state, ns.
-
-    Raises
-    ------
-    RecordingError
-        If the bag cannot be read, or holds no rig.
+    `parameters` are those of the rig, for a bag that does not name them. Raises `RecordingError`
+    if the bag cannot be read, or holds no rig.
     """
 
     def __init__(
@@ -460,10 +436,14 @@ class BagStretches:
         parameters: RigParameters | None = None,
     ) -> None:
         self.recorded = RecordedRun(path, node, purpose='compare', snapshot_needed=False)
+        #: How many were read so far
         self.samples = self.impacts = 0
+        #: Rig times of the first and last joint state
         self.start_ns: int | None = None
         self.end_ns: int | None = None
+        #: Whether the flights are checked against the equations of motion
         self.checks = True
+        #: Called now and then with the rig time reached, s
         self.progress: Callable[[float], object] = float
         self._given, self._snapshots = parameters, 0
         self._pauses = self._slips = self._unlogged = self._early = 0

@@ -31,22 +31,12 @@ Progress = Callable[[float], object]
 
 @dataclass(frozen=True)
 class LogReplay:
-    """
-    The result of the replay of a bag.
+    """The result of the replay of a bag."""
 
-    Attributes
-    ----------
-    check : LogCheck
-        How the log was checked.
-    differences : tuple of Difference
-        The first ones after each change of the rig; empty if the log was not replayed exactly.
-    faults : tuple of str
-        Why only a part of the bag was replayed.
-    """
-
-    check: LogCheck
+    check: LogCheck  # how the log was checked
+    #: The first ones after each change of the rig; empty if the log was not replayed exactly.
     differences: tuple[Difference, ...] = ()
-    faults: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()  # why only a part of the bag was replayed
 
     def by_stretch(
         self, bag: BagStretches
@@ -105,14 +95,7 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
     """
     Replay a bag, and return what differs.
 
-    Parameters
-    ----------
-    path : Path
-        A bag directory or ``.mcap`` file.
-    node : str, optional
-        Name or namespace of the node, if there are several rigs in the bag.
-    progress : callable, optional
-        Called now and then with the rig time reached, s.
+    `progress` is called now and then with the rig time reached, s.
     """
     try:
         replay = Replay(RecordedRun(path, node, purpose='compare'), adopt=True)

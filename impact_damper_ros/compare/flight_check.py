@@ -140,8 +140,7 @@ class Intervals:
     tolerances: Array
     #: Whether the closed form applies: no reversal, start or end of rest in the interval.
     plain: NDArray[np.bool_]
-    #: Whether it applies and agrees.
-    sound: NDArray[np.bool_]
+    sound: NDArray[np.bool_]  # whether it applies and agrees
 
 
 def _tolerances(parameters: RigParameters, knots: Knots) -> Array:

@@ -37,12 +37,8 @@ def cubic_rates(step: Array, rise: Array, begin: Array, end: Array) -> tuple[Arr
     """
     Return b and a of the velocity begin + b s + a s^2 along cubics, with s from 0 to 1.
 
-    Parameters
-    ----------
-    step, rise : ndarray of shape (n,)
-        Duration and displacement from one knot to the next.
-    begin, end : ndarray of shape (n,)
-        Velocities there.
+    Given are the duration and the displacement from one knot to the next, and the velocities
+    there.
     """
     mean = rise / step
     return 2.0 * (3.0 * mean - 2.0 * begin - end), 3.0 * (begin + end - 2.0 * mean)
@@ -74,16 +70,8 @@ def cubic_swing(span: Array, start: Array, end: Array, v_0: Array, v_1: Array) -
     """
     Measure the swing of X along the cubics between knots.
 
+    Given are durations, X at both ends, and X' there times the duration, m.
     `scipy.interpolate.PPoly` takes three times as long for the turning points of 200,000 of them.
-
-    Parameters
-    ----------
-    span : ndarray of shape (n,)
-        Durations, s.
-    start, end : ndarray of shape (n,)
-        X at both ends, m.
-    v_0, v_1 : ndarray of shape (n,)
-        X' there, times the duration, m.
     """
     rise = end - start
     square, cube = 3.0 * rise - 2.0 * v_0 - v_1, v_0 + v_1 - 2.0 * rise

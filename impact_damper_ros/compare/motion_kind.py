@@ -160,7 +160,7 @@ _UNFORESEEABLE = 12.0
 
 
 @dataclass(frozen=True)
-class MotionAhead:
+class LaterMotion:
     """The motion of the rig when it is run ahead from the last recorded impact."""
 
     cycles: int  # of the force that it was run
@@ -311,9 +311,9 @@ def _settled_after(recurrence: Recurrence, impacts: RecordedImpacts, begin: floa
     return float(impacts.time[first]) - begin
 
 
-def motion_ahead(
+def later_motion(
     clock: ForceClock, impacts: RecordedImpacts, recorded: float
-) -> MotionAhead | None:
+) -> LaterMotion | None:
     """Run the logged rig ahead from its last impact, longer if more cycles were recorded."""
     if not len(impacts):
         return None
@@ -346,7 +346,7 @@ def motion_ahead(
     growth = 0.0
     if settled:
         growth = rig.exponent(0, settled).value * settled * clock.cycle
-    return MotionAhead(
+    return LaterMotion(
         cycles=rig.cycles,
         impacts=ahead,
         recurrence=recurrence,
@@ -469,7 +469,7 @@ def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:
     return StretchKind(kind, evidence, measures, recurrence, impacts)
 
 
-def _leads_to(ahead: MotionAhead) -> StretchKind | None:
+def _leads_to(ahead: LaterMotion) -> StretchKind | None:
     """Return the kind of a motion that leads to a period, or to no impacts; else None."""
     on = 'does not repeat yet; run ahead from its last impact, it'
     if ahead.quiet_after is not None:
@@ -496,7 +496,7 @@ def _leads_to(ahead: MotionAhead) -> StretchKind | None:
     return StretchKind(MotionKind.TRANSIENT, text, measures, recurrence, ahead.impacts, ahead=True)
 
 
-def _settling(clock: ForceClock, impacts: RecordedImpacts, ahead: MotionAhead) -> StretchKind:
+def _settling(clock: ForceClock, impacts: RecordedImpacts, ahead: LaterMotion) -> StretchKind:
     """
     Return the kind of a motion that settles after chaos.
 
@@ -504,7 +504,7 @@ def _settling(clock: ForceClock, impacts: RecordedImpacts, ahead: MotionAhead) -
     takes another way; only if all of them lead to the same period, the motion is said to settle.
     """
     spent = _cycles_of(clock, impacts)
-    others = [motion_ahead(clock, impacts[:-back], spent) for back in range(1, _OTHER_WAYS + 1)]
+    others = [later_motion(clock, impacts[:-back], spent) for back in range(1, _OTHER_WAYS + 1)]
     periods = [way.period if way is not None else 0 for way in others]
     cycles = [float(ahead.settled_after or 0)]
     cycles += [float(way.settled_after or 0) for way in others if way is not None and way.period]
@@ -526,7 +526,7 @@ def _settling(clock: ForceClock, impacts: RecordedImpacts, ahead: MotionAhead) -
 
 def kind_ahead(clock: ForceClock, impacts: RecordedImpacts) -> StretchKind | None:
     """Return the periodic motion to which the rig comes when it is run ahead."""
-    ahead = motion_ahead(clock, impacts, _cycles_of(clock, impacts))
+    ahead = later_motion(clock, impacts, _cycles_of(clock, impacts))
     if ahead is None or ahead.unforeseeable:
         return None
     leads = _leads_to(ahead)
@@ -599,7 +599,7 @@ def _contradiction(kind: MotionKind, recorded: Indications | None, regularity: f
     return ''
 
 
-def _doubt(found: Indications | None, ahead: MotionAhead | None, spent: float) -> str:
+def _doubt(found: Indications | None, ahead: LaterMotion | None, spent: float) -> str:
     """Return why a motion is undecided, and what would decide."""
     if found is None and ahead is not None:
         return (
@@ -638,7 +638,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
         return _recurring(recurrence, counted)
     ahead = None
     if len(impacts) and sound and (recurrence is not None or spent >= _RUN_AHEAD_FROM):
-        ahead = motion_ahead(clock, impacts, spent)
+        ahead = later_motion(clock, impacts, spent)
     if recurrence is not None and (ahead is None or _confirmed(recurrence, ahead)):
         return _recurring(recurrence, counted)
     if ahead is not None and ahead.unforeseeable:
@@ -669,7 +669,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
     return StretchKind(kind, seen, measures)
 
 
-def _confirmed(recurrence: Recurrence, ahead: MotionAhead) -> bool:
+def _confirmed(recurrence: Recurrence, ahead: LaterMotion) -> bool:
     """Return whether the rig, run ahead, comes to the period of its recorded impacts."""
     if ahead.period:
         return ahead.period == recurrence.cycles

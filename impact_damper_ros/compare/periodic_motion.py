@@ -24,9 +24,14 @@ from impact_damper_ros.orbits import (
     find_orbits,
     orbit_near,
 )
-from impact_damper_ros.orbits.event_map import follow_trajectory, origin_at
+from impact_damper_ros.orbits.event_map import follow_trajectory, origin_after_impact
 from impact_damper_ros.orbits.impact_roots import polish
-from impact_damper_ros.orbits.recognition import SETTLED, ImpactTable, Recurrence
+from impact_damper_ros.orbits.recognition import (
+    SETTLED,
+    ImpactTable,
+    Recurrence,
+    last_period,
+)
 from impact_damper_ros.orbits.search import orbit_of, within_theory
 from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.flight import motion_at
@@ -181,19 +186,6 @@ def _match_orbit(
 
 
 # The recorded periods
-
-
-def _period_end(stops: Array, impacts: int) -> int:
-    """
-    Return the index after the last period to be shown.
-
-    It begins on stop 1 after stop 2, if there is such an impact in the last two periods.
-    """
-    total = len(stops)
-    for begin in range(total - impacts, max(total - 2 * impacts, 0), -1):
-        if stops[begin] == 1.0 and stops[begin - 1] == 2.0:
-            return begin + impacts
-    return total
 
 
 def _impact_states(clock: ForceClock, impacts: RecordedImpacts, cycles: int) -> ImpactStates:
@@ -369,7 +361,7 @@ def periodic_motion(
     """Measure a motion that repeats, and find the predicted one nearest to it if asked to."""
     n = recurrence.impacts
     table = impact_table(impacts, clock.zero, clock.cycle)
-    end = _period_end(table.stop, n)
+    end = last_period(table.stop, n) + n
     rows = _period_states(table, recurrence, end)
     period = _impact_states(clock, impacts[end - n : end], recurrence.cycles)
     measured = rows[-1].copy()
@@ -439,16 +431,13 @@ def predicted_curve(
     first = period.phases[0] if period is not None else float(clock.phase(np.array(time)) % 1.0)
     late = round(orbit.phases[0] - first) if period is not None else 0
     zero = time - (first + late) * clock.cycle
-    stop = orbit.stops[0]
-    origin = origin_at(
+    origin = origin_after_impact(
         machine,
         zero + orbit.phases[0] * clock.cycle - clock.zero,
+        orbit.stops[0],
         orbit.x[0],
         orbit.primary_velocity_after[0],
-        0.0 if stop == 1 else -2.0 * machine.stop,
-        orbit.damper_velocity_after[0] - orbit.primary_velocity_after[0],
-        0,
-        stop,
+        orbit.damper_velocity_after[0],
     )
     trajectory = follow_trajectory(machine, origin, orbit.period, differentiate=False)
     if trajectory is None:

@@ -22,7 +22,7 @@ from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
 from impact_damper_ros.rig import Event, ParameterError, RigParameters, Simulator
 from impact_damper_ros.rig.event_budget import REMEDY
 
-from .motion_kind import motion_ahead
+from .motion_kind import later_motion
 from .recorded_stretch import ForceClock, RecordedImpacts
 
 AnyRig: TypeAlias = Simulator | ControlledRig
@@ -274,7 +274,7 @@ def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator
 
 def _how_irregular(clock: ForceClock, ahead: ObservedMotion) -> str:
     """Return the kind of a motion that does not repeat, in the words of `compare_run`."""
-    later = motion_ahead(clock, RecordedImpacts.of_events(ahead.recent), _RUN_FOR)
+    later = later_motion(clock, RecordedImpacts.of_events(ahead.recent), _RUN_FOR)
     if later is None or (found := later.indications) is None:
         return ''
     return (

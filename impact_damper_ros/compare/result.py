@@ -275,63 +275,39 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class SwingEnvelope:
-    """
-    Least and greatest X in consecutive pieces of a stretch.
+    """Least and greatest X in consecutive pieces of a stretch."""
 
-    Attributes
-    ----------
-    time : ndarray of shape (n,)
-        Beginning of each piece, s.
-    low, high : ndarray of shape (n,)
-        Least and greatest sampled X in it, m.
-    """
-
-    time: Array
+    time: Array  # beginning of each piece, s, shape (n,)
+    #: Least and greatest sampled X in it, m, shape (n,).
     low: Array
     high: Array
 
 
 @dataclass(frozen=True)
 class MotionCurve:
-    """
-    The recorded motion in detail: joint states, and both sides of each impact.
+    """The recorded motion in detail: joint states, and both sides of each impact."""
 
-    Attributes
-    ----------
-    time : ndarray of shape (n,)
-        Instants, s, not falling; each impact appears twice, just before and just after.
-    x, velocity : ndarray of shape (n,)
-        X in m, and X' in m/s.
-    y, relative_velocity : ndarray of shape (n,)
-        Y = Z - X in m, and Y' in m/s.
-    stop_1, stop_2 : ndarray of shape (n,)
-        Positions of the stops relative to M, m; NaN if there is no stop 2.
-    """
-
+    #: Instants, s, not falling, shape (n,). Each impact is there twice, just before and after.
     time: Array
+    #: X in m, and X' in m/s, shape (n,).
     x: Array
     velocity: Array
+    #: Y = Z - X in m, and Y' in m/s, shape (n,).
     y: Array
     relative_velocity: Array
+    #: Positions of the stops relative to M, m; NaN if there is no stop 2, shape (n,).
     stop_1: Array
     stop_2: Array
 
 
 @dataclass(frozen=True)
 class ImpactCurve:
-    """
-    Impacts as arrays; the states just after them are the points of the Poincare section.
+    """Impacts as arrays; the states just after them are the points of the Poincare section."""
 
-    Attributes
-    ----------
-    time, phase : ndarray of shape (n,)
-        Instants, s, and phases of the force, cycles in [0, 1); NaN if they are not known.
-    stop, x, primary_velocity_before, ..., impulse : ndarray of shape (n,)
-        As of `ImpactStates`.
-    """
-
+    #: Instants, s, and phases of the force, cycles in [0, 1); NaN if not known. Shape (n,).
     time: Array
     phase: Array
+    #: The others as of `ImpactStates`.
     stop: NDArray[np.int64]
     x: Array
     primary_velocity_before: Array
@@ -343,51 +319,32 @@ class ImpactCurve:
 
 @dataclass(frozen=True)
 class PredictedCurve:
-    """
-    One period of the predicted motion, from just after its first impact to one period later.
+    """One period of the predicted motion, from just after its first impact to one period later."""
 
-    Attributes
-    ----------
-    phase : ndarray of shape (n,)
-        Cycles of the force since its zero angle, not falling; each impact appears twice.
-    x, velocity, y, relative_velocity : ndarray of shape (n,)
-        As of `MotionCurve`.
-    force_zero : float
-        A rig time, s, at which the force's angle is zero: phase p is at force_zero + p cycles.
-    cycle, cycles : float, int
-        Duration of a cycle of the force, s, and cycles k in a period.
-    """
-
+    #: Cycles of the force since its zero angle, not falling, shape (n,); each impact twice.
     phase: Array
+    #: As of `MotionCurve`, shape (n,).
     x: Array
     velocity: Array
     y: Array
     relative_velocity: Array
+    #: A rig time, s, at which the force's angle is zero: phase p is at force_zero + p cycles.
     force_zero: float
-    cycle: float
-    cycles: int
+    cycle: float  # duration of a cycle of the force, s
+    cycles: int  # cycles k in a period
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """
-    The approach of the recorded motion to the periodic one, period by period.
+    """The approach of the recorded motion to the periodic one, period by period."""
 
-    Attributes
-    ----------
-    time, distance : ndarray of shape (n,)
-        Beginning of each period, s, and the largest difference of any displacement, velocity and
-        instant of its impacts from those of the periodic motion, each relative to its size.
-    floor, measured, predicted : float
-        As of `Decay`.
-    fitted_from, fitted_to : int
-        The periods (half-open range of indices) on which the decay was measured; equal if it
-        could not be.
-    """
-
-    time: Array
+    time: Array  # beginning of each period, s, shape (n,)
+    #: Largest difference of any displacement, velocity and instant of its impacts from those of
+    #: the periodic motion, each relative to its size, shape (n,).
     distance: Array
-    floor: float
+    floor: float  # as of `Decay`, as the last two
+    #: The periods (half-open range of indices) on which the decay was measured; equal if it
+    #: could not be.
     fitted_from: int
     fitted_to: int
     measured: float
@@ -396,127 +353,62 @@ class Convergence:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """
-    Amplitude spectrum of X, of the end of a stretch.
+    """Amplitude spectrum of X, of the end of a stretch."""
 
-    Attributes
-    ----------
-    frequency : ndarray of shape (n,)
-        In Hz.
-    amplitude : ndarray of shape (n,)
-        Amplitude of X, m.
-    force_frequency : float
-        Of the force's first harmonic, Hz.
-    resolution : float
-        Width of a line, Hz.
-    window : str
-        Name of the window.
-    """
-
-    frequency: Array
-    amplitude: Array
-    force_frequency: float
-    resolution: float
-    window: str
+    frequency: Array  # Hz, shape (n,)
+    amplitude: Array  # of X, m, shape (n,)
+    force_frequency: float  # of the force's first harmonic, Hz
+    resolution: float  # width of a line, Hz
+    window: str  # its name
 
 
 @dataclass(frozen=True)
 class GapCurve:
-    """
-    The predicted motion followed in the gap, all other parameters as logged.
+    """The predicted motion followed in the gap, all other parameters as logged."""
 
-    Attributes
-    ----------
-    gap : ndarray of shape (n,)
-        Gaps along the branch, m; not monotonic if it has folds.
-    ratio : ndarray of shape (n,)
-        Largest |X| over that without impacts, Xmax/A.
-    stable, viable : ndarray of bool, shape (n,)
-        Whether the motion there is stable, and whether the rig can move so.
-    special_gap, special_ratio : ndarray of shape (s,)
-        Folds, period doublings, grazing and the like.
-    special_kind : tuple of str
-        What each of them is.
-    measured_gap, measured_ratio : float
-        This run.
-    stops : tuple of int
-        Stops hit in a period of this branch.
-    ended : str
-        Why it was not followed further.
-    """
-
-    gap: Array
-    ratio: Array
+    gap: Array  # gaps along the branch, m; not monotonic if it has folds, shape (n,)
+    ratio: Array  # largest |X| over that without impacts, Xmax/A, shape (n,)
+    #: Whether the motion there is stable, and whether the rig can move so, shape (n,).
     stable: NDArray[np.bool_]
     viable: NDArray[np.bool_]
+    #: Folds, period doublings, grazing and the like, shape (s,).
     special_gap: Array
     special_ratio: Array
-    special_kind: tuple[str, ...]
+    special_kind: tuple[str, ...]  # what each of them is
+    #: This run.
     measured_gap: float
     measured_ratio: float
-    stops: tuple[int, ...]
-    ended: str
+    stops: tuple[int, ...]  # stops hit in a period of this branch
+    ended: str  # why it was not followed further
 
 
 @dataclass(frozen=True)
 class StretchCurves:
-    """
-    All arrays of one stretch, of bounded size; None if there is nothing to show.
+    """All arrays of one stretch, of bounded size; None if there is nothing to show."""
 
-    Attributes
-    ----------
-    envelope : SwingEnvelope or None
-        X over the whole stretch.
-    motion : MotionCurve or None
-        The end of the stretch in detail: the last periods, or the last cycles of the force.
-    impacts : ImpactCurve or None
-        The latest impacts, those of `motion` and more before them.
-    predicted : PredictedCurve or None
-        One period of the predicted motion.
-    convergence : Convergence or None
-        The approach to the periodic motion.
-    spectrum : Spectrum or None
-        Of X.
-    gap_curve : GapCurve or None
-        Xmax/A against the gap.
-    """
-
-    envelope: SwingEnvelope | None = None
+    envelope: SwingEnvelope | None = None  # X over the whole stretch
+    #: The end of the stretch in detail: the last periods, or the last cycles of the force.
     motion: MotionCurve | None = None
+    #: The latest impacts, those of `motion` and more before them.
     impacts: ImpactCurve | None = None
-    predicted: PredictedCurve | None = None
-    convergence: Convergence | None = None
+    predicted: PredictedCurve | None = None  # one period of the predicted motion
+    convergence: Convergence | None = None  # the approach to the periodic motion
     spectrum: Spectrum | None = None
-    gap_curve: GapCurve | None = None
+    gap_curve: GapCurve | None = None  # Xmax/A against the gap
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoggedStretch:
-    """
-    A stretch of a run between two cuts, with constant parameters.
+    """A stretch of a run between two cuts, with constant parameters."""
 
-    Attributes
-    ----------
-    number : int
-        Counted from 1.
-    start, end : float
-        Rig time, s.
-    begins : Beginning
-        Why it begins.
-    cause : str
-        The same in words: ``'gap = 0.012 m (was 0.01 m)'``.
-    parameters : RigParameters
-        As logged.
-    control : mapping of str to value
-        Gap-control parameters as logged; empty if the bag has none.
-    """
-
-    number: int
+    number: int  # counted from 1
+    #: Rig time, s.
     start: float
     end: float
     begins: Beginning
-    cause: str
-    parameters: RigParameters
+    cause: str  # why it begins, in words, such as 'gap = 0.012 m (was 0.01 m)'
+    parameters: RigParameters  # as logged
+    #: Parameters of the gap control as logged; empty if the bag has none.
     control: Mapping[str, Any] = field(default_factory=dict)
 
 

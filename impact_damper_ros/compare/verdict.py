@@ -15,13 +15,7 @@ from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, Motion
 
 from .flight_check import FaultSearch
 from .log_findings import log_findings, repaired_impacts
-from .measured_motion import (
-    energy_balance,
-    impact_curve,
-    measured_motion,
-    motion_curve,
-    spectrum,
-)
+from .measured_motion import energy_balance, impact_curve, measured_motion, motion_curve, spectrum
 from .motion_kind import (
     Oscillation,
     StretchKind,

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.mode import rig_constants
+from impact_damper_ros.rig.oscillator import Oscillator
 
 #: Most impacts in a period for which all stop sequences are listed.
 MOST_LISTED_IMPACTS = 6
@@ -172,6 +173,14 @@ class ImpactVelocities:
     damper_after: Array
 
 
+def free_response(oscillator: Oscillator, spans: Array) -> tuple[Array, Array, Array]:
+    """Return what X is after spans (s) from a unit X, and what X and X' are from a unit X'."""
+    envelope = np.exp(-oscillator.decay * spans)
+    impulse = envelope * np.sin(oscillator.frequency * spans) / oscillator.frequency
+    cosine = envelope * np.cos(oscillator.frequency * spans)
+    return cosine + oscillator.decay * impulse, impulse, cosine - oscillator.decay * impulse
+
+
 class ImpactEquations:
     """
     The 2N equations of one stop sequence.
@@ -241,6 +250,7 @@ class ImpactEquations:
         self._last = np.roll(np.arange(self.impacts), 1)
         offsets = np.where(first, machine.stop, -machine.stop)
         self._travel: Array = offsets[self._next] - offsets
+        self._oscillator = machine.free
         self._decay = machine.free.decay
         self._damped = machine.free.frequency
         self._stiffness = machine.free.omega_squared
@@ -255,13 +265,6 @@ class ImpactEquations:
         lasts: Array = instants[..., self._next] - instants
         lasts[..., -1] += self.period
         return lasts
-
-    def _free(self, lasts: Array) -> tuple[Array, Array, Array]:
-        """Return the responses of X to a unit X, and of X and X' to a unit X', at the start."""
-        envelope = np.exp(-self._decay * lasts)
-        impulse = envelope * np.sin(self._damped * lasts) / self._damped
-        cosine = envelope * np.cos(self._damped * lasts)
-        return cosine + self._decay * impulse, impulse, cosine - self._decay * impulse
 
     def _forced(self, lasts: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return X and X' of the response from rest to exp(i W tau), by divided differences."""
@@ -299,7 +302,7 @@ class ImpactEquations:
         """
         n = self.impacts
         lasts = self.durations(instants)
-        unit, impulse, slope = self._free(lasts)
+        unit, impulse, slope = free_response(self._oscillator, lasts)
         x_forced, v_forced = self._forced(lasts)
         turn = self._force * np.exp(1j * self.frequency * instants)
         mean, constant = self._mean_velocity(lasts)
@@ -355,7 +358,7 @@ class ImpactEquations:
         n = self.impacts
         lasts = self.durations(instants)
         phases = self.frequency * instants + self.phase
-        unit, impulse, slope = self._free(lasts)
+        unit, impulse, slope = free_response(self._oscillator, lasts)
         x_forced, v_forced = self._forced(lasts)
         turn = self._force * np.exp(1j * phases)
         at = self.velocities(x, instants)

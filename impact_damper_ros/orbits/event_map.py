@@ -135,6 +135,19 @@ def origin_at(
     return origin._replace(mode=moving_mode(machine, relative_velocity))
 
 
+def origin_after_impact(
+    machine: RigConstants,
+    instant: float,
+    stop: int,
+    x: float,
+    velocity: float,
+    damper_velocity: float,
+) -> Origin:
+    """Return the state just after an impact, at an instant of the force's clock, s."""
+    beyond = 0.0 if stop == 1 else -2.0 * machine.stop
+    return origin_at(machine, instant, x, velocity, beyond, damper_velocity - velocity, 0, stop)
+
+
 def _rates(motion: Motion, flight: Flight) -> Array:
     """Return (X', X'', Z', Z'')."""
     if flight.joint:

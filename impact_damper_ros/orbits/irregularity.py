@@ -43,22 +43,13 @@ _CONSTANT = 1e-6
 
 @dataclass(frozen=True)
 class Indications:
-    """
-    The evidence for and against chaos.
+    """The evidence for and against chaos."""
 
-    Attributes
-    ----------
-    exponent, error : float
-        Largest Lyapunov exponent, and its standard error, per cycle of the force.
-    cycles : int
-        Cycles on which they were measured.
-    spread : float
-        Difference of the weighted averages; NaN if there are too few values.
-    """
-
+    #: Largest Lyapunov exponent, and its standard error, per cycle of the force.
     exponent: float
     error: float
-    cycles: int
+    cycles: int  # on which they were measured
+    #: Difference of the weighted averages; NaN if there are too few values.
     spread: float = math.nan
 
     @property

@@ -49,28 +49,13 @@ _STUDENT = 2.093
 
 @dataclass(frozen=True)
 class Deviations:
-    """
-    The matrices that carry deviations of (X, X', Z, Z') through a stretch of a run.
+    """The matrices that carry deviations of (X, X', Z, Z') through a stretch of a run."""
 
-    Attributes
-    ----------
-    start, end : float
-        The stretch, s.
-    instants : ndarray, shape (n,)
-        The events in it, s.
-    events : ndarray, shape (n, 4, 4)
-        Their saltation matrices.
-    modes : ndarray of int, shape (n + 1,)
-        The mode before each event, and after the last.
-    machine : RigConstants
-        The rig.
-    """
-
-    start: float
+    start: float  # s
     end: float
-    instants: Array
-    events: Array
-    modes: NDArray[np.int64]
+    instants: Array  # of the events in it, s, shape (n,)
+    events: Array  # their saltation matrices, shape (n, 4, 4)
+    modes: NDArray[np.int64]  # the mode before each event, and after the last, shape (n + 1,)
     machine: RigConstants
 
     def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -94,19 +79,10 @@ class Deviations:
 
 @dataclass(frozen=True)
 class Exponent:
-    """
-    A largest Lyapunov exponent.
+    """A largest Lyapunov exponent."""
 
-    Attributes
-    ----------
-    value : float
-        Mean rate of growth of a deviation, 1/s.
-    uncertainty : float
-        Half of a 95 % interval, 1/s.
-    """
-
-    value: float
-    uncertainty: float
+    value: float  # mean rate of growth, 1/s
+    uncertainty: float  # half of a 95 % interval, 1/s
 
     @property
     def standard_error(self) -> float:
@@ -334,23 +310,10 @@ def period_exponent(
     """
     Return the largest Lyapunov exponent of a periodic motion under control, and its multiplier.
 
-    Parameters
-    ----------
-    snapshot : dict
-        The rig, of a `ControlledRig`.
-    period : float
-        The period, s.
-    scales : Scales
-        What makes the numbers of its state comparable.
-
-    Returns
-    -------
-    Exponent
-        The mean of ln(largest multiplier)/period of two periods in a row, with neighbours on
-        either side; the uncertainty is the difference and the error of the multiplier. NaN if
-        neighbours decide differently.
-    float
-        The modulus of the largest multiplier.
+    The snapshot is that of a `ControlledRig`, the period is in s. The exponent is the mean of
+    ln(largest multiplier)/period of two periods in a row, with neighbours on either side; its
+    uncertainty is the difference and the error of the multiplier. NaN if neighbours decide
+    differently. The multiplier is the modulus of the largest one.
     """
     first = _Period(_rig(snapshot), period, scales, 1.0)
     second = _Period(first.last, period, scales, -1.0)
@@ -369,23 +332,9 @@ def parting_exponent(
     """
     Return the largest Lyapunov exponent of any motion under control.
 
-    Parameters
-    ----------
-    snapshot : dict
-        The rig, of a `ControlledRig`.
-    cycle : float
-        Cycle of the force, s.
-    cycles : int
-        For how many of them neighbours are watched, at least 21.
-    scales : Scales
-        What makes the numbers of its state comparable.
-
-    Returns
-    -------
-    Exponent
-        Mean growth of the separation of two neighbours and its uncertainty, as of
-        `lyapunov.growth_exponent`; NaN if they decide differently in more than one of twenty
-        cycles.
+    The mean growth of the separation of two neighbours and its uncertainty, as of
+    `growth_exponent`, over at least 21 cycles of the force, each of `cycle` s. NaN if they decide
+    differently in more than one of twenty cycles.
     """
     rig = _rig(snapshot)
     begun, state = rig.time, rig.numbers()

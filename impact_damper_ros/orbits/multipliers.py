@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_damper_ros.rig.mode import STICK, RigConstants, rig_constants
 from impact_damper_ros.rig.oscillator import Oscillator
 
-from .equations import Array, ImpactEquations
+from .equations import Array, ImpactEquations, free_response
 
 Mask = NDArray[np.bool_]
 
@@ -36,15 +36,9 @@ _SPEED = np.array([0.0, -1.0, 0.0, 1.0])
 
 def free_vibration(oscillator: Oscillator, spans: Array) -> Array:
     """Return the matrices (n, 2, 2) of free vibration that carry (X, X') through spans, s."""
-    envelope = np.exp(-oscillator.decay * spans)
-    impulse = envelope * np.sin(oscillator.frequency * spans) / oscillator.frequency
-    cosine = envelope * np.cos(oscillator.frequency * spans)
-    matrices = np.empty((len(spans), 2, 2))
-    matrices[:, 0, 0] = cosine + oscillator.decay * impulse
-    matrices[:, 0, 1] = impulse
-    matrices[:, 1, 0] = -oscillator.omega_squared * impulse
-    matrices[:, 1, 1] = cosine - oscillator.decay * impulse
-    return matrices
+    unit, impulse, slope = free_response(oscillator, spans)
+    rows = (unit, impulse), (-oscillator.omega_squared * impulse, slope)
+    return np.array(rows).transpose(2, 0, 1)
 
 
 def flight_matrices(machine: RigConstants, modes: NDArray[np.int64], spans: Array) -> Array:

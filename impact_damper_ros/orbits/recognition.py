@@ -73,30 +73,14 @@ class MotionKind(Enum):
 
 @dataclass(frozen=True)
 class ImpactTable:
-    """
-    Impacts in a row, for comparison with those a period later.
+    """Impacts in a row, for comparison with those a period later."""
 
-    Attributes
-    ----------
-    phase : ndarray, shape (n,)
-        Instants in cycles of the force, from any zero.
-    stop : ndarray, shape (n,)
-        The stops.
-    states : ndarray, shape (n, m)
-        What is compared besides, such as X, X' after and Z' after.
-    scale : float
-        What differences of states are divided by.
-    floor : float
-        Distance that the rounding of stamps alone makes.
-    length, speed : float
-        What displacements (m) and velocities (m/s) have been divided by in `states`.
-    """
-
-    phase: Array
-    stop: NDArray[Any]
-    states: Array
-    scale: float = 1.0
-    floor: float = 0.0
+    phase: Array  # instants in cycles of the force, from any zero, shape (n,)
+    stop: NDArray[Any]  # shape (n,)
+    states: Array  # what is compared besides, such as X, X' after and Z' after, shape (n, m)
+    scale: float = 1.0  # what differences of states are divided by
+    floor: float = 0.0  # distance that the rounding of stamps alone makes
+    #: What displacements (m) and velocities (m/s) have been divided by in `states`.
     length: float = 1.0
     speed: float = 1.0
 
@@ -156,24 +140,15 @@ def section_distance(section: Array, period: int, count: int, size: ArrayLike = 
 
 @dataclass(frozen=True)
 class Recurrence:
-    """
-    A period of the impacts.
+    """A period of the impacts."""
 
-    Attributes
-    ----------
-    cycles, impacts : int
-        Cycles of the force and impacts in a period.
-    distance : ndarray of shape (p,)
-        Largest distance of any impact from the one a period later, for each of the last periods
-        that hit the same stops, the last one last.
-    floor : float
-        Distance that the rounding of stamps alone makes.
-    """
-
+    #: Cycles of the force and impacts in a period.
     cycles: int
     impacts: int
+    #: Largest distance of any impact from the one a period later, for each of the last periods
+    #: that hit the same stops, the last one last, shape (p,).
     distance: Array
-    floor: float
+    floor: float  # distance that the rounding of stamps alone makes
 
     @property
     def level(self) -> float:
@@ -284,19 +259,10 @@ def _kept(period: Recurrence) -> bool:
 
 
 class Apart(NamedTuple):
-    """
-    How far two rhythms with the same stops and period are apart.
+    """How far two rhythms with the same stops and period are apart."""
 
-    Attributes
-    ----------
-    phase : float
-        Largest difference of the instants of the impacts, in cycles of the force.
-    x : float
-        Largest difference of X at the impacts, relative to the largest |X|.
-    """
-
-    phase: float
-    x: float
+    phase: float  # largest difference of the instants of the impacts, in cycles of the force
+    x: float  # largest difference of X at the impacts, relative to the largest |X|
 
 
 class _Counted(Protocol):
@@ -316,40 +282,22 @@ class _Counted(Protocol):
 
 @dataclass(frozen=True)
 class Rhythm:
-    """
-    Impacts that repeat.
+    """Impacts that repeat."""
 
-    Attributes
-    ----------
-    stops : tuple of int
-        Stops hit in one period, in order.
-    cycles : int
-        The period k, in cycles of the force.
-    phases : tuple of float
-        Instants of the impacts in cycles of the force since its zero angle; the first is in
-        [0, 1), all are in [0, k).
-    x : tuple of float
-        X at each impact, m.
-    x_max : float
-        Largest |X|, m: the scale of differences of X.
-    drift : float
-        Largest difference between the last period and the one before, in cycles of the force and
-        relative to the largest |X|; 0 for a motion of the theory.
-    decay : float
-        The drift over that of the period before: the factor by which the distance from the
-        periodic motion shrinks in a period. NaN where round-off hides it.
-    first : int
-        Index of the first of these impacts in the run.
-    """
-
-    stops: tuple[int, ...]
-    cycles: int
+    stops: tuple[int, ...]  # stops hit in one period, in order
+    cycles: int  # the period k, in cycles of the force
+    #: Instants of the impacts in cycles of the force since its zero angle; the first is in [0,
+    #: 1), all are in [0, k).
     phases: tuple[float, ...]
-    x: tuple[float, ...]
-    x_max: float
+    x: tuple[float, ...]  # X at each impact, m
+    x_max: float  # largest |X|, m: the scale of differences of X
+    #: Largest difference between the last period and the one before, in cycles of the force and
+    #: relative to the largest |X|; 0 for a motion of the theory.
     drift: float = 0.0
+    #: The drift over that of the period before: the factor by which the distance from the
+    #: periodic motion shrinks in a period. NaN where round-off hides it.
     decay: float = math.nan
-    first: int = 0
+    first: int = 0  # index of the first of these impacts in the run
 
     @classmethod
     def of(cls, orbit: _Counted) -> Self:
@@ -426,10 +374,14 @@ def _apart(one: Rhythm, other: Rhythm) -> Apart:
     return Apart(max(phases), max(abs(a - b) for a, b in zip(one.x, other.x, strict=True)) / size)
 
 
-def _beginning(stops: Sequence[int], count: int) -> int:
-    """Return the index of the last impact on stop 1 after stop 2 with a whole period from it."""
+def last_period(stops: Sequence[int] | NDArray[Any], count: int) -> int:
+    """
+    Return where the last whole period of so many impacts begins.
+
+    On stop 1 after stop 2, if there is such an impact in the last two periods.
+    """
     total = len(stops)
-    for i in range(total - count, total - 2 * count, -1):
+    for i in range(total - count, max(total - 2 * count, 0), -1):
         if stops[i] == 1 and stops[i - 1] == 2:
             return i
     return total - count
@@ -446,28 +398,11 @@ def rhythm_of(
     """
     Recognise a rhythm at the end of a run that goes on.
 
-    Parameters
-    ----------
-    instants : sequence of float
-        Instants of all impacts in a row, in cycles of the force since its zero angle.
-    stops : sequence of int
-        The stops they hit.
-    x : sequence of float
-        X at each, m.
-    x_max : float
-        Largest |X| of the motion, m.
-    most_cycles : int, optional
-        Longest period looked for, in cycles of the force.
+    Given are the instants of all impacts in a row, in cycles of the force since its zero angle,
+    the stops and X of each, and the largest |X|, m. Returned is the shortest period that has
+    settled; else the shortest one of which the last three differ by less than `RECOGNISED`. It
+    begins on stop 1 after stop 2, if there is such a place, and is one of the last two periods.
 
-    Returns
-    -------
-    Rhythm or None
-        The shortest period that has settled; else the shortest one of which the last three
-        differ by less than `RECOGNISED`. It begins on stop 1 after stop 2, if there is such a
-        place, and is one of the last two periods.
-
-    Examples
-    --------
     >>> rhythm_of([0.2, 0.7, 1.2, 1.7, 2.2, 2.7], [1, 2] * 3, [1.0, -1.0] * 3, 2.0).phases
     (0.2, 0.7)
     """
@@ -498,7 +433,7 @@ def rhythm_of(
     if best is None:
         return None
     cycles, count, drift, decay = best
-    first = _beginning(stops, count)
+    first = last_period(stops, count)
     whole = math.floor(instants[first])
     chosen = range(first, first + count)
     return Rhythm(
@@ -560,7 +495,7 @@ def repeated_impacts(
         if count == 0 or len(impacts) < 3 * count:
             continue
         if table.distances(count, cycles)[-2 * count :].max() < tolerance:
-            first = _beginning(stops, count)
+            first = last_period(stops, count)
             return list(impacts[first : first + count]), cycles
     return None
 

@@ -73,25 +73,12 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
 
 
 class Look(NamedTuple):
-    """
-    What a rig has done between two looks at it.
+    """What a rig has done between two looks at it."""
 
-    Attributes
-    ----------
-    cycles : int
-        Cycles of the force run so far.
-    events : list of Event
-        Events since the last look.
-    largest : float
-        Largest |X| at events and at the ends of the parts of cycles since then, m.
-    endless : bool
-        Whether the rig was stopped because it has too many events.
-    """
-
-    cycles: int
-    events: list[Event]
-    largest: float
-    endless: bool = False
+    cycles: int  # cycles of the force run so far
+    events: list[Event]  # since the last look
+    largest: float  # largest |X| at events and at the ends of the parts of cycles since then, m
+    endless: bool = False  # whether the rig was stopped because it has too many events
 
     @property
     def impacts(self) -> list[Event]:
@@ -167,30 +154,19 @@ class Settling:
     """
     How long a rig may take to settle, and how closely it is watched.
 
-    Attributes
-    ----------
-    cycles : int
-        Most cycles of the force to settle in.
-    watch : int
-        Cycles that are measured of a motion that does not repeat.
-    tolerance : float
-        How closely the states a period apart must agree, relative to the size of the motion.
-    events : int
-        Most events of one rig; more is a failure.
-    section : int
-        Most points of the section, and half as many as the impacts, that are kept of a motion
-        that does not repeat.
-
     Raises
     ------
     ValueError
         If one is out of its range.
     """
 
-    cycles: int = 2000
-    watch: int = 500
+    cycles: int = 2000  # most cycles of the force to settle in
+    watch: int = 500  # cycles that are measured of a motion that does not repeat
+    #: How closely the states a period apart must agree, relative to the size of the motion.
     tolerance: float = 1e-8
-    events: int = 2_000_000
+    events: int = 2_000_000  # most events of one rig; more is a failure
+    #: Most points of the section, and half as many as the impacts, that are kept of a motion
+    #: that does not repeat.
     section: int = 100
 
     def __post_init__(self) -> None:
@@ -248,42 +224,26 @@ class SettlingRig:
     """
     A rig that is run by whole cycles of its force.
 
-    Parameters
-    ----------
-    run : LongRun or ControlledRun
-        The rig, at the beginning of a cycle of its force; it goes on.
-    settling : Settling
-        How long and how closely it is watched.
-
-    Attributes
-    ----------
-    cycle : float
-        Period of the force, s.
-    omega : float
-        Natural circular frequency of M alone, rad/s.
-    forced, repeating : bool
-        Whether there is a force, and whether it repeats with its cycle.
-    controlled, in_step : bool
-        Whether a control moves the stops, and whether its samples can repeat with the cycles.
-    angles : tuple of float
-        Angle turned by each harmonic at the beginning, rad.
-    cycles, events : int
-        Cycles run and events had so far.
+    `run` is at the beginning of a cycle of its force, and goes on.
     """
 
     def __init__(self, run: LongRun | ControlledRun, settling: Settling) -> None:
         parameters = run.parameters
         self.settling = settling
+        #: Period of the force, s
         self.cycle = cycle_of(parameters)
         self.machine = rig_constants(parameters)
+        #: Angle turned by each harmonic at the beginning, rad
         self.angles = tuple(run.snapshot()['origin']['angles'])
+        #: Whether the force repeats with its cycle
         self.repeating = _repeats_with(parameters, self.cycle)
         self.controlled = isinstance(run, ControlledRun)
+        #: Whether the samples of a control can repeat with the cycles
         self.in_step = not isinstance(run, ControlledRun) or _samples_alike(
             run.control, self.cycle
         )
-        self.cycles = 0
-        self.events = 0
+        #: Cycles run and events had so far
+        self.cycles = self.events = 0
         self._run = run
         self._start = run.time
         self._rate = max(math.tau / self.cycle, parameters.omega)

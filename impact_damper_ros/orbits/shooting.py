@@ -20,7 +20,13 @@ from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, RigConstants, rig_
 from impact_damper_ros.rig.origin import Origin
 
 from .equations import Array, check_forcing
-from .event_map import FlightPart, Trajectory, follow_trajectory, origin_at
+from .event_map import (
+    FlightPart,
+    Trajectory,
+    follow_trajectory,
+    origin_after_impact,
+    origin_at,
+)
 from .multipliers import multipliers_of
 from .orbit import OrbitEvent, PeriodicOrbit
 from .viability import largest_displacement
@@ -128,9 +134,7 @@ def _section_after(
 ) -> Section | None:
     """Choose where the period begins of a motion with an impact, from the state just after it."""
     machine = rig_constants(parameters)
-    beyond = 0.0 if stop == 1 else -2.0 * machine.stop
-    relative = damper_velocity - velocity
-    origin = origin_at(machine, instant, x, velocity, beyond, relative, 0, stop)
+    origin = origin_after_impact(machine, instant, stop, x, velocity, damper_velocity)
     trajectory = follow_trajectory(machine, origin, period)
     return None if trajectory is None else section_of(machine, trajectory, instant)
 

@@ -35,7 +35,7 @@ from impact_damper_ros.rig.oscillator import derivative_bound
 from impact_damper_ros.rig.transition import struck
 
 from .equations import Array, ImpactEquations, ImpactVelocities
-from .event_map import origin_at
+from .event_map import origin_after_impact
 
 _TIME_TOLERANCE = 1e-13
 
@@ -126,12 +126,8 @@ def _assumed(
 ) -> Iterator[tuple[Origin, Flight]]:
     """Yield the state just after each impact, in the mode assumed, and the flight from it."""
     for i, stop in enumerate(equations.stops):
-        velocity = float(at.primary_after[i])
-        relative = float(at.damper_after[i]) - velocity
-        beyond = 0.0 if stop == 1 else -2.0 * rig.stop
-        origin = origin_at(
-            rig, float(instants[i]), float(x[i]), velocity, beyond, relative, 0, stop
-        )
+        velocities = float(at.primary_after[i]), float(at.damper_after[i])
+        origin = origin_after_impact(rig, float(instants[i]), stop, float(x[i]), *velocities)
         direction = equations.directions[i] if rig.grip > 0.0 else 0
         origin = origin._replace(mode=_MODE_OF_DIRECTION[direction])
         yield origin, launch(rig, origin)

@@ -62,13 +62,6 @@ class ImpactMatcher:
     Pairs the impacts of a bag with those of its replay.
 
     The recorder of a bag that is not stamped with rig time may not have received a missing impact.
-
-    Attributes
-    ----------
-    last_ns : int
-        Stamp of the last recorded message.
-    before_recorder : int
-        Impacts of the replay from before the first recorded one, at which the recorder joined.
     """
 
     what = 'impact'
@@ -85,7 +78,9 @@ class ImpactMatcher:
         self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
         self._begun = stamped
         self._has_paired = stamped
+        #: Stamp of the last recorded message
         self.last_ns = 0
+        #: Impacts of the replay before the first recorded one, at which the recorder joined
         self.before_recorder = 0
 
     @property
@@ -358,16 +353,10 @@ class SampleCheck:
 
 
 class SampleSpacing:
-    """
-    Finds gaps without samples.
-
-    Attributes
-    ----------
-    period_ns : float
-        Rig time from one sample to the next; 0 if not known yet.
-    """
+    """Finds gaps without samples."""
 
     def __init__(self, findings: Findings) -> None:
+        #: Rig time from one sample to the next; 0 if not known yet
         self.period_ns = 0.0
         self._findings = findings
         self._early: list[tuple[int, int, int]] = []

@@ -83,29 +83,18 @@ class SampleGap:
 
 @dataclass
 class Divergence:
-    """
-    How replayed and recorded joint states diverge.
+    """How replayed and recorded joint states diverge."""
 
-    Attributes
-    ----------
-    first, last : float
-        Rig times of the first and the last sample that differs, s.
-    samples : int
-        How many do.
-    largest_x, largest_z : float
-        Largest differences of X and Z, m.
-    marks : list of (int, float, float, float)
-        Number of differing samples, rig time, s, and the differences of X and Z there, m.
-    early : float
-        Largest difference among the first samples that differ, as a part of the positions.
-    """
-
+    #: Rig times of the first and the last sample that differs, s.
     first: float = nan
     last: float = nan
-    samples: int = 0
+    samples: int = 0  # how many do
+    #: Largest differences of X and Z, m.
     largest_x: float = 0.0
     largest_z: float = 0.0
+    #: Number of differing samples, rig time, s, and the differences of X and Z there, m.
     marks: list[tuple[int, float, float, float]] = field(default_factory=list)
+    #: Largest difference among the first samples that differ, as a part of the positions.
     early: float = 0.0
 
     def take(self, time: float, x: float, z: float, size: float) -> None:

@@ -54,25 +54,14 @@ _EXAMINED = 20
 
 
 class RecordedChange(NamedTuple):
-    """
-    A parameter event.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        Its stamp.
-    values : mapping
-        Parameters of the rig, of its gap control and of the recording, by name.
-    exact : bool
-        Whether the stamp is the instant of the change; otherwise the rough time of its arrival.
-    dump : bool
-        Whether it lists the values of all parameters and changes none.
-    """
+    """A parameter event."""
 
     stamp_ns: int
+    #: Parameters of the rig, of its gap control and of the recording, by name.
     values: Mapping[str, Any]
+    #: Whether the stamp is the instant of the change; otherwise the rough time of its arrival.
     exact: bool
-    dump: bool
+    dump: bool  # whether it lists the values of all parameters and changes none
 
 
 #: What a walk yields: joint states, impacts and acts of the gap control in a row, a change of

@@ -56,32 +56,17 @@ def _finite(text: str) -> float:
 
 
 class RecordedSnapshot(NamedTuple):
-    """
-    A snapshot of the rig: its state, and how rig time and stamps are related.
+    """A snapshot of the rig: its state, and how rig time and stamps are related."""
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Its stamp: `offset_ns` + `time_ns`.
-    offset_ns, time_ns : int
-        Stamp of rig time 0, and rig time.
-    reason : str
-        Why it was published.
-    state : dict
-        What the rig's future depends on; see `ControlledRig.restore`.
-    arithmetic : int
-        Arithmetic of the version that recorded it; see `rig.simulator.ARITHMETIC`.
-    version : int
-        Format of its messages; see `bag.rig_topics.FORMAT`.
-    """
-
-    stamp_ns: int
+    stamp_ns: int  # its stamp: `offset_ns` + `time_ns`
+    #: Stamp of rig time 0, and rig time.
     offset_ns: int
     time_ns: int
-    reason: str
-    state: dict[str, Any]
+    reason: str  # why it was published
+    state: dict[str, Any]  # what the rig's future depends on; see `ControlledRig.restore`
+    #: Arithmetic of the version that recorded it; see `rig.simulator.ARITHMETIC`.
     arithmetic: int = ARITHMETIC
-    version: int = FORMAT
+    version: int = FORMAT  # format of its messages; see `bag.rig_topics.FORMAT`
 
 
 def read_snapshot(record: Record, path: Path, purpose: str) -> RecordedSnapshot:

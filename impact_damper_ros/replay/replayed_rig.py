@@ -75,61 +75,30 @@ _LONGEST_SEARCH = 50
 
 
 class Effect(NamedTuple):
-    """
-    The immediate effects of a change.
+    """The immediate effects of a change."""
 
-    Attributes
-    ----------
-    change : RecordedChange or None
-        The parameter event, if there is one.
-    events : list of Event
-        Impacts, among others.
-    records : list of ControlRecord
-        Acts of the gap control.
-    parameters : RigParameters
-        The rig after it.
-    """
-
-    change: RecordedChange | None
-    events: list[Event]
-    records: list[ControlRecord]
-    parameters: RigParameters
+    change: RecordedChange | None  # the parameter event, if there is one
+    events: list[Event]  # impacts, among others
+    records: list[ControlRecord]  # acts of the gap control
+    parameters: RigParameters  # the rig after it
 
 
 @dataclass
 class Batch:
-    """
-    The changes and resets of one instant.
+    """The changes and resets of one instant."""
 
-    Attributes
-    ----------
-    steps : list of Step
-        The changes and resets, in order.
-    effects : list of Effect
-        The immediate effects of each change.
-    agrees : bool
-        Whether they lead to the state of the snapshot, if there is one.
-    unlogged : dict
-        Parameters that changed in the snapshot without a parameter event.
-    contradicted : list of (str, object, object)
-        Parameters whose last parameter event contradicts the snapshot: name, value of the event
-        and value of the snapshot.
-    adopted : bool
-        Whether a reset's initial conditions had to be taken from the snapshot.
-    differences : list of (str, object, object)
-        Differences between snapshot and replay: name, recorded and replayed value.
-    used : int
-        How many of the changes were carried out.
-    """
-
-    steps: list[Step] = field(default_factory=list)
-    effects: list[Effect] = field(default_factory=list)
-    agrees: bool = True
+    steps: list[Step] = field(default_factory=list)  # the changes and resets, in order
+    effects: list[Effect] = field(default_factory=list)  # the immediate effects of each change
+    agrees: bool = True  # whether they lead to the state of the snapshot, if there is one
+    #: Parameters that changed in the snapshot without a parameter event.
     unlogged: dict[str, Any] = field(default_factory=dict)
+    #: Parameters whose last parameter event contradicts the snapshot: name, value of the event
+    #: and value of the snapshot.
     contradicted: list[tuple[str, Any, Any]] = field(default_factory=list)
-    adopted: bool = False
+    adopted: bool = False  # whether a reset's initial conditions had to be taken from the snapshot
+    #: Differences between snapshot and replay: name, recorded and replayed value.
     differences: list[tuple[str, Any, Any]] = field(default_factory=list)
-    used: int = 0
+    used: int = 0  # how many of the changes were carried out
 
     @property
     def resets(self) -> int:
@@ -185,21 +154,11 @@ def _initial(origin: Mapping[str, Any]) -> InitialConditions:
 
 
 class ReplayedRig:
-    """
-    A rig to which a recorded run is repeated.
-
-    Attributes
-    ----------
-    rig : ControlledRig
-        The rig.
-    initial : InitialConditions or None
-        Initial conditions of the next reset; None if not known yet.
-    first_initial : InitialConditions or None
-        The same at the start.
-    """
+    """A rig to which a recorded run is repeated."""
 
     def __init__(self, start: RecordedSnapshot) -> None:
         self.rig = ControlledRig.restore(start.state)
+        #: Initial conditions of the next reset, and of the first one; None if not known yet
         self.initial: InitialConditions | None = None
         self.first_initial: InitialConditions | None = None
 

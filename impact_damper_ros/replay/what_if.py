@@ -173,29 +173,19 @@ class RecordedValues:
     """
     The values of a held parameter in the recorded run.
 
-    Parameters
-    ----------
-    value : object
-        The first one; None if it is not known.
-
-    Attributes
-    ----------
-    first : list of (float, object)
-        The first values after that one, each with the rig time of its change, s.
-    count : int
-        How many there are after that one.
-    last_time : float
-        Rig time of the last change, s.
-    range : tuple of float, or None
-        The smallest and the largest of all; None if they are no numbers.
+    It begins with the first one; None if that is not known.
     """
 
     def __init__(self, value: Any) -> None:
         self.value = self._last = value
+        #: The first values after that one, each with the rig time of its change, s
         self.first: list[tuple[float, Any]] = []
+        #: How many there are after that one
         self.count = 0
+        #: Rig time of the last change, s
         self.last_time = -math.inf
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        #: The smallest and the largest of all; None if they are no numbers
         self.range = (value, value) if number else None
 
     def take(self, time: float, value: Any) -> None:
@@ -212,14 +202,9 @@ class RecordedValues:
 
     def described(self, shown: Callable[[Any], str], most: int) -> str:
         """
-        Return the values as text.
+        Return the values as text, each as `shown` gives it.
 
-        Parameters
-        ----------
-        shown : callable
-            Returns the text of a value.
-        most : int
-            How many are listed with their times; the others by number and range.
+        At most `most` are listed with their times, the others by number and range.
         """
         listed = self.first[:most]
         parts = [shown(self.value), *(f'{shown(v)} from {t:.9g} s' for t, v in listed)]
@@ -251,14 +236,7 @@ class Ending:
     """
     The end of a replay and of its what-if, kept to be sampled closely afterwards.
 
-    Parameters
-    ----------
-    replay : Replay
-        The replay.
-    other : WhatIf
-        The what-if, which runs along with it.
-    span : float
-        Length of the end, s of rig time.
+    The what-if runs along with the replay; the end is `span` s of rig time.
     """
 
     def __init__(self, replay: Replay, other: WhatIf, span: float) -> None:

@@ -10,35 +10,25 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .drawing import blank_figure, finish_panel, save_figure
     from .html_report import report_page, write_report
     from .replay_report import findings_json, findings_text
-    from .run_figures import Closeup, Motion, draw_motion
     from .text_report import comparison_text
     from .what_if_report import WhatIfReport
 
 __all__ = [
-    'Closeup',
-    'Motion',
     'WhatIfReport',
-    'blank_figure',
     'comparison_text',
-    'draw_motion',
     'findings_json',
     'findings_text',
-    'finish_panel',
     'report_page',
-    'save_figure',
     'write_report',
 ]
 
 __getattr__ = lazy_names(
     __name__,
     {
-        'drawing': ('blank_figure', 'finish_panel', 'save_figure'),
         'html_report': ('report_page', 'write_report'),
         'replay_report': ('findings_json', 'findings_text'),
-        'run_figures': ('Closeup', 'Motion', 'draw_motion'),
         'text_report': ('comparison_text',),
         'what_if_report': ('WhatIfReport',),
     },

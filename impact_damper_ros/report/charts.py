@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impact_damper_ros.compare import (
+from impact_damper_ros.compare.result import (
     Array,
     Convergence,
     GapCurve,

@@ -6,13 +6,8 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.compare import (
-    Array,
-    MotionCurve,
-    PredictedCurve,
-    StretchComparison,
-    cubic_rates,
-)
+from impact_damper_ros.compare.measured_motion import cubic_rates
+from impact_damper_ros.compare.result import Array, MotionCurve, PredictedCurve, StretchComparison
 
 #: Samples in a cycle of the force from which on straight lines between them look smooth.
 _FINE = 100

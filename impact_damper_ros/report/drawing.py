@@ -131,12 +131,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     """
     Write a figure, whole or not at all, without a date.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    path : Path
-        The file; its suffix is the format: png, svg or pdf.
+    The suffix of the file is its format: png, svg or pdf.
     """
     kind = path.suffix.lower().lstrip('.')
     dated = {'png': 'Software', 'svg': 'Date', 'pdf': 'CreationDate'}[kind]

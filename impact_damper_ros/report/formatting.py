@@ -141,3 +141,9 @@ def aligned(values: Sequence[float] | Iterable[float], digits: int = 6) -> list[
         return [number(v, digits) for v in column]
     decimals = max(0, digits - 1 - math.floor(math.log10(largest)))
     return [_plain(f'{v:.{decimals}f}') if math.isfinite(v) else number(v, digits) for v in column]
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown, without an end of line after the last row."""
+    lines = [head, ['---'] * len(head), *rows]
+    return '\n'.join(f'| {" | ".join(line)} |' for line in lines)

@@ -18,7 +18,8 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
-from impact_damper_ros.compare import GapCurves, RunComparison, StretchComparison, Verdict
+from impact_damper_ros.compare import RunComparison, StretchComparison, Verdict
+from impact_damper_ros.compare.periodic_motion import GapCurves
 from impact_damper_ros.outputs import write_texts
 
 from .charts import PICTURES, Picture, draw_history, draw_run
@@ -58,16 +59,9 @@ def shown_stretches(
     stretches: Sequence[StretchComparison], most: int
 ) -> tuple[StretchComparison, ...]:
     """
-    Return the stretches to show, in the order of the run.
+    Return the `most` important stretches, in the order of the run.
 
     Those that differ from theory come first, then those with findings, then the longest.
-
-    Parameters
-    ----------
-    stretches : sequence of StretchComparison
-        All of them.
-    most : int
-        How many to return.
     """
 
     def rank(stretch: StretchComparison) -> tuple[int, bool, float]:

@@ -37,27 +37,19 @@ _MOST_LABELS = 6
 
 @dataclass(frozen=True)
 class Motion:
-    """
-    Sampled motion and impacts of a run.
+    """Sampled motion and impacts of a run."""
 
-    Attributes
-    ----------
-    time, x, z, stop_1, stop_2 : ndarray of shape (n,)
-        Time since the start of the run, s; positions of M, m and the stops along the axis, m.
-    impact_time, impact_position : ndarray of shape (k,)
-        Instants of the impacts, s, and where m then is, m.
-    impact_stop : ndarray of shape (k,)
-        The stops hit, 1 or 2.
-    """
-
+    #: Time since the start of the run, s; positions of M, m and the stops along the axis, m.
+    #: Shape (n,).
     time: Array
     x: Array
     z: Array
     stop_1: Array
     stop_2: Array
+    #: Instants of the impacts, s, and where m then is, m, shape (k,).
     impact_time: Array
     impact_position: Array
-    impact_stop: NDArray[np.int64]
+    impact_stop: NDArray[np.int64]  # the stops hit, 1 or 2, shape (k,)
 
 
 class Closeup(NamedTuple):
@@ -151,23 +143,9 @@ def draw_motion(
     title: str = '',
 ) -> Figure:
     """
-    Draw a run: X over all of it, and parts of it close up.
+    Draw a run: X over all of it, and parts of it close up, one panel each.
 
-    Parameters
-    ----------
-    motion : Motion
-        The run.
-    closeups : sequence of Closeup
-        The parts to show close up, one panel each.
-    changes : sequence of (float, str), optional
-        Instants, s, at which something was changed, and what.
-    title : str, optional
-        Title of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure.
+    `changes` are instants, s, at which something was changed, and what.
     """
     figure = blank_figure(11, 7)
     grid = figure.add_gridspec(2, max(1, len(closeups)), height_ratios=(1, 1.5))

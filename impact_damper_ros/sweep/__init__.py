@@ -9,7 +9,6 @@ from .execution import (
     DaskWorkers,
     Here,
     LocalWorkers,
-    ProcessPool,
     SweepExecutor,
     Workers,
     WorkersError,
@@ -17,9 +16,8 @@ from .execution import (
 )
 from .figures import draw_sweep
 from .journal import Journal, JournalError, journal_path
-from .optimum import Best, Nearby, Optimum, find_optimum
-from .plan import Axis, AxisError, Follow, SweepPlan, axis_from_mapping, axis_from_text
-from .steady_state import SteadyState, TimeShares, steady_state
+from .optimum import Best, Optimum, find_optimum
+from .plan import Axis, AxisError, Follow, SweepPlan, axis_from_text
 from .summary import summary_of, summary_text
 from .table import MEASURES, MetadataError, SweepTable, write_table
 
@@ -35,23 +33,17 @@ __all__ = [
     'JournalError',
     'LocalWorkers',
     'MetadataError',
-    'Nearby',
     'Optimum',
-    'ProcessPool',
-    'SteadyState',
     'SweepExecutor',
     'SweepPlan',
     'SweepTable',
-    'TimeShares',
     'Workers',
     'WorkersError',
-    'axis_from_mapping',
     'axis_from_text',
     'draw_sweep',
     'find_optimum',
     'journal_path',
     'run_sweep',
-    'steady_state',
     'summary_of',
     'summary_text',
     'write_table',

@@ -92,14 +92,10 @@ class Block:
     #: Version of the package that planned it.
     version: str
     setup: RigSetup
-    #: Number and settings of each rig.
-    rigs: tuple[tuple[int, Settings], ...]
-    #: Whether each rig starts from the last state of the one before.
-    followed: bool
-    #: The last state before the first rig, if there is one.
-    state: _State | None
-    #: After this time, s, no further rig is begun.
-    seconds: float
+    rigs: tuple[tuple[int, Settings], ...]  # number and settings of each rig
+    followed: bool  # whether each rig starts from the last state of the one before
+    state: _State | None  # the last state before the first rig, if there is one
+    seconds: float  # after this time, s, no further rig is begun
 
 
 def run_block(block: Block) -> list[Done]:

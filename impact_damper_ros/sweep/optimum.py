@@ -54,37 +54,17 @@ class Best(Enum):
 
 @dataclass(frozen=True)
 class Nearby:
-    """
-    A different motion, of the best rig or of one next to it.
+    """A different motion, of the best rig or of one next to it."""
 
-    Attributes
-    ----------
-    values : tuple of float
-        Value of the rig on each axis.
-    axis : int or None
-        The axis along which it differs from the best rig; None if it is the best rig.
-    start : str
-        How the motion was reached, in words.
-    measure : float
-        The measure of the motion.
-    ratio : float
-        The measure over that of the best rig; infinite if that is 0.
-    motion : str
-        Kind of motion.
-    period : int or None
-        Its period in cycles of the force, if it repeats.
-    stops : str or None
-        Stops hit in a period.
-    """
-
-    values: tuple[float, ...]
+    values: tuple[float, ...]  # value of the rig on each axis
+    #: The axis along which it differs from the best rig; None if it is the best rig.
     axis: int | None
-    start: str
+    start: str  # how the motion was reached, in words
     measure: float
-    ratio: float
-    motion: str
-    period: int | None
-    stops: str | None
+    ratio: float  # of its measure over that of the best rig; infinite if that is 0
+    motion: str  # kind of motion
+    period: int | None  # its period in cycles of the force, if it repeats
+    stops: str | None  # stops hit in a period
 
     @property
     def kind(self) -> tuple[str, int | None, str | None]:

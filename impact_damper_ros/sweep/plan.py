@@ -46,8 +46,7 @@ class SweptParameter:
     """A parameter of rig or gap control, an initial condition, or an entry of an array."""
 
     name: str
-    #: Entry of an array, from 0.
-    index: int | None = None
+    index: int | None = None  # entry of an array, from 0
 
     def __str__(self) -> str:
         return self.name if self.index is None else f'{self.name}[{self.index}]'
@@ -262,25 +261,9 @@ def axis_from_mapping(name: str, entry: Any, rig: RigParameters) -> Axis:
     """
     Read one entry of a ranges file.
 
-    Parameters
-    ----------
-    name : str
-        The name or names, as on the command line.
-    entry : str, number, list or mapping
-        The text of the command line, a list of values, or a mapping with the keys ``from``,
-        ``to``, ``count`` and optionally ``spacing`` (linear or log).
-    rig : RigParameters
-        The rig, for the lengths of its arrays.
-
-    Returns
-    -------
-    Axis
-        The axis.
-
-    Raises
-    ------
-    AxisError
-        As for `axis_from_text`.
+    The name or names are as on the command line. The entry is the text of the command line, a list
+    of values, or a mapping with the keys ``from``, ``to``, ``count`` and optionally ``spacing``
+    (linear or log). Raises `AxisError` as `axis_from_text` does.
     """
     names = name.split('=')
     if isinstance(entry, str):
@@ -339,22 +322,11 @@ class Follow(Enum):
 
 
 class GridPoint(NamedTuple):
-    """
-    The place of one rig in a sweep.
+    """The place of one rig in a sweep."""
 
-    Attributes
-    ----------
-    row : int
-        Its row in the table, from 0.
-    direction : str
-        'up', 'down', or empty if it does not start from another rig's state.
-    values : tuple of float
-        Its value on each axis.
-    """
-
-    row: int
-    direction: str
-    values: tuple[float, ...]
+    row: int  # its row in the table, from 0
+    direction: str  # 'up', 'down', or empty if it does not start from another rig's state
+    values: tuple[float, ...]  # its value on each axis
 
 
 class RigSetup(NamedTuple):
@@ -364,8 +336,7 @@ class RigSetup(NamedTuple):
     initial: InitialConditions
     settling: Settling
     control: GapControlParameters
-    #: MODULE:FUNCTION of a law of the user's own; empty for none.
-    law: str = ''
+    law: str = ''  # MODULE:FUNCTION of a law of the user's own; empty for none
 
     def varied(self, settings: Settings) -> Self:
         """Return the setup with other values, all set at once."""

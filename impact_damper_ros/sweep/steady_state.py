@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.compare import cubic_swing
+from impact_damper_ros.compare.measured_motion import cubic_swing
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.lyapunov import (
@@ -108,79 +108,45 @@ _GROWS = 1.001
 
 @dataclass(frozen=True)
 class TimeShares:
-    """
-    Shares of the time, 0 to 1.
+    """Shares of the time, 0 to 1, in which m does something."""
 
-    Attributes
-    ----------
-    stick : float
-        m is held by friction inside the gap.
-    rest : float
-        m rests on a stop.
-    chatter : float
-        m is in a chatter that ends in rest, from its first impact on.
-    """
-
-    stick: float
-    rest: float
-    chatter: float
+    stick: float  # it is held by friction inside the gap
+    rest: float  # it rests on a stop
+    chatter: float  # it is in a chatter that ends in rest, from its first impact on
 
 
 @dataclass(frozen=True)
 class SteadyState:
-    """
-    A motion, measured over a whole number of force cycles.
+    """A motion, measured over a whole number of force cycles."""
 
-    Attributes
-    ----------
-    kind : MotionKind
-        Kind of motion; `UNDECIDED` if it does not repeat and the thresholds of
-        `compare.irregularity` confirm neither chaos nor quasi-periodic motion.
-    settling_cycles, measured_cycles : int
-        Cycles before the measurement, and cycles measured.
-    cycle : float
-        Cycle of the force, or of the spring if there is none, s.
-    period : int
-        Period in cycles of the force; 0 if it does not repeat.
-    stops : tuple of str
-        Stops hit in a period; a chatter that ends in rest is one entry, such as '1~'.
-    impacts : int
-        Impacts in a period, those of a chatter up to its cut-off; 0 if it does not repeat.
-    x_max, x_mean, x_rms : float
-        Largest |X|, mean and root mean square of X, m.
-    impacts_per_cycle : float
-        Impacts per cycle of the force.
-    exponent : Exponent
-        Largest Lyapunov exponent; NaN if the controls of two nearby rigs decide differently.
-    multiplier : float
-        Modulus of the largest multiplier of a period; NaN if it does not repeat, or as above.
-    shares : TimeShares
-        Shares of the time that m sticks, rests and chatters.
-    section : ndarray, shape (n, 4)
-        X, X', Y and Y' at the ends of cycles: of one period, or of the last cycles.
-    hits : ndarray, shape (m, 3)
-        Impacts in these cycles: stop, phase in cycles of the force, speed of approach, m/s.
-    events : int
-        Events of the whole run.
-    """
-
+    #: Kind of motion; `UNDECIDED` if it does not repeat and the thresholds of
+    #: `orbits.irregularity` confirm neither chaos nor quasi-periodic motion.
     kind: MotionKind
+    #: Cycles before the measurement, and cycles measured.
     settling_cycles: int
     measured_cycles: int
-    cycle: float
-    period: int
+    cycle: float  # cycle of the force, or of the spring if there is none, s
+    period: int  # period in cycles of the force; 0 if it does not repeat
+    #: Stops hit in a period; a chatter that ends in rest is one entry, such as '1~'.
     stops: tuple[str, ...]
+    #: Impacts in a period, those of a chatter up to its cut-off; 0 if it does not repeat.
     impacts: int
+    #: Largest |X|, mean and root mean square of X, m.
     x_max: float
     x_mean: float
     x_rms: float
     impacts_per_cycle: float
+    #: Largest Lyapunov exponent; NaN if the controls of two nearby rigs decide differently.
     exponent: Exponent
+    #: Modulus of the largest multiplier of a period; NaN if it does not repeat, or as above.
     multiplier: float
     shares: TimeShares
+    #: X, X', Y and Y' at the ends of cycles: of one period, or of the last cycles, shape (n, 4).
     section: Array
+    #: Impacts in these cycles, shape (m, 3): stop, phase in cycles of the force, speed of
+    #: approach, m/s.
     hits: Array
-    events: int
+    events: int  # events of the whole run
 
 
 def _sequence(events: Events) -> tuple[str, ...]:
@@ -306,31 +272,14 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
 
 def steady_state(run: LongRun | ControlledRun, settling: Settling) -> SteadyState:
     """
-    Run a rig until its motion repeats, and measure the motion.
+    Run a rig until its motion repeats or the time is up, and measure the motion.
 
-    Parameters
-    ----------
-    run : LongRun or ControlledRun
-        The rig, at the beginning of a cycle of its force; it is advanced.
-    settling : Settling
-        How long it may take, and how closely it is watched.
-
-    Returns
-    -------
-    SteadyState
-        The motion, whether it repeats or not.
-
-    Raises
-    ------
-    EndlessEventsError
-        If the rig has more events than `settling` allows.
-
-    Notes
-    -----
-    Every 50 cycles the states at the ends of the last cycles are compared. The motion is periodic
-    if they recur after 1 to 16 cycles, for two periods and at least ten cycles. A motion that
-    recurs but is unstable by its multipliers is run on until it departs. Under gap control the
-    stops must recur too, and the multipliers are those of two nearby rigs; see `orbits.lyapunov`.
+    The rig is at the beginning of a cycle of its force. Every 50 cycles the states at the ends of
+    the last cycles are compared. The motion is periodic if they recur after 1 to 16 cycles, for
+    two periods and at least ten cycles. A motion that recurs but is unstable by its multipliers is
+    run on until it departs. Under gap control the stops must recur too, and the multipliers are
+    those of two nearby rigs; see `orbits.lyapunov`. Raises `EndlessEventsError` if the rig has
+    more events than `settling` allows.
     """
     rig = SettlingRig(run, settling)
     before = np.empty(0, EVENT_TYPE)

@@ -8,8 +8,8 @@ import time
 import pytest
 from bag import samples
 from bag.recorded_rig import NOTES, RecordedRig, random_run
-from compare.recorded import BENCH
 from replay.test_replay import with_arrival_times
+from rigs import BENCH
 
 from impact_damper_ros.bag import recover_run
 from impact_damper_ros.bag.messages import decode

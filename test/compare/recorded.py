@@ -8,57 +8,15 @@ from impact_damper_ros.compare.bag_stretches import LoggedRig, StretchBuilder
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from impact_damper_ros.compare.result import Beginning
 from impact_damper_ros.compare.verdict import compare_stretch
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
 
-HORIZONTAL = RigParameters(gravity=0.0)
-OFF_RESONANCE = HORIZONTAL.replace(force_frequencies=(1.02,))
-INCLINED = RigParameters(
-    angle=math.radians(45.0), gravity=1.0, friction=0.5, force_frequencies=(1.02,)
-)
-VERTICAL = RigParameters(
-    angle=math.radians(90.0),
-    gravity=1.0,
-    one_sided=True,
-    damping=0.1,
-    damper_mass=0.01,
-    force_amplitudes=(0.8,),
-    force_frequencies=(10.0,),
-)
-#: The rig of config/bench_rig.yaml
-BENCH = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    damper_mass=0.1,
-    gap=0.024,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    friction=0.02,
-    force_amplitudes=(1.2,),
-    force_frequencies=(31.416,),
-)
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
 
 def impact_rows(events):
     """Return impacts as they are logged."""
     hits = [e for e in events if e.kind is EventKind.IMPACT]
-    if not hits:
-        return RecordedImpacts.none()
-    rows = [
-        (
-            round(e.time * 1e9) / 1e9,
-            float(e.stop),
-            e.x,
-            e.x + e.y,
-            e.primary_velocity_after,
-            e.damper_velocity_after,
-            e.impulse if e.stop == 1 else -e.impulse,
-            -e.impulse if e.stop == 1 else e.impulse,
-        )
-        for e in hits
-    ]
-    return RecordedImpacts(*np.array(rows).T)
+    return RecordedImpacts.of_events([e._replace(time=round(e.time * 1e9) / 1e9) for e in hits])
 
 
 def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40):

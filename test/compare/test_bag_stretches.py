@@ -1,7 +1,8 @@
 """Stretches as they are read, part by part."""
 
 import numpy as np
-from compare.recorded import INCLINED, metered, recorded
+from compare.recorded import metered, recorded
+from rigs import FRICTION
 
 
 def test_memory_of_long_stretches_is_bounded(monkeypatch):
@@ -10,7 +11,7 @@ def test_memory_of_long_stretches_is_bounded(monkeypatch):
     monkeypatch.setattr(f'{module}._MOST_STATES', 1000)
     monkeypatch.setattr(f'{module}._FIRST_IMPACTS', 20)
     monkeypatch.setattr(f'{module}._LAST_IMPACTS', 50)
-    states, impacts, clock = recorded(INCLINED, 200)
+    states, impacts, clock = recorded(FRICTION, 200)
     stretch, search = metered(states, impacts, clock, part=200)
     assert (stretch.state_count, stretch.impact_count) == (len(states), len(impacts))
     assert search.intervals == len(states) + len(impacts) - 1

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from compare.recorded import HORIZONTAL, INCLINED, recorded
+from compare.recorded import recorded
+from rigs import FRICTION, HORIZONTAL
 
 from impact_damper_ros.compare.flight_check import check_intervals
 from impact_damper_ros.compare.recorded_stretch import ForceClock, knots_of
@@ -13,7 +14,7 @@ from impact_damper_ros.compare.recorded_stretch import ForceClock, knots_of
     [
         HORIZONTAL,
         HORIZONTAL.replace(damping=0.0),
-        INCLINED.replace(air_force=0.01),
+        FRICTION.replace(air_force=0.01),
         HORIZONTAL.replace(
             force_amplitudes=(1.0, 0.5), force_frequencies=(1.0, 7.3), force_phases=(0.2, 0.4)
         ),

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from compare.recorded import BENCH, HORIZONTAL, INCLINED, OFF_RESONANCE, metered, recorded
+from compare.recorded import metered, recorded
+from rigs import BENCH, FRICTION, HORIZONTAL, OFF_RESONANCE
 
 from impact_damper_ros.compare.log_findings import with_fitted_clock
 from impact_damper_ros.compare.result import Verdict
@@ -130,8 +131,8 @@ def test_joint_states_that_are_no_motion(bench):
         (BENCH, 'force_amplitudes', (1.21,), 'N'),
         (BENCH, 'force_frequencies', (31.42,), 'rad/s'),
         (BENCH, 'force_phases', (0.01,), 'rad'),
-        (INCLINED, 'angle', 0.79, 'rad'),
-        (INCLINED, 'gravity', 1.001, 'm/s^2'),
+        (FRICTION, 'angle', 0.79, 'rad'),
+        (FRICTION, 'gravity', 1.001, 'm/s^2'),
     ],
 )
 def test_a_wrong_parameter(rig, name, logged, unit):
@@ -190,8 +191,8 @@ def test_the_phase_of_the_force_is_found(bench):
 def test_no_false_alarm_where_the_rig_is_sensitive():
     """Sticking, rest, chatter and air: every interval is checked, none is wrong."""
     for rig in (
-        INCLINED.replace(friction=3.0, gap=3.0),
-        INCLINED.replace(air_force=0.02),
+        FRICTION.replace(friction=3.0, gap=3.0),
+        FRICTION.replace(air_force=0.02),
         HORIZONTAL.replace(restitution_1=0.0, restitution_2=0.3),
         BENCH.replace(angle=0.2),
     ):

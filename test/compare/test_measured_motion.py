@@ -8,15 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from bag.recorded_rig import LIVELY, RecordedRig
-from compare.recorded import (
-    BENCH,
-    DISPLACED,
-    INCLINED,
-    OFF_RESONANCE,
-    VERTICAL,
-    metered,
-    recorded,
-)
+from compare.recorded import DISPLACED, metered, recorded
+from rigs import BENCH, FRICTION, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.compare.measured_motion import (
@@ -36,7 +29,7 @@ BROAD = BENCH.replace(
 )
 CASES = {
     'off resonance': (OFF_RESONANCE, DISPLACED),
-    'inclined': (INCLINED, DISPLACED),
+    'inclined': (FRICTION, DISPLACED),
     'bench': (BENCH, AT_REST),
     'one-sided': (VERTICAL, AT_REST),
     'multisine': (BROAD, AT_REST),
@@ -180,7 +173,7 @@ def test_where_samples_are_missing():
 
 def test_over_several_stretches():
     """Two halves and the whole, whose rms goes by the time of each."""
-    states, impacts, clock = recorded(INCLINED, 60)
+    states, impacts, clock = recorded(FRICTION, 60)
     cut = 700
     whole = metered(states, impacts, clock)[0].overall
     early = impacts.time <= states.time[cut]
@@ -292,7 +285,7 @@ def test_energy_of_a_resonant_oscillator():
 
 
 def test_energy_of_a_run_with_everything():
-    rig = INCLINED.replace(air_force=0.02, damping=0.05)
+    rig = FRICTION.replace(air_force=0.02, damping=0.05)
     states, impacts, clock = recorded(rig, 60, per_cycle=80)
     balance = energy_balance(clock, knots_of(rig, states, impacts, 0), 60)
     parts = (balance.force, balance.air, balance.dashpot, balance.friction, balance.impacts)

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from compare.recorded import BENCH, INCLINED, OFF_RESONANCE, impact_rows, recorded
+from compare.recorded import impact_rows, recorded
+from rigs import BENCH, FRICTION, OFF_RESONANCE
 
 from impact_damper_ros.compare.motion_kind import kind_of, largest_exponent
 from impact_damper_ros.compare.recorded_stretch import ForceClock
@@ -179,7 +180,7 @@ def test_the_zero_one_test():
 
 
 def test_the_exponent_of_a_periodic_motion_is_that_of_its_multipliers():
-    _, impacts, clock = recorded(INCLINED, 400, per_cycle=4)
+    _, impacts, clock = recorded(FRICTION, 400, per_cycle=4)
     found = largest_exponent(clock, impacts[len(impacts) // 2 :])
     assert found.exponent == pytest.approx(math.log(0.94107), abs=0.006)
     assert largest_exponent(clock, impacts[:10]) is None

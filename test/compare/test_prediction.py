@@ -7,6 +7,7 @@ import re
 import pytest
 from compare.observed import motion_on
 from rig.endless_rigs import ENDLESS
+from rigs import FRICTION, HORIZONTAL, VERTICAL
 
 from impact_damper_ros.compare.prediction import predictions, run_ahead
 from impact_damper_ros.control import ControlledRig, GapControlParameters
@@ -15,24 +16,17 @@ from impact_damper_ros.orbits.recognition import Rhythm, turned_cycles
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
 from impact_damper_ros.rig.swing import Swing
 
-HORIZONTAL = RigParameters(gravity=0.0)
-INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
 THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
-ONE_SIDED = RigParameters(
-    one_sided=True,
-    angle=math.pi / 2,
-    gravity=1.0,
-    force_amplitudes=0.8,
-    force_frequencies=10.0,
-    damping=0.1,
-    damper_mass=0.01,
-    gap=10.0,
-)
 
 
 @pytest.mark.parametrize(
     ('rig', 'stops'),
-    [(HORIZONTAL, (1, 2)), (INCLINED, (1, 2)), (THREE, (1, 1, 2)), (ONE_SIDED, (1,))],
+    [
+        (HORIZONTAL, (1, 2)),
+        (FRICTION, (1, 2)),
+        (THREE, (1, 1, 2)),
+        (VERTICAL.replace(gap=10.0), (1,)),
+    ],
 )
 def test_the_predicted_motion_is_the_stable_one_of_the_theory(rig, stops):
     *_, last = predictions(Simulator(rig))
@@ -47,12 +41,12 @@ def test_the_predicted_motion_is_the_stable_one_of_the_theory(rig, stops):
 
 
 def test_a_quick_answer_comes_first_and_the_rig_stays_where_it_is():
-    rig = Simulator(INCLINED)
+    rig = Simulator(FRICTION)
     rig.advance(20.0)
     before = rig.snapshot()
     first = next(predictions(rig))
     assert (first.basis, first.complete) == ('listed', False)
-    assert first.expected.x_max / INCLINED.response_amplitude == pytest.approx(0.2113439, abs=5e-7)
+    assert first.expected.x_max / FRICTION.response_amplitude == pytest.approx(0.2113439, abs=5e-7)
     list(predictions(rig))
     assert rig.snapshot() == before
 
@@ -73,9 +67,9 @@ def test_a_rig_in_motion_is_run_ahead_from_its_own_phase():
     cycle = math.tau / 1.05
     # A chaotic transient takes some hundred cycles, or more than are run ahead; not every time.
     for begun in (33.0, 34.0, 35.0, 36.0, 37.0, 38.0):
-        rig = Simulator(INCLINED)
+        rig = Simulator(FRICTION)
         rig.advance(begun)
-        rig.change(INCLINED.replace(force_frequencies=1.05))
+        rig.change(FRICTION.replace(force_frequencies=1.05))
         rig.advance(41.0)
         course = run_ahead(Simulator.restore(rig.snapshot()))
         if course.rhythm is not None:
@@ -136,10 +130,10 @@ def test_two_harmonics_with_a_common_period():
 
 
 def test_a_harmonic_that_was_added_on_the_way_has_the_phase_of_then():
-    rig = Simulator(INCLINED)
+    rig = Simulator(FRICTION)
     rig.advance(20.0)
     force = {'force_frequencies': (1.02, 1.7), 'force_phases': (0.1, 0.2)}
-    rig.change(INCLINED.replace(force_amplitudes=(1.0, 0.1), **force))
+    rig.change(FRICTION.replace(force_amplitudes=(1.0, 0.1), **force))
     *_, last = predictions(rig)
     assert last.expected.cycles == 3
     assert last.expected.stable

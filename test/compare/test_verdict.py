@@ -4,14 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from compare.recorded import (
-    DISPLACED,
-    HORIZONTAL,
-    INCLINED,
-    OFF_RESONANCE,
-    VERTICAL,
-    compared,
-)
+from compare.recorded import DISPLACED, compared
+from rigs import FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.compare import Verdict
 from impact_damper_ros.orbits.recognition import MotionKind
@@ -32,7 +26,7 @@ SYMMETRIC = OFF_RESONANCE.replace(damping=0.05, damper_mass=0.3)
             None,
         ),
         (
-            INCLINED.replace(friction=0.0),
+            FRICTION.replace(friction=0.0),
             (
                 (1, 0.7513744, 4.2199719, -1.3654370, -15.4743588),
                 (2, 0.2632173, -4.0551342, 1.8294568, 13.9932174),
@@ -40,7 +34,7 @@ SYMMETRIC = OFF_RESONANCE.replace(damping=0.05, damper_mass=0.3)
             0.2032358,
         ),
         (
-            INCLINED,
+            FRICTION,
             (
                 (1, 0.7579950, 4.1321400, -1.9067334, -15.9650212),
                 (2, 0.2697923, -3.9291024, 2.3620421, 14.4522209),
@@ -85,10 +79,10 @@ def test_golden_motions(rig, golden, ratio):
     [
         (OFF_RESONANCE.replace(gap=18.0), 600, 1, (1, 2, 2)),
         (OFF_RESONANCE.replace(gap=8.0), 500, 1, (1, 1, 2, 2)),
-        (INCLINED.replace(gap=15.0), 500, 1, (1, 1, 2)),
+        (FRICTION.replace(gap=15.0), 500, 1, (1, 1, 2)),
         # Its chaotic way there takes some hundred cycles more or less.
-        (INCLINED.replace(gap=20.0), 1200, 2, (1, 2, 1, 2)),
-        (INCLINED.replace(air_force=0.01), 250, 1, (1, 2)),
+        (FRICTION.replace(gap=20.0), 1200, 2, (1, 2, 1, 2)),
+        (FRICTION.replace(air_force=0.01), 250, 1, (1, 2)),
         (OFF_RESONANCE.replace(restitution_1=0.0, restitution_2=0.0), 200, 1, (1, 2)),
         (
             HORIZONTAL.replace(
@@ -237,7 +231,7 @@ def test_a_force_without_a_period():
 
 
 def test_curves_are_bounded_and_whole():
-    found = compared(INCLINED, 400)
+    found = compared(FRICTION, 400)
     curves = found.curves
     assert 100 < len(curves.envelope.time) <= 2000
     assert curves.envelope.high.max() == pytest.approx(13.15, rel=0.01)

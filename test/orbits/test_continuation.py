@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from rigs import FRICTION, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.orbits.continuation import (
@@ -17,17 +18,6 @@ from impact_damper_ros.orbits.recognition import repeated_impacts
 from impact_damper_ros.orbits.settling import settled_impacts
 from impact_damper_ros.rig import InitialConditions, RigParameters
 
-LEVEL = RigParameters(gravity=0.0, force_frequencies=(1.02,))
-FRICTION = RigParameters(angle=math.pi / 4, gravity=1.0, friction=0.5, force_frequencies=(1.02,))
-VERTICAL = RigParameters(
-    damping=0.1,
-    damper_mass=0.01,
-    angle=math.pi / 2,
-    gravity=1.0,
-    one_sided=True,
-    force_amplitudes=(0.8,),
-    force_frequencies=(10.0,),
-)
 #: A W^2/g of the vertical rig for a force of 1 N
 LOUDNESS = 100.0 * VERTICAL.response_amplitude / 0.8
 
@@ -43,7 +33,7 @@ def of_kind(branch, kind):
 @pytest.fixture(scope='module')
 def narrowing():
     """Follow the level rig's symmetric motion towards small gaps."""
-    return continue_orbit(stable_orbit(LEVEL, (1, 2)), 'gap', 10.0, 60.0, upwards=False)
+    return continue_orbit(stable_orbit(OFF_RESONANCE, (1, 2)), 'gap', 10.0, 60.0, upwards=False)
 
 
 @pytest.fixture(scope='module')
@@ -186,12 +176,12 @@ def test_loss_of_symmetry(narrowing):
     orbit = first.orbits[-1]
     other = second.orbits[-1]
     assert orbit.x == pytest.approx([-x for x in reversed(other.x)], rel=1e-8)
-    found = find_orbits(LEVEL.replace(gap=24.0), (1, 2)).orbits
+    found = find_orbits(OFF_RESONANCE.replace(gap=24.0), (1, 2)).orbits
     assert sum(o.stable for o in found) == 2
 
 
 def test_neimark_sacker():
-    orbit = stable_orbit(LEVEL, (1, 2))
+    orbit = stable_orbit(OFF_RESONANCE, (1, 2))
     branch = continue_orbit(orbit, 'gap', 10.0, 60.0)
     (point,) = of_kind(branch, SpecialKind.NEIMARK_SACKER)
     assert point.converged
@@ -199,7 +189,9 @@ def test_neimark_sacker():
     assert abs(point.orbit.multipliers[0]) == pytest.approx(1.0, abs=1e-9)
     assert point.orbit.multipliers[0].imag > 0.1
     for gap, stable in ((point.value - 1e-3, True), (point.value + 1e-3, False)):
-        orbits = [o for o in find_orbits(LEVEL.replace(gap=gap), (1, 2)).orbits if o.viable]
+        orbits = [
+            o for o in find_orbits(OFF_RESONANCE.replace(gap=gap), (1, 2)).orbits if o.viable
+        ]
         assert any(o.stable for o in orbits) == stable
 
 

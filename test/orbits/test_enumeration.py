@@ -1,16 +1,13 @@
 """N = 1 and N = 2: nothing is missed. N = 3 and more: what is found, and from how many starts."""
 
-import math
-
 import numpy as np
 import pytest
+from rigs import INCLINED
 
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
 from impact_damper_ros.orbits.impact_roots import many_impact_roots, polish
 from impact_damper_ros.orbits.search import orbit_of
 from impact_damper_ros.rig import RigParameters
-
-INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
 
 
 def random_rig(rng):

@@ -4,13 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from rigs import FRICTION, HORIZONTAL, INCLINED
 
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import RigParameters
-
-INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
-FRICTION = INCLINED.replace(friction=0.5)
-HORIZONTAL = RigParameters(gravity=0.0)
 
 
 def rows(orbit):

@@ -4,16 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from rigs import FRICTION, HORIZONTAL, INCLINED, VERTICAL
 
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
 from impact_damper_ros.orbits.multipliers import monodromy, multipliers_of
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
 
-INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
 CASES = {
-    'horizontal': (RigParameters(gravity=0.0), (1, 2), 1),
+    'horizontal': (HORIZONTAL, (1, 2), 1),
     'inclined': (INCLINED, (1, 2), 1),
-    'friction': (INCLINED.replace(friction=0.5), (1, 2), 1),
+    'friction': (FRICTION, (1, 2), 1),
     'air and restitutions': (
         INCLINED.replace(air_force=0.02, restitution_1=0.6, restitution_2=0.85, friction=0.2),
         (1, 2),
@@ -21,19 +21,7 @@ CASES = {
     ),
     'three impacts': (INCLINED.replace(gap=18.0, angle=0.0), (1, 1, 2), 1),
     'four impacts': (INCLINED.replace(gap=8.0, angle=0.0), (1, 1, 2, 2), 1),
-    'vertical': (
-        RigParameters(
-            damping=0.1,
-            damper_mass=0.01,
-            angle=math.pi / 2,
-            gravity=1.0,
-            one_sided=True,
-            force_amplitudes=(0.8,),
-            force_frequencies=(10.0,),
-        ),
-        (1,),
-        1,
-    ),
+    'vertical': (VERTICAL, (1,), 1),
 }
 
 

@@ -4,17 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from rigs import HORIZONTAL
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
-from impact_damper_ros.orbits.optimum import (
-    Limit,
-    _without_impacts,
-    gap_range,
-    optimal_gap,
-)
-from impact_damper_ros.rig import InitialConditions, RigParameters, Simulator
-
-LEVEL = RigParameters(gravity=0.0)
+from impact_damper_ros.orbits.optimum import Limit, _without_impacts, gap_range, optimal_gap
+from impact_damper_ros.rig import InitialConditions, Simulator
 
 
 def brute_force(rig, gaps):
@@ -30,7 +24,7 @@ def brute_force(rig, gaps):
 
 @pytest.mark.parametrize(('angle', 'gravity', 'rate'), [(0.0, 0.0, 1.0), (0.3, 9.81, 1.0)])
 def test_no_gap_is_better(angle, gravity, rate):
-    rig = LEVEL.replace(angle=angle, gravity=gravity, force_frequencies=(rate,))
+    rig = HORIZONTAL.replace(angle=angle, gravity=gravity, force_frequencies=(rate,))
     best = optimal_gap(rig, gaps=(40.0, 62.0), points=12)
     assert best.limit is Limit.MINIMUM
     assert best.beyond == ''
@@ -41,7 +35,7 @@ def test_no_gap_is_better(angle, gravity, rate):
 
 
 def test_resonant_optimum_follows_from_equivalent_damping():
-    rig = LEVEL
+    rig = HORIZONTAL
     best = optimal_gap(rig, gaps=(50.0, 65.0), points=8)
     equivalent = 2.0 / math.pi * rig.mass_ratio / (1.0 + rig.mass_ratio) * 7.0
     ratio = rig.zeta / (rig.zeta + equivalent)
@@ -53,7 +47,7 @@ def test_resonant_optimum_follows_from_equivalent_damping():
 
 def test_edge_of_stability_is_named():
     best = optimal_gap(
-        LEVEL.replace(gravity=9.81, angle=0.5 * math.pi), gaps=(50.0, 65.0), points=12
+        HORIZONTAL.replace(gravity=9.81, angle=0.5 * math.pi), gaps=(50.0, 65.0), points=12
     )
     assert best.limit is Limit.STABILITY
     assert 'period doubling' in best.beyond
@@ -73,7 +67,7 @@ def test_edge_of_stability_is_named():
 
 def test_motion_without_impacts_at_the_same_gap_is_named():
     """On the downward branch of the paper's rig M moves nine times as much at the best gap."""
-    rig = LEVEL.replace(force_frequencies=1.02)
+    rig = HORIZONTAL.replace(force_frequencies=1.02)
     best = optimal_gap(rig, gaps=(45.0, 60.0), points=10)
     assert best.gap > 2.0 * rig.response_amplitude
     ratio = rig.response_amplitude / best.x_max
@@ -83,12 +77,12 @@ def test_motion_without_impacts_at_the_same_gap_is_named():
         'much'
     )
     # At resonance it would reach the stops
-    assert optimal_gap(LEVEL, gaps=(50.0, 65.0), points=8).coexisting == ''
+    assert optimal_gap(HORIZONTAL, gaps=(50.0, 65.0), points=8).coexisting == ''
 
 
 def test_vibrations_that_reach_no_stop():
     """As the simulator settles into them: m left where it is, or held by friction."""
-    free = LEVEL.replace(force_frequencies=1.3)
+    free = HORIZONTAL.replace(force_frequencies=1.3)
     held = free.replace(gravity=100.0, friction=0.03)
     for rig, words in ((free, 'without impacts'), (held, 'with m held by friction')):
         ((told, swing),) = _without_impacts(rig)
@@ -106,13 +100,13 @@ def test_vibrations_that_reach_no_stop():
 
 
 def test_end_of_the_range_is_named():
-    best = optimal_gap(LEVEL, gaps=(40.0, 45.0), points=4)
+    best = optimal_gap(HORIZONTAL, gaps=(40.0, 45.0), points=4)
     assert best.limit is Limit.RANGE
     assert best.gap == pytest.approx(45.0, rel=1e-6)
 
 
 def test_default_range_holds_the_optimum():
-    low, high = gap_range(LEVEL)
+    low, high = gap_range(HORIZONTAL)
     assert low < 20.0
     assert high > 100.0
 
@@ -120,12 +114,12 @@ def test_default_range_holds_the_optimum():
 @pytest.mark.parametrize(
     ('rig', 'options', 'words'),
     [
-        (LEVEL.replace(one_sided=True), {}, 'one-sided'),
-        (LEVEL, {'gaps': (30.0, 20.0)}, 'low < high'),
-        (LEVEL, {'gaps': (1.0, 2.0), 'points': 10**12}, 'a whole number up to 100000'),
-        (LEVEL, {'gaps': (1.0, 2.0), 'points': float('nan')}, 'a whole number up to 100000'),
-        (LEVEL, {'gaps': (1.0, 2.0), 'points': 3}, 'no stable, viable motion'),
-        (LEVEL.replace(damping=0.0), {}, 'gaps=\\(low, high\\)'),
+        (HORIZONTAL.replace(one_sided=True), {}, 'one-sided'),
+        (HORIZONTAL, {'gaps': (30.0, 20.0)}, 'low < high'),
+        (HORIZONTAL, {'gaps': (1.0, 2.0), 'points': 10**12}, 'a whole number up to 100000'),
+        (HORIZONTAL, {'gaps': (1.0, 2.0), 'points': float('nan')}, 'a whole number up to 100000'),
+        (HORIZONTAL, {'gaps': (1.0, 2.0), 'points': 3}, 'no stable, viable motion'),
+        (HORIZONTAL.replace(damping=0.0), {}, 'gaps=\\(low, high\\)'),
     ],
 )
 def test_errors_hold_the_remedy(rig, options, words):

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from rigs import FRICTION
 
 from impact_damper_ros.orbits import find_orbits, orbit_near
 from impact_damper_ros.orbits.recognition import (
@@ -19,8 +20,6 @@ from impact_damper_ros.orbits.recognition import (
     rhythm_of,
 )
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
-
-INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
 
 
 def repeating(phases, x, cycles, periods, wobble=lambda _: 0.0):
@@ -41,7 +40,7 @@ def impacts_after(rig, cycles):
     ('rig', 'stops', 'cycles'),
     [
         (RigParameters(gravity=0.0), (1, 2), 1),
-        (INCLINED, (1, 2), 1),
+        (FRICTION, (1, 2), 1),
         (RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02), (1, 1, 2), 1),
         (RigParameters(gravity=0.0, gap=8.0, force_frequencies=1.02), (1, 1, 2, 2), 1),
     ],
@@ -64,7 +63,7 @@ def test_the_simulator_settles_into_the_rhythm_of_the_theory(rig, stops, cycles)
 
 
 def test_the_transient_is_recognised_before_it_has_settled():
-    impacts, instants = impacts_after(INCLINED, 100)
+    impacts, instants = impacts_after(FRICTION, 100)
     stops, x = [e.stop for e in impacts], [e.x for e in impacts]
     found = rhythm_of(instants, stops, x, 5.07)
     assert (found.stops, found.cycles, found.settled) == ((1, 2), 1, False)

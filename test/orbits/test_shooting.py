@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from rigs import FRICTION, INCLINED
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.orbits.recognition import repeated_impacts
@@ -12,8 +13,6 @@ from impact_damper_ros.orbits.settling import settled_impacts
 from impact_damper_ros.orbits.shooting import section_on, shoot
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
 
-INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
-FRICTION = INCLINED.replace(friction=0.5)
 PLASTIC = RigParameters(
     one_sided=True,
     angle=1.2,

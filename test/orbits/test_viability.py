@@ -5,13 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from rigs import INCLINED
 
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
 from impact_damper_ros.orbits.viability import assumed_flights, relative_extremes, swing_extremes
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
 from impact_damper_ros.rig.flight import motion_at
-
-INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
 
 
 def simulated(orbit, periods=1.0):

@@ -1,10 +1,9 @@
 """A comparison as `compare_run` makes them, of a simulated rig; for tests of what shows it."""
 
-import math
-
 import numpy as np
+from rigs import FRICTION
 
-from impact_damper_ros.compare import (
+from impact_damper_ros.compare.result import (
     Beginning,
     Convergence,
     Decay,
@@ -25,11 +24,7 @@ from impact_damper_ros.compare import (
     Verdict,
 )
 from impact_damper_ros.orbits import continue_orbit, find_orbits
-from impact_damper_ros.rig import EventKind, RigParameters, Simulator
-
-INCLINED = RigParameters(
-    angle=math.radians(45.0), friction=0.5, gravity=1.0, force_frequencies=(1.02,)
-)
+from impact_damper_ros.rig import EventKind, Simulator
 
 
 def _impact_curve(hits, cycle):
@@ -73,9 +68,9 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
     The first is the golden motion at 45 degrees with friction 0.5; the others have the same
     curves.
     """
-    orbit = find_orbits(INCLINED, (1, 2)).orbits[0]
+    orbit = find_orbits(FRICTION, (1, 2)).orbits[0]
     end, cycle = 600.0, orbit.cycle
-    motion, hits = _motion(INCLINED, end - 6 * cycle, end)
+    motion, hits = _motion(FRICTION, end - 6 * cycle, end)
     impulse = tuple(e.impulse for e in hits[-2:])
     last = ImpactStates(
         orbit.stops,
@@ -112,7 +107,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
             np.array([s.value for s in special]),
             np.array([s.orbit.amplitude_ratio for s in special]),
             tuple(s.kind.value for s in special),
-            INCLINED.gap,
+            FRICTION.gap,
             ratio,
             orbit.stops,
             followed[1].ended,
@@ -131,7 +126,7 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
         'end': end,
         'samples': 12001,
         'impacts': len(hits),
-        'parameters': INCLINED,
+        'parameters': FRICTION,
         'cycles': 1,
         'settled_at': 300.0,
         'measured': measured,

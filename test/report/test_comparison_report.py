@@ -12,8 +12,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from compare.recorded import BENCH, VERTICAL, compared
+from compare.recorded import compared
 from report.example_comparison import example
+from rigs import BENCH, VERTICAL
 
 from impact_damper_ros.compare import Beginning, MotionKind, Verdict
 from impact_damper_ros.orbits.continuation import SpecialKind

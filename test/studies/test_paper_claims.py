@@ -21,9 +21,11 @@ from impact_damper_ros.studies.paper.curves import (
     frictionless_motions,
     settle,
 )
-from impact_damper_ros.studies.paper.frequency_claims import stability_edge
-from impact_damper_ros.studies.paper.gap_claims import range_claims
-from impact_damper_ros.studies.paper.response_claims import inclination_effects
+from impact_damper_ros.studies.paper.figure_claims import (
+    inclination_effects,
+    range_claims,
+    stability_edge,
+)
 from impact_damper_ros.studies.paper.rigs import BASIC, OPERATIONS, scaled_rig
 from impact_damper_ros.studies.paper.series import Series, figure_of, plans_of
 from impact_damper_ros.studies.paper.theory_claims import (
@@ -240,6 +242,9 @@ def test_every_figure_has_its_series():
         assert [s.name for s in full] == [s.name for s in quick]
         assert all(set(s.marks) <= set(s.values) for s in (*quick, *full))
         assert all(list(s.values) == sorted(s.values) for s in full)
+        # The values that its claims name, in a quick look, too
+        judged = {0.0, 0.5, 1.0, 2.0} if figure == '6' else set()
+        assert all(judged <= set(s.values) for s in (*quick, *full))
         assert sum(len(s.values) for s in quick) < sum(len(s.values) for s in full)
     with pytest.raises(ValueError, match='7'):
         figure_of('7')

@@ -35,12 +35,10 @@ Results = Mapping[tuple[object, ...], Measured]
 class LevelSweep:
     """Runs at several levels of the force at resonance."""
 
-    #: N.
-    levels: tuple[float, ...]
+    levels: tuple[float, ...]  # N
     #: Amplitude (rms times sqrt 2) over that without impacts, by law, at each level.
     ratios: dict[str, tuple[float, ...]]
-    #: The least possible ratio, in closed form.
-    ideal: tuple[float, ...]
+    ideal: tuple[float, ...]  # the least possible ratio, in closed form
 
 
 def tuned_shares(results: Results, extent: Extent) -> dict[int, float]:
@@ -165,8 +163,7 @@ class Target:
 
     text: str
     limit: float
-    #: With stops that move at once.
-    reached: float
+    reached: float  # with stops that move at once
     #: With stops of finite speed, and what their actuators spend over what M loses.
     real: float
     share: float

@@ -10,7 +10,7 @@ from textwrap import fill
 
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.report.drawing import save_figure
-from impact_damper_ros.studies.markdown import markdown_table
+from impact_damper_ros.report.formatting import markdown_table
 
 from .figures import FIGURES
 from .findings import (

@@ -72,8 +72,7 @@ class Case:
     intervals: tuple[float, ...] = ()
     #: Natural periods at which the force takes another amplitude, N.
     levels: tuple[tuple[float, float], ...] = ()
-    #: Whether the largest |X| of each natural period is kept.
-    history: bool = False
+    history: bool = False  # whether the largest |X| of each natural period is kept
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +82,7 @@ class Measured:
     #: Root mean square and largest modulus of X, m.
     rms: float
     peak: float
-    #: Number of impacts.
-    impacts: int
+    impacts: int  # number of impacts
     #: Mean power spent by both actuators, and dissipated by impacts and dashpot, W.
     actuator_power: float
     impact_power: float
@@ -236,8 +234,7 @@ class Extent:
 
     #: Force levels at resonance, N.
     levels: tuple[float, ...] = tuple(2.0 ** (k / 2) for k in range(-4, 5))
-    #: Seeds of the broadband excitation.
-    seeds: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7, 8)
+    seeds: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7, 8)  # seeds of the broadband excitation
     #: Fixed gaps, over the optimal gap of the ideal amplitude at 1 N.
     gaps: tuple[float, ...] = tuple(k / 100 for k in range(60, 111))
     #: Fixed gaps under broadband excitation, m; finer where the best ones are.
@@ -247,13 +244,11 @@ class Extent:
     #: Before and during the measurement at resonance.
     settle: float = 240.0
     watch: float = 80.0
-    #: Under broadband excitation.
-    broadband: float = 200.0
+    broadband: float = 200.0  # under broadband excitation
     #: Step of the stepped sine, rad/s, and time at each frequency.
     frequency_step: float = 0.01
     frequency_dwell: float = 25.0
-    #: From one change of the load to the next.
-    load_span: float = 120.0
+    load_span: float = 120.0  # from one change of the load to the next
 
     @classmethod
     def quick(cls) -> Extent:

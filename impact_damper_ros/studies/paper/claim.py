@@ -37,8 +37,7 @@ class Claim:
     claim: str
     computed: str
     judgement: Judgement
-    #: Explains the judgement where the numbers do not.
-    remark: str = ''
+    remark: str = ''  # explains the judgement where the numbers do not
 
     @property
     def verdict(self) -> str:

@@ -20,12 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.orbits import (
-    PeriodicOrbit,
-    find_orbits,
-    orbit_near,
-    plausible_stops,
-)
+from impact_damper_ros.orbits import PeriodicOrbit, find_orbits, orbit_near, plausible_stops
 from impact_damper_ros.orbits.recognition import repeated_impacts
 from impact_damper_ros.orbits.search import carried_over, counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles
@@ -49,18 +44,13 @@ _MOST_IMPACTS_PER_CYCLE = 25
 class SettledMotion:
     """A motion that the simulator settles into."""
 
-    #: The varied parameter.
-    value: float
+    value: float  # the varied parameter
     #: Stops hit in a period; empty if the motion does not repeat within 4 cycles of the force.
     stops: tuple[int, ...]
-    #: Period in cycles of the force.
-    cycles: int
-    #: Largest |X| over A.
-    ratio: float
-    #: From impact to impact, in half-cycles of the force.
-    durations: tuple[float, ...]
-    #: The periodic motion that the theory finds next to it.
-    orbit: PeriodicOrbit | None
+    cycles: int  # period in cycles of the force
+    ratio: float  # largest |X| over A
+    durations: tuple[float, ...]  # from impact to impact, in half-cycles of the force
+    orbit: PeriodicOrbit | None  # the periodic motion that the theory finds next to it
 
     @property
     def difference(self) -> float:
@@ -218,16 +208,13 @@ class SeriesPlan:
     #: Name in tables and files.
     name: str
     rig: RigParameters
-    #: Key of `VARIABLES`.
-    variable: str
-    #: Values, rising.
-    values: tuple[float, ...]
-    #: Values at which the rig is simulated; some of `values`.
-    marks: tuple[float, ...] = ()
-    #: Numbers of impacts per cycle of the force that are sought.
-    impacts: tuple[int, ...] = (2,)
+    variable: str  # key of `VARIABLES`
+    values: tuple[float, ...]  # values, rising
+    marks: tuple[float, ...] = ()  # values at which the rig is simulated; some of `values`
+    impacts: tuple[int, ...] = (2,)  # numbers of impacts per cycle of the force that are sought
     #: Value up to which motions with three impacts and more are sought.
     many_up_to: float = math.inf
+    judged_at: tuple[float, ...] = ()  # values that a claim names; a quick look takes them, too
 
     def at(self, value: float) -> RigParameters:
         """Return the rig at a value."""
@@ -238,15 +225,12 @@ class SeriesPlan:
 class CurvePoint:
     """One motion on a curve."""
 
-    #: The varied parameter.
-    value: float
-    #: Largest |X| over A.
-    ratio: float
+    value: float  # the varied parameter
+    ratio: float  # largest |X| over A
     #: From impact to impact, in half-cycles of the force, pi/Omega.
     durations: tuple[float, ...]
     status: Status
-    #: Largest modulus of a multiplier.
-    modulus: float
+    modulus: float  # largest modulus of a multiplier
     #: The motion itself.
     orbit: PeriodicOrbit | None = field(default=None, repr=False, compare=False)
 

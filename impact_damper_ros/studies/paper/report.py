@@ -9,11 +9,11 @@ from pathlib import Path
 
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.report.drawing import save_figure
-from impact_damper_ros.studies.markdown import markdown_table
+from impact_damper_ros.report.formatting import markdown_table
 
 from .claim import Claim
-from .claims import all_claims
 from .curves import Status
+from .figure_claims import all_claims
 from .figures import draw_figure_2, draw_figure_3, draw_figure_4, draw_figure_5, draw_figure_6
 from .series import AngleOptimum, Series
 

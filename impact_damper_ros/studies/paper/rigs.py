@@ -28,8 +28,7 @@ class Operation:
     """One of the three operations that Figure 2 compares."""
 
     key: str
-    #: Entry in legends.
-    label: str
+    label: str  # entry in legends
     #: Degrees.
     angle: float
     friction: float
@@ -63,12 +62,9 @@ def scaled_rig(rig: RigParameters, omega: float) -> RigParameters:
 class Variable:
     """The parameter along the horizontal axis of a figure."""
 
-    #: Name of its CSV column.
-    key: str
-    #: Label of the axis.
-    label: str
-    #: Returns the rig at a value.
-    apply: Callable[[RigParameters, float], RigParameters]
+    key: str  # name of its CSV column
+    label: str  # label of the axis
+    apply: Callable[[RigParameters, float], RigParameters]  # returns the rig at a value
 
 
 def _with_air(rig: RigParameters, share: float) -> RigParameters:

@@ -51,8 +51,7 @@ class Series:
     plan: SeriesPlan
     curves: tuple[Curve, ...]
     marks: tuple[SettledMotion, ...]
-    #: The motions that curves were followed from.
-    starts: tuple[Start, ...] = ()
+    starts: tuple[Start, ...] = ()  # the motions that curves were followed from
 
     def motions(self) -> list[Start]:
         """Return the motions with three impacts and more on the curves, between the starts."""
@@ -156,7 +155,12 @@ def _figure_6() -> list[SeriesPlan]:
     values, marks = _values((0.0, 6.0, 0.1), (0.0, 6.0, 0.25)), _values((0.0, 6.0, 0.25))
     return [
         SeriesPlan(
-            f'6 r={rig.force_frequencies[0]:g}', rig.replace(friction=0.5), 'air', values, marks
+            f'6 r={rig.force_frequencies[0]:g}',
+            rig.replace(friction=0.5),
+            'air',
+            values,
+            marks,
+            judged_at=(0.0, 0.5, 1.0, 2.0),
         )
         for rig in (BASIC, _ABOVE)
     ]
@@ -171,7 +175,7 @@ def plans_of(figure: str, *, quick: bool = False) -> list[SeriesPlan]:
     return [
         replace(
             plan,
-            values=tuple(sorted({*plan.values[::_QUICK], *plan.marks[::_QUICK]})),
+            values=tuple(sorted({*plan.values[::_QUICK], *plan.marks[::_QUICK], *plan.judged_at})),
             marks=plan.marks[::_QUICK],
         )
         for plan in plans
@@ -246,15 +250,8 @@ def compute_series(plan: SeriesPlan, others: Sequence[Series] = ()) -> Series:
 
     The simulator starts from rest, as in the paper, and near each stable motion of the theory.
     Where the force stays the same, motions are also carried from mark to mark, up and down. This
-    finds attractors that are not reached from rest.
-
-    Parameters
-    ----------
-    plan : SeriesPlan
-        The series.
-    others : sequence of Series, optional
-        The frictionless series of the figure. With friction and three impacts or more, curves
-        start from their motions, carried over.
+    finds attractors that are not reached from rest. With friction and three impacts or more,
+    curves start from the motions of `others`, the frictionless series of the figure, carried over.
     """
     starts = start_motions(plan, others)
     curves = enumerated_curves(plan)

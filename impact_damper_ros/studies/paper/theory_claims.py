@@ -19,20 +19,8 @@ from impact_damper_ros.orbits.multipliers import free_vibration
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.mode import rig_constants
 
-from .claim import (
-    Claim,
-    Judgement,
-    judged,
-)
-from .curves import (
-    TOLERANCE,
-    CurvePoint,
-    Status,
-    alike,
-    disturbed,
-    point_of,
-    settle,
-)
+from .claim import Claim, Judgement, judged
+from .curves import TOLERANCE, CurvePoint, Status, alike, disturbed, point_of, settle
 from .rigs import BASIC, VERTICAL
 from .series import Series
 

@@ -1,0 +1,34 @@
+"""The rigs that tests of several folders use."""
+
+import math
+
+from impact_damper_ros.rig import RigParameters
+
+HORIZONTAL = RigParameters(gravity=0.0)
+OFF_RESONANCE = HORIZONTAL.replace(force_frequencies=(1.02,))
+#: The golden motions of two impacts per cycle at 45 degrees, without and with friction
+INCLINED = RigParameters(angle=math.pi / 4, gravity=1.0, force_frequencies=(1.02,))
+FRICTION = INCLINED.replace(friction=0.5)
+#: The last example of the paper: one stop, below m
+VERTICAL = RigParameters(
+    damping=0.1,
+    damper_mass=0.01,
+    angle=math.pi / 2,
+    gravity=1.0,
+    one_sided=True,
+    force_amplitudes=(0.8,),
+    force_frequencies=(10.0,),
+)
+#: The rig of config/bench_rig.yaml
+BENCH = RigParameters(
+    primary_mass=2.0,
+    stiffness=1974.0,
+    damping=1.26,
+    damper_mass=0.1,
+    gap=0.024,
+    restitution_1=0.6,
+    restitution_2=0.6,
+    friction=0.02,
+    force_amplitudes=(1.2,),
+    force_frequencies=(31.416,),
+)
