@@ -25,6 +25,8 @@ _NEAR_ZERO = 1e-9
 _OVERTIME = 1e-3
 # A step of Newton's method from where X is zero to round-off, at most, in horizons
 _NEAREST = 1e-9
+# Below this length, m, X is zero: steps need its squares, and no float is as small as those.
+_NO_LENGTH = 1e-120
 
 
 @kernel
@@ -85,12 +87,14 @@ def first_crossing(
             abs(motion.velocity) * horizon
             + (abs(motion.x_2) + abs(flight.constant)) / oscillator.omega_squared
         )
-        band = ROUND_OFF * (abs(motion.x) + scale)
+        band = ROUND_OFF * (abs(motion.x) + scale) + _NO_LENGTH
         bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, oscillator.bound_3)
         if height < -band:
             rate = side * motion.velocity
             if not arriving or rate <= 0.0:
                 return True, _root_of_x(flight, side, above, tau, band), tau
+            if tau > limit + _OVERTIME * horizon:
+                return False, tau, tau
             step = safe_step(-height, -rate, -side * motion.x_2, bound_3, horizon)
             tau += max(step, least_step(horizon), _EPSILON * tau)
             continue
