@@ -21,6 +21,7 @@ from impact_damper_ros.orbits import (
     switch_branch,
     value_of,
 )
+from impact_damper_ros.orbits.continuation import check_range
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig import RigParameters
@@ -234,7 +235,8 @@ def _solve(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         hint('solve_periodic', given.parameters)
     if arguments.vary is not None:
-        value_of(given.parameters, arguments.vary[0])
+        name, low, high = arguments.vary
+        check_range(name, low, high, value_of(given.parameters, name))
     searches = _searches(given.parameters, arguments)
     orbits = [orbit for search in searches for orbit in search.orbits]
     orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
