@@ -44,6 +44,7 @@ from impact_damper_ros.sweep import (
     summary_text,
     write_table,
 )
+from impact_damper_ros.sweep.execution import MOST_JOBS
 from impact_damper_ros.sweep.journal import differences
 from impact_damper_ros.sweep.plan import axes_from_file
 from impact_damper_ros.sweep.table import FORMATS, need_pyarrow, stored_inputs
@@ -192,7 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     where = options.add_argument_group('execution').add_mutually_exclusive_group()
     where.add_argument(
         '--jobs',
-        type=up_to(1024),
+        type=up_to(MOST_JOBS),
         default=_cores(),
         metavar='N',
         help=f'number of processes [{_cores()}]',
