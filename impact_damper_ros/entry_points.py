@@ -33,7 +33,7 @@ __all__ = [
     'sweep_rig',
 ]
 
-EXIT_INTERRUPTED = 130
+EXIT_INTERRUPTED, EXIT_TERMINATED = 130, 143
 
 _PACKAGE = 'impact_damper_ros'
 _NODE = 'sim_node'
@@ -83,28 +83,38 @@ def begin_module() -> None:
 
 
 def run(command: str, main: Callable[[], int]) -> int:
-    """Run a command whose modules are imported."""
+    """
+    Run a command whose modules are imported.
+
+    SIGTERM, as from ``timeout`` or a service manager, ends it as Ctrl-C does, with exit code 143.
+    """
     if command == _NODE:
         return main()  # which takes the signals itself, for good
-    interrupted = False
+    received = 0
 
-    def interrupt(*_: object) -> None:
-        nonlocal interrupted
-        interrupted = True
+    def interrupt(number: int, _: object) -> None:
+        nonlocal received
+        received = number
         raise KeyboardInterrupt
 
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, interrupt)
+    before = {}
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            before[number] = signal.signal(number, interrupt)
     try:
         code = main()
     except (Exception, KeyboardInterrupt):
-        if not interrupted:
+        if not received:
             raise
         begin(command)
         _say(command, 'interrupted')
         code = EXIT_INTERRUPTED
     finally:
         begin(command)
+        if signal.SIGTERM in before:
+            signal.signal(signal.SIGTERM, before[signal.SIGTERM] or signal.SIG_DFL)
+    if received == signal.SIGTERM and code == EXIT_INTERRUPTED:
+        code = EXIT_TERMINATED
     # What is written must not be lost to a late Ctrl-C; a closed pipe is told again at exit.
     try:
         sys.stdout.flush()

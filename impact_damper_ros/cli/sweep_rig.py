@@ -5,11 +5,8 @@ from __future__ import annotations
 import argparse
 import logging
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -309,23 +306,6 @@ def _workers(arguments: argparse.Namespace) -> Workers:
     return workers
 
 
-@contextmanager
-def _stopped_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM stop the sweep as Ctrl-C does."""
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def _run_rigs(plan: SweepPlan, journal: Journal, workers: Workers, *, quiet: bool) -> None:
     with tqdm(
         total=plan.size,
@@ -413,8 +393,7 @@ def _run(arguments: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    with _stopped_by_sigterm():
-        return outcome('sweep_rig', lambda: _run(arguments))
+    return outcome('sweep_rig', lambda: _run(arguments))
 
 
 if __name__ == '__main__':
