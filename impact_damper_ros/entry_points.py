@@ -13,7 +13,9 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 
@@ -34,6 +36,8 @@ __all__ = [
 ]
 
 EXIT_INTERRUPTED, EXIT_TERMINATED = 130, 143
+#: After so long, s, a signal that compiled code has kept from being handled ends the process.
+_PATIENCE = 5.0
 
 _PACKAGE = 'impact_damper_ros'
 _NODE = 'sim_node'
@@ -102,7 +106,8 @@ def run(command: str, main: Callable[[], int]) -> int:
         if signal.getsignal(number) is not signal.SIG_IGN:
             before[number] = signal.signal(number, interrupt)
     try:
-        code = main()
+        with _impatient(command, lambda: received):
+            code = main()
     except (Exception, KeyboardInterrupt):
         if not received:
             raise
@@ -128,15 +133,39 @@ def run(command: str, main: Callable[[], int]) -> int:
     return code
 
 
+@contextlib.contextmanager
+def _impatient(command: str, handled: Callable[[], int]) -> Iterator[None]:
+    """End the process where a signal is not handled: Python does that between calls only."""
+    reading, writing = os.pipe()
+
+    def watch() -> None:
+        while number := os.read(reading, 1)[0]:
+            if number in (signal.SIGINT, signal.SIGTERM):
+                time.sleep(_PATIENCE)
+                if not handled():
+                    _end(command, number)
+        os.close(reading)
+
+    os.set_blocking(writing, False)
+    before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    threading.Thread(target=watch, name='signals', daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.write(writing, b'\0')
+        os.close(writing)
+
+
 def _say(command: str, message: str) -> None:
     # Past sys.stderr, which a signal may have come in the midst of
     with contextlib.suppress(OSError):
         os.write(2, f'{command}: {message}\n'.encode())
 
 
-def _end(command: str, *_: object) -> None:
+def _end(command: str, number: int, *_: object) -> None:
     _say(command, 'interrupted')
-    os._exit(EXIT_INTERRUPTED)
+    os._exit(EXIT_TERMINATED if number == signal.SIGTERM else EXIT_INTERRUPTED)
 
 
 def _command(name: str, package: str = 'cli') -> int:

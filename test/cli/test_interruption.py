@@ -144,6 +144,26 @@ def test_an_ignored_ctrl_c_stays_ignored(bag, tmp_path):
     assert (tmp_path / 'recovered' / 'metadata.yaml').is_file()
 
 
+IN_COMPILED_CODE = """
+import hashlib, os, sys, threading
+from impact_damper_ros import entry_points
+
+def main():
+    threading.Timer(0.2, os.kill, (os.getpid(), {number:d})).start()
+    # Minutes without a look at signals
+    hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)
+
+entry_points._PATIENCE = 0.5
+sys.exit(entry_points.run('sweep_rig', main))
+"""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+def test_code_that_does_not_look_at_signals(number):
+    done = ended('-c', IN_COMPILED_CODE.format(number=number))
+    assert (done.returncode, done.stdout) == (128 + number, 'sweep_rig: interrupted\n')
+
+
 AN_ERROR_THAT_CTRL_C_LEADS_TO = """
 import os, signal, sys
 from impact_damper_ros.entry_points import run
