@@ -50,7 +50,7 @@ impact from t = 0 in cycles of the force F sin(W t + force_phase).
 _EPILOG = """\
 Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution; 4 if there
 are solutions but none is viable (the table says why); 2 if the input is not usable; 1 if the file
-could not be written; 130 on Ctrl-C.
+could not be written; 130 on Ctrl-C, 143 on SIGTERM.
 Example: solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
 """
 

@@ -93,7 +93,7 @@ Examples:
       --vary initial_primary_velocity=-60:60:200 -o basins.parquet --figure basins.png
 
 Exit code: 0 on success; 1 if something could not be written, or workers died; 2 if the input is
-not usable; 4 if every rig of the sweep failed; 130 on Ctrl-C.
+not usable; 4 if every rig of the sweep failed; 130 on Ctrl-C, 143 on SIGTERM.
 """
 
 
