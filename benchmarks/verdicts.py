@@ -1,9 +1,11 @@
 """
 How far the verdicts over recordings can be trusted: what is wrong passes by, what is right is not.
 
-Three tables are printed. *Altered*: a bag in which one number of one message is altered, by 1e-3
+Four tables are printed. *Altered*: a bag in which one number of one message is altered, by 1e-3
 of its size or to 1e300, is handed to `compare_run` and to `replay_run`; the exit status 0, or an
-exception, counts as unnoticed. The statistics of an altered bag are consistent. *Untouched*: bags
+exception, counts as unnoticed. The statistics of an altered bag are consistent. *Rearranged*: the
+same for messages that are missing, there twice, exchanged or moved, with their numbers made good,
+and for descriptions of the messages that are not those by which they are read. *Untouched*: bags
 of the same kinds with random rigs; any other exit status than 0 counts as a false alarm. *Soaks*:
 long bags with random changes, made by ``simulate_rig --bag --change``; stretches that
 `compare_run` doubts are counted.
@@ -125,12 +127,24 @@ def read(bag: Path) -> list[Message]:
         ]
 
 
-def write(bag: Path, source: Path, messages: list[Message]) -> None:
+def write(
+    bag: Path,
+    source: Path,
+    messages: list[Message],
+    schema: Callable[[Any], tuple[str, str, bytes]] = lambda s: (s.name, s.encoding, s.data),
+    channel: Callable[[Any], tuple[str, str, dict[str, str]]] = lambda c: (
+        c.topic,
+        c.message_encoding,
+        c.metadata,
+    ),
+    listing: Callable[[str], str] = lambda text: text,
+) -> None:
     """Write a bag by an independent writer, with the descriptions of another one."""
     shutil.rmtree(bag, ignore_errors=True)
     bag.mkdir()
     (file,) = source.glob('*.mcap')
-    shutil.copy(source / 'metadata.yaml', bag)
+    text = (source / 'metadata.yaml').read_text(encoding='utf-8')
+    (bag / 'metadata.yaml').write_text(listing(text), encoding='utf-8')
     with file.open('rb') as stream, (bag / file.name).open('wb') as target:
         reader = make_reader(stream)
         header, summary = reader.get_header(), reader.get_summary()
@@ -138,14 +152,12 @@ def write(bag: Path, source: Path, messages: list[Message]) -> None:
         writer = Writer(target, compression=CompressionType.NONE)
         writer.start(header.profile, header.library)
         schemas = {
-            number: writer.register_schema(s.name, s.encoding, s.data)
-            for number, s in summary.schemas.items()
+            number: writer.register_schema(*schema(s)) for number, s in summary.schemas.items()
         }
         channels = {
-            c.topic: writer.register_channel(
-                c.topic, c.message_encoding, schemas[c.schema_id], c.metadata
-            )
+            c.topic: writer.register_channel(topic, encoding, schemas[c.schema_id], held)
             for c in summary.channels.values()
+            for topic, encoding, held in (channel(c),)
         }
         for m in messages:
             writer.add_message(channels[m.topic], m.stamp_ns, m.content, m.publish_ns, m.sequence)
@@ -310,6 +322,134 @@ def altered_bags(
     return missed, fields
 
 
+# Rearranged bags
+
+
+def numbered(messages: list[Message]) -> list[Message]:
+    """Return messages with their numbers in order."""
+    counts: Counter[str] = Counter()
+    found = []
+    for message in messages:
+        counts[message.topic] += 1
+        found.append(replace(message, sequence=counts[message.topic] - 1))
+    return found
+
+
+def _at(topic: str, messages: list[Message], place: float = 0.5) -> int:
+    """Return the index of the message of a topic at a part of the bag."""
+    held = [i for i, message in enumerate(messages) if message.topic == topic]
+    return held[min(int(place * len(held)), len(held) - 1)]
+
+
+def _put(messages: list[Message], index: int, *others: Message) -> list[Message]:
+    return [*messages[:index], *others, *messages[index + 1 :]]
+
+
+def rearranged(topic: str, messages: list[Message]) -> Iterator[tuple[str, list[Message]]]:
+    """Yield what is wrong with messages of a topic, and the messages of the bag."""
+    i, j = _at(topic, messages), _at(topic, messages, 0.6)
+    one, other = messages[i], messages[j]
+    yield 'missing', _put(messages, i)
+    yield 'twice', _put(messages, i, one, one)
+    yield 'twice, at the end', [*messages, one]
+    yield 'all missing', [m for m in messages if m.topic != topic]
+    yield 'without content', _put(messages, i, replace(one, content=b''))
+    later = one.stamp_ns + 1
+    yield 'logged 1 ns later', _put(messages, i, replace(one, stamp_ns=later, publish_ns=later))
+    for name in ('/joint_states', '/impacts'):
+        if name != topic:
+            yield f'on {name}', _put(messages, i, replace(one, topic=name))
+    if one.content != other.content:
+        alike = _put(messages, i, replace(one, content=other.content))
+        yield 'with the content of another', alike
+        yield 'exchanged', _put(alike, j, replace(other, content=one.content))
+
+
+def whole_bags(messages: list[Message]) -> Iterator[tuple[str, list[Message]]]:
+    """Yield what is wrong with a bag as a whole, and its messages."""
+    third = len(messages) // 3
+    span = messages[-1].stamp_ns - messages[0].stamp_ns + 10**7
+
+    def moved(ns: int) -> list[Message]:
+        return [
+            replace(m, stamp_ns=m.stamp_ns + ns, publish_ns=m.publish_ns + ns) for m in messages
+        ]
+
+    yield 'twice', messages + messages
+    yield 'twice, one after the other', messages + moved(span)
+    yield 'without its middle', messages[:third] + messages[2 * third :]
+    yield 'without its end', messages[:third]
+    yield 'a second later', moved(10**9)
+    at = messages[0].stamp_ns
+    yield 'at one instant', [replace(m, stamp_ns=at, publish_ns=at) for m in messages]
+
+
+def _joint_state(alter: Callable[[bytes], bytes]) -> Callable[[Any], tuple[str, str, bytes]]:
+    def altered_schema(schema: Any) -> tuple[str, str, bytes]:
+        known = schema.name == 'sensor_msgs/msg/JointState'
+        return schema.name, schema.encoding, alter(schema.data) if known else schema.data
+
+    return altered_schema
+
+
+#: Descriptions by which other readers would take the messages for others than they are.
+DESCRIBED: dict[str, dict[str, Callable[[Any], Any]]] = {
+    'fields with other names': {
+        'schema': _joint_state(lambda d: d.replace(b'[] velocity', b'[] speed'))
+    },
+    'fields exchanged': {
+        'schema': _joint_state(
+            lambda d: (
+                d.replace(b'[] position', b'[] x')
+                .replace(b'[] velocity', b'[] position')
+                .replace(b'[] x', b'[] velocity')
+            )
+        )
+    },
+    'numbers of 32 bits': {'schema': _joint_state(lambda d: d.replace(b'float64', b'float32'))},
+    'another type': {
+        'schema': lambda s: (s.name.replace('JointState', 'JointStates'), s.encoding, s.data)
+    },
+    'schemas of ROS 1': {'schema': lambda s: (s.name, 'ros1msg', s.data)},
+    'messages in JSON': {'channel': lambda c: (c.topic, 'json', c.metadata)},
+    'another hash': {
+        'channel': lambda c: (
+            c.topic,
+            c.message_encoding,
+            {**c.metadata, 'topic_type_hash': 'RIHS01_' + 64 * '0'},
+        )
+    },
+    'a listed type': {
+        'listing': lambda text: text.replace('type: sensor_msgs/msg/JointState', 'type: a/msg/B')
+    },
+    'a listed note': {'listing': lambda text: text.replace('node: /sim_node', 'node: /other')},
+}
+
+
+def rearranged_bags(name: str, rate: int) -> tuple[int, list[str]]:
+    """Rearrange one run in all ways; return how many, and what went unnoticed."""
+    unnoticed = []
+    with tempfile.TemporaryDirectory() as directory:
+        source = record(KINDS[name], Path(directory, 'run'), rate)
+        messages = read(source)
+        cases: list[tuple[str, list[Message], dict[str, Any]]] = [
+            (f'{topic} {what}', numbered(held), {})
+            for topic in sorted({m.topic for m in messages} - UNCHECKED)
+            for what, held in rearranged(topic, messages)
+        ]
+        cases += [(what, numbered(held), {}) for what, held in whole_bags(messages)]
+        cases += [(what, messages, how) for what, how in DESCRIBED.items()]
+        bag = Path(directory, 'altered')
+        for what, held, how in cases:
+            write(bag, source, held, **how)
+            unnoticed += [
+                f'{command.__name__.rpartition(".")[2]}: {what}'
+                for command in (compare_run, replay_run)
+                if status(command.main, bag) == 0
+            ]
+    return len(cases), unnoticed
+
+
 # Untouched bags
 
 
@@ -430,6 +570,16 @@ def print_altered(pool: ProcessPoolExecutor, options: argparse.Namespace) -> Non
         print(f'  {number:4} {field}')
 
 
+def print_rearranged(pool: ProcessPoolExecutor) -> None:
+    """Rearrange bags, and print what went unnoticed."""
+    for name, (count, unnoticed) in zip(
+        KINDS, pool.map(rearranged_bags, KINDS, [50] * len(KINDS)), strict=True
+    ):
+        print(f'rearranged: {name}, {count} ways; unnoticed {len(unnoticed)}', flush=True)
+        for what in unnoticed:
+            print(f'  {what}')
+
+
 def print_untouched(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
     """Print the false alarms."""
     alarms: Counter[str] = Counter()
@@ -484,6 +634,8 @@ def main() -> None:
     with ProcessPoolExecutor(options.workers, get_context('spawn')) as pool:
         if options.places:
             print_altered(pool, options)
+            if not options.by_motion:
+                print_rearranged(pool)
         if options.bags:
             print_untouched(pool, options)
         if options.stretches:

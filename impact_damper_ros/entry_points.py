@@ -13,7 +13,9 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 
@@ -33,7 +35,9 @@ __all__ = [
     'sweep_rig',
 ]
 
-EXIT_INTERRUPTED = 130
+EXIT_INTERRUPTED, EXIT_TERMINATED = 130, 143
+#: After so long, s, a signal that compiled code has kept from being handled ends the process.
+_PATIENCE = 5.0
 
 _PACKAGE = 'impact_damper_ros'
 _NODE = 'sim_node'
@@ -83,28 +87,39 @@ def begin_module() -> None:
 
 
 def run(command: str, main: Callable[[], int]) -> int:
-    """Run a command whose modules are imported."""
+    """
+    Run a command whose modules are imported.
+
+    SIGTERM, as from ``timeout`` or a service manager, ends it as Ctrl-C does, with exit code 143.
+    """
     if command == _NODE:
         return main()  # which takes the signals itself, for good
-    interrupted = False
+    received = 0
 
-    def interrupt(*_: object) -> None:
-        nonlocal interrupted
-        interrupted = True
+    def interrupt(number: int, _: object) -> None:
+        nonlocal received
+        received = number
         raise KeyboardInterrupt
 
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, interrupt)
+    before = {}
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            before[number] = signal.signal(number, interrupt)
     try:
-        code = main()
+        with _impatient(command, lambda: received):
+            code = main()
     except (Exception, KeyboardInterrupt):
-        if not interrupted:
+        if not received:
             raise
         begin(command)
         _say(command, 'interrupted')
         code = EXIT_INTERRUPTED
     finally:
         begin(command)
+        if signal.SIGTERM in before:
+            signal.signal(signal.SIGTERM, before[signal.SIGTERM] or signal.SIG_DFL)
+    if received == signal.SIGTERM and code == EXIT_INTERRUPTED:
+        code = EXIT_TERMINATED
     # What is written must not be lost to a late Ctrl-C; a closed pipe is told again at exit.
     try:
         sys.stdout.flush()
@@ -118,15 +133,39 @@ def run(command: str, main: Callable[[], int]) -> int:
     return code
 
 
+@contextlib.contextmanager
+def _impatient(command: str, handled: Callable[[], int]) -> Iterator[None]:
+    """End the process where a signal is not handled: Python does that between calls only."""
+    reading, writing = os.pipe()
+
+    def watch() -> None:
+        while number := os.read(reading, 1)[0]:
+            if number in (signal.SIGINT, signal.SIGTERM):
+                time.sleep(_PATIENCE)
+                if not handled():
+                    _end(command, number)
+        os.close(reading)
+
+    os.set_blocking(writing, False)
+    before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    threading.Thread(target=watch, name='signals', daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.write(writing, b'\0')
+        os.close(writing)
+
+
 def _say(command: str, message: str) -> None:
     # Past sys.stderr, which a signal may have come in the midst of
     with contextlib.suppress(OSError):
         os.write(2, f'{command}: {message}\n'.encode())
 
 
-def _end(command: str, *_: object) -> None:
+def _end(command: str, number: int, *_: object) -> None:
     _say(command, 'interrupted')
-    os._exit(EXIT_INTERRUPTED)
+    os._exit(EXIT_TERMINATED if number == signal.SIGTERM else EXIT_INTERRUPTED)
 
 
 def _command(name: str, package: str = 'cli') -> int:

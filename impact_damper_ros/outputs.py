@@ -26,6 +26,14 @@ _REMEDIES = {
 
 def in_words(error: OSError, path: Path | None = None) -> str:
     """Return what cannot be written, why, and the remedy; `path` if the error names no file."""
+    if error.errno == errno.ENOENT and not (error.filename or path):
+        with suppress(OSError):
+            return _in_words(error, Path.cwd())
+        return 'the present directory does not exist any more: change to one that does'
+    return _in_words(error, path)
+
+
+def _in_words(error: OSError, path: Path | None) -> str:
     remedy = _REMEDIES.get(
         error.errno or 0, 'give a directory that exists and can be written, with room on the disk'
     )

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +25,7 @@ from impact_damper_ros.rig.quoting import shown
 
 from .errors import RecordingError
 from .mcap_scan import Scan, jump_text, open_file
-from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml
+from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml, says_the_same, type_hash
 
 FILE_NAME = 'metadata.yaml'
 #: Note in a file of this package that is not the first of its bag: its number there.
@@ -326,6 +326,30 @@ def number_faults(scans: Sequence[Scan], *, later: bool = False) -> Iterator[str
         last |= here
 
 
+def description_faults(scan: Scan, known: Collection[str]) -> Iterator[str]:
+    """
+    Yield where a file describes messages otherwise than they are read.
+
+    Other readers go by the description, if there is one. Messages of the `known` types are read by
+    the definitions that are shipped.
+    """
+    for channel in scan.channels.values():
+        topic, schema = channel.topic, scan.schemas.get(channel.schema_id)
+        encoding = channel.message_encoding
+        if encoding != 'cdr':
+            yield f'messages of {topic} are said to be encoded as {shown(encoding)}, not cdr'
+        if schema is None or schema.name not in known or not schema.data:
+            continue
+        if schema.encoding == 'ros2msg':
+            if not says_the_same(schema.name, schema.data):
+                yield f'the schema of {topic} has other fields than {schema.name}'
+        elif scan.own or schema.encoding != 'ros2idl':
+            yield f'the schema of {topic} is said to be written in {shown(schema.encoding)}'
+        hash_held = channel.metadata.get('topic_type_hash', '')
+        if hash_held and hash_held != type_hash(schema.name):
+            yield f'the hash of the type of {topic} is not that of {schema.name}'
+
+
 # metadata.yaml
 
 
@@ -346,14 +370,22 @@ def _items(content: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
 
 
 def listing_faults(
-    listing: Mapping[str, Any], scans: Sequence[Scan], counts: Mapping[str, int], *, own: bool
+    listing: Mapping[str, Any],
+    scans: Sequence[Scan],
+    counts: Mapping[str, int],
+    types: Mapping[str, str],
+    *,
+    own: bool,
 ) -> Iterator[str]:
     """Yield the contradictions between ``metadata.yaml`` and the files."""
     topics: dict[str, int] = {}
     for item in _items(listing, 'topics_with_message_count'):
-        about = item.get('topic_metadata')
-        name = about.get('name') if isinstance(about, dict) else None
+        held = item.get('topic_metadata')
+        about = held if isinstance(held, dict) else {}
+        name, kind = about.get('name'), about.get('type')
         number = _count(item)
+        if isinstance(name, str) and kind is not None and types.get(name, kind) != kind:
+            yield f'metadata.yaml says that {name} is of type {shown(kind)}, not {types[name]}'
         if isinstance(name, str) and number is not None:
             topics[name] = topics.get(name, 0) + number
     wrong = False

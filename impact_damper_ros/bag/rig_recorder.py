@@ -18,6 +18,8 @@ from impact_damper_ros.control import ControlRecord, GapControlParameters
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
 from impact_damper_ros.rig.description import robot_description
+from impact_damper_ros.rig.parameter_spec import number_between
+from impact_damper_ros.rig.state_checks import LATEST
 
 from .messages import Parameter, ParameterEvent, String, encode
 from .rig_topics import RIG_TOPICS, RigMessages, recorded_topics, recording_notes, snapshot_text
@@ -26,6 +28,8 @@ from .run_writer import RunWriter
 #: Messages that may wait for the disk before the rig waits for them.
 _BACKLOG = 50_000
 _NAP = 0.01
+#: Least and greatest rate of joint states, Hz; their stamps are whole nanoseconds.
+_RATES = 1e-12, 1e9
 
 
 class RunningRig(Protocol):
@@ -95,6 +99,8 @@ class RigRecorder:
     ------
     RecordingError
         If the bag cannot be made.
+    ValueError
+        If the rate or the duration is out of range; nothing is made then.
     """
 
     def __init__(
@@ -109,6 +115,8 @@ class RigRecorder:
         max_size: int = 0,
         max_duration: float = 0.0,
     ) -> None:
+        rate = number_between('rate', rate, *_RATES)
+        duration = number_between('duration', duration, 0.0, LATEST)
         self._rig = rig
         self._rate = rate
         self._node = node

@@ -33,6 +33,7 @@ from .messages import DECODABLE, JOINT_STATE, CdrError, JointStateDecoder, Messa
 from .metadata import (
     PART,
     check_summary,
+    description_faults,
     listed_files,
     listing_faults,
     listing_remarks,
@@ -40,6 +41,7 @@ from .metadata import (
     number_faults,
     read_listing,
 )
+from .rig_topics import RIG_TOPICS
 from .topics import definition, load_yaml
 
 #: Bytes to which the compressed files of a bag may expand in all.
@@ -404,6 +406,8 @@ class RunReader:
                 others = f' (the first of {count})' if count > 1 else ''
                 found.append(f'{what} is not whole: {text}{others}')
         found += [f'the bag is not whole: {text}' for text in self._missing_parts()]
+        described = {text: None for scan in self.scans for text in self._described(scan)}
+        found += [f'the bag contradicts itself: {text}' for text in described]
         if self.own:
             numbers = number_faults(self.scans, later=self.begins_later)
             found += [f'the bag is not whole: {text}' for text in numbers]
@@ -416,9 +420,26 @@ class RunReader:
             found.append(self._listing_error)
         if self._listing is not None and self.complete:
             counts = {topic.name: topic.message_count for topic in self.topics.values()}
-            texts = listing_faults(self._listing, self.scans, counts, own=self.own)
+            types = {topic.name: topic.type for topic in self.topics.values()}
+            texts = listing_faults(self._listing, self.scans, counts, types, own=self.own)
             found += [f'the bag is not whole: {text}' for text in texts]
         return found
+
+    def _described(self, scan: Scan) -> Iterator[str]:
+        """Yield where the descriptions of a file are not those of what is read."""
+        yield from description_faults(scan, DECODABLE)
+        if self.own:
+            for name, topic in RIG_TOPICS.items():
+                held = self.topics.get(self.custom.get(name, ''))
+                if held is not None and held.type != topic.type:
+                    yield f'{held.name} is of type {shown(held.type)}, not {topic.type}'
+            listed = notes_of(self._listing)
+            for name in sorted(listed.keys() & self.custom.keys()):
+                if listed[name] != self.custom[name]:
+                    yield (
+                        f'metadata.yaml notes {name} as {shown(listed[name])}, the file as '
+                        f'{shown(self.custom[name])}'
+                    )
 
     def remarks(self) -> list[str]:
         """Return what else a user should know of the recording."""

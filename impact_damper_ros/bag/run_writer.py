@@ -11,6 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from impact_damper_ros.rig.parameter_spec import number_between, whole_number
+
 from .bag_file import BagFile, BagSummary
 from .errors import RecordingError
 from .topics import Topic
@@ -70,6 +72,9 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
 SMALLEST_FILE = 100_000
 SHORTEST_FILE = 1.0
 LARGEST_FILE, LONGEST_FILE = 10**15, 1e9
+#: Periods of threads, s, and a number of messages that no memory holds.
+_PERIODS = 1e-4, 1e6
+_LONGEST_QUEUE = 10**12
 _SHORTEST_NS = round(SHORTEST_FILE * 1e9)
 #: Times per flush period that the writer thread looks at the queue while much comes in.
 _POLLS = 10
@@ -132,7 +137,7 @@ class RunWriter:
         never raised, see `error`.
     ValueError
         If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE` and not 0, or more than
-        `LARGEST_FILE` or `LONGEST_FILE`.
+        `LARGEST_FILE` or `LONGEST_FILE`; or if a period is not from 1e-4 to 1e6 s.
     KeyError
         If no definition of a topic's type is shipped.
     """
@@ -160,8 +165,9 @@ class RunWriter:
                 )
         if len({topic.name for topic in topics}) < len(topics):
             raise ValueError('two topics have the same name; each may be given once')
-        if not flush_period > 0 or not sync_period > 0:
-            raise ValueError('flush_period and sync_period must be positive')
+        flush_period = number_between('flush_period', flush_period, *_PERIODS)
+        sync_period = number_between('sync_period', sync_period, *_PERIODS)
+        queue_limit = whole_number('queue_limit', queue_limit, 0, _LONGEST_QUEUE)
         self._file = BagFile(
             Path(directory), [topic.channel() for topic in topics], dict(custom or {})
         )

@@ -72,6 +72,34 @@ def definition(interface: str) -> str:
     return expand(interface)
 
 
+def _fields(text: str) -> dict[str, list[tuple[str, str]]]:
+    """
+    Return type and name of the fields of a definition and of its dependencies.
+
+    Writers differ in comments, constants, and in how they name the packages of types.
+    """
+    parts: dict[str, list[tuple[str, str]]] = {'': []}
+    part = ''
+    for line in text.splitlines():
+        words = line.partition('#')[0].split()
+        if words[:1] == ['MSG:']:
+            part = words[-1].rpartition('/')[2]
+            parts[part] = []
+        elif len(words) >= 2 and not any('=' in word for word in words):
+            parts[part].append((words[0].rpartition('/')[2], words[1]))
+    return parts
+
+
+@cache
+def _shipped_fields(interface: str) -> dict[str, list[tuple[str, str]]]:
+    return _fields(definition(interface))
+
+
+def says_the_same(interface: str, schema: bytes) -> bool:
+    """Return whether a definition has the fields of the one that is shipped."""
+    return _fields(schema.decode(errors='replace')) == _shipped_fields(interface)
+
+
 #: How rosbag2 writes an unlimited duration.
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 #: Limits to the YAML of a bag. A bag of 500 topics and 5,000 files has some 2 MB of it.

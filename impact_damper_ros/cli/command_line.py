@@ -6,6 +6,7 @@ import argparse
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -217,6 +218,23 @@ def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> 
         disable=True if quiet else None,
         bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} ' + unit + ' [{elapsed}<{remaining}]',
     )
+
+
+#: After so long, s, work without a progress bar is said to go on.
+PATIENCE = 5.0
+
+
+@contextmanager
+def long_work(command: str, message: str, *, quiet: bool = False) -> Iterator[None]:
+    """Say what takes long, once it has taken some time."""
+    notice = threading.Timer(PATIENCE, say, (command, message))
+    notice.daemon = True
+    if not quiet:
+        notice.start()
+    try:
+        yield
+    finally:
+        notice.cancel()
 
 
 @contextmanager

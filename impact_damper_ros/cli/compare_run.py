@@ -43,7 +43,7 @@ _EPILOG = """\
 Exit code: 0 if no stretch differs from theory (stretches that are not settled, or for which
 theory has no motion, do not differ); 1 if one does (or a file cannot be written); 2 if the bag or
 an argument is not usable; 3 if nothing differs, but the bag is cut, damaged, or holds messages
-that contradict one another; 130 on Ctrl-C.
+that contradict one another; 130 on Ctrl-C, 143 on SIGTERM.
 Example: compare_run runs/run_20250131_120000 --json result.json --report report
 """
 

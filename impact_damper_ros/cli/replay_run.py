@@ -53,7 +53,7 @@ _EPILOG = """\
 Exit code: 0 if all is reproduced bit for bit; 1 if something differs, a file cannot be written, or
 the what-if has more than --most-events events (--states and --impacts then end there); 2 if the
 bag or an argument is not usable; 3 if all that can be compared is reproduced, but the bag is cut,
-damaged, lacks messages, or holds some twice or out of order; 130 on Ctrl-C.
+damaged, lacks messages, or holds some twice or out of order; 130 on Ctrl-C, 143 on SIGTERM.
 Example: replay_run runs/run_20250131_120000 --set gap=0.03 --figure what_if.png
 """
 

@@ -32,7 +32,7 @@ table of claims. The claims are printed, too.
 """
 _EPILOG = """\
 Exit code: 0 on success; 1 if a file could not be written or a process died; 2 if the input is not
-usable or matplotlib is missing; 130 on Ctrl-C, which leaves no unfinished file.
+usable or matplotlib is missing; 130 on Ctrl-C, 143 on SIGTERM, which leaves no unfinished file.
 Example: reproduce_paper --only 3a,5 --output /tmp/paper
 """
 

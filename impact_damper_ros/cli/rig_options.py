@@ -160,8 +160,8 @@ def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> 
             time = -1.0
         if not colon or not isfinite(time) or not 0.0 < time <= duration:
             raise ValueError(
-                f'--change {setting}: give TIME:NAME=VALUE with a time above 0 s and up to the '
-                f'{duration:g} s of the run'
+                f'--change {named(setting)}: give TIME:NAME=VALUE with a time above 0 s and up to '
+                f'the {duration:g} s of the run'
             )
         timed.append((round(time * 1e9), change))
     parameters, control = given.parameters, given.control

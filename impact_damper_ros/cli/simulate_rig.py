@@ -73,8 +73,8 @@ _EPILOG = """\
 A chatter (ever smaller impacts that end in finite time) is written impact by impact up to its
 cut, and then once as rest: a row whose velocities before and after are all the same.
 Exit code: 0 if the whole duration was simulated; 1 if the rig has more events than --most-events,
-or a file cannot be written; 2 if an argument is not usable; 130 on Ctrl-C. What was simulated
-before a failure or Ctrl-C is written.
+or a file cannot be written; 2 if an argument is not usable; 130 on Ctrl-C, 143 on SIGTERM. What
+was simulated before a failure or a signal is written.
 Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --set gap=30
 """
 

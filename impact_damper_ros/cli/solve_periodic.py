@@ -21,6 +21,7 @@ from impact_damper_ros.orbits import (
     switch_branch,
     value_of,
 )
+from impact_damper_ros.orbits.continuation import check_range
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig import RigParameters
@@ -30,6 +31,7 @@ from .command_line import (
     add_json_option,
     command_parser,
     discard_output,
+    long_work,
     outcome,
     text_stream,
     up_to,
@@ -48,7 +50,7 @@ impact from t = 0 in cycles of the force F sin(W t + force_phase).
 _EPILOG = """\
 Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution; 4 if there
 are solutions but none is viable (the table says why); 2 if the input is not usable; 1 if the file
-could not be written; 130 on Ctrl-C.
+could not be written; 130 on Ctrl-C, 143 on SIGTERM.
 Example: solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
 """
 
@@ -206,6 +208,15 @@ def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[
     return [find_orbits(parameters, stops, arguments.cycles) for stops in sequences]
 
 
+def _slow_words(rig: RigParameters) -> str:
+    return (
+        'still searching, the longer the more impacts and cycles there are, and the faster M is '
+        f'than the force: here {rig.omega / rig.force_frequencies[0]:.3g} times; Ctrl-C ends it'
+        if rig.force_frequencies[0]
+        else 'still searching; Ctrl-C ends it'
+    )
+
+
 def _check_found(searches: list[OrbitSearch], arguments: argparse.Namespace) -> None:
     """Raise CommandError if no motion was found that the rig can perform."""
     orbits = [orbit for search in searches for orbit in search.orbits]
@@ -234,8 +245,10 @@ def _solve(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         hint('solve_periodic', given.parameters)
     if arguments.vary is not None:
-        value_of(given.parameters, arguments.vary[0])
-    searches = _searches(given.parameters, arguments)
+        name, low, high = arguments.vary
+        check_range(name, low, high, value_of(given.parameters, name))
+    with long_work('solve_periodic', _slow_words(given.parameters), quiet=arguments.quiet):
+        searches = _searches(given.parameters, arguments)
     orbits = [orbit for search in searches for orbit in search.orbits]
     orbits.sort(key=lambda orbit: (not orbit.viable, not orbit.stable))
     write_json(arguments.json, [orbit.as_dict() for orbit in orbits])
@@ -244,7 +257,8 @@ def _solve(arguments: argparse.Namespace) -> int:
         texts += [search.report.text for search in searches]
         texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
         if arguments.vary is not None and orbits:
-            texts += _branch_texts(orbits[0], *arguments.vary)
+            with long_work('solve_periodic', 'still following the motion; Ctrl-C ends it'):
+                texts += _branch_texts(orbits[0], *arguments.vary)
         try:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:

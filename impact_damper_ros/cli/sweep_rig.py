@@ -5,11 +5,8 @@ from __future__ import annotations
 import argparse
 import logging
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -44,6 +41,7 @@ from impact_damper_ros.sweep import (
     summary_text,
     write_table,
 )
+from impact_damper_ros.sweep.execution import MOST_JOBS
 from impact_damper_ros.sweep.journal import differences
 from impact_damper_ros.sweep.plan import axes_from_file
 from impact_damper_ros.sweep.table import FORMATS, need_pyarrow, stored_inputs
@@ -97,7 +95,7 @@ Examples:
       --vary initial_primary_velocity=-60:60:200 -o basins.parquet --figure basins.png
 
 Exit code: 0 on success; 1 if something could not be written, or workers died; 2 if the input is
-not usable; 4 if every rig of the sweep failed; 130 on Ctrl-C.
+not usable; 4 if every rig of the sweep failed; 130 on Ctrl-C, 143 on SIGTERM.
 """
 
 
@@ -189,7 +187,7 @@ def _parser() -> argparse.ArgumentParser:
     where = options.add_argument_group('execution').add_mutually_exclusive_group()
     where.add_argument(
         '--jobs',
-        type=up_to(1024),
+        type=up_to(MOST_JOBS),
         default=_cores(),
         metavar='N',
         help=f'number of processes [{_cores()}]',
@@ -305,23 +303,6 @@ def _workers(arguments: argparse.Namespace) -> Workers:
     return workers
 
 
-@contextmanager
-def _stopped_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM stop the sweep as Ctrl-C does."""
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def _run_rigs(plan: SweepPlan, journal: Journal, workers: Workers, *, quiet: bool) -> None:
     with tqdm(
         total=plan.size,
@@ -409,8 +390,7 @@ def _run(arguments: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = _parser().parse_args(argv)
-    with _stopped_by_sigterm():
-        return outcome('sweep_rig', lambda: _run(arguments))
+    return outcome('sweep_rig', lambda: _run(arguments))
 
 
 if __name__ == '__main__':

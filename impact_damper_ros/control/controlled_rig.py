@@ -298,8 +298,11 @@ class ControlledRig(Simulator):
         """
         self._records = []
         before, old = self._parameters, self._gap_control
-        events = super().change(parameters)
         own = self._law is not None
+        settings = None
+        if control is not None and control != old:
+            settings = ControlSettings.of(control, parameters, own=own)
+        events = super().change(parameters)
         here = self._control._replace(settings=ControlSettings.of(old, parameters, own=own))
         self._control = here
         if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
@@ -312,9 +315,8 @@ class ControlledRig(Simulator):
                 self._records = ControlRecord.rows(table, written)
             else:
                 forget_all(here)
-        if control is not None and control != old:
+        if control is not None and settings is not None:
             self._gap_control = control
-            settings = ControlSettings.of(control, parameters, own=own)
             self._control = here.switched(settings, self._time)
         return events
 

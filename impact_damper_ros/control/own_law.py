@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from impact_damper_ros.rig.kernels import kernel, state
+from impact_damper_ros.rig.quoting import named, shown
 
 from .law import place_stops
 from .sensors import Measurement, Observer
@@ -86,6 +87,11 @@ class LawError(ValueError):
     """A law of the user's own cannot be used, or has failed."""
 
 
+def _in_words(error: BaseException) -> str:
+    """Return kind and text of an error of somebody else's code, in short."""
+    return f'{type(error).__name__}: {named(error, 400)}'
+
+
 class OwnLaw:
     """
     A law of the user's own, with its name.
@@ -133,41 +139,42 @@ class OwnLaw:
         here = str(Path.cwd())
         sys.path.insert(0, here)
         try:
-            law = getattr(import_module(module), name)
-        except AttributeError as error:
-            raise LawError(f'the law {text}: the module has no {name}') from error
-        except Exception as error:
-            raise LawError(f'the law {text}: {type(error).__name__}: {error}') from error
+            found = import_module(module)
+        except (Exception, SystemExit) as error:
+            raise LawError(f'the law {named(text)}: {_in_words(error)}') from error
         finally:
             sys.path.remove(here)
+        if not hasattr(found, name):
+            raise LawError(f'the law {named(text)}: the module has no {named(name)}')
+        law = getattr(found, name)
         if not callable(law):
-            raise LawError(f'the law {text} is {law!r}: give the name of a function')
+            raise LawError(f'the law {text} is {shown(law)}: give the name of a function')
         return cls(law, text)
 
     def __call__(self, seen: LawInput, memory: list[float]) -> tuple[float, float]:
         """Return where the stops are to be."""
         try:
             result = self._plain(seen, memory)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise LawError(
-                f'the law {self.name} failed at {seen.time:.9g} s: {type(error).__name__}: {error}'
+                f'the law {self.name} failed at {seen.time:.9g} s: {_in_words(error)}'
             ) from error
         try:
             stop_1, stop_2 = map(float, result)
-        except (TypeError, ValueError) as error:
+        except Exception as error:
             raise self.astray(seen.time, result) from error
         if len(memory) != MEMORY or not all(isinstance(v, int | float) for v in memory):
             raise LawError(
-                f'the law {self.name} has made {memory!r} of its memory at {seen.time:.9g} s: it '
-                f'holds {MEMORY} numbers'
+                f'the law {self.name} has made {shown(memory)} of its memory at {seen.time:.9g} '
+                f's: it holds {MEMORY} numbers'
             )
         return stop_1, stop_2
 
     def astray(self, time: float, result: object) -> LawError:
         """Return the error of a result that is no places of stops."""
         return LawError(
-            f'the law {self.name} returned {result!r} at {time:.9g} s: return two places Y within '
-            'half of gap_max, in m, or NaN to leave a stop alone'
+            f'the law {self.name} returned {shown(result)} at {time:.9g} s: return two places Y '
+            'within half of gap_max, in m, or NaN to leave a stop alone'
         )
 
     def refused(self, refusal: Refusal) -> LawError:

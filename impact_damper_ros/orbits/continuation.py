@@ -30,8 +30,16 @@ import numpy as np
 
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.mode import rig_constants
+from impact_damper_ros.rig.quoting import shown
 
-from .equations import Array, ImpactEquations, OrbitError, single_harmonic
+from .equations import (
+    Array,
+    ImpactEquations,
+    OrbitError,
+    checked_number,
+    checked_whole,
+    single_harmonic,
+)
 from .impact_roots import Root
 from .orbit import PeriodicOrbit
 from .search import counted_as, orbit_of, within_theory
@@ -51,10 +59,9 @@ def value_of(parameters: RigParameters, name: str) -> float:
     """Return the value of a parameter that a continuation can vary."""
     if name == BOTH_RESTITUTIONS:
         return parameters.restitution_1
-    spec = PARAMETER_SPECS.get(name)
-    if spec is None or name not in _VARIABLE:
+    if not isinstance(name, str) or name not in _VARIABLE:
         raise OrbitError(
-            f'{name!r} cannot be varied: give one of {", ".join(_VARIABLE)}, or '
+            f'{shown(name)} cannot be varied: give one of {", ".join(_VARIABLE)}, or '
             f'{BOTH_RESTITUTIONS}'
         )
     value = getattr(parameters, name)
@@ -635,6 +642,31 @@ def _follow(
     )
 
 
+#: Widest range of a parameter, and most points of a branch.
+_FARTHEST = 1e15
+_MOST_POINTS = 1_000_000
+
+
+def check_range(name: str, low: float, high: float, value: float | None = None) -> None:
+    """Check the range in which a parameter is varied, and that it holds its value if given."""
+    low = checked_number(f'the low end of {name}', low, -_FARTHEST, _FARTHEST)
+    high = checked_number(f'the high end of {name}', high, -_FARTHEST, _FARTHEST)
+    if not low < high:
+        raise OrbitError(
+            f'{name} from {low:.9g} to {high:.9g} is no range: give the low end first'
+        )
+    if value is not None and not low <= value <= high:
+        raise OrbitError(
+            f'{name} is {value:.9g} where the branch begins: give a range around that, not '
+            f'{low:.9g} to {high:.9g}'
+        )
+
+
+def _check_steps(largest_step: float, most_points: int) -> None:
+    checked_number('largest_step', largest_step, 1e-9, 1.0)
+    checked_whole('most_points', most_points, 1, _MOST_POINTS)
+
+
 def continue_orbit(
     orbit: PeriodicOrbit,
     name: str,
@@ -672,7 +704,7 @@ def continue_orbit(
     Raises
     ------
     OrbitError
-        If the parameter cannot be varied.
+        If the parameter cannot be varied, or not in this range.
 
     Examples
     --------
@@ -683,8 +715,10 @@ def continue_orbit(
     >>> branch.ended
     'gap = 40, the end of the range'
     """
-    family = _family_of(orbit, name)
     value = value_of(orbit.parameters, name)
+    check_range(name, low, high, value)
+    _check_steps(largest_step, most_points)
+    family = _family_of(orbit, name)
     curve = _Curve(family, abs(value) or max(abs(low), abs(high)) or 1.0)
     place = np.append(family.start(orbit), value / curve.scale)
     normal = np.zeros_like(place)
@@ -745,8 +779,10 @@ def switch_branch(
     Raises
     ------
     ValueError
-        If the point is of another kind.
+        If the point is of another kind, or the parameter cannot be varied in this range.
     """
+    check_range(name, low, high)
+    _check_steps(largest_step, most_points)
     orbit = special.orbit
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')

@@ -16,14 +16,19 @@ cancels near there.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig import ParameterError, RigParameters
 from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.oscillator import Oscillator
+from impact_damper_ros.rig.parameter_spec import number_between, whole_number
+from impact_damper_ros.rig.quoting import shown
 
 #: Most impacts in a period for which all stop sequences are listed.
 MOST_LISTED_IMPACTS = 6
@@ -33,6 +38,8 @@ MOST_IMPACTS = MOST_CYCLES = 1000
 _WHOLE = 1e-12
 #: Least frequency of the force, over the natural one.
 _SLOWEST = 1e-6
+#: An angle, rad, to which no other adds anything.
+_RESONANT = 1e-100
 #: Where M loses this much of a free vibration, in powers of e, nothing is left of it.
 _LOST = 500.0
 
@@ -97,12 +104,48 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
             )
 
 
-def check_stops(parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
-    """Check a stop sequence and a number of force cycles."""
-    if not stops or any(stop not in (1, 2) for stop in stops):
-        shown = ','.join(str(s) for s in stops)
+def checked_number(name: str, value: Any, low: float, high: float) -> float:
+    """Return a number of any kind as a float; or raise an `OrbitError`."""
+    try:
+        return number_between(name, value, low, high)
+    except ParameterError as error:
+        raise OrbitError(str(error)) from None
+
+
+def checked_whole(name: str, value: Any, low: int, high: int) -> int:
+    """Return a whole number of any kind as an int; or raise an `OrbitError`."""
+    try:
+        return whole_number(name, value, low, high)
+    except ParameterError as error:
+        raise OrbitError(str(error)) from None
+
+
+def check_cycles(cycles: Any) -> int:
+    """Return a period in cycles of the force; or raise an `OrbitError`."""
+    try:
+        return whole_number('cycles', cycles, 1, MOST_CYCLES)
+    except ParameterError:
         raise OrbitError(
-            f'stop sequence {shown!r}: give the stops hit in one period, in order, each 1 (the '
+            f'{shown(cycles)} force cycles: give a period of at least 1 cycle, a whole number up '
+            f'to {MOST_CYCLES}'
+        ) from None
+
+
+def _listed(stops: Any) -> Any:
+    return ','.join(map(str, stops)) if isinstance(stops, list | tuple) else stops
+
+
+def check_stops(parameters: RigParameters, given: Sequence[int], cycles: int) -> tuple[int, ...]:
+    """Check a stop sequence and a number of force cycles; return the sequence."""
+    try:
+        whole = list(islice(given, MOST_IMPACTS + 1))
+        stops = tuple(whole_number('stop', stop, 1, 2) for stop in whole)
+    except (ParameterError, TypeError):
+        stops = ()
+    if not stops:
+        text = shown(given if isinstance(given, str) else _listed(given))
+        raise OrbitError(
+            f'stop sequence {text}: give the stops hit in one period, in order, each 1 (the '
             'lower) or 2, such as 1,2'
         )
     if parameters.one_sided and 2 in stops:
@@ -111,12 +154,9 @@ def check_stops(parameters: RigParameters, stops: tuple[int, ...], cycles: int) 
             'stop 2, give stop 1 only, or one_sided: false'
         )
     if len(stops) > MOST_IMPACTS:
-        raise OrbitError(f'{len(stops)} impacts: give at most {MOST_IMPACTS} in a period')
-    if not 1 <= cycles <= MOST_CYCLES or cycles != int(cycles):
-        raise OrbitError(
-            f'{cycles} force cycles: give a period of at least 1 cycle, a whole number up to '
-            f'{MOST_CYCLES}'
-        )
+        raise OrbitError(f'{len(given)} impacts: give at most {MOST_IMPACTS} in a period')
+    check_cycles(cycles)
+    return stops
 
 
 def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, ...]]:
@@ -141,10 +181,13 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
     OrbitError
         If N is not positive, or too large to list all.
     """
-    if not 1 <= impacts <= MOST_IMPACTS or impacts != int(impacts):
+    try:
+        impacts = whole_number('impacts', impacts, 1, MOST_IMPACTS)
+    except ParameterError:
         raise OrbitError(
-            f'{impacts} impacts: give at least 1 in a period, a whole number up to {MOST_IMPACTS}'
-        )
+            f'{shown(impacts)} impacts: give at least 1 in a period, a whole number up to '
+            f'{MOST_IMPACTS}'
+        ) from None
     if impacts == 1 or parameters.one_sided:
         return [(1,) * impacts]
     if impacts > MOST_LISTED_IMPACTS:
@@ -273,7 +316,8 @@ class ImpactEquations:
         parts = []
         for eigenvalue in (root, root.conjugate()):
             apart = drive - eigenvalue
-            if apart == 0.0:
+            # So close to resonance, the quotient is the same; its parts may be no floats.
+            if abs(apart) * self.period < _RESONANT:
                 parts.append(lasts * np.exp(eigenvalue * lasts))
             else:
                 near = np.where(self._decay * lasts < _LOST, lasts, 0.0)

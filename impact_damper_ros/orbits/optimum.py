@@ -19,8 +19,10 @@ from itertools import islice
 import numpy as np
 
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.hybrid_motion import as_float
+from impact_damper_ros.rig.quoting import shown
 
-from .equations import OrbitError, check_forcing
+from .equations import OrbitError, check_forcing, checked_number
 from .orbit import PeriodicOrbit
 from .search import find_orbits
 
@@ -304,12 +306,19 @@ def optimal_gap(
     check_forcing(rig)
     if rig.one_sided:
         raise OrbitError('the rig is one-sided, it has no gap to choose: give one_sided: false')
-    low, high = gap_range(rig) if gaps is None else gaps
-    if not 0.0 < low < high or not 3 <= points <= _MOST_POINTS or points != int(points):
+    try:
+        low, high = gap_range(rig) if gaps is None else map(as_float, gaps)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, OrbitError):
+            raise
+        raise OrbitError(f'gaps is {shown(gaps)}: give the least and the largest') from None
+    count = as_float(points)
+    if not 0.0 < low < high < math.inf or not 3 <= count <= _MOST_POINTS or count % 1.0:
         raise OrbitError(
-            f'gaps from {low:g} to {high:g} m at {points} points: give 0 < low < high and at '
-            f'least 3 points, a whole number up to {_MOST_POINTS}'
+            f'gaps from {low:g} to {high:g} m at {shown(points)} points: give 0 < low < high and '
+            f'at least 3 points, a whole number up to {_MOST_POINTS}'
         )
+    points, tolerance = int(count), checked_number('tolerance', tolerance, 0.0, 1.0)
     search = _Search(rig, stops, cycles, simulate)
     grid = search.refined([float(gap) for gap in np.geomspace(low, high, points)])
     swings = [search.swing(gap) for gap in grid]

@@ -12,7 +12,15 @@ import numpy as np
 from impact_damper_ros.rig import PARAMETER_SPECS, RigParameters
 from impact_damper_ros.rig.mode import rig_constants
 
-from .equations import Array, ImpactEquations, check_forcing, check_stops, single_harmonic
+from .equations import (
+    Array,
+    ImpactEquations,
+    OrbitError,
+    check_forcing,
+    check_stops,
+    checked_whole,
+    single_harmonic,
+)
 from .event_map import follow_trajectory, origin_at
 from .impact_roots import Root, many_impact_roots, one_impact_roots, two_impact_roots
 from .multipliers import monodromy, multipliers_of
@@ -29,6 +37,8 @@ SOFT = 0.2
 
 #: Systematic starts for each unknown instant, three and more impacts in a period.
 STARTS_PER_INSTANT = 200
+#: Most systematic starts.
+MOST_STARTS = 1_000_000
 
 _SETTLING_CYCLES = 120
 _STARTS_PER_RUN = 3
@@ -372,9 +382,27 @@ def find_orbits(
     >>> [round(phase, 6) for phase in found.orbits[0].phases]
     [0.733784, 0.233784]
     """
-    stops = tuple(stops)
-    check_stops(parameters, stops, cycles)
+    stops = check_stops(parameters, stops, cycles)
     check_forcing(parameters, cycles)
+    if starts is not None:
+        starts = checked_whole('starts', starts, 0, MOST_STARTS)
+    try:
+        return _found(parameters, stops, int(cycles), starts, simulate)
+    except np.linalg.LinAlgError as error:
+        raise OrbitError(
+            f'the equations of this rig have no solution in double precision ({error}): give '
+            'masses, stiffness, damping and force within a few powers of ten of one another'
+        ) from error
+
+
+def _found(
+    parameters: RigParameters,
+    stops: tuple[int, ...],
+    cycles: int,
+    starts: int | None,
+    simulate: bool,
+) -> OrbitSearch:
+    """Find the periodic motions of a stop sequence that has been checked."""
     orbits: list[PeriodicOrbit] = []
     if single_harmonic(parameters) and within_theory(parameters, stops):
         rig = _with_first_harmonic(parameters)

@@ -25,6 +25,7 @@ from impact_damper_ros.rig import (
 from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, RunResult
 from impact_damper_ros.rig.mode import rig_constants
+from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 
 from .recognition import LONGEST_PERIOD, Array, section_distance
 
@@ -61,7 +62,7 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
         (2.0, 1.0, 0.3),
     ):
         yield InitialConditions(
-            initial_primary_position=min(limit, x * amplitude),
+            initial_primary_position=max(-limit, min(limit, x * amplitude)),
             initial_primary_velocity=max(-limit, min(limit, velocity * speed)),
             initial_damper_offset=(
                 half - min(half, abs(offset) * amplitude)
@@ -177,12 +178,9 @@ class Settling:
             ('events', 1, 10**12),
             ('section', 1, 100_000),
         ):
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(
-                    f'{name} is {getattr(self, name)}: give a whole number from {low} to {high}'
-                )
-        if not 1e-12 <= self.tolerance <= 1e-2:
-            raise ValueError(f'tolerance is {self.tolerance!r}: give a number from 1e-12 to 0.01')
+            object.__setattr__(self, name, whole_number(name, getattr(self, name), low, high))
+        tolerance = number_between('tolerance', self.tolerance, 1e-12, 1e-2)
+        object.__setattr__(self, 'tolerance', tolerance)
 
 
 def _active_rates(parameters: RigParameters) -> list[float]:

@@ -19,7 +19,7 @@ from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, RigConstants, rig_constants
 from impact_damper_ros.rig.origin import Origin
 
-from .equations import Array, check_forcing
+from .equations import Array, OrbitError, check_cycles, check_forcing
 from .event_map import (
     FlightPart,
     Trajectory,
@@ -235,10 +235,16 @@ def shoot(
     OrbitError
         If the force does not repeat within the period.
     """
+    cycles = check_cycles(cycles)
     check_forcing(parameters, cycles)
     machine = rig_constants(parameters)
     cycle = math.tau / parameters.force_frequencies[0]
     state = section.state
+    if np.shape(state) != (section.dimension,) or not np.isfinite(state).all():
+        raise OrbitError(
+            f'the state of the section is {state}: give {section.dimension} finite numbers, such '
+            'as those of section_on'
+        )
     shot = _shot(machine, section, state, cycles * cycle)
     history: list[float] = []
     if shot is None:

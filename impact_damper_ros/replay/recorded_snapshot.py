@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from math import isfinite
+from math import inf, isfinite, nextafter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +22,13 @@ from impact_damper_ros.rig import RunawayError
 from impact_damper_ros.rig.quoting import as_line, shown
 from impact_damper_ros.rig.simulator import ARITHMETIC, upgraded
 from impact_damper_ros.rig.simulator import FORMATS as STATE_FORMATS
-from impact_damper_ros.rig.state_checks import SAME_TIME, check_number, check_numbers, check_whole
+from impact_damper_ros.rig.state_checks import (
+    LATEST,
+    SAME_TIME,
+    check_number,
+    check_numbers,
+    check_whole,
+)
 
 #: Stamps of ROS have 32 bits of seconds, with a sign.
 _LATEST_NS = 2**31 * 10**9
@@ -102,8 +108,9 @@ def _checked(held: dict[str, Any]) -> RecordedSnapshot:
         raise ValueError(f'{text}: both must be whole numbers of nanoseconds')
     if abs(offset_ns) + time_ns >= _LATEST_NS:
         raise ValueError(f'{text}: stamps of ROS end at {_LATEST_NS} ns')
+    _check_time(held['state'], time_ns / 1e9)
     reason, state = as_line(str(held['reason'])), completed(upgraded(held['state']))
-    _check_state(state, time_ns / 1e9)
+    _check_state(state)
     arithmetic = held['state'].get('arithmetic', 1)
     if type(arithmetic) is not int:
         raise ValueError(f'arithmetic is {shown(arithmetic)}: it must be a whole number')
@@ -134,12 +141,17 @@ def _deeper(held: object, depth: int) -> bool:
     )
 
 
-def _check_state(state: Mapping[str, Any], time: float) -> None:
-    """Check that a rig can be restored from a state of a rig time, s."""
+def _check_time(state: Mapping[str, Any], time: float) -> None:
+    """Check that a state is of a rig time, s."""
+    check_number('time', state['time'])
     if abs(state['time'] - time) > SAME_TIME:
         raise ValueError(
             f'its state is of rig time {state["time"]!r} s, the message of {time!r} s'
         )
+
+
+def _check_state(state: Mapping[str, Any]) -> None:
+    """Check that a rig can be restored from a state."""
     control = state['gap_control']['state']
     try:
         _check_control('gap_control.state', control, initial_state())
@@ -153,8 +165,10 @@ def _check_state(state: Mapping[str, Any], time: float) -> None:
 def _check_flight(rig: ControlledRig) -> None:
     """Check that the present flight lasts up to the rig's time, as far as that is quickly seen."""
     looks, now = iter(range(_MOST_LOOKS)), rig.time
+    # Not to an instant that is reached already: such an advance cannot be interrupted
+    then = min(nextafter(now, inf), LATEST)
     with suppress(RunawayError):
-        for event in rig.advance(now, 2, lambda: next(looks, None) is None):
+        for event in rig.advance(then, 2, lambda: next(looks, None) is None):
             if event.time < now - SAME_TIME:
                 raise ValueError(
                     f'the flight from origin.time ends at {event.time!r} s, before time, {now!r} s'

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO
+from typing import Protocol
 
 from impact_damper_ros.rig import Event, EventKind
 
@@ -35,12 +35,43 @@ def impact_rows(events: Sequence[Event]) -> str:
     )
 
 
-def open_table(path: Path | None, columns: Sequence[str], stack: ExitStack) -> IO[str] | None:
+class Table(Protocol):
+    """What rows are written to."""
+
+    def write(self, rows: str, /) -> object:
+        """Write some rows."""
+
+
+class _File:
+    """A table in a file; a full disk is reported with its name."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stream = path.open('w', encoding='utf-8', newline='')
+
+    def write(self, rows: str) -> None:
+        try:
+            self._stream.write(rows)
+        except OSError as error:
+            error.filename = str(self._path)
+            raise
+
+    def close(self) -> None:
+        try:
+            self._stream.close()
+        except OSError as error:
+            error.filename = str(self._path)
+            raise
+
+
+def open_table(path: Path | None, columns: Sequence[str], stack: ExitStack) -> Table | None:
     """Open a table, if one is asked for, and write its head; - stands for standard output."""
     if path is None:
         return None
-    stream: IO[str] = sys.stdout
+    table: Table = sys.stdout
     if str(path) != '-':
-        stream = stack.enter_context(path.open('w', encoding='utf-8', newline=''))
-    stream.write(row(columns))
-    return stream
+        file = _File(path)
+        stack.callback(file.close)
+        table = file
+    table.write(row(columns))
+    return table

@@ -52,7 +52,8 @@ def safe_step(h_0: float, h_1: float, h_2: float, bound: float, horizon: float) 
         if discriminant > 0.0:
             lowest = -2.0 * h_1 / (h_2 + sqrt(discriminant))
         else:
-            lowest = h_2 / bound
+            # Squares of less than 1e-162 are no floats: the bound may be lost with them.
+            lowest = h_2 / bound if bound > 0.0 else horizon
         if h_0 + lowest * (h_1 + lowest * (half - lowest * sixth)) <= 0.0:
             u = 0.0
             for _ in range(64):
@@ -87,7 +88,8 @@ def safe_step(h_0: float, h_1: float, h_2: float, bound: float, horizon: float) 
         return horizon
     right = horizon
     value_right = h_0 + right * (h_1 + right * (half - right * sixth))
-    if value_right >= 0.0:
+    # NaN has no root either: the search goes on and ends.
+    if not value_right < 0.0:
         return horizon
     value_left = h_0 + left * (h_1 + left * (half - left * sixth))
     if value_left <= 0.0:

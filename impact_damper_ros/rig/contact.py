@@ -16,7 +16,7 @@ release has neither; its jerk leads it away.
 
 from __future__ import annotations
 
-from math import copysign, inf
+from math import copysign, cos, floor, inf, sin, sqrt
 
 from .certificate import ROUND_OFF, keeps_sign, least_step, look_ahead, look_past, safe_step
 from .flight import (
@@ -460,14 +460,61 @@ def _first_in_motion(flight: Flight, tau: float, limit: float, most: int) -> Fli
     return unfinished(NO_EVENT, tau)
 
 
+#: Horizons after which joint motion is looked at as a whole, and later than any motion lasts, s.
+_LOOK = 64.0
+_FOR_EVER = 1e300
+#: Part of a bound by which the support must exceed it.
+_MARGIN = 1e-6
+
+
+@kernel
+def _holds_for_ever(flight: Flight, tau: float, motion: Motion) -> bool:
+    """
+    Return whether joint motion certainly goes on for ever after a time.
+
+    X'' is the sum of the steady vibration, whose amplitude is known, and of a free one, which
+    never grows.
+    """
+    oscillator = flight.oscillator
+    omega_squared = oscillator.omega_squared
+    free = motion.x_2
+    rate = motion.x_3
+    most = 0.0
+    for j in range(len(flight.sines)):
+        harmonic = oscillator.harmonics[j]
+        frequency = harmonic.frequency
+        square = frequency * frequency
+        stiff = omega_squared - square
+        dashpot = 2.0 * oscillator.decay * frequency
+        gain = stiff * stiff + dashpot * dashpot
+        if gain == 0.0:
+            return False
+        turned = frequency * tau
+        sine = flight.sines[j] * cos(turned) + flight.cosines[j] * sin(turned)
+        cosine = flight.cosines[j] * cos(turned) - flight.sines[j] * sin(turned)
+        push = square * harmonic.force / gain
+        free += push * (stiff * sine - dashpot * cosine)
+        rate += push * frequency * (stiff * cosine + dashpot * sine)
+        most += abs(push) * sqrt(gain)
+    most += sqrt(free * free + rate * rate / omega_squared)
+    most += _MARGIN * (most + abs(flight.slope))
+    return most - flight.slope < flight.support_high and -most - flight.slope > flight.support_low
+
+
 @kernel
 def _first_in_joint(flight: Flight, tau: float, limit: float, most: int) -> FlightEnd:
     """Step through joint motion until the support gives way; see `flight_end`."""
     oscillator = flight.oscillator
     horizon = oscillator.horizon
+    look = (floor(tau / (_LOOK * horizon)) + 1.0) * (_LOOK * horizon)
     while tau <= limit and most > 0:
         most -= 1
         motion: Motion = motion_at(flight, tau)
+        if tau >= look:
+            # m may stick for days, and whoever takes over the rig then searches anew.
+            if _holds_for_ever(flight, tau, motion):
+                return unfinished(NO_EVENT, _FOR_EVER)
+            look = 2.0 * tau
         end: FlightEnd = search_release(flight, tau, motion)
         if end.kind != NO_EVENT:
             return end

@@ -26,6 +26,8 @@ _NEAR_ZERO = 1e-9
 _OVERTIME = 1e-3
 # A step of Newton's method from where X is zero to round-off, at most, in horizons
 _NEAREST = 1e-9
+# Below this length, m, X is zero: steps need its squares, and no float is as small as those.
+_NO_LENGTH = 1e-120
 
 
 @kernel
@@ -77,7 +79,7 @@ def _round_off(flight: Flight, motion: Motion) -> float:
         abs(motion.velocity) * oscillator.horizon
         + (abs(motion.x_2) + abs(flight.constant)) / oscillator.omega_squared
     )
-    return ROUND_OFF * (abs(motion.x) + scale)
+    return ROUND_OFF * (abs(motion.x) + scale) + _NO_LENGTH
 
 
 # What X does up to the next point of the grid: it keeps its sign, passes zero once, or is unclear.
@@ -131,6 +133,8 @@ def first_crossing(
             rate = side * motion.velocity
             if not arriving or rate <= 0.0:
                 return True, _root_of_x(flight, side, above, tau, tau, band), tau
+            if tau > limit + _OVERTIME * horizon:
+                return False, tau, tau
             safe = safe_step(-height, -rate, -side * motion.x_2, bound_3, horizon)
             tau += max(safe, least_step(horizon), _EPSILON * tau)
             motion = motion_at(flight, tau)

@@ -144,7 +144,10 @@ def _reported(text: str) -> Iterator[None]:
 @contextmanager
 def compiling_alone(stamp: Path | None, form: str) -> Iterator[None]:
     """Let one process at a time compile a form of the kernels; the others load its result."""
-    text = 'compiling the simulator: about a minute, once for each version'
+    text = (
+        'compiling the simulator, or waiting for another process that does: once for each '
+        'version; on a slow or busy machine this takes minutes'
+    )
     with _reported(text), _locked(stamp, form):
         yield
 

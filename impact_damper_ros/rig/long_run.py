@@ -257,7 +257,13 @@ class Loop:
             with compiling_alone(stamp(), form):
                 self._loop.compile(tuple(map(self._loop.typeof_pyval, arguments)))
             _READY.add(form)
-        reached = self._loop(*arguments)
+        try:
+            reached = self._loop(*arguments)
+        except SystemError as error:
+            # What a signal raises just as compiled code returns
+            if isinstance(error.__cause__, KeyboardInterrupt):
+                raise error.__cause__ from None
+            raise
         status, origin, *others = reached
         return Progress(status, Origin(*origin), *others)
 

@@ -8,7 +8,9 @@ the documentation are made from that.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import field, fields, replace
+from itertools import islice
 from math import isfinite
 from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias
 
@@ -95,17 +97,19 @@ class ParameterSpec(NamedTuple):
             return int(number)
         if self.kind == 'double':
             return self._number(value, self.name)
-        if isinstance(value, int | float) and not isinstance(value, bool):
+        if hasattr(value, '__float__') and not isinstance(value, bool) and not _is_list(value):
             value = (value,)
-        if isinstance(value, str | bytes) or not hasattr(value, '__iter__'):
+        if isinstance(value, str | bytes) or not _is_list(value):
             raise ParameterError(
                 self.name, f'{self.name} is {shown(value)}: give a list of numbers, such as [1.0]'
             )
-        entries = tuple(value)
+        # What is given may have no end
+        entries = tuple(islice(value, MAX_HARMONICS + 1))
         if not 1 <= len(entries) <= MAX_HARMONICS:
+            count = len(value) if hasattr(value, '__len__') else f'{len(entries)} or more'
             raise ParameterError(
                 self.name,
-                f'{self.name} has {len(entries)} entries: give 1 to {MAX_HARMONICS}, one for each '
+                f'{self.name} has {count} entries: give 1 to {MAX_HARMONICS}, one for each '
                 'harmonic (amplitude 0 switches the force off)',
             )
         return tuple(self._number(v, f'{self.name}[{i}]') for i, v in enumerate(entries))
@@ -149,6 +153,35 @@ class ParameterSpec(NamedTuple):
                 f'{self.least:g} to {self.high:g}{unit}',
             )
         return number
+
+
+def _is_list(value: Any) -> bool:
+    """Return whether a value has entries; a numpy array may be one number."""
+    return hasattr(value, '__iter__') and getattr(value, 'shape', None) != ()
+
+
+def number_between(name: str, value: Any, low: float, high: float) -> float:
+    """Return a number of any kind as a float; or raise a `ParameterError` that names it."""
+    number = float('nan')
+    if hasattr(value, '__float__') and not isinstance(value, bool):
+        with suppress(TypeError, ValueError, OverflowError):
+            number = float(value)
+    if not low <= number <= high:
+        raise ParameterError(
+            name, f'{name} is {shown(value)}: give a number from {low:g} to {high:g}'
+        )
+    return number
+
+
+def whole_number(name: str, value: Any, low: int, high: int) -> int:
+    """Return a whole number of any kind as an int; or raise a `ParameterError` that names it."""
+    with suppress(ParameterError):
+        number = number_between(name, value, low, high)
+        if number == int(number):
+            return int(number)
+    raise ParameterError(
+        name, f'{name} is {shown(value)}: give a whole number from {low} to {high}'
+    )
 
 
 def double_field(

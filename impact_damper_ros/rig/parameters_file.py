@@ -108,6 +108,20 @@ class _Loader(_Base):  # type: ignore[misc]
         return block
 
 
+def _number(construct: Any) -> Any:
+    """Return a constructor that leaves 1:30 a text, as ROS does; YAML 1.1 counts in sixties."""
+
+    def constructed(loader: _Loader, node: Any) -> Any:
+        return node.value if ':' in node.value else construct(loader, node)
+
+    return constructed
+
+
+for _kind in ('int', 'float'):
+    _tag = f'tag:yaml.org,2002:{_kind}'
+    _Loader.add_constructor(_tag, _number(_Loader.yaml_constructors[_tag]))
+
+
 def _map(loader: _Loader, node: Any) -> Any:
     data = Block()
     yield data

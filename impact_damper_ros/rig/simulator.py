@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import inf, nan, ulp
 from typing import Any, NamedTuple, Self
 
 from .changes import changed, check_command, kept_angles
+from .contact import chatter_end, flight_end
 from .crossing import sided
 from .event import Event, EventKind, EventRows
+from .flight import NO_EVENT
 from .forcing import SWEEP_FIELDS, SteppedSine, frequency_at, frequency_steps
 from .hybrid_motion import HybridMotion, starting_time
-from .mode import STICK, RigConstants, rig_constants
+from .mode import CHATTER_1, STICK, RigConstants, launch, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
 from .quoting import shown
@@ -25,6 +27,13 @@ FORMATS = (1, 2)
 #: high its bounces were, 4 polished the passages of X through zero by bisection and took the
 #: measured Y from the difference of Z and X, 5 looked for these passages by certified steps alone.
 ARITHMETIC = 6
+#: Longest flight that is searched anew when a rig is restored, as an angle of the fastest of
+#: spring and harmonics, rad: a minute or two.
+_LONGEST = 1e7
+#: Most steps of a search after which a longer flight must be known to go on, as where m sticks.
+_STEPS = 256
+#: Largest angle that these turn by from one float to the next, rad.
+_COARSEST = 1e3
 
 
 class Snapshot(NamedTuple):
@@ -99,9 +108,11 @@ class Snapshot(NamedTuple):
             # The first format had no stepped sine; one that is off starts at 0.
             sweep = SteppedSine(**stored.get('sweep', {'start': 0.0}))
             _check_sweep(sweep, parameters, stored['time'])
+            origin = Origin(**{**values, 'angles': tuple(map(float, values['angles']))})
+            _check_search(parameters, sweep, origin, stored['time'])
             return cls(
                 parameters=parameters,
-                origin=Origin(**{**values, 'angles': tuple(map(float, values['angles']))}),
+                origin=origin,
                 time=float(stored['time']),
                 unreported=tuple(
                     Event(event[0], EventKind(event[1]), *event[2:])
@@ -123,6 +134,39 @@ def _check_sweep(sweep: SteppedSine, parameters: RigParameters, time: float) -> 
         raise ValueError(
             f'sweep.step is {sweep.step}, from {done!r} s to {due!r} s: it must be the one at '
             f'time, {time!r} s'
+        )
+
+
+def _check_search(
+    parameters: RigParameters, sweep: SteppedSine, origin: Origin, time: float
+) -> None:
+    """Check that the flight of an origin can be searched up to a time, s, and beyond it."""
+    constants = rig_constants(parameters, frequency_at(parameters, sweep.step))
+    fastest, spacing = constants.free.fastest, ulp(time)
+    if spacing * fastest > _COARSEST:
+        raise ValueError(
+            f'time is {time!r} s, where floats are {spacing:.3g} s apart, and the rig vibrates at '
+            f'{fastest:.3g} rad/s: up to {_COARSEST / fastest * 2.0**52:.3g} s it can be followed'
+        )
+    since = time - origin.time
+    if since * fastest <= _LONGEST:
+        return
+    flight = launch(constants, origin)
+    if origin.mode >= CHATTER_1:
+        ending = chatter_end(flight, origin.chatter_left)
+    else:
+        ending = flight_end(flight, 0.0, since, _STEPS)
+    ended = ending.kind != NO_EVENT or origin.mode >= CHATTER_1
+    if ended and ending.tau < since - SAME_TIME:
+        raise ValueError(
+            f'the flight from origin.time ends at {origin.time + ending.tau!r} s, before time, '
+            f'{time!r} s'
+        )
+    if ending.tau <= since:
+        raise ValueError(
+            f'origin.time is {origin.time!r} s, {since:.6g} s before time, in which the rig '
+            f'vibrates at {fastest:.3g} rad/s: a flight of up to {_LONGEST / fastest:.3g} s can '
+            'be searched anew'
         )
 
 

@@ -26,6 +26,7 @@ _CHOICES: dict[str, tuple[object, ...]] = {
 }
 #: Infinite where there is no stop; JSON has no number for that.
 _MAY_BE_INFINITE = ('clearance_1', 'clearance_2', 'stop_1', 'stop_2', 'target_1', 'target_2')
+_NOT_NEGATIVE = ('clearance_1', 'clearance_2', 'chatter_left')
 
 
 def check_number(name: str, value: object, largest: float = _LARGEST) -> None:
@@ -68,6 +69,8 @@ def check_origin(origin: Mapping[str, Any], time: float, harmonics: int) -> None
                 raise ValueError(f'origin.{name} is {shown(value)}: it must be one of {allowed}')
         elif not (name in _MAY_BE_INFINITE and value in (None, inf, -inf)):
             check_number(f'origin.{name}', value)
+        if name in _NOT_NEGATIVE and value is not None and value < 0.0:
+            raise ValueError(f'origin.{name} is {shown(value)}: it must be from 0 on')
     begun, low = origin['time'], origin['time_low']
     check_number('origin.time', begun, LATEST)
     if abs(low) > ulp(max(abs(begun), 1.0)):

@@ -26,6 +26,7 @@ from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import ParameterError, RigParameters
 from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.long_run import LongRun
+from impact_damper_ros.rig.parameter_spec import whole_number
 
 from .journal import Done, Journal
 from .plan import Follow, RigSetup, Settings, SweepPlan
@@ -131,6 +132,10 @@ def _begin_worker() -> None:
         threading.Thread(target=wait, daemon=True).start()
 
 
+#: Most processes of a pool.
+MOST_JOBS = 1024
+
+
 class ProcessPool(ProcessPoolExecutor):
     """
     A pool of processes that ignore Ctrl-C and end with this process.
@@ -140,10 +145,16 @@ class ProcessPool(ProcessPoolExecutor):
     Parameters
     ----------
     jobs : int
-        Number of processes.
+        Number of processes, from 1 to 1024.
+
+    Raises
+    ------
+    ValueError
+        If it is another one.
     """
 
     def __init__(self, jobs: int) -> None:
+        jobs = whole_number('jobs', jobs, 1, MOST_JOBS)
         super().__init__(jobs, get_context('spawn'), initializer=_begin_worker)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **keywords: Any) -> Future[Any]:
@@ -211,14 +222,19 @@ class LocalWorkers:
     Parameters
     ----------
     jobs : int
-        Number of processes.
+        Number of processes, from 1 to 1024.
+
+    Raises
+    ------
+    ValueError
+        If it is another one.
     """
 
     losses: tuple[type[BaseException], ...] = (BrokenExecutor,)
 
     def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
         self._pool = ProcessPool(jobs)
+        self._jobs = int(jobs)
 
     @property
     def at_once(self) -> int:
@@ -442,7 +458,7 @@ def run_sweep(
         future.add_done_callback(finished.put)
 
     def most() -> int:
-        return at_once if isinstance(at_once, int) else at_once()
+        return at_once() if callable(at_once) else at_once
 
     try:
         while True:

@@ -26,7 +26,7 @@ from impact_damper_ros.rig import (
     RigParameters,
 )
 from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
-from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.rig.quoting import named, shown
 
 _SPECS: dict[str, ParameterSpec] = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS}
 _NAME = re.compile(r'(?P<name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<index>\d+)\])?')
@@ -241,9 +241,10 @@ def axis_from_text(text: str, rig: RigParameters) -> Axis:
     >>> axis_from_text('gap=10:30:3', RigParameters()).values
     (10.0, 20.0, 30.0)
     """
-    *names, values = text.split('=')
-    if not names:
+    if not isinstance(text, str) or '=' not in text:
         raise AxisError(f'{shown(text)}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
+    *names, values = text.split('=')
+    text = named(text)
     for name in names:
         _parameter(name, rig)
     if ':' not in values:

@@ -8,12 +8,13 @@ from bag.recorded_rig import LIVELY, RecordedRig
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from impact_damper_ros.bag import RunReader, recover_run
+from impact_damper_ros.bag import RigRecorder, RunReader, recover_run
 from impact_damper_ros.bag.messages import decode
 from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
+from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.rig.description import robot_description
 
@@ -101,3 +102,15 @@ def test_nothing_is_overwritten(tmp_path, capsys):
     arguments = [str(tmp_path / 'params.yaml'), '--duration', '1', '--bag', str(tmp_path / 'bag')]
     assert main(arguments) == 1
     assert 'holds a bag already' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('number', [float('nan'), float('inf'), -1.0, 1e300, None, 'x'])
+def test_rates_and_durations_that_no_recording_has(tmp_path, number):
+    """They once left a bag behind, and the threads that write it."""
+    for rate, duration, words in (
+        (number, 1.0, r'rate is .*: give a number from 1e-12 to 1e\+09'),
+        (10.0, number, r'duration is .*: give a number from 0 to 1e\+13'),
+    ):
+        with pytest.raises(ValueError, match=words):
+            RigRecorder(tmp_path / 'bag', ControlledRig(LIVELY), {}, rate, duration)
+    assert not (tmp_path / 'bag').exists()

@@ -37,6 +37,13 @@ def test_altered_numbers_that_cannot_be_replayed(name):
     assert not missed, fields
 
 
+def test_rearranged_bags_are_noticed():
+    """A schema with other fields was once nobody's concern, and a bag in JSON taken for CDR."""
+    count, unnoticed = verdicts.rearranged_bags('settled', 50)
+    assert count > 40
+    assert unnoticed == []
+
+
 @pytest.mark.parametrize('number', range(4))
 def test_untouched_bags_are_not_doubted(number):
     assert verdicts.untouched_bag(number)[1:] == (0, 0)

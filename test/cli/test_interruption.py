@@ -4,12 +4,14 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 import impact_damper_ros
 from impact_damper_ros import entry_points
+from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.command_line import outcome
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.rig.hybrid_motion import RunawayError
@@ -100,6 +102,37 @@ def test_a_command_that_runs(bag, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+def test_a_run_that_is_stopped_is_whole(tmp_path, number):
+    """As by `timeout`: SIGTERM once left a bag to be recovered and a table that ended in a row."""
+    bag, table = tmp_path / 'bag', tmp_path / 'impacts.csv'
+    code = 'import sys' + RUN.format(command='simulate_rig')
+    words = [str(BENCH), '--duration', '1e6', '--bag', str(bag), '--impacts', str(table)]
+    process = subprocess.Popen(
+        [sys.executable, '-c', code, *words, '--quiet'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    try:
+        deadline = time.monotonic() + 100.0
+        while not table.is_file() or not table.stat().st_size:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(number)
+        said = process.communicate(timeout=100)[0]
+    finally:
+        process.kill()
+    assert (process.returncode, said) == (
+        128 + number,
+        'simulate_rig: interrupted; what was simulated is written\n',
+    )
+    assert RunReader(bag).complete
+    assert table.read_text().endswith('\n')
+    assert {row.count(',') for row in table.read_text().splitlines()} == {6}
+
+
 def test_an_ignored_ctrl_c_stays_ignored(bag, tmp_path):
     """As in a background job of a shell script."""
     code = 'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)'
@@ -109,6 +142,26 @@ def test_an_ignored_ctrl_c_stays_ignored(bag, tmp_path):
     done = ended('-c', code, bag, '--output', tmp_path / 'recovered')
     assert done.returncode == 0, done.stdout
     assert (tmp_path / 'recovered' / 'metadata.yaml').is_file()
+
+
+IN_COMPILED_CODE = """
+import hashlib, os, sys, threading
+from impact_damper_ros import entry_points
+
+def main():
+    threading.Timer(0.2, os.kill, (os.getpid(), {number:d})).start()
+    # Minutes without a look at signals
+    hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)
+
+entry_points._PATIENCE = 0.5
+sys.exit(entry_points.run('sweep_rig', main))
+"""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+def test_code_that_does_not_look_at_signals(number):
+    done = ended('-c', IN_COMPILED_CODE.format(number=number))
+    assert (done.returncode, done.stdout) == (128 + number, 'sweep_rig: interrupted\n')
 
 
 AN_ERROR_THAT_CTRL_C_LEADS_TO = """

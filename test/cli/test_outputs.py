@@ -13,6 +13,7 @@ from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.demo import main as demo
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.reproduce_paper import main as reproduce_paper
+from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.cli.solve_periodic import main as solve_periodic
 from impact_damper_ros.cli.study_gap_control import main as study_gap_control
 
@@ -125,3 +126,27 @@ def test_pipes_are_written_to(tmp_path):
     assert pipe.read_text() == 'through'
     writing.join()
     assert pipe.is_fifo()
+
+
+def test_a_table_on_a_full_disk(tmp_path, capsys):
+    with mounted(tmp_path / 'disk', 64) as disk:
+        table = disk / 'states.csv'
+        words = ['bench_rig', '--duration', '100', '--states', str(table), '--quiet']
+        assert simulate_rig(words) == 1
+    said = capsys.readouterr().err
+    assert f'simulate_rig: cannot write {table}: No space left on device: free some' in said
+
+
+def test_a_present_directory_that_is_gone(tmp_path, monkeypatch, capsys):
+    gone = tmp_path / 'gone'
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    for words in (['--bag', 'bag'], ['--impacts', 'impacts.csv', '--law', 'mine:law']):
+        assert simulate_rig(['bench_rig', '--duration', '1', '--quiet', *words]) == 1
+        said = capsys.readouterr().err
+        assert (
+            said
+            == 'simulate_rig: the present directory does not exist any more: change to '
+            + ('one that does\n')
+        )

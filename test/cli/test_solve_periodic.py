@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import impact_damper_ros
+from impact_damper_ros.cli import command_line
 from impact_damper_ros.cli.solve_periodic import main
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.rig import RigParameters, load_parameters
@@ -223,3 +224,16 @@ def test_range_that_cannot_be_followed(asked, capsys):
     with pytest.raises(SystemExit) if 'gravy' not in asked else nullcontext():
         assert main([str(PAPER), '--impacts', '2', '--vary', asked]) == 2
     assert 'gap' in capsys.readouterr().err
+
+
+def test_a_long_search_says_that_it_goes_on(monkeypatch, capsys):
+    """It once said nothing for minutes, as for a force of a thousandth of M's own frequency."""
+    monkeypatch.setattr(command_line, 'PATIENCE', 1e-3)
+    words = ['paper', '--impacts', '2', '--set', 'primary_mass=0.01', '--set', 'damping=0.01']
+    assert main([*words, '--quiet']) in (0, 3, 4)
+    assert 'still searching' not in capsys.readouterr().err
+    assert main(words) in (0, 3, 4)
+    assert (
+        'solve_periodic: still searching, the longer the more impacts and cycles there are, and '
+        'the faster M is than the force: here 10 times; Ctrl-C ends it'
+    ) in capsys.readouterr().err

@@ -2,6 +2,7 @@
 """Laws of one's own, for the tests: good ones and bad ones."""
 
 import math
+import sys
 
 from impact_damper_ros.control.law import optimal_gap
 
@@ -64,3 +65,20 @@ def forgets(seen, memory):
 
 
 number = 3
+
+
+def beyond_floats(seen, memory):
+    return 10**400, -1
+
+
+def breaks(seen, memory):
+    yield 1.0
+    raise RuntimeError('broken')
+
+
+def exits(seen, memory):
+    sys.exit(3)
+
+
+def talks(seen, memory):
+    raise RuntimeError('x' * 10_000)

@@ -300,3 +300,14 @@ def test_faults_in_the_time_asked_for():
     for time in (9.0, float('inf'), float('nan')):
         with pytest.raises(ValueError, match='cannot advance'):
             rig.advance(time)
+
+
+def test_a_change_to_what_is_no_control_changes_nothing():
+    """The rig once had the new parameters by then."""
+    rig = ControlledRig(RigParameters(gravity=0.0))
+    rig.advance(30.0)
+    before = rig.snapshot()
+    for wrong in ('timed', 5, {'gap_control': 'timed'}):
+        with pytest.raises(AttributeError):
+            rig.change(rig.parameters.replace(gap=20.0), wrong)
+        assert rig.snapshot() == before

@@ -127,6 +127,10 @@ def test_it_is_on_by_itself_and_can_be_switched_off():
         (laws.wide, ('wide returned (1.0, -600.0) at ', 'NaN to leave a stop alone')),
         (laws.words, ("words returned ('up', 'down') at ", 'two places')),
         (laws.nothing, ('nothing returned None at ',)),
+        (laws.beyond_floats, ('beyond_floats returned (1000', 'two places')),
+        (laws.breaks, ('breaks returned <generator object breaks', 'two places')),
+        (laws.exits, ('exits failed at ', 'SystemExit: 3')),
+        (laws.talks, ('talks failed at ', 'RuntimeError: xxx', '(10002 characters)')),
         (laws.forgets, ('forgets has made [] of its memory at ', '16 numbers')),
     ],
 )
@@ -160,6 +164,23 @@ def test_a_law_that_cannot_be_used(text, words):
         OwnLaw.from_text(text)
     assert words in str(error.value)
     assert text in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('code', 'words'),
+    [
+        ('import sys; sys.exit(4)', 'SystemExit: 4'),
+        ('raise AttributeError("mine")', 'AttributeError: mine'),
+        ('def f(:', 'SyntaxError: invalid syntax'),
+    ],
+)
+def test_a_module_that_cannot_be_imported(tmp_path, monkeypatch, code, words):
+    """The first once ended the command without a word, the second was taken for a missing name."""
+    name = f'law_{len(code)}'
+    (tmp_path / f'{name}.py').write_text(code)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(LawError, match=f'the law {name}:law: {words}'):
+        OwnLaw.from_text(f'{name}:law')
 
 
 def test_a_law_of_the_present_directory(tmp_path, monkeypatch):

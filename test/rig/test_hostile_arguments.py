@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.control import ControlledRig
-from impact_damper_ros.rig import GapControlParameters, RigParameters, Simulator
+from impact_damper_ros.rig import (
+    GapControlParameters,
+    InitialConditions,
+    Mode,
+    RigParameters,
+    Simulator,
+)
+from impact_damper_ros.rig.certificate import safe_step
 from impact_damper_ros.rig.long_run import LongRun
 
 LEVEL = RigParameters(gravity=0.0)
@@ -99,6 +106,7 @@ def snapshot():
         ('origin.x', None, 'origin.x is None'),
         ('origin.x', 1e300, r'origin.x is 1e\+300: it must be a number from -1e\+100 to 1e\+100'),
         ('origin.velocity', math.inf, 'origin.velocity is inf: it must be a finite number'),
+        ('origin.clearance_1', -1e-9, r'origin.clearance_1 is -1e-09: it must be from 0 on'),
         ('origin.side', math.nan, 'origin.side is nan: it must be one of -1, 0, 1'),
         ('origin.mode', 99, 'origin.mode is 99: it must be one of 0, 1'),
         ('origin.angles', [], 'origin.angles has 0 entries, the force has 4 harmonics'),
@@ -126,3 +134,107 @@ def test_a_state_that_no_rig_can_have(snapshot, path, value, words):
 def test_what_is_no_snapshot(held):
     with pytest.raises(ValueError, match='snapshot'):
         ControlledRig.restore(held)
+
+
+SOFT = RigParameters(
+    primary_mass=2.0,
+    stiffness=1974.0,
+    damping=100.0,
+    damper_mass=0.1,
+    gap=0.024,
+    force_amplitudes=[0.0],
+    gravity=0.0,
+)
+
+
+def test_a_vibration_that_dies_away_has_no_passages_for_ever():
+    """Below 1e-160 m the squares of X once gave steps of nothing: the search had no end."""
+    control = GapControlParameters(gap_control='amplitude', gap_min=0.001, gap_max=0.05)
+    rig = ControlledRig(SOFT, InitialConditions(initial_primary_position=0.005), control=control)
+    rig.advance(40.0)
+    assert rig.time == 40.0
+    assert abs(rig.sample().x) < 1e-300
+
+
+@pytest.mark.parametrize(
+    ('h_0', 'h_1', 'h_2', 'bound'),
+    [
+        (1e-200, -1e-190, 1e-180, 0.0),
+        (1e-200, -1e-190, 1e-180, 1e-320),
+        (math.nan, -1.0, 1.0, 1.0),
+        (1.0, math.nan, 1.0, 1.0),
+        (1.0, -1.0, math.nan, 1.0),
+        (1.0, -1.0, 1.0, math.nan),
+    ],
+)
+def test_steps_of_what_has_no_root(h_0, h_1, h_2, bound):
+    """The first once divided by zero; NaN once gave steps of 5e-324 s, one after another."""
+    assert safe_step(h_0, h_1, h_2, bound, 2.0) == 2.0
+
+
+STICKING = RigParameters(
+    friction=0.5,
+    force_amplitudes=(1.0, -0.2),
+    force_frequencies=(0.7, 3.1),
+    force_phases=(0.0, 0.4),
+)
+
+
+def largest_acceleration(rig):
+    """Return the largest X'' of the steady vibration with m held, m/s^2."""
+    mass = rig.primary_mass + rig.damper_mass
+    return sum(
+        abs(force) * w**2 / math.hypot(rig.stiffness - mass * w**2, rig.damping * w)
+        for force, w in zip(rig.force_amplitudes, rig.force_frequencies, strict=True)
+    )
+
+
+@pytest.mark.parametrize(('share', 'holds'), [(1.001, True), (0.97, False)])
+def test_m_that_sticks_for_a_long_time(share, holds):
+    """Where M's acceleration stays below what friction can give, m is known to stick for ever."""
+    rig = Simulator(STICKING)
+    rig.advance(3000.0)
+    assert rig.mode is Mode.STICK
+    grip = share * largest_acceleration(STICKING)
+    rig.change(STICKING.replace(friction=grip / STICKING.gravity))
+    assert bool(rig.advance(4000.0, 1)) is not holds
+    if holds:
+        # A thousand years later nothing has to be searched anew.
+        assert rig.advance(3e10) == []
+        restored = Simulator.restore(json.loads(json.dumps(rig.snapshot())))
+        assert restored.advance(3e10 + 1.0) == []
+
+
+@pytest.mark.parametrize(
+    ('time', 'begun', 'words'),
+    [
+        (
+            1e9,
+            0.0,
+            r'origin.time is 0.0 s, 1e\+09 s before time, .* up to 1e\+07 s can be searched',
+        ),
+        (1e9, 1e9 - 1e6, ''),
+        (1e9, -1.0, 'the flight from origin.time ends at .* s, before time, 1000000000.0 s'),
+    ],
+)
+def test_a_flight_that_would_take_long_to_search(time, begun, words):
+    """A rig at rest that begins with a flight from long ago; m would have hit a stop by then."""
+    held = Simulator(LEVEL.replace(force_amplitudes=(0.1,), damping=1.0)).snapshot()
+    held |= {'time': time}
+    held['origin'] |= {'time': begun}
+    if begun == -1.0:
+        held['origin'] |= {'relative_velocity': 1.0, 'mode': int(Mode.FREE)}
+    if words:
+        with pytest.raises(ValueError, match=words):
+            Simulator.restore(held)
+    else:
+        assert Simulator.restore(held).time == time
+
+
+def test_a_time_at_which_floats_are_far_apart():
+    held = Simulator(LEVEL.replace(stiffness=1e15)).snapshot()
+    held |= {'time': 1e13}
+    held['origin'] |= {'time': 1e13}
+    words = r'time is 10000000000000.0 s, where floats are 0.00195 s apart, .* up to 1.42e\+11 s'
+    with pytest.raises(ValueError, match=words):
+        Simulator.restore(held)

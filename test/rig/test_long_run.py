@@ -379,3 +379,20 @@ def test_signals_during_compiled_code_are_exceptions():
     )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) == 40
+
+
+def test_ctrl_c_as_compiled_code_returns():
+    """Python then takes it for a fault of that code; it once ended a sweep as one."""
+
+    def interrupted(*_):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise SystemError('returned a result with an exception set') from error
+
+    run = LongRun(RigParameters(gravity=0.0), compiled=False)
+    before = run.snapshot()
+    run._loop._loop = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        run.advance(10.0)
+    assert run.snapshot() == before

@@ -1,6 +1,7 @@
 """Parameters of the rig: ranges, messages, derived values, and the file they come in."""
 
 import dataclasses
+import itertools
 import math
 import re
 
@@ -494,3 +495,16 @@ class TestParametersFile:
         with pytest.raises(ParameterError) as caught:
             self.load(tmp_path, f'/**:\n  ros__parameters:\n    {line}\n')
         assert caught.value.name == name
+
+
+@pytest.mark.parametrize('kind', [np.float32, np.int64, np.array])
+def test_one_number_of_any_kind_for_an_array(kind):
+    assert RigParameters(force_amplitudes=kind(2)).force_amplitudes == (2.0,)
+
+
+def test_entries_without_end():
+    """They once filled the memory."""
+    with pytest.raises(ParameterError, match='force_amplitudes has 1025 or more entries: give 1'):
+        RigParameters(force_amplitudes=itertools.count())
+    with pytest.raises(ParameterError, match='force_amplitudes has 2000 entries: give 1 to 1024'):
+        RigParameters(force_amplitudes=[1.0] * 2000)

@@ -12,7 +12,7 @@ import impact_damper_ros
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.cli.solve_periodic import main as solve_periodic
 from impact_damper_ros.cli.sweep_rig import main as sweep_rig
-from impact_damper_ros.rig import ParametersFileError, load_parameters
+from impact_damper_ros.rig import ParameterError, ParametersFileError, load_parameters
 from impact_damper_ros.rig import parameters_file as presets
 from impact_damper_ros.rig.parameters_file import MOST_BYTES, MOST_ENTRIES, YamlError, check_yaml
 from rig.fuzz_parameters_file import run
@@ -189,3 +189,12 @@ def test_presets_of_an_installation(layout, tmp_path):
     )
     expected = [f'{name} {share / name}.yaml' for name in ('bench_rig', 'paper')]
     assert done.stdout.splitlines() == expected
+
+
+@pytest.mark.parametrize('text', ['1:30', '1:30.5', '-1:0', '190:20:30'])
+def test_no_number_counts_in_sixties(tmp_path, text):
+    """YAML 1.1 would make 90 of the first; ROS takes all of them for texts."""
+    path = tmp_path / 'rig.yaml'
+    path.write_text(f'/**:\n  ros__parameters:\n    gap: {text}\n')
+    with pytest.raises(ParameterError, match=f"line 3: gap is '{text}': give a number from"):
+        load_parameters(path)

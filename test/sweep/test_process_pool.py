@@ -1,9 +1,13 @@
 """The processes that compute: Ctrl-C is not for them, and they do not outlive their parent."""
 
+import math
 import os
 import signal
 
-from impact_damper_ros.sweep.execution import ProcessPool
+import numpy as np
+import pytest
+
+from impact_damper_ros.sweep.execution import LocalWorkers, ProcessPool
 
 
 def test_ctrl_c_while_the_processes_begin():
@@ -14,3 +18,15 @@ def test_ctrl_c_while_the_processes_begin():
         assert [future.result(timeout=60) for future in futures] == [0, 1, 2, 3]
         # Here it is heard as before
         assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+@pytest.mark.parametrize('make', [ProcessPool, LocalWorkers])
+@pytest.mark.parametrize('jobs', [-1, 0, 2.5, math.nan, math.inf, None, 'x', True, [], 1025])
+def test_numbers_of_processes(make, jobs):
+    with pytest.raises(ValueError, match=r'jobs is .*: give a whole number from 1 to 1024'):
+        make(jobs)
+
+
+def test_any_kind_of_whole_number():
+    with LocalWorkers(np.int64(2)) as workers:
+        assert workers.at_once == 4

@@ -137,3 +137,15 @@ def test_plans_that_cannot_be():
         plan_of('initial_damper_offset=0,1', follow=Follow.UP)
     with pytest.raises(AxisError, match='2250000 rigs: give ranges that make at most 2000000'):
         plan_of('gap=1:2:1500', 'friction=1:2:1500')
+
+
+@pytest.mark.parametrize('text', [None, 5, 'gap', '', ['gap=1']])
+def test_what_is_no_range(text):
+    with pytest.raises(AxisError, match='give NAME=LOW:HIGH:COUNT, such as gap=10:60:200'):
+        axis_from_text(text, RIG)
+
+
+def test_a_long_range_is_quoted_in_short():
+    with pytest.raises(AxisError, match=r'characters\).*the value 3.0 is given twice') as caught:
+        axis_from_text('gap=1,2,' + '3,' * 100_000, RIG)
+    assert len(str(caught.value)) < 200
