@@ -32,6 +32,10 @@ _LEVELS = ('ok', 'warn', 'error')
 #: Stamps this near to the clock are those of the clock, s.
 _WALL_S = 3600.0
 _MOST_TEXT = 2000
+#: Reasons of snapshots: of those after which stamps count from another instant, and of those after
+#: which the rig moves on as before.
+_MOVING = ('slip', 'resume')
+_SAME_COURSE = (*_MOVING, 'record')
 
 
 class Messages(Protocol):
@@ -64,8 +68,8 @@ class Link(Protocol):
     async def pause(self, hold: bool) -> tuple[bool, str]:
         """Hold the rig."""
 
-    async def reset(self) -> tuple[bool, str]:
-        """Reset the rig."""
+    async def trigger(self, service: str) -> tuple[bool, str]:
+        """Call `reset`, `step` or `step_to_impact`."""
 
     def close(self) -> None:
         """Leave it."""
@@ -183,6 +187,7 @@ class LiveRig:
         self._was_gone = False
         began = not self._eras
         rig = snapshot.parameters
+        before = (self.rig, self.state and self.state['gap_control']['parameters'])
         self.state = held['state']
         self._eras = [
             *self._eras[-1:],
@@ -191,20 +196,21 @@ class LiveRig:
         self._note({**rig.as_dict(), **control}, None if began else time_)
         if began:
             self.on_restart()
-        self.on_course()
+        if began or held['reason'] not in _SAME_COURSE or before != (rig, control):
+            self.on_course()
 
     def _is_another_run(self, reason: str, offset_ns: int, time_: float) -> bool:
         """
         Return whether a snapshot is that of a node started anew.
 
         Its first snapshot may be lost: only the last one is latched. Within a run, only a slip
-        changes the stamp of rig time 0; it is 0 for all runs in simulated time.
+        and a pause change the stamp of rig time 0; it is 0 for all runs in simulated time.
         """
         moved = offset_ns != self._eras[-1].offset_ns
         return (
             reason == 'start'
             or time_ < self.motion.end - 1.0
-            or (moved and reason != 'slip')
+            or (moved and reason not in _MOVING)
             or (self._was_gone and (moved or offset_ns == 0))
         )
 

@@ -16,10 +16,7 @@ from .presets import Preset
 from .session import Refusal, Session
 from .theorist import Theorist
 
-_NO_STEP = (
-    'a live rig has no single step: pause it, or record it and step through the recording from '
-    'impact to impact'
-)
+_TRIGGERS = ('reset', 'step', 'step_to_impact')
 _RETRY_S = 1.0
 
 
@@ -188,10 +185,8 @@ class LiveSource:
         if name == 'pause':
             paused = bool(self.rig.flags)
             ok, text = await self.rig.link.pause(not paused)
-        elif name == 'reset':
-            ok, text = await self.rig.link.reset()
-        elif name == 'step':
-            raise Refusal(_NO_STEP)
+        elif name in _TRIGGERS:
+            ok, text = await self.rig.link.trigger(name)
         else:
             raise Refusal(f'{name} is no service of a rig')
         return {'ok': ok, 'reason': text}
@@ -206,7 +201,7 @@ class LiveSource:
         values = {n: v for n, v in self._presets[name].all_values().items() if n in known}
         if reason := await self.rig.link.set(values):
             return {'ok': False, 'reason': reason}
-        ok, text = await self.rig.link.reset()
+        ok, text = await self.rig.link.trigger('reset')
         return {'ok': ok, 'reason': '' if ok else text}
 
 

@@ -23,6 +23,8 @@ from .theorist import Theorist
 _SLOWEST, _FASTEST = 0.01, 100.0
 _STATUS_PERIOD_S = 1.0
 _NO_KNOB = 'this is a recording: ask what if, or turn the knob on a live rig'
+#: What the services of a live rig are in a recording.
+_STEPS = {'step': 'sample', 'step_to_impact': 'impact'}
 _KINDS = {'stretch': ('stretch', 'change', 'reset'), 'change': ('change',)}
 
 
@@ -182,9 +184,9 @@ class Player:
             session.outbox.put(slow_motion(self._recorded.motion, count, self.time))
         elif kind == 'theory':
             self._theorist.want(bool(message.get('orbit', True)), bool(message.get('curve', True)))
-        elif kind == 'service' and message.get('name') in ('pause', 'step'):
-            if message['name'] == 'step':
-                self._jump('impact', 1)
+        elif kind == 'service' and message.get('name') in ('pause', *_STEPS):
+            if message['name'] in _STEPS:
+                self._jump(_STEPS[message['name']], 1)
             else:
                 self._play(0.0 if self._playing else self._speed)
             return {'ok': True, 'reason': ''}
@@ -211,7 +213,9 @@ class Player:
 
     def _jump(self, to: str, direction: int) -> None:
         """Go to the next thing, or the one before, and stop there."""
-        if to == 'impact':
+        if to == 'sample':
+            times = self._recorded.motion.samples[:, 0]
+        elif to == 'impact':
             times = self._recorded.motion.impacts[:, 0]
         elif to in _KINDS:
             changes = [c['time'] for c in self._recorded.changes if c['kind'] in _KINDS[to]]

@@ -331,6 +331,43 @@ def test_names_for_a_screen_reader(opened):
     page.wait("document.querySelector('#pause').ariaPressed === 'false'", LONG)
 
 
+def test_single_steps_of_a_paused_rig(opened):
+    page = opened()
+    # A rig that moves has no steps.
+    assert page.run("document.querySelector('#step').ariaDisabled") == 'true'
+    page.click('#step')
+    page.click('#pause')
+    page.wait("document.querySelector('#step').ariaDisabled === 'false'", LONG)
+    length = page.run('impactDamper.history.line.length')
+    assert length > 10
+    for press in (
+        lambda: page.click('#step'),
+        lambda: page.key('.', 190),
+        # The focus stays on the button, from one step to the next.
+        lambda: page.run('document.activeElement.click()'),
+    ):
+        end = page.run('impactDamper.history.end')
+        press()
+        page.wait(f'impactDamper.history.end > {end}', LONG)
+        page.wait("document.querySelector('#step').ariaDisabled === 'false'", LONG)
+        assert page.run('impactDamper.history.end') == pytest.approx(end + 0.005, abs=1e-6)
+    newest = "(all => all.field('time')[all.end - 1])(impactDamper.history.impacts)"
+    for press in (lambda: page.click('#step-to-impact'), lambda: page.key('ArrowRight', 39)):
+        last = page.run(newest)
+        press()
+        page.wait(
+            f"{newest} > {last} && document.querySelector('#status').textContent === 'paused'",
+            LONG,
+        )
+        hit, end = page.run(f'[{newest}, impactDamper.history.end]')
+        assert 0.0 <= end - hit <= 0.005 + 1e-6
+    # What was there before the steps is there still.
+    assert page.run('impactDamper.history.line.length') >= length
+    page.click('#pause')
+    page.wait(SETTLED, LONG)
+    assert page.run("document.querySelector('#step').ariaDisabled") == 'true'
+
+
 def test_little_motion_where_it_is_asked_for(opened):
     page = opened()
     page.shade(dark=False, calm=True)

@@ -153,10 +153,18 @@ def test_scrub_and_jumps(runs, recorded):
             assert times[:4] == pytest.approx([6.0, after[0], after[1], after[0]])
             assert times[4:6] == pytest.approx([8.0, 4.0])
             assert times[6:] == pytest.approx([recorded.start, recorded.start, SECONDS], abs=0.006)
-            # A step goes to the next impact, and shows it.
+            # Steps go to the next impact or sample, as on a live rig.
             await page.send(type='seek', time=6.0)
-            assert (await page.ask(type='service', name='step'))['ok']
+            assert (await page.ask(type='service', name='step_to_impact'))['ok']
             await page.until(lambda: page.frames[-1].end == pytest.approx(after[0], abs=1e-9))
+            samples = recorded.motion.samples[:, 0]
+            first = samples[samples > after[0]][0]
+            assert (await page.ask(type='service', name='step'))['ok']
+            await page.until(lambda: page.frames[-1].end == pytest.approx(first, abs=1e-9))
+            count = len(page.of('seek_done'))
+            await page.send(type='jump', to='sample', direction=-1)
+            back = (await page.next('seek_done', after=count))['time']
+            assert back == samples[samples < first][-1] < after[0]
             assert 'recording' in (await page.ask(type='set', values={'gap': 1.0}))['reason']
             for wrong in ({'to': 'moon'}, {'to': 'impact', 'direction': 'up'}):
                 answer = await page.ask(type='jump', **wrong)

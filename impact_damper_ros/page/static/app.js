@@ -21,6 +21,12 @@ import { Traces, WINDOWS } from './traces.js';
 import { Verdict } from './verdict.js';
 
 const SILENCE = 8000;
+/** Buttons that move a paused rig. */
+const STEPS = ['step', 'step-to-impact'];
+/** Keys that jump in a recording; those that go forwards move a paused rig, too. */
+const JUMP_KEYS = {
+  '.': ['sample', 1], ',': ['sample', -1], ArrowRight: ['impact', 1], ArrowLeft: ['impact', -1],
+};
 const TEXTS = {
   connecting: 'connecting',
   running: 'running',
@@ -83,6 +89,8 @@ function setStatus(state, text = '') {
   const paused = state === 'paused';
   mark(byId('pause'), 'aria-pressed', String(paused));
   write(byId('pause'), paused ? 'Resume' : 'Pause');
+  // Not disabled, which would take the focus from them in the middle of a step.
+  for (const id of STEPS) mark(byId(id), 'aria-disabled', String(!paused));
   rig.stale = true;
 }
 
@@ -155,6 +163,16 @@ async function service(name) {
   if (!ok) toast(reason, 'bad');
 }
 
+let stepping = false;
+
+/** Move a paused rig on; a key that is held down waits for each step to be done. */
+async function step(name) {
+  if (status !== 'paused' || stepping) return;
+  stepping = true;
+  await service(name);
+  stepping = false;
+}
+
 function showPreset() {
   write(byId('preset-name'), presetList.find((one) => one.name === shared.preset)?.title ?? '');
   for (const button of document.querySelectorAll('#presets button')) {
@@ -178,7 +196,7 @@ connection.addEventListener('hello', ({ detail }) => {
   presetList = detail.presets ?? [];
   player.begin({ ...detail, duration: detail.duration ?? (detail.bag?.end - detail.bag?.start) });
   const live = detail.mode !== 'player';
-  for (const id of ['pause', 'reset']) byId(id).hidden = !live;
+  for (const id of ['pause', 'reset', ...STEPS]) byId(id).hidden = !live;
   byId('record').hidden = !live || detail.can_record === false;
   for (const id of ['presets-open', 'tour-open']) byId(id).hidden = !live;
   if (!live) verdict.recorded();
@@ -332,6 +350,8 @@ connection.addEventListener('seek_done', () => keepAddress());
 
 byId('pause').addEventListener('click', () => service('pause'));
 byId('reset').addEventListener('click', () => service('reset'));
+byId('step').addEventListener('click', () => step('step'));
+byId('step-to-impact').addEventListener('click', () => step('step_to_impact'));
 byId('record').addEventListener('click', async () => {
   const on = byId('record').getAttribute('aria-pressed') !== 'true';
   const { ok, reason } = await connection.ask({ type: 'record', on });
@@ -387,14 +407,18 @@ byId('report').addEventListener('close', () => byId('report-frame').removeAttrib
 byId('glossary-open').addEventListener('click', () => byId('glossary').showModal());
 document.addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.target.closest('input, select, textarea, button, a, summary, dialog, canvas, [role="dialog"]')) return;
+  if (event.target.closest('input, select, textarea, dialog, canvas, [role="dialog"], :popover-open')) return;
   if (event.key === ' ') {
+    if (event.target.closest('button, a, summary')) return;
     event.preventDefault();
     if (player.on) player.play(!player.playing);
     else service('pause');
   } else if (event.key === 'r' && !player.on) service('reset');
-  else if (player.on && event.key === 'ArrowRight') player.jump('impact', 1);
-  else if (player.on && event.key === 'ArrowLeft') player.jump('impact', -1);
+  else if (player.on) {
+    const [to, direction] = JUMP_KEYS[event.key] ?? [];
+    if (to) player.jump(to, direction);
+  } else if (event.key === '.') step('step');
+  else if (event.key === 'ArrowRight') step('step_to_impact');
 });
 
 // The view
