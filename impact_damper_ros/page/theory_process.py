@@ -20,6 +20,10 @@ import time
 import warnings
 from typing import NoReturn
 
+# Loaded here once: the solvers import it where it is first needed, which would be in each fork.
+import scipy.linalg
+import scipy.optimize  # noqa: F401
+
 from .theory import theory
 
 NICENESS = 5

@@ -75,6 +75,18 @@ def test_gap_curve_comes_part_by_part(paper):
     assert [m['done'] for m in curves] == [*([False] * (len(curves) - 1)), True]
     assert len(curves[0]['branches'][0]['gap']) < 40
     last = curves[-1]
+    # It grows at both ends, and what is there stays.
+    whole = last['branches'][0]['gap']
+    for curve in curves:
+        (first, *_), count = curve['branches'], len(curve['branches'][0]['gap'])
+        start = whole.index(first['gap'][0])
+        assert whole[start : start + count] == first['gap']
+    counts = [len(curve['branches'][0]['gap']) for curve in curves]
+    assert counts == sorted(counts)
+    # All of it before the other motions that the rig can have
+    kinds = [m['type'] if m['type'] == 'gap_curve' else m['complete'] for m in paper]
+    before = paper[: kinds.index(True)]
+    assert before[-1]['branches'][0]['gap'] == whole
     main = last['branches'][0]
     gap, ratio = np.array(main['gap']), np.array(main['x_max_ratio'])
     assert gap.min() == pytest.approx(37.0 / 4)
