@@ -17,7 +17,7 @@ from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.page.child import environment
 from impact_damper_ros.page.recorded import load_recording
 from impact_damper_ros.page.recordings import Recordings
-from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
+from impact_damper_ros.rig import EventKind, RigParameters, Simulator, load_parameters
 from impact_damper_ros.rig.parameters_file import presets
 
 from .browser import get, opened, serving, url
@@ -196,6 +196,23 @@ def test_what_if_shows_another_rig(runs, recorded):
                 [other.sample().x, other.sample().z], rel=1e-5
             )
             assert frame.ghost[4] - frame.ghost[0] == pytest.approx(0.01, rel=1e-4)
+            # Between two samples too, also where there is an impact
+            hits = [e for e in other.advance(4.0) if e.kind is EventKind.IMPACT]
+            for instant in (3.0023, hits[0].time - 1e-4, hits[0].time + 1e-4):
+                await page.send(type='seek', time=instant)
+                between = await page.until(
+                    lambda instant=instant: [
+                        f for f in page.frames if f.end == instant and f.ghost is not None
+                    ]
+                )
+                fine = Simulator(rig.replace(gap=0.02))
+                fine.advance(instant)
+                exact = fine.sample()
+                assert between[-1].ghost[:4] == pytest.approx(
+                    [exact.x, exact.primary_velocity, exact.z, exact.damper_velocity],
+                    rel=1e-3,
+                    abs=1e-5,
+                )
             # Its traces, beside those of the recording: the same columns of another motion
             traces = [f for f in page.frames if f.end == 3.0 and len(f.ghost_columns)][-1]
             assert np.array_equal(traces.ghost_columns[:, 6:], traces.columns[:, 6:])
@@ -223,7 +240,7 @@ def test_what_if_shows_another_rig(runs, recorded):
 
 
 def test_the_process_of_the_what_if_alone(runs):
-    """Rows of float64 in base64, and a last line of JSON."""
+    """Samples and impacts as float64 in base64, and a last line of JSON."""
     request = {'path': str(runs / 'run'), 'values': {'initial_primary_position': 0.001}}
     done = subprocess.run(
         [sys.executable, '-m', 'impact_damper_ros.page.what_if_process'],
@@ -235,9 +252,20 @@ def test_the_process_of_the_what_if_alone(runs):
     )
     *lines, last = done.stdout.splitlines()
     assert json.loads(last) == {'ok': True, 'text': 'computed from its initial conditions'}
-    rows = np.concatenate(
-        [np.frombuffer(base64.b64decode(line)).reshape(-1, 11) for line in lines]
+    rows, impacts = (
+        np.concatenate(
+            [
+                np.frombuffer(base64.b64decode(line[1:])).reshape(-1, width)
+                for line in lines
+                if line[0] == kind
+            ]
+        )
+        for kind, width in (('S', 11), ('I', 10))
     )
+    own = load_recording(runs / 'run').motion.impacts
+    assert len(own) / 2 < len(impacts) < 2 * len(own)
+    assert (np.diff(impacts[:, 0]) > 0.0).all()
+    assert set(impacts[:, 1]) == {1.0, 2.0}
     assert rows[:, 0].tolist() == load_recording(runs / 'run').motion.samples[:, 0].tolist()
     rig, _, _ = load_parameters(presets()['bench_rig'])
     assert rows[0, 1] == pytest.approx(0.001, rel=0.1)
