@@ -13,7 +13,7 @@ from .knobs import as_json
 from .live import Link, LiveRig
 from .measures import slow_motion
 from .presets import Preset
-from .session import Refusal, Session
+from .session import Refusal, Session, given
 from .theorist import Theorist
 
 _TRIGGERS = ('reset', 'step', 'step_to_impact')
@@ -162,22 +162,24 @@ class LiveSource:
         link = self.rig.link
         try:
             if kind == 'set':
-                return _result(await link.set(dict(message['values'])))
+                return _result(await link.set(given(message, 'values', dict)))
             if kind == 'record':
-                return _result(await link.set({'record': bool(message['on'])}))
+                return _result(await link.set({'record': given(message, 'on', bool)}))
             if kind == 'preset':
-                return await self._take_preset(str(message['name']))
+                return await self._take_preset(given(message, 'name', str))
             if kind == 'service':
-                return await self._serve(str(message['name']))
+                return await self._serve(given(message, 'name', str))
         except self._no_answer as error:
             raise Refusal(str(error)) from error
         if kind == 'slow_motion':
-            count = int(message.get('impacts', 5))
+            count = given(message, 'impacts', int, 5)
             motion = self.rig.motion
             session.outbox.put(slow_motion(motion, count, motion.end))
             return None
         if kind == 'theory':
-            self.theorist.want(bool(message.get('orbit', True)), bool(message.get('curve', True)))
+            self.theorist.want(
+                given(message, 'orbit', bool, True), given(message, 'curve', bool, True)
+            )
             return None
         raise Refusal(f'{kind} is nothing that a live rig can do')
 

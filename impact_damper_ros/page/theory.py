@@ -87,7 +87,8 @@ def theory(state: Mapping[str, Any], *, orbit: bool, curve: bool) -> Iterator[di
             yield from gap_curve.marked()
         yield gap_curve.message(done=True)
     elif wanted:
-        yield {'type': 'theory_failed', 'text': 'a one-sided rig has no gap to choose'}
+        text = 'a one-sided rig has no gap to choose'
+        yield {**gap_curve.message(done=True), 'text': text}
 
 
 def orbit_message(clock: ForceClock | None, prediction: Prediction, time: float) -> dict[str, Any]:
@@ -331,6 +332,7 @@ class GapCurve:
             ],
             'optimum': {'gap': best[0], 'x_max_ratio': best[1]} if best else None,
             'done': done,
+            'text': '',
         }
 
 

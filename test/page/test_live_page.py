@@ -68,7 +68,7 @@ def test_a_knob_turned_in_the_page_turns_that_of_the_node(tmp_path):
             refused = await page.ask(type='set', values={'gap': 0.02, 'friction': -1.0})
             assert refused['reason'].startswith('friction is -1.0')
             assert (await page.ask(type='set', values={'gap': 0.02}))['ok']
-            turned = await page.next('parameters', changed=['gap'])
+            turned = await page.next('parameters', values={'gap': 0.02})
             assert turned['time'] > 0.0
             await page.until(
                 lambda: (
@@ -121,7 +121,7 @@ def test_pause_reset_and_record(node, tmp_path):
         async with page_of(tmp_path / 'runs', node='/sim_node') as (_, page):
             await page.until(lambda: page.frames and with_knobs(page))
             assert (await page.ask(type='record', on=True))['ok']
-            await page.next('parameters', changed=['record'])
+            await page.next('parameters', values={'record': True})
             hellos, seen = len(page.of('hello')), len(page.frames)
             assert (await page.ask(type='service', name='pause'))['ok']
             await page.next('status', state='paused')

@@ -197,9 +197,9 @@ def test_a_page_is_shown_the_rig(tmp_path):
             assert frame.end == pytest.approx(20.0)
             link.change(angle=0.3)
             link.run(0.5)
-            turned = await page.next('parameters', changed=['angle'])
+            turned = await page.next('parameters', values={'angle': 0.3})
             assert turned['time'] == pytest.approx(20.0)
-            assert turned['text'] == 'angle 0.3 rad'
+            assert (turned['kind'], turned['preset']) == ('change', '')
             await page.until(lambda: page.frames[-1].end > 20.4)
             assert page.frames[-1].state[0] == pytest.approx(link.rig.sample().x, rel=1e-5)
 

@@ -11,6 +11,7 @@ import pytest
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.orbits import find_orbits, optimal_gap
 from impact_damper_ros.page.measures import estimated_optimum
+from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.page.theorist import Theorist
 from impact_damper_ros.page.theory import theory
 from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
@@ -203,6 +204,16 @@ def test_where_there_is_no_theory_it_says_why(rig, control, words):
     assert last['type'] == 'theory_failed'
     assert last['text'].startswith(words)
     assert last['text']
+
+
+def test_a_one_sided_rig_has_an_orbit_but_no_curve():
+    ball = next(preset for preset in load_presets() if preset.name == 'bouncing_ball')
+    found = messages(ball.rig)
+    *orbits, curve = found
+    assert {m['type'] for m in orbits} == {'orbit'}
+    assert orbits[-1]['found']
+    assert (curve['type'], curve['done'], curve['branches']) == ('gap_curve', True, [])
+    assert 'one-sided' in curve['text']
 
 
 def test_what_is_not_wanted_is_not_computed():

@@ -104,8 +104,16 @@ function join({ rig: name = '', bag = '' }) {
   keepAddress();
 }
 
+/** Parameters that are part of a link: of the rig, of its control and of its start, not of the node. */
+const REPRODUCIBLE = new Set(['first', 'rig', 'forcing', 'control']);
+function reproducible(name) {
+  const known = hello.parameters.find((one) => one.name === name);
+  return !known || (!known.read_only && (REPRODUCIBLE.has(known.group) || name.startsWith('initial_')));
+}
+
 function keepAddress() {
-  writeAddress({ ...shared, time: shared.bag ? history.end : NaN });
+  const values = Object.fromEntries(Object.entries(shared.values).filter(([name]) => reproducible(name)));
+  writeAddress({ ...shared, values, time: shared.bag ? history.end : NaN });
 }
 
 // Requests
@@ -135,24 +143,13 @@ async function turn(values) {
   else toast(reason, 'bad');
 }
 
-let presetAt = -Infinity;
-
-/** Title of a preset that has just been asked for. */
-function newPreset() {
-  const title = presetList.find((one) => one.name === shared.preset)?.title;
-  return performance.now() - presetAt < 5000 ? title : '';
-}
-
 async function loadPreset(name) {
-  const before = [shared.preset, presetAt];
-  [shared.preset, presetAt] = [name, performance.now()];
   const { ok, reason } = await connection.ask({ type: 'preset', name });
   if (!ok) {
-    [shared.preset, presetAt] = before;
     toast(reason, 'bad');
     return;
   }
-  presetAt = performance.now();
+  shared.preset = name;
   shared.values = {};
   showPreset();
   keepAddress();
@@ -218,7 +215,8 @@ connection.addEventListener('hello', ({ detail }) => {
     element('span', { class: 'quiet', text: one.description }),
   ))));
   knobs.make(detail.parameters);
-  history.changes = (detail.changes ?? []).filter((one) => one.kind !== 'stretch' && Number.isFinite(one.time)).map(({ time, text }) => ({ time, text }));
+  history.recorded = !live;
+  for (const one of detail.changes ?? []) if (one.kind !== 'stretch') history.change(one.time, knobs.done(one));
   takeValues(Object.fromEntries(detail.parameters.map((one) => [one.name, one.value])));
   recordings.show(detail.recordings ?? []);
   counted.latest = performance.now();
@@ -244,7 +242,9 @@ async function applyWanted() {
     return;
   }
   if (state.preset) await loadPreset(state.preset);
-  if (Object.keys(state.values).length) await turn(state.values);
+  // Where the node records, and whether, is not for a link to say.
+  const values = Object.fromEntries(Object.entries(state.values).filter(([name]) => reproducible(name)));
+  if (Object.keys(values).length) await turn(values);
 }
 
 function takeValues(values) {
@@ -273,18 +273,21 @@ function takeValues(values) {
 }
 
 connection.addEventListener('parameters', ({ detail }) => {
-  const { changed, time } = detail;
   // A knob that makes the ghost another rig stays where it was turned to.
   const values = Object.fromEntries(Object.entries(detail.values).filter(([name]) => !(name in ghostValues)));
   knobs.take(values);
   takeValues(detail.values);
-  const rigs = (changed ?? []).filter((name) => name in values && !['record', 'bag_directory', 'predict_motion'].includes(name));
-  if (!rigs.length || !Number.isFinite(time)) return;
-  const said = rigs.length > 2
-    ? newPreset() || `${rigs.length} parameters`
-    : rigs.map((name) => knobs.said(name, values[name])).join(', ');
-  history.change(time, said);
-  if (rigs.includes('gap') || rigs.length > 2) curve.stale = true;
+  if (!history.recorded) {
+    history.change(detail.time, knobs.done(detail));
+    const preset = presetList.find((one) => one.title === detail.preset)?.name;
+    if (preset && preset !== shared.preset) {
+      // Chosen in another tab, or by hand
+      Object.assign(shared, { preset, values: {} });
+      showPreset();
+      keepAddress();
+    }
+  }
+  curve.stale = true;
 });
 connection.addEventListener('frame', ({ detail: frame }) => {
   history.add(frame);
@@ -381,14 +384,15 @@ byId('theory').addEventListener('change', () => {
   keepView('theory', on ? '' : '0');
 });
 byId('link').addEventListener('click', async () => {
-  if (!shared.preset && hello.mode === 'live') {
-    // Without a preset to start from, the link holds the whole rig.
-    const groups = new Set(['first', 'rig', 'forcing', 'control']);
-    const names = hello.parameters.filter((one) => groups.has(one.group) && !one.read_only).map((one) => one.name);
-    const values = knobs.values();
-    shared.values = Object.fromEntries(names.map((name) => [name, values[name]]));
+  if (hello.mode === 'live') {
+    // The whole rig, or what differs from the preset that it started from, whoever turned it.
+    const presets = shared.preset ? await fetch('/presets').then((answer) => answer.json()).catch(() => []) : [];
+    const start = presets.find((one) => one.name === shared.preset)?.values ?? {};
+    shared.values = Object.fromEntries(Object.entries(knobs.values()).filter(
+      ([name, value]) => reproducible(name) && JSON.stringify(value) !== JSON.stringify(start[name]),
+    ));
   }
-  writeAddress({ ...shared, time: shared.bag ? history.end : NaN });
+  keepAddress();
   await new Promise((resolve) => { setTimeout(resolve, 200); });
   try {
     await navigator.clipboard.writeText(location.href);
