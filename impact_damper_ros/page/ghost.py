@@ -39,7 +39,8 @@ class Ghost:
         self.motion = Motion(MOST_SAMPLES, MOST_IMPACTS)
         self._values = dict(values)
         self._tell = tell
-        self._child = Child((sys.executable, '-m', _PROCESS), self._take)
+        self._done = False
+        self._child = Child((sys.executable, '-m', _PROCESS), self._take, self._end)
         self._child.send({'path': str(path), 'values': self._values})
         self._say('computing')
 
@@ -62,6 +63,7 @@ class Ghost:
     def _take(self, line: bytes) -> None:
         if line.startswith(b'{'):
             end = json.loads(line)
+            self._done = True
             self._say(str(end['text']), on=bool(end['ok']), done=True)
             return
         numbers = np.frombuffer(base64.b64decode(line[1:]))
@@ -72,6 +74,10 @@ class Ghost:
         known = self.motion.end
         self.motion.add_samples(rows[rows[:, 0] > (-math.inf if math.isnan(known) else known)])
         self._say('computing')
+
+    def _end(self) -> None:
+        if not self._done:
+            self._say('the what-if has ended before its end: try it again', on=False, done=True)
 
     async def close(self) -> None:
         """End the process."""

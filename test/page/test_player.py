@@ -239,6 +239,39 @@ def test_what_if_shows_another_rig(runs, recorded):
     asyncio.run(test())
 
 
+def test_a_what_if_whose_process_is_killed_says_so(runs, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.ghost._PROCESS', 'no_such_module')
+
+    async def test():
+        async with serving(runs / 'run') as server, opened(server) as page:
+            await page.next('hello', mode='player')
+            await page.send(type='what_if', values={'gap': 0.02})
+            end = await page.next('what_if', done=True)
+            assert (end['on'], 'try it again' in end['text']) == (False, True)
+
+    asyncio.run(test())
+
+
+def test_a_bag_that_vanishes_while_it_is_played(runs, tmp_path):
+    place = tmp_path / 'runs'
+    shutil.copytree(runs, place)
+
+    async def test():
+        async with serving(place) as server, opened(server, '/ws?bag=run') as page:
+            await page.until(lambda: page.frames)
+            shutil.rmtree(place / 'run')
+            seen = page.frames[-1].end
+            await page.until(lambda: page.frames[-1].end > seen)
+            await page.send(type='what_if', values={'gap': 0.02})
+            end = await page.next('what_if', done=True)
+            assert (end['on'], 'no such file' in end['text']) == (False, True)
+            await page.send(type='seek', time=1.0)
+            await page.next('seek_done')
+            assert page.closed is None
+
+    asyncio.run(test())
+
+
 def test_the_process_of_the_what_if_alone(runs):
     """Samples and impacts as float64 in base64, and a last line of JSON."""
     request = {'path': str(runs / 'run'), 'values': {'initial_primary_position': 0.001}}

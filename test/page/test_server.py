@@ -244,7 +244,9 @@ def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
         *('', '[]', 'null', '{', '{"type": 1}', '{"type": "set"}', '{"type": "set", "values": 3}'),
         *('{"type": "view", "window": "wide"}', '{"type": "view", "width": 1e999}'),
         *('{"type": "slow_motion", "impacts": "all"}', '{"type": "shutdown"}', '[' * 60_000),
-        '{"type": "preset"}',
+        *('{"type": "preset"}', '{"type": "set", "values": []}', '{"type": "record", "on": "no"}'),
+        *('{"type": "view", "window": null}', '{"type": "theory", "orbit": []}'),
+        *('{"type": "view", "width": true}', '{"type": "service", "name": {}}'),
     ],
 )
 def test_what_cannot_be_read_is_answered_and_does_no_harm(text, tmp_path):
@@ -257,6 +259,47 @@ def test_what_cannot_be_read_is_answered_and_does_no_harm(text, tmp_path):
                 lambda: [m for m in page.messages if m.get('ok') is False], text[:80]
             )
             assert answer[0]['reason']
+            seen = len(page.frames)
+            link.run(0.2)
+            await page.until(lambda: len(page.frames) > seen)
+
+    run(test())
+
+
+def test_a_page_that_sends_too_much_waits_and_nobody_else(tmp_path, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.session._BURST', 5.0)
+    monkeypatch.setattr('impact_damper_ros.page.session._MESSAGES_PER_S', 1.0)
+
+    async def test():
+        link = started(FakeLink())
+        async with (
+            serving(tmp_path, FakeNetwork(link)) as server,
+            opened(server) as page,
+            opened(server) as other,
+        ):
+            for number in range(1000):
+                await page.send(type='nonsense', id=number)
+            answers = await page.until(lambda: page.of('service_result'))
+            assert 'nothing that a live rig can do' in answers[0]['reason']
+            assert (await other.ask(type='set', values={'gap': 31.0}))['ok']
+            seen = len(other.frames)
+            link.run(0.2)
+            await other.until(lambda: len(other.frames) > seen)
+            assert 5 <= len(page.of('service_result')) < 100
+
+    run(test())
+
+
+def test_no_more_pages_than_can_be_served(tmp_path, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.server._MOST_PAGES', 1)
+
+    async def test():
+        link = started(FakeLink())
+        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
+            await page.until(lambda: page.frames)
+            async with opened(server) as other:
+                await other.until(lambda: other.closed)
+                assert '1 pages are open' in other.messages[0]['text']
             seen = len(page.frames)
             link.run(0.2)
             await page.until(lambda: len(page.frames) > seen)

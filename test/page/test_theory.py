@@ -253,6 +253,30 @@ def test_only_the_newest_rig_is_answered():
     asyncio.run(test())
 
 
+def test_theory_that_takes_too_long_says_so():
+    program = (
+        'from impact_damper_ros.page import theory_process as process\n'
+        'def endless(state, **_):\n'
+        '    yield {"type": "orbit", "found": False}\n'
+        '    while True: pass\n'
+        'process.theory, process._PATIENCE_S = endless, 0.2\n'
+        'process.main()\n'
+    )
+
+    async def test():
+        found = []
+        theorist = Theorist(found.append, (sys.executable, '-c', program))
+        theorist.ask({})
+        async with asyncio.timeout(100.0):
+            while len(found) < 2:
+                await asyncio.sleep(0.01)
+        await theorist.close()
+        assert [message['type'] for message in found] == ['orbit', 'theory_failed']
+        assert 'not done within 0.2 s' in found[1]['text']
+
+    asyncio.run(test())
+
+
 def test_a_process_that_ends_is_started_again(monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.theorist._BACK_OFF_S', 0.0)
     program = (
