@@ -414,6 +414,22 @@ def test_single_steps_of_a_paused_rig(opened):
     assert page.run("document.querySelector('#step').ariaDisabled") == 'true'
 
 
+def test_a_knob_that_is_dragged_is_one_change(opened, parameters):
+    page = opened()
+    before = len(page.run('impactDamper.history.changes'))
+    for place in (505, 520, 540, 560):
+        page.run(f"""(slider => {{
+            slider.value = {place}; slider.dispatchEvent(new Event('input')); }})(
+            document.querySelector('.knob[data-name=gap].big input[type=range]'))""")
+    value = page.run("document.querySelector('#knob-gap').value")
+    page.wait(f"impactDamper.history.changes.at(-1)?.text === 'd = {value} mm'", LONG)
+    assert parameters.get('gap') == pytest.approx(float(value) / 1000.0)
+    assert len(page.run('impactDamper.history.changes')) == before + 1
+    # Another knob is another one.
+    assert parameters.set(friction=0.03) == ''
+    page.wait(f'impactDamper.history.changes.length === {before + 2}', LONG)
+
+
 def test_little_motion_where_it_is_asked_for(opened):
     page = opened()
     page.shade(dark=False, calm=True)

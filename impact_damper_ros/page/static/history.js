@@ -3,6 +3,8 @@
 const ROOM = 16384;
 const IMPACTS = 4000;
 const SAMPLES = 6000;
+/** Changes of the rig within this time are one, s. */
+const AT_ONCE = 0.5;
 const LINE = ['time', 'x', 'z', 'stop1', 'stop2'];
 const SAMPLE = ['time', 'x', 'xv', 'z', 'zv', 'phase'];
 
@@ -135,8 +137,12 @@ export class History {
   change(time, text) {
     if (!Number.isFinite(time) || !text) return;
     const last = this.changes.at(-1);
+    const soon = last && Math.abs(time - last.time) < AT_ONCE;
     // A preset is set, and then the rig is reset.
-    if (text === 'reset' && last && time - last.time < 0.5) return;
+    if (text === 'reset' && soon) return;
+    // A knob that is dragged is turned once: to where it is left.
+    const knob = /^([^=,]+) = [^=]+$/.exec(text)?.[1];
+    if (knob && soon && last.text.startsWith(`${knob} = `)) this.changes.pop();
     this.changes.push({ time, text });
     if (last && last.time > time) this.changes.sort((a, b) => a.time - b.time);
     if (!this.recorded && this.changes.length > 60) this.changes.shift();
