@@ -175,7 +175,7 @@ class View:
                 states.append(state_at(ghost, end))
             trace = self._ghost_trace
             until = max(min(ghost.end, end), trace.sent)
-            behind = not trace.sent >= before
+            behind = bool(flags & (REPLACE | REPLACE_GHOST)) or not trace.sent >= before
             ghost_columns, ghost_samples = trace.take(ghost, until, behind=behind)
         begun = float(columns[0, 6]) if len(columns) else end
         counts = map(len, (columns, impacts, samples, ghost_columns, ghost_samples))

@@ -200,7 +200,9 @@ class _Motion:
 
     def _far(self, points: int) -> list[bool]:
         """Return which ways have so many points, or their end."""
-        return [p is not None and (bool(p.ended) or len(p.orbits) >= points) for p in self._parts]
+        # The last point that there may be is followed by the end.
+        most = points if points < _MOST_POINTS else _MOST_POINTS + 1
+        return [p is not None and (bool(p.ended) or len(p.orbits) >= most) for p in self._parts]
 
     def grown(self, points: int) -> Iterator[None]:
         """Follow it to so many points in both ways, or to its ends; yield between two points."""

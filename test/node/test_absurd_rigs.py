@@ -293,8 +293,14 @@ def test_single_steps(client, recording, namespace, tmp_path, capsys):
     ok, text = call('step_to_impact')
     assert ok
     assert text.startswith('running on until after the next impact, at rig time')
-    until(lambda: len(impacts) > hit and states[-1].header.frame_id == PAUSED_FRAME)
-    stamps = [stamp_ns(m.header.stamp) for m in list(states) if m.header.frame_id == '']
+
+    def samples():
+        return [stamp_ns(m.header.stamp) for m in list(states) if m.header.frame_id == '']
+
+    # The impact comes before the sample after it.
+    until(lambda: len(impacts) > hit and samples()[-1] >= stamp_ns(impacts[hit].header.stamp))
+    until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
+    stamps = samples()
     assert stamps[-2] < stamp_ns(impacts[hit].header.stamp) <= stamps[-1]
     assert stamps == sorted(set(stamps))
     assert paused
