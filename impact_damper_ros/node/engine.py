@@ -560,10 +560,10 @@ class Engine:
         """Run on as after a pause, so that nothing of the motion depends on the steps."""
         if self._step_done is not None:
             raise NotNowError('a step is under way')
-        if not self._paused:
-            raise NotNowError('only a paused rig makes single steps: pause it first')
         if self._held:
             raise NotNowError(f'the rig is held: {self._held}')
+        if not self._paused:
+            raise NotNowError('only a paused rig makes single steps: pause it first')
         self._pause(False)
         motion, tick, impacts = self._motion, self._tick, self._motion.impacts
         self._step_done = lambda: motion.impacts > impacts if to_impact else self._tick > tick
