@@ -2,13 +2,15 @@
 What the page costs: CPU of its server, bytes and latency of its frames, and what the node feels.
 
     python benchmarks/page.py [--quick] [--json FILE] [--hour]
+    python benchmarks/page.py --theory
 
 Node, server and clients are processes of their own. The clients are WebSockets that take 60 frames
 per second and count; they draw nothing. Latency is from the stamp of the newest joint state in a
 frame, the instant at which it held, to the arrival of the frame at the client. The period error of
 the node is that of `benchmarks/node.py`: between source timestamps, seen by one more subscriber.
 ``--hour`` watches the memory of the server with a client that never reads for an hour, else for as
-long as the rest.
+long as the rest. ``--theory`` measures only how long after a change its theory comes, for the
+presets that have a curve over the gap.
 """
 
 from __future__ import annotations
@@ -41,6 +43,11 @@ from node_process import (
     running,
     say,
 )
+
+from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.page.presets import load_presets
+from impact_damper_ros.page.theorist import Theorist
+from impact_damper_ros.rig import InitialConditions, RigParameters
 
 HEADER = struct.Struct('<BBHHHHHddd')
 RATE = 200
@@ -219,6 +226,61 @@ def measure_memory(seconds: float, directory: str) -> list[dict[str, float]]:
     return rows
 
 
+def measure_theory(rounds: int) -> list[dict[str, Any]]:
+    """Return how long after a change the parts of its theory come, medians."""
+    states = {}
+    for preset in load_presets():
+        values = preset.all_values()
+        parts = {
+            kind: kind(**{n: value for n, value in values.items() if n in kind().as_dict()})
+            for kind in (RigParameters, InitialConditions, GapControlParameters)
+        }
+        rig = ControlledRig(
+            *(parts[RigParameters], parts[InitialConditions]), control=parts[GapControlParameters]
+        )
+        rig.advance(20.0)
+        states[preset.name] = rig.snapshot()
+    rows = []
+    for name, state in states.items():
+        found = [asyncio.run(theory_times(state)) for _ in range(rounds)]
+        if 'first part' in found[0]:
+            times = {k: quantile(sorted(f[k] for f in found), 0.5) for k in found[0]}
+            rows.append({'preset': name, **times})
+    return rows
+
+
+async def theory_times(state: dict[str, Any]) -> dict[str, float]:
+    """Return when the parts of the theory of a rig come, s."""
+    times: dict[str, float] = {}
+    done = asyncio.Event()
+    newest = 0.0
+
+    def take(message: dict[str, Any]) -> None:
+        nonlocal newest
+        now = time.monotonic() - began
+        curve = message['type'] == 'gap_curve'
+        times.setdefault('orbit', now)
+        if curve and message['branches']:
+            times.setdefault('first part', now)
+        # It is followed to its ends before the other motions are looked for.
+        if not curve and message.get('complete') and 'first part' in times:
+            times['curve of the motion'] = newest
+        if curve:
+            newest = now
+        if (curve and message['done']) or message['type'] == 'theory_failed':
+            times['all'] = now
+            done.set()
+
+    theorist = Theorist(take)
+    theorist.start()
+    await asyncio.sleep(WARM_UP_S)
+    began = time.monotonic()
+    theorist.ask(state)
+    await asyncio.wait_for(done.wait(), 120.0)
+    await theorist.close()
+    return times
+
+
 def table(title: str, rows: list[dict[str, Any]]) -> str:
     names = list(rows[0])
     cells = [[f'{v:.4g}' if isinstance(v, float) else str(v) for v in r.values()] for r in rows]
@@ -230,10 +292,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, add_help=True)
     parser.add_argument('--quick', action='store_true', help='a minute in all')
     parser.add_argument('--hour', action='store_true', help='watch the memory for an hour')
+    parser.add_argument('--theory', action='store_true', help='only the theory')
     parser.add_argument('--json', type=Path, metavar='FILE')
     parser.add_argument('--clients', type=int, help=argparse.SUPPRESS)
     parser.add_argument('--url', nargs=2, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.theory:
+        print(table('Theory after a change, s', measure_theory(3)))
+        return
     if arguments.clients:
         be_clients(arguments.url[0], arguments.clients, float(arguments.url[1]))
         return
@@ -247,6 +313,7 @@ def main() -> None:
         found = {
             'server': measure_server(seconds, directory),
             'node': measure_node(seconds, rounds, directory),
+            'theory': measure_theory(1 if arguments.quick else 3),
             'memory': measure_memory(3600.0 if arguments.hour else 3 * seconds, directory),
         }
     rclpy.try_shutdown()
@@ -257,6 +324,7 @@ def main() -> None:
         )
     )
     print(table(f'Node, with and without {CLIENTS} clients', found['node']))
+    print(table('Theory after a change, s', found['theory']))
     print(table('Memory of the server with a client that never reads', found['memory']))
     if arguments.json:
         arguments.json.write_text(json.dumps(found, indent=1))

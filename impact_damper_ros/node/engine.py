@@ -88,6 +88,10 @@ class EngineStatus(NamedTuple):
     load: Load = Load()
 
 
+class NotNowError(Exception):
+    """A request that the engine cannot carry out as things are."""
+
+
 class Ticket:
     """
     A request: done once it has taken effect, or failed with an error.
@@ -118,7 +122,7 @@ class Ticket:
         self.time_ns = time_ns
         try:
             self.result = self._action()
-        except ParameterError as error:
+        except (NotNowError, ParameterError) as error:
             self.error = error
         except Exception as error:
             self.error = error
@@ -126,9 +130,9 @@ class Ticket:
         finally:
             self._done.set()
 
-    def turn_away(self) -> None:
-        """Reject the request because the engine has ended."""
-        self.error = RuntimeError('the rig is shutting down')
+    def turn_away(self, reason: str = 'the rig is shutting down') -> None:
+        """End the request without its action, because the engine has ended or for a reason."""
+        self.error = NotNowError(reason)
         self._done.set()
 
 
@@ -257,6 +261,9 @@ class Engine:
         # Between a tick and its joint states
         self._within_tick = True
         self._paused = False
+        # A step of the paused rig that is under way: whether it is done, and who waits for it
+        self._step_done: Callable[[], bool] | None = None
+        self._stepping = Ticket(lambda: None)
         # Why the rig cannot go on
         self._held = ''
         self._slipped = False
@@ -341,6 +348,15 @@ class Engine:
         """Pause the rig, or resume it; the result is whether that changed anything."""
         return self._requests.submit(lambda: self._pause(paused))
 
+    def step(self, *, to_impact: bool = False) -> Ticket:
+        """
+        Let a paused rig run on to its next joint states, at its pace, and pause it again there.
+
+        With `to_impact`, to the first joint states after its next impact. The result is a second
+        ticket, done when the rig is paused again.
+        """
+        return self._requests.submit(lambda: self._step(to_impact))
+
     def record_to(self, log: Log, event: bytes) -> Ticket:
         """
         Record from now on; `event` is an encoded ParameterEvent with all parameters.
@@ -367,6 +383,7 @@ class Engine:
             self.failure = error
         finally:
             self._requests.close()
+            self._end_step('the rig is shutting down')
         if self.failure is not None:
             self._on_failure()
 
@@ -392,6 +409,8 @@ class Engine:
                 self._scheduling.take()
             self._serve()
             self._publish_states()
+            if self._step_done is not None and self._step_done():
+                self._end_step()
             if self._free_running:
                 self._wait_for_log()
 
@@ -446,6 +465,7 @@ class Engine:
         kind = '' if isinstance(error, RunawayError) else f'{type(error).__name__}: '
         self._held = f'{kind}{error}'
         self._motion.stand_at(self._time_ns)
+        self._end_step(f'the rig is held: {self._held}')
         self._on_trouble(f'the rig is held: {self._held}; it waits for a change or a reset')
 
     def _go_on(self) -> None:
@@ -522,8 +542,11 @@ class Engine:
         self._new_course = True
 
     def _pause(self, paused: bool) -> bool:
+        stepping, self._step_done = self._step_done, None
+        if stepping is not None:
+            self._stepping.turn_away('the step was ended by a pause or by running on')
         if paused == self._paused:
-            return False
+            return stepping is not None
         # The messages made ahead have other stamps.
         self._motion.discard()
         self._paused = paused
@@ -532,6 +555,32 @@ class Engine:
                 self._go_on()
             self._news = 'resume'
         return True
+
+    def _step(self, to_impact: bool) -> Ticket:
+        """Run on as after a pause, so that nothing of the motion depends on the steps."""
+        if self._step_done is not None:
+            raise NotNowError('a step is under way')
+        if self._held:
+            raise NotNowError(f'the rig is held: {self._held}')
+        if not self._paused:
+            raise NotNowError('only a paused rig makes single steps: pause it first')
+        self._pause(False)
+        motion, tick, impacts = self._motion, self._tick, self._motion.impacts
+        self._step_done = lambda: motion.impacts > impacts if to_impact else self._tick > tick
+        self._stepping = Ticket(lambda: None)
+        return self._stepping
+
+    def _end_step(self, failure: str = '') -> None:
+        """Pause the rig where its step has come to."""
+        if self._step_done is None:
+            return
+        self._step_done = None
+        self._motion.stand_at(self._time_ns)
+        self._pause(True)
+        if failure:
+            self._stepping.turn_away(failure)
+        else:
+            self._stepping.carry_out(self._time_ns)
 
     def _record_to(self, log: Log, event: bytes) -> None:
         self._out.log, self._out.recorded, self._listing = log, 0, event

@@ -134,7 +134,7 @@ def start_message(
         f'rig        {described(parameters.rig)}',
         f'control    {control}',
         f'topics     {", ".join(topics)}',
-        f'services   {node}/reset, {node}/pause',
+        f'services   {node}/reset, {node}/pause, {node}/step, {node}/step_to_impact',
         f'recording  to {recording}'
         if recording
         else f'recording  off; into {runs} with: ros2 param set {node} record true',
@@ -270,6 +270,8 @@ class SimNode(Node):
         self._overdue.cancel()
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
+        self.create_service(Trigger, '~/step', self._on_step)
+        self.create_service(Trigger, '~/step_to_impact', self._on_step_to_impact)
         if parameters.record:
             self._open_recording(parameters)
             self._recorder.begin(self._listing(), encode(self._description))
@@ -418,6 +420,20 @@ class SimNode(Node):
             state = 'paused' if request.data else 'running'
             response.message = f'was {state} already'
         return response
+
+    def _on_step(self, _request: Any, response: Any) -> Any:
+        ticket = self.engine.step()
+        if ticket.wait(ANSWER_TIMEOUT_S) and ticket.error is None:
+            # The caller may rely on the rig being paused again.
+            if ticket.result.wait(ANSWER_TIMEOUT_S):
+                return self._answer(response, ticket.result, 'paused after a step')
+            return self._answer(response, ticket, 'on the way to the next joint states')
+        return self._answer(response, ticket, '')
+
+    def _on_step_to_impact(self, _request: Any, response: Any) -> Any:
+        # There may be none for a long time.
+        text = 'running on until after the next impact'
+        return self._answer(response, self.engine.step(to_impact=True), text)
 
     def _answer(self, response: Any, ticket: Ticket, text: str) -> Any:
         if not ticket.wait(ANSWER_TIMEOUT_S):

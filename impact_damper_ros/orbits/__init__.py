@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         SpecialKind,
         SpecialPoint,
         continue_orbit,
+        grow_branch,
         switch_branch,
         value_of,
     )
@@ -38,6 +39,7 @@ __all__ = [
     'StartReport',
     'continue_orbit',
     'find_orbits',
+    'grow_branch',
     'optimal_gap',
     'orbit_near',
     'plausible_stops',
@@ -52,7 +54,7 @@ __getattr__ = lazy_names(
     {
         'continuation': (
             *('Branch', 'SpecialKind', 'SpecialPoint'),
-            *('continue_orbit', 'switch_branch', 'value_of'),
+            *('continue_orbit', 'grow_branch', 'switch_branch', 'value_of'),
         ),
         'equations': ('ImpactEquations', 'OrbitError', 'plausible_stops'),
         'optimum': ('OptimalGap', 'optimal_gap'),

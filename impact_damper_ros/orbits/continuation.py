@@ -21,7 +21,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -97,6 +97,9 @@ class _Family(Protocol):
     def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
         """Return the equations' residual, and its derivative by the unknowns."""
 
+    def by_value(self, unknowns: Array, value: float) -> Array | None:
+        """Return the derivative of the residual by the parameter, if there is a formula."""
+
     def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
         """Return the motion at a solution."""
 
@@ -112,10 +115,14 @@ class _EquationFamily:
         self.stops = stops
         self.cycles = cycles
         self.length = ImpactEquations(parameters, stops, cycles).length
+        # Of the value asked for last: they are needed up to three times in turn
+        self._last: tuple[float, ImpactEquations] | None = None
 
     def _equations(self, value: float) -> ImpactEquations:
-        rig = with_value(self.parameters, self.name, value)
-        return ImpactEquations(rig, self.stops, self.cycles)
+        if self._last is None or self._last[0] != value:
+            rig = with_value(self.parameters, self.name, value)
+            self._last = value, ImpactEquations(rig, self.stops, self.cycles)
+        return self._last[1]
 
     def _split(self, equations: ImpactEquations, unknowns: Array) -> tuple[Array, Array]:
         n = equations.impacts
@@ -137,6 +144,12 @@ class _EquationFamily:
         jacobian[:, :n] *= self.length / equations.length
         jacobian[:, n:] *= equations.rate / equations.frequency
         return size, jacobian
+
+    def by_value(self, unknowns: Array, value: float) -> Array | None:
+        if self.name != 'gap':
+            return None
+        equations = self._equations(value)
+        return equations.by_gap(self._split(equations, unknowns)[1])
 
     def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
         equations = self._equations(value)
@@ -189,6 +202,10 @@ class _ShootingFamily:
         jacobian = (matrix - np.eye(len(change))) * self._units / self._units[:, None]
         return change / self._units, jacobian
 
+    def by_value(self, unknowns: Array, value: float) -> Array | None:
+        del unknowns, value
+        return None
+
     def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
         rig = with_value(self.parameters, self.name, value)
         orbit = orbit_on(rig, self._placed(rig, unknowns), self.cycles, history)
@@ -219,10 +236,6 @@ _CORRECTOR = {'xtol': 1e-14, 'ftol': 1e-16, 'gtol': 0.0, 'maxiter': 40}
 class _CorrectedError(Exception):
     """Raised to stop the solver at a point whose residual is small enough."""
 
-    def __init__(self, place: Array) -> None:
-        super().__init__()
-        self.place = place.copy()
-
 
 @dataclass(frozen=True)
 class _Point:
@@ -251,7 +264,11 @@ class _Curve:
 
     def system(self, place: Array) -> tuple[Array, Array]:
         """Return the residual and its derivative by unknowns and parameter."""
-        residual, by_unknowns = self.family.residual(place[:-1], self.value(place))
+        value = self.value(place)
+        residual, by_unknowns = self.family.residual(place[:-1], value)
+        known = self.family.by_value(place[:-1], value)
+        if known is not None:
+            return residual, np.column_stack([by_unknowns, known * self.scale])
         step = 1e-6 * max(abs(float(place[-1])), 1e-3)
         sides = []
         for move in (step, -step):
@@ -271,10 +288,13 @@ class _Curve:
         from scipy.optimize import root
 
         history: list[float] = []
+        last: tuple[Array, Array, Array] | None = None
 
         def in_plane(place: Array) -> tuple[Array, Array]:
+            nonlocal last
             try:
                 residual, matrix = self.system(place)
+                last = place.copy(), residual, matrix
             except (ArithmeticError, ParameterError):
                 matrix = np.full(1, np.nan)
             if not np.isfinite(matrix).all():
@@ -283,16 +303,20 @@ class _Curve:
             history.append(float(np.abs(residual).max()))
             missing = np.append(residual, normal @ (place - guess))
             if np.abs(missing).max() < _ENOUGH:
-                raise _CorrectedError(place)
+                raise _CorrectedError
             return missing, np.vstack([matrix, normal])
 
         try:
             # At a branch point the matrix is singular, which MINPACK's method stands
             place: Array = root(in_plane, guess, jac=True, method='lm', options=_CORRECTOR).x
-        except _CorrectedError as corrected:
-            place = corrected.place
+        except _CorrectedError:
+            assert last is not None
+            place = last[0]
         try:
-            residual, matrix = self.system(place)
+            if last is not None and np.array_equal(last[0], place):
+                _, residual, matrix = last
+            else:
+                residual, matrix = self.system(place)
             history.append(float(np.abs(residual).max()))
             if not history[-1] < RESIDUAL_TOLERANCE:
                 return None
@@ -583,10 +607,23 @@ def _follow(
     first_step: float,
     largest_step: float,
     most_points: int,
-) -> Branch:
-    """Step along a branch until it leaves the bounds, ends or closes."""
+) -> Iterator[Branch]:
+    """Step along a branch until it leaves the bounds, ends or closes; see `grow_branch`."""
+    name = curve.family.name
     points = [point]
-    special: list[SpecialPoint] = []
+    # Between neighbouring points: curve, both, and the step
+    between: list[tuple[_Curve, _Point, _Point, float]] = []
+
+    def branch(ended: str = '', special: tuple[SpecialPoint, ...] = ()) -> Branch:
+        return Branch(
+            name=name,
+            values=tuple(value_of(p.orbit.parameters, name) for p in points),
+            orbits=tuple(p.orbit for p in points),
+            special=special,
+            ended=ended,
+        )
+
+    yield branch()
     step = first_step
     fresh_tried: _Point | None = None
     moved = False
@@ -596,10 +633,10 @@ def _follow(
         last = _edge(curve, here, step, bounds)
         if last is not None:
             span = float((last.place - here.place) @ here.tangent)
-            special += _special_points(curve, here, last, span)
+            between.append((curve, here, last, span))
             points.append(last)
             bound = min(bounds, key=lambda b: abs(b - curve.value(last.place)))
-            ended = f'{curve.family.name} = {bound:g}, the end of the range'
+            ended = f'{name} = {bound:g}, the end of the range'
             break
         there = curve.ahead(here, step)
         if (
@@ -614,8 +651,9 @@ def _follow(
             leap = None if fresh else _leapt(curve, here, largest_step, bounds)
             if leap is not None:
                 there, step = leap
-                special += _special_points(curve, here, there, step)
+                between.append((curve, here, there, step))
                 points.append(there)
+                yield branch()
                 continue
             if fresh is None:
                 ended = 'no motion nearby: the corrector fails'
@@ -623,7 +661,7 @@ def _follow(
             curve, points[-1] = fresh
             fresh_tried, step, moved = points[-1], first_step, True
             continue
-        special += _special_points(curve, here, there, step)
+        between.append((curve, here, there, step))
         points.append(there)
         if (
             not moved
@@ -632,14 +670,12 @@ def _follow(
         ):
             ended = 'the branch closes'
             break
+        yield branch()
         step = min(largest_step, _GROWTH * step)
-    return Branch(
-        name=curve.family.name,
-        values=tuple(value_of(p.orbit.parameters, curve.family.name) for p in points),
-        orbits=tuple(p.orbit for p in points),
-        special=tuple(special),
-        ended=ended,
-    )
+    # They take as long as all the rest.
+    yield branch(ended)
+    special = [found for pair in between for found in _special_points(*pair)]
+    yield branch(ended, tuple(special))
 
 
 #: Widest range of a parameter, and most points of a branch.
@@ -715,6 +751,44 @@ def continue_orbit(
     >>> branch.ended
     'gap = 40, the end of the range'
     """
+    *_, branch = grow_branch(
+        *(orbit, name, low, high),
+        upwards=upwards,
+        largest_step=largest_step,
+        most_points=most_points,
+    )
+    return branch
+
+
+def grow_branch(
+    orbit: PeriodicOrbit,
+    name: str,
+    low: float,
+    high: float,
+    *,
+    upwards: bool = True,
+    largest_step: float = 0.05,
+    most_points: int = 400,
+) -> Iterator[Branch]:
+    """
+    Follow a periodic motion as `continue_orbit` does, to be seen as it grows.
+
+    Parameters
+    ----------
+    orbit, name, low, high, upwards, largest_step, most_points
+        As in `continue_orbit`.
+
+    Yields
+    ------
+    Branch
+        The branch so far, after each point. The last but one is complete except for its special
+        points (`ended` says why it ended), the last one has these, too.
+
+    Raises
+    ------
+    OrbitError
+        If the parameter cannot be varied.
+    """
     value = value_of(orbit.parameters, name)
     check_range(name, low, high, value)
     _check_steps(largest_step, most_points)
@@ -725,8 +799,9 @@ def continue_orbit(
     normal[-1] = 1.0 if upwards else -1.0
     point = curve.correct(place, normal)
     if point is None:
-        return Branch(name=name, values=(), orbits=(), special=(), ended='no motion to begin with')
-    return _follow(curve, point, (low, high), 0.1 * largest_step, largest_step, most_points)
+        yield Branch(name=name, values=(), orbits=(), special=(), ended='no motion to begin with')
+        return
+    yield from _follow(curve, point, (low, high), 0.1 * largest_step, largest_step, most_points)
 
 
 def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[_Family, Array]:
@@ -797,4 +872,5 @@ def switch_branch(
     point = curve.correct(place + step * direction, direction)
     if point is None:
         return Branch(name=name, values=(), orbits=(), special=(), ended='no branch found')
-    return _follow(curve, point, (low, high), step, largest_step, most_points)
+    *_, branch = _follow(curve, point, (low, high), step, largest_step, most_points)
+    return branch

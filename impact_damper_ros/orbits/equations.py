@@ -326,15 +326,15 @@ class ImpactEquations:
         x = (parts[0] - parts[1]) / (2j * self._damped)
         return x, root * x + parts[1]
 
-    def _mean_velocity(self, lasts: Array) -> tuple[Array, Array]:
-        """Return m's mean velocity in each flight: coefficients of X_1..X_N, and constant."""
+    def _mean_velocity(self, lasts: Array) -> Array:
+        """Return m's mean velocity in each flight by X_1..X_N, without its constant part."""
         n = self.impacts
         inverse = 1.0 / lasts
         mean = np.zeros((*lasts.shape, n))
         for i in range(n):
             mean[..., i, (i + 1) % n] += inverse[..., i]
             mean[..., i, i] -= inverse[..., i]
-        return mean, self._travel * inverse
+        return mean
 
     def linear_system(self, instants: Array) -> Array:
         """
@@ -349,31 +349,41 @@ class ImpactEquations:
         unit, impulse, slope = free_response(self._oscillator, lasts)
         x_forced, v_forced = self._forced(lasts)
         turn = self._force * np.exp(1j * self.frequency * instants)
-        mean, constant = self._mean_velocity(lasts)
+        constant = self._travel * (1.0 / lasts)
         half = 0.5 * self.accelerations * lasts
-        after = mean * self._after_from_after[:, None]
-        after += mean[..., self._last, :] * self._after_from_before[:, None]
         after_0 = self._after_from_after * (constant - half)
         after_0 += self._after_from_before * (constant + half)[..., self._last]
-        before = mean * self._before_from_after[:, None]
-        before += mean[..., self._last, :] * self._before_from_before[:, None]
         before_0 = self._before_from_after * (constant - half)
         before_0 += self._before_from_before * (constant + half)[..., self._last]
         rows = np.zeros((*lasts.shape[:-1], 2 * n, n + 3))
+        rows[..., :n] = self._by_x(lasts, unit, impulse, slope)
         place = rows[..., :n, :]
         speed = rows[..., n:, :]
-        place[..., :n] = -impulse[..., None] * after
-        speed[..., :n] = before[..., self._next, :] - slope[..., None] * after
-        for i in range(n):
-            place[..., i, (i + 1) % n] += 1.0
-            place[..., i, i] -= unit[..., i]
-            speed[..., i, i] += self._stiffness * impulse[..., i]
         place[..., n] = -(turn * x_forced).imag
         place[..., n + 1] = -(turn * x_forced).real
         speed[..., n] = -(turn * v_forced).imag
         speed[..., n + 1] = -(turn * v_forced).real
         place[..., n + 2] = -impulse * after_0 - self.pushes / self._stiffness * (1.0 - unit)
         speed[..., n + 2] = before_0[..., self._next] - slope * after_0 - self.pushes * impulse
+        speed[..., n:] /= self.rate
+        return rows
+
+    def _by_x(self, lasts: Array, unit: Array, impulse: Array, slope: Array) -> Array:
+        """Return the columns of `linear_system` for X_1 .. X_N, given `_free`."""
+        n = self.impacts
+        mean = self._mean_velocity(lasts)
+        after = mean * self._after_from_after[:, None]
+        after += mean[..., self._last, :] * self._after_from_before[:, None]
+        before = mean * self._before_from_after[:, None]
+        before += mean[..., self._last, :] * self._before_from_before[:, None]
+        rows = np.empty((*lasts.shape[:-1], 2 * n, n))
+        place, speed = rows[..., :n, :], rows[..., n:, :]
+        place[...] = -impulse[..., None] * after
+        speed[...] = before[..., self._next, :] - slope[..., None] * after
+        for i in range(n):
+            place[..., i, (i + 1) % n] += 1.0
+            place[..., i, i] -= unit[..., i]
+            speed[..., i, i] += self._stiffness * impulse[..., i]
         speed /= self.rate
         return rows
 
@@ -439,6 +449,23 @@ class ImpactEquations:
             by_phase[..., n + i, i] = -self.frequency * (turn * v_forced).real[..., i]
         by_instant = by_phase - by_last + by_last[..., self._last]
         by_instant[..., n:, :] /= self.rate
-        by_x = self.linear_system(instants)[..., :n]
+        by_x = self._by_x(lasts, unit, impulse, slope)
         jacobian = np.concatenate([by_x, by_instant / (self.rate * self.length)], axis=-1)
         return value / self.length, jacobian
+
+    def by_gap(self, instants: Array) -> Array:
+        """
+        Return the derivative of the residual by the gap, (..., 2N), 1/m.
+
+        The instants (s) are those on the force's clock, (..., N), of a solution: elsewhere the
+        length by which the residual is divided would change as well.
+        """
+        lasts = self.durations(instants)
+        _, impulse, slope = free_response(self._oscillator, lasts)
+        mean = np.sign(self._travel) / lasts
+        after = self._after_from_after * mean
+        after += self._after_from_before * mean[..., self._last]
+        before = self._before_from_after * mean
+        before += self._before_from_before * mean[..., self._last]
+        speed = (before[..., self._next] - slope * after) / self.rate
+        return np.concatenate([-impulse * after, speed], axis=-1) / self.length

@@ -33,11 +33,19 @@ class Child:
         What starts it.
     take : callable
         Takes each line.
+    on_end : callable, optional
+        Called if it ends by itself.
     """
 
-    def __init__(self, command: Sequence[str], take: Callable[[bytes], None]) -> None:
+    def __init__(
+        self,
+        command: Sequence[str],
+        take: Callable[[bytes], None],
+        on_end: Callable[[], None] = lambda: None,
+    ) -> None:
         self._command = list(command)
         self._take = take
+        self._on_end = on_end
         self._process: asyncio.subprocess.Process | None = None
         self._unsent: Any = None
         self._task = asyncio.ensure_future(self._run())
@@ -72,6 +80,7 @@ class Child:
             with contextlib.suppress(ValueError):
                 while line := await process.stdout.readline():
                     self._take(line)
+            self._on_end()
         finally:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()

@@ -14,6 +14,7 @@ import struct
 
 import numpy as np
 
+from .measures import state_at
 from .motion import Motion, Rows
 
 PAUSED, GHOST, REPLACE, REPLACE_GHOST = 1, 2, 4, 8
@@ -169,13 +170,12 @@ class View:
         states = [state]
         ghost_columns, ghost_samples = np.empty((0, _COLUMNS_WIDTH)), np.empty((0, _SAMPLES_WIDTH))
         if ghost is not None and len(ghost.samples):
-            known = ghost.samples_between(-math.inf, end)[-1:, 1:]
-            if len(known) and end <= ghost.end + _GHOST_HELD:
+            if ghost.samples[0, 0] <= end <= ghost.end + _GHOST_HELD:
                 flags |= GHOST
-                states.append(known[0])
+                states.append(state_at(ghost, end))
             trace = self._ghost_trace
             until = max(min(ghost.end, end), trace.sent)
-            behind = not trace.sent >= before
+            behind = bool(flags & (REPLACE | REPLACE_GHOST)) or not trace.sent >= before
             ghost_columns, ghost_samples = trace.take(ghost, until, behind=behind)
         begun = float(columns[0, 6]) if len(columns) else end
         counts = map(len, (columns, impacts, samples, ghost_columns, ghost_samples))

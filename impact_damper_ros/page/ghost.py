@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from .child import Child
-from .motion import SAMPLE_COLUMNS, Motion
-from .recorded import MOST_SAMPLES
+from .motion import IMPACT_COLUMNS, SAMPLE_COLUMNS, Motion
+from .recorded import MOST_IMPACTS, MOST_SAMPLES
 
 _PROCESS = 'impact_damper_ros.page.what_if_process'
 
@@ -36,10 +36,11 @@ class Ghost:
     def __init__(
         self, path: Path, values: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]
     ) -> None:
-        self.motion = Motion(MOST_SAMPLES, 1)
+        self.motion = Motion(MOST_SAMPLES, MOST_IMPACTS)
         self._values = dict(values)
         self._tell = tell
-        self._child = Child((sys.executable, '-m', _PROCESS), self._take)
+        self._done = False
+        self._child = Child((sys.executable, '-m', _PROCESS), self._take, self._end)
         self._child.send({'path': str(path), 'values': self._values})
         self._say('computing')
 
@@ -62,12 +63,21 @@ class Ghost:
     def _take(self, line: bytes) -> None:
         if line.startswith(b'{'):
             end = json.loads(line)
+            self._done = True
             self._say(str(end['text']), on=bool(end['ok']), done=True)
             return
-        rows = np.frombuffer(base64.b64decode(line)).reshape(-1, len(SAMPLE_COLUMNS))
+        numbers = np.frombuffer(base64.b64decode(line[1:]))
+        if line.startswith(b'I'):
+            self.motion.add_impacts(numbers.reshape(-1, len(IMPACT_COLUMNS)))
+            return
+        rows = numbers.reshape(-1, len(SAMPLE_COLUMNS))
         known = self.motion.end
         self.motion.add_samples(rows[rows[:, 0] > (-math.inf if math.isnan(known) else known)])
         self._say('computing')
+
+    def _end(self) -> None:
+        if not self._done:
+            self._say('the what-if has ended before its end: try it again', on=False, done=True)
 
     async def close(self) -> None:
         """End the process."""

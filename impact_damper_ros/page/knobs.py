@@ -123,20 +123,3 @@ def as_json(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): as_json(entry) for key, entry in value.items()}
     return value
-
-
-def label(name: str, value: Any) -> str:
-    """Return a parameter with its value and unit, for a line in a picture."""
-    specs = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS, **INITIAL_SPECS}
-    unit = specs[name].unit if name in specs else ''
-    return f'{name} {_shown(value)}{f" {unit}" if unit else ""}'
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return f'{value:.6g}'
-    if isinstance(value, list | tuple):
-        return f'[{", ".join(map(_shown, value))}]' if len(value) != 1 else _shown(value[0])
-    return str(value)[:60]

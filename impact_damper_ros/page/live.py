@@ -17,9 +17,10 @@ from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.simulator import Snapshot
 
 from .frames import PAUSED
-from .knobs import Knob, as_json, label
+from .knobs import Knob, as_json
 from .measures import RigNumbers
 from .motion import ForcePhase, Motion, Rows, impact_rows
+from .presets import preset_with
 
 #: Samples and impacts that are kept for the traces.
 _MOST_SAMPLES, _MOST_IMPACTS = 60_000, 20_000
@@ -31,7 +32,10 @@ _NAMESAKE_S = 30.0
 _LEVELS = ('ok', 'warn', 'error')
 #: Stamps this near to the clock are those of the clock, s.
 _WALL_S = 3600.0
-_MOST_TEXT = 2000
+#: Reasons of snapshots: of those after which stamps count from another instant, and of those after
+#: which the rig moves on as before.
+_MOVING = ('slip', 'resume')
+_SAME_COURSE = (*_MOVING, 'record')
 
 
 class Messages(Protocol):
@@ -64,8 +68,8 @@ class Link(Protocol):
     async def pause(self, hold: bool) -> tuple[bool, str]:
         """Hold the rig."""
 
-    async def reset(self) -> tuple[bool, str]:
-        """Reset the rig."""
+    async def trigger(self, service: str) -> tuple[bool, str]:
+        """Call `reset`, `step` or `step_to_impact`."""
 
     def close(self) -> None:
         """Leave it."""
@@ -183,33 +187,37 @@ class LiveRig:
         self._was_gone = False
         began = not self._eras
         rig = snapshot.parameters
+        before = (self.rig, self.state and self.state['gap_control']['parameters'])
         self.state = held['state']
         self._eras = [
             *self._eras[-1:],
             _Era(offset_ns + time_ns, offset_ns, rig.static_deflection, rig, ForcePhase(snapshot)),
         ]
-        self._note({**rig.as_dict(), **control}, None if began else time_)
+        kind = 'reset' if held['reason'] == 'reset' else 'change'
+        self._note({**rig.as_dict(), **control}, None if began else time_, kind)
         if began:
             self.on_restart()
-        self.on_course()
+        if began or held['reason'] not in _SAME_COURSE or before != (rig, control):
+            self.on_course()
 
     def _is_another_run(self, reason: str, offset_ns: int, time_: float) -> bool:
         """
         Return whether a snapshot is that of a node started anew.
 
         Its first snapshot may be lost: only the last one is latched. Within a run, only a slip
-        changes the stamp of rig time 0; it is 0 for all runs in simulated time.
+        and the end of a pause, or of being held, change the stamp of rig time 0; it is 0 for all
+        runs in simulated time.
         """
         moved = offset_ns != self._eras[-1].offset_ns
         return (
             reason == 'start'
             or time_ < self.motion.end - 1.0
-            or (moved and reason != 'slip')
+            or (moved and reason not in _MOVING and not self._paused)
             or (self._was_gone and (moved or offset_ns == 0))
         )
 
-    def _note(self, values: Mapping[str, Any], time_: float | None) -> None:
-        """Take note of values, and say which of them are new."""
+    def _note(self, values: Mapping[str, Any], time_: float | None, kind: str = 'change') -> None:
+        """Take note of values, and say which of them are new, or that the rig was reset."""
         plain = {name: as_json(value) for name, value in values.items()}
         changed = {
             name: value
@@ -217,15 +225,14 @@ class LiveRig:
             if name in self.values and self.values[name] != value
         }
         self.values |= plain
-        if changed:
-            text = ', '.join(label(name, value) for name, value in changed.items())
+        if changed or kind == 'reset':
             self._tell(
                 {
                     'type': 'parameters',
                     'time': time_,
+                    'kind': kind,
                     'values': changed,
-                    'changed': list(changed),
-                    'text': text[:_MOST_TEXT],
+                    'preset': preset_with(self.values),
                 }
             )
 

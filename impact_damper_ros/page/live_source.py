@@ -13,13 +13,10 @@ from .knobs import as_json
 from .live import Link, LiveRig
 from .measures import slow_motion
 from .presets import Preset
-from .session import Refusal, Session
+from .session import Refusal, Session, given
 from .theorist import Theorist
 
-_NO_STEP = (
-    'a live rig has no single step: pause it, or record it and step through the recording from '
-    'impact to impact'
-)
+_TRIGGERS = ('reset', 'step', 'step_to_impact')
 _RETRY_S = 1.0
 
 
@@ -165,22 +162,24 @@ class LiveSource:
         link = self.rig.link
         try:
             if kind == 'set':
-                return _result(await link.set(dict(message['values'])))
+                return _result(await link.set(given(message, 'values', dict)))
             if kind == 'record':
-                return _result(await link.set({'record': bool(message['on'])}))
+                return _result(await link.set({'record': given(message, 'on', bool)}))
             if kind == 'preset':
-                return await self._take_preset(str(message['name']))
+                return await self._take_preset(given(message, 'name', str))
             if kind == 'service':
-                return await self._serve(str(message['name']))
+                return await self._serve(given(message, 'name', str))
         except self._no_answer as error:
             raise Refusal(str(error)) from error
         if kind == 'slow_motion':
-            count = int(message.get('impacts', 5))
+            count = given(message, 'impacts', int, 5)
             motion = self.rig.motion
             session.outbox.put(slow_motion(motion, count, motion.end))
             return None
         if kind == 'theory':
-            self.theorist.want(bool(message.get('orbit', True)), bool(message.get('curve', True)))
+            self.theorist.want(
+                given(message, 'orbit', bool, True), given(message, 'curve', bool, True)
+            )
             return None
         raise Refusal(f'{kind} is nothing that a live rig can do')
 
@@ -188,10 +187,8 @@ class LiveSource:
         if name == 'pause':
             paused = bool(self.rig.flags)
             ok, text = await self.rig.link.pause(not paused)
-        elif name == 'reset':
-            ok, text = await self.rig.link.reset()
-        elif name == 'step':
-            raise Refusal(_NO_STEP)
+        elif name in _TRIGGERS:
+            ok, text = await self.rig.link.trigger(name)
         else:
             raise Refusal(f'{name} is no service of a rig')
         return {'ok': ok, 'reason': text}
@@ -206,7 +203,7 @@ class LiveSource:
         values = {n: v for n, v in self._presets[name].all_values().items() if n in known}
         if reason := await self.rig.link.set(values):
             return {'ok': False, 'reason': reason}
-        ok, text = await self.rig.link.reset()
+        ok, text = await self.rig.link.trigger('reset')
         return {'ok': ok, 'reason': '' if ok else text}
 
 

@@ -21,7 +21,8 @@ _EQUAL = 1e-3
 _SMALL = 0.25
 #: Samples per second of a replay at 1/20 of the speed, on a screen with 60 frames per second.
 _SLOW_RATE = 1200.0
-_MOST_SLOW, _MOST_SLOW_IMPACTS = 20_000, 200
+#: A film lasts a minute at most.
+_MOST_SLOW, _MOST_SLOW_IMPACTS = 3600, 50
 
 
 @dataclass(frozen=True)

@@ -14,15 +14,18 @@ from impact_damper_ros import __version__
 
 from .frames import PAUSED, View
 from .ghost import Ghost
-from .knobs import knobs_of, label
+from .knobs import knobs_of
 from .measures import RigNumbers, slow_motion, state_at
+from .presets import preset_with
 from .recorded import Recorded
-from .session import Refusal, Session
+from .session import Refusal, Session, given
 from .theorist import Theorist
 
 _SLOWEST, _FASTEST = 0.01, 100.0
 _STATUS_PERIOD_S = 1.0
 _NO_KNOB = 'this is a recording: ask what if, or turn the knob on a live rig'
+#: What the services of a live rig are in a recording.
+_STEPS = {'step': 'sample', 'step_to_impact': 'impact'}
 _KINDS = {'stretch': ('stretch', 'change', 'reset'), 'change': ('change',)}
 
 
@@ -129,9 +132,9 @@ class Player:
                 {
                     'type': 'parameters',
                     'time': after.time if played else None,
+                    'kind': 'change',
                     'values': changed,
-                    'changed': list(changed),
-                    'text': ', '.join(label(n, v) for n, v in changed.items())[:2000],
+                    'preset': preset_with(after.values),
                 }
             )
             self._theorist.ask(after.state)
@@ -169,22 +172,25 @@ class Player:
         """Carry out a request."""
         kind = message['type']
         if kind == 'seek':
-            self._go_to(float(message['time']))
+            self._go_to(given(message, 'time', float))
             self._tell({'type': 'seek_done', 'time': self.time})
         elif kind == 'play':
-            self._play(float(message['speed']))
+            self._play(given(message, 'speed', float))
         elif kind == 'jump':
-            self._jump(str(message['to']), int(message.get('direction', 1)))
+            self._jump(given(message, 'to', str), given(message, 'direction', int, 1))
         elif kind == 'what_if':
-            await self._what_if(message.get('values'))
+            values = message.get('values')
+            await self._what_if(None if values is None else given(message, 'values', dict))
         elif kind == 'slow_motion':
-            count = int(message.get('impacts', 5))
+            count = given(message, 'impacts', int, 5)
             session.outbox.put(slow_motion(self._recorded.motion, count, self.time))
         elif kind == 'theory':
-            self._theorist.want(bool(message.get('orbit', True)), bool(message.get('curve', True)))
-        elif kind == 'service' and message.get('name') in ('pause', 'step'):
-            if message['name'] == 'step':
-                self._jump('impact', 1)
+            self._theorist.want(
+                given(message, 'orbit', bool, True), given(message, 'curve', bool, True)
+            )
+        elif kind == 'service' and message.get('name') in ('pause', *_STEPS):
+            if message['name'] in _STEPS:
+                self._jump(_STEPS[message['name']], 1)
             else:
                 self._play(0.0 if self._playing else self._speed)
             return {'ok': True, 'reason': ''}
@@ -193,8 +199,6 @@ class Player:
         return None
 
     def _go_to(self, instant: float, *, playing: bool | None = None) -> None:
-        if not math.isfinite(instant):
-            raise Refusal('the time is no number')
         self._from = min(max(instant, self._start), self._end)
         self._since = time.monotonic()
         if playing is not None:
@@ -211,7 +215,9 @@ class Player:
 
     def _jump(self, to: str, direction: int) -> None:
         """Go to the next thing, or the one before, and stop there."""
-        if to == 'impact':
+        if to == 'sample':
+            times = self._recorded.motion.samples[:, 0]
+        elif to == 'impact':
             times = self._recorded.motion.impacts[:, 0]
         elif to in _KINDS:
             changes = [c['time'] for c in self._recorded.changes if c['kind'] in _KINDS[to]]
@@ -230,13 +236,11 @@ class Player:
             self._go_to(self._start if direction < 0 else self._end, playing=False)
         self._tell({'type': 'seek_done', 'time': self.time})
 
-    async def _what_if(self, values: Any) -> None:
+    async def _what_if(self, values: dict[str, Any] | None) -> None:
         ghost, self._ghost = self._ghost, None
         if ghost is not None:
             await ghost.close()
         if not values:
             self._tell({'type': 'what_if', 'on': False, 'done': True, 'text': ''})
             return
-        if not isinstance(values, dict):
-            raise Refusal('what_if wants values by their names')
         self._ghost = Ghost(self._path, values, self._tell)

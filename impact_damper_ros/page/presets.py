@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -82,3 +83,12 @@ def load_presets(path: Path = _FILE) -> tuple[Preset, ...]:
         control = GapControlParameters(**parts[1])
         found.append(Preset(name, title, text, rig, control, initial))
     return tuple(found)
+
+
+def preset_with(values: Mapping[str, Any]) -> str:
+    """Return the title of the preset that a rig and its control are; empty if there is none."""
+    for preset in load_presets():
+        own = {n: as_json(v) for p in (preset.rig, preset.control) for n, v in p.as_dict().items()}
+        if all(values.get(name) == value for name, value in own.items()):
+            return preset.title
+    return ''

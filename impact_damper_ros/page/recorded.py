@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,14 @@ from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import INITIAL_SPECS, RigParameters
 from impact_damper_ros.rig.simulator import Snapshot
 
-from .knobs import as_json, label
+from .knobs import as_json
 from .motion import ForcePhase, Motion, impact_rows
+from .presets import preset_with
 
 #: Most samples and impacts that are kept of a recording, the first ones.
 MOST_SAMPLES, MOST_IMPACTS = 2_000_000, 1_000_000
 _BATCH = 16_384
 _MOST_CHANGES = 2000
-_MOST_TEXT = 500
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,8 @@ class Recorded:
     eras : list of Era
         What the rig was.
     changes : list of dict
-        Where something was done to it: time, kind and text.
+        Where something was done to it: time, kind, values that are new, and the preset that the
+        rig is from there on.
     remark : str
         What is missing; empty if nothing is.
     """
@@ -123,13 +123,14 @@ class _Reading:
         values = {**rig.as_dict(), **state['gap_control']['parameters'], **self._initial}
         time = snapshot.time_ns / 1e9
         era = Era(time, rig, {n: as_json(v) for n, v in values.items()}, state)
-        text = _differences(self.eras[-1].values, era.values) if self.eras else ''
-        kind = 'reset' if snapshot.reason == 'reset' else 'change' if text else ''
+        before = self.eras[-1].values if self.eras else {}
+        changed = {n: v for n, v in era.values.items() if before.get(n, v) != v}
+        kind = 'reset' if snapshot.reason == 'reset' else 'change' if changed else ''
         if not self.eras:
-            kind, text = 'stretch', 'start of the recording'
+            kind = 'stretch'
         if kind and len(self.changes) < _MOST_CHANGES:
-            text = ', '.join(filter(None, ['reset' if kind == 'reset' else '', text]))
-            self.changes.append({'time': time, 'kind': kind, 'text': text[:_MOST_TEXT]})
+            preset = preset_with(era.values)
+            self.changes.append({'time': time, 'kind': kind, 'values': changed, 'preset': preset})
         if kind or not self.eras:
             self.eras.append(era)
         self._phase = ForcePhase(restored)
@@ -179,12 +180,6 @@ class _Reading:
         rows = rows[np.argsort(rows[:, 0], kind='stable')]
         phases = self._phase.at(rows[:, 0])
         self.motion.add_impacts(impact_rows(rows, self._rig, phases, self._rest))
-
-
-def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
-    return ', '.join(
-        label(name, value) for name, value in after.items() if before.get(name, value) != value
-    )
 
 
 def load_recording(path: Path) -> Recorded:

@@ -154,6 +154,8 @@ class RigLink:
                 ('set_parameters_atomically', SetParametersAtomically),
                 ('pause', SetBool),
                 ('reset', Trigger),
+                ('step', Trigger),
+                ('step_to_impact', Trigger),
             )
         }
         self._kinds: dict[str, str] = {}
@@ -220,9 +222,9 @@ class RigLink:
         answer = await self._services['pause'].call(SetBool.Request(data=hold))
         return bool(answer.success), str(answer.message)
 
-    async def reset(self) -> tuple[bool, str]:
-        """Put the rig to its initial conditions."""
-        answer = await self._services['reset'].call(Trigger.Request())
+    async def trigger(self, service: str) -> tuple[bool, str]:
+        """Call `reset`, `step` or `step_to_impact`."""
+        answer = await self._services[service].call(Trigger.Request())
         return bool(answer.success), str(answer.message)
 
     def close(self) -> None:

@@ -36,6 +36,8 @@ _LOOK_PERIOD_S = 1.0
 _KEPT_S = 30.0
 _LIST_PERIOD_S = 2.0
 _COMPLAINT_PERIOD_S = 10.0
+#: More pages than this would keep one another waiting.
+_MOST_PAGES = 100
 
 
 class Network(Protocol):
@@ -274,6 +276,8 @@ class PageServer:
         Refusal
             If there is no such thing.
         """
+        if len(self._sessions) >= _MOST_PAGES:
+            raise Refusal(f'{_MOST_PAGES} pages are open here: close some, and load this one anew')
         await self.list_recordings()
         if not bag and self._network is None:
             # The newest

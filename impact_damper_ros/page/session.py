@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
+import math
 import time
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
+
+from impact_damper_ros.rig.quoting import shown
 
 from .frames import View
 from .outbox import Outbox, Sink
@@ -12,6 +17,9 @@ from .outbox import Outbox, Sink
 #: Longest message of a page, bytes; Tornado closes the connection at longer ones.
 LONGEST_MESSAGE = 65_536
 _MOST_RATE = 60.0
+#: Messages of one page that are carried out at once, and then per second: a knob that is dragged
+#: sends some 60. What is beyond waits in the connection, and holds up nobody else.
+_BURST, _MESSAGES_PER_S = 100.0, 100.0
 
 
 def _refuse(name: str) -> float:
@@ -20,6 +28,39 @@ def _refuse(name: str) -> float:
 
 class Refusal(Exception):  # noqa: N818
     """Why a request of a page is not carried out, in words for its user."""
+
+
+_KINDS = {
+    bool: 'true or false',
+    dict: 'an object of values by their names',
+    float: 'a finite number',
+    int: 'a whole number',
+    str: 'a text',
+}
+_T = TypeVar('_T')
+#: Longest text with which a page may number its requests.
+_LONGEST_ID = 80
+
+
+def given(message: dict[str, Any], name: str, kind: type[_T], default: _T | None = None) -> _T:
+    """
+    Return what a request gives, of the kind that it has to be.
+
+    Raises
+    ------
+    Refusal
+        If it gives nothing, or something else.
+    """
+    value = message.get(name, default)
+    with contextlib.suppress(OverflowError):
+        if kind is float and type(value) is int:
+            value = float(value)
+        elif kind is int and isinstance(value, float) and value.is_integer():
+            value = int(value)
+    if type(value) is not kind or (isinstance(value, float) and not math.isfinite(value)):
+        said = shown(value) if name in message else 'missing'
+        raise Refusal(f'{message["type"]}: {name} is {said}: give {_KINDS[kind]}')
+    return value
 
 
 class Source(Protocol):
@@ -53,6 +94,7 @@ class Session:
         self.view = View()
         self._period = 0.0
         self._due = 0.0
+        self._credit, self._counted = _BURST, time.monotonic()
         self.outbox.put(source.hello())
 
     def greet(self) -> None:
@@ -74,6 +116,7 @@ class Session:
 
     async def take(self, text: str | bytes) -> None:
         """Carry out a message of the page; whatever it holds, only that page hears of it."""
+        await self._take_turn()
         identity: Any = None
         kind = 'set_result'
         try:
@@ -81,6 +124,8 @@ class Session:
             if not isinstance(message, dict) or not isinstance(message.get('type'), str):
                 raise Refusal('a message is an object with a type')
             identity = message.get('id')
+            if not isinstance(identity, int | str) or len(str(identity)) > _LONGEST_ID:
+                identity = None
             kind = 'set_result' if message['type'] in ('set', 'preset') else 'service_result'
             answer = await self._carry_out(message)
         except (ArithmeticError, KeyError, RecursionError, TypeError, ValueError) as error:
@@ -90,10 +135,18 @@ class Session:
         if answer is not None:
             self.outbox.put({'type': kind, 'id': identity, **answer})
 
+    async def _take_turn(self) -> None:
+        """Wait after too many messages; the next one is not read before this one is done."""
+        now = time.monotonic()
+        earned = _MESSAGES_PER_S * (now - self._counted)
+        self._credit, self._counted = min(_BURST, self._credit + earned) - 1.0, now
+        if self._credit < 0.0:
+            await asyncio.sleep(-self._credit / _MESSAGES_PER_S)
+
     async def _carry_out(self, message: dict[str, Any]) -> dict[str, Any] | None:
         if message['type'] != 'view':
             return await self.source.handle(message, self)
-        self.view = View(float(message.get('window', 30.0)), int(message.get('width', 1000)))
-        rate = min(max(float(message.get('rate', _MOST_RATE)), 0.1), _MOST_RATE)
+        self.view = View(given(message, 'window', float, 30.0), given(message, 'width', int, 1000))
+        rate = min(max(given(message, 'rate', float, _MOST_RATE), 0.1), _MOST_RATE)
         self._period = 1.0 / rate if rate < _MOST_RATE else 0.0
         return None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,13 @@ from impact_damper_ros.compare import (
     predictions,
 )
 from impact_damper_ros.control import ControlledRig
-from impact_damper_ros.orbits import Branch, OrbitError, PeriodicOrbit, continue_orbit
+from impact_damper_ros.orbits import (
+    Branch,
+    OrbitError,
+    PeriodicOrbit,
+    SpecialPoint,
+    grow_branch,
+)
 from impact_damper_ros.rig import RigParameters
 
 from .knobs import as_json
@@ -34,6 +41,8 @@ _MOST_BRANCHES = 4
 #: A motion is on a branch that is nearer than this in Xmax/A.
 _ON_BRANCH = 2e-3
 _MOST_ROWS = 1500
+#: A curve that grows is sent this often, s.
+_MESSAGE_PERIOD_S = 0.1
 
 
 def theory(state: Mapping[str, Any], *, orbit: bool, curve: bool) -> Iterator[dict[str, Any]]:
@@ -54,31 +63,32 @@ def theory(state: Mapping[str, Any], *, orbit: bool, curve: bool) -> Iterator[di
     """
     if not (orbit or curve):
         return
+    wanted = curve
     rig = ControlledRig.restore(dict(state))
     clock = LoggedRig.of_snapshot(state).clock
+    curve = curve and not rig.parameters.one_sided
     gap_curve = GapCurve(rig.parameters)
-    begun: list[PeriodicOrbit] = []
     last = Prediction()
-    for last in predictions(rig):
+    for number, last in enumerate(predictions(rig)):
         if orbit:
             yield orbit_message(clock, last, rig.time)
-        start = last.expected
-        if curve and start is not None and not begun and not rig.parameters.one_sided:
-            begun.append(start)
-            yield from gap_curve.previewed(start)
+        start = gap_curve.here = last.expected
+        if curve and start is not None and not last.complete:
+            # After the first answer it may yet turn out to be another one.
+            yield from gap_curve.followed(start, _MOST_POINTS if number else _PREVIEW_POINTS)
     if not last.applies:
         yield {'type': 'theory_failed', 'text': last.reason}
-        return
-    if not curve:
-        return
-    if rig.parameters.one_sided:
-        yield {'type': 'theory_failed', 'text': 'a one-sided rig has no gap to choose'}
-        return
-    starts = [*([last.expected] if last.expected else []), *last.orbits]
-    for start in starts:
-        if len(gap_curve.branches) < _MOST_BRANCHES and not gap_curve.holds(start):
-            yield from gap_curve.followed(start)
-    yield gap_curve.message(done=True)
+    elif curve:
+        # First all that there is to say about the motion of the rig
+        own = [last.expected] if last.expected else []
+        for starts in (own, gap_curve.starts, last.orbits):
+            for start in starts:
+                yield from gap_curve.followed(start, _MOST_POINTS)
+            yield from gap_curve.marked()
+        yield gap_curve.message(done=True)
+    elif wanted:
+        text = 'a one-sided rig has no gap to choose'
+        yield {**gap_curve.message(done=True), 'text': text}
 
 
 def orbit_message(clock: ForceClock | None, prediction: Prediction, time: float) -> dict[str, Any]:
@@ -155,6 +165,95 @@ def _label(orbit: PeriodicOrbit) -> str:
     )
 
 
+class _Motion:
+    """
+    A motion that is followed down and up in the gap, from where it is.
+
+    Parameters
+    ----------
+    start : PeriodicOrbit
+        The motion.
+    """
+
+    def __init__(self, start: PeriodicOrbit) -> None:
+        self.start = start
+        gap = start.parameters.gap
+        self._ways = [
+            grow_branch(
+                *(start, 'gap', gap / _SPAN, gap * _SPAN), upwards=up, most_points=_MOST_POINTS
+            )
+            for up in (False, True)
+        ]
+        self._parts: list[Branch | None] = [None, None]
+        self.branch = _joined(start, None, None)
+        self._marked = False
+
+    def _grow(self, way: int) -> bool:
+        """Add a point at one end; return whether there was anything left to do."""
+        try:
+            branch = next(self._ways[way])
+        except (StopIteration, OrbitError, ValueError, ArithmeticError):
+            self._ways[way] = iter(())
+            return False
+        self._parts[way] = branch
+        return True
+
+    def _far(self, points: int) -> list[bool]:
+        """Return which ways have so many points, or their end."""
+        # The last point that there may be is followed by the end.
+        most = points if points < _MOST_POINTS else _MOST_POINTS + 1
+        return [p is not None and (bool(p.ended) or len(p.orbits) >= most) for p in self._parts]
+
+    def grown(self, points: int) -> Iterator[None]:
+        """Follow it to so many points in both ways, or to its ends; yield between two points."""
+        ways = [way for way, far in enumerate(self._far(points)) if not far]
+        while ways:
+            ways = [way for way in ways if self._grow(way) and not self._far(points)[way]]
+            self.branch = _joined(self.start, *self._parts)
+            yield
+
+    def marked(self) -> bool:
+        """Find the special points of a motion that is followed to its ends, if any, once."""
+        if self.open_ends:
+            return False
+        for way in (0, 1):
+            while self._grow(way):
+                pass
+        fresh, self._marked = not self._marked, True
+        return fresh and any(True for _ in self.special)
+
+    def holds(self, orbit: PeriodicOrbit) -> bool:
+        """Return whether a motion is on the branch, as far as it is followed."""
+        if orbit is self.start:
+            return True
+        if self.branch['label'] != _label(orbit):
+            return False
+        gap, ratio = orbit.parameters.gap, orbit.amplitude_ratio
+        gaps, ratios = np.array(self.branch['gap']), np.array(self.branch['x_max_ratio'])
+        crossed = (gaps[:-1] - gap) * (gaps[1:] - gap) <= 0.0
+        for i in np.flatnonzero(crossed):
+            width = gaps[i + 1] - gaps[i]
+            share = (gap - gaps[i]) / width if width else 0.0
+            there = ratios[i] + share * (ratios[i + 1] - ratios[i])
+            if abs(there - ratio) < _ON_BRANCH + 0.02 * ratio:
+                return True
+        return False
+
+    @property
+    def open_ends(self) -> tuple[int, ...]:
+        """At which of its points it is still to be followed."""
+        over = [part is None or bool(part.ended) for part in self._parts]
+        return tuple(end for end, done in zip((0, -1), over, strict=True) if not done)
+
+    @property
+    def special(self) -> Iterator[SpecialPoint]:
+        """The special points with motions that the rig can have."""
+        for part in self._parts:
+            for special in part.special if part is not None else ():
+                if special.orbit.viable:
+                    yield special
+
+
 class GapCurve:
     """
     Xmax/A over the gap, as far as it is known.
@@ -167,116 +266,75 @@ class GapCurve:
 
     def __init__(self, rig: RigParameters) -> None:
         self._rig = rig
-        self._here: PeriodicOrbit | None = None
-        self._preview: list[dict[str, Any]] = []
-        # Branches of which one way is still to be followed
-        self._half: list[dict[str, Any]] = []
-        self._special: list[dict[str, Any]] = []
-        self.branches: list[dict[str, Any]] = []
+        #: The motion of the rig.
+        self.here: PeriodicOrbit | None = None
+        self._motions: list[_Motion] = []
 
-    def previewed(self, start: PeriodicOrbit) -> Iterator[dict[str, Any]]:
-        """Follow a motion for a short way."""
-        self._here = start
-        down, up = self._both_ways(start, _PREVIEW_POINTS)
-        self._preview = [_joined(start, down, up)] if down is not None and up is not None else []
-        if self._preview:
+    @property
+    def starts(self) -> list[PeriodicOrbit]:
+        """The motions that have been followed so far."""
+        return [motion.start for motion in self._motions]
+
+    def followed(self, start: PeriodicOrbit, points: int) -> Iterator[dict[str, Any]]:
+        """Follow a motion to so many points either way, or on if it is on a known branch."""
+        motion = next((motion for motion in self._motions if motion.holds(start)), None)
+        if motion is None:
+            if len(self._motions) >= _MOST_BRANCHES:
+                return
+            motion = _Motion(start)
+            self._motions.append(motion)
+        due = monotonic() + _MESSAGE_PERIOD_S
+        news = False
+        for _ in motion.grown(points):
+            news = monotonic() < due
+            if not news:
+                yield self.message()
+                due = monotonic() + _MESSAGE_PERIOD_S
+        if news:
             yield self.message()
 
-    def followed(self, start: PeriodicOrbit) -> Iterator[dict[str, Any]]:
-        """Follow a motion to both ends of the range."""
-        self._here = self._here or start
-        down, _ = self._both_ways(start, _MOST_POINTS, upwards=False)
-        if down is not None:
-            self._half = [_joined(start, down, None)]
-            yield self.message()
-        _, up = self._both_ways(start, _MOST_POINTS, downwards=False)
-        self._half = []
-        if down is None and up is None:
-            return
-        self.branches.append(_joined(start, down, up))
-        self._preview = []
-        for branch in (down, up):
-            self._special += [
+    def marked(self) -> Iterator[dict[str, Any]]:
+        """Find the special points, motion by motion."""
+        for motion in self._motions:
+            if motion.marked():
+                yield self.message()
+
+    def _best(self) -> tuple[float, float] | None:
+        """
+        Return the gap with the least Xmax/A of a stable motion, and that; None if there is none.
+
+        The open end of a branch that is still being followed is none: it goes on from there.
+        """
+        lowest = (_lowest(motion.branch, motion.open_ends) for motion in self._motions)
+        best = min(filter(None, lowest), key=lambda found: found[1], default=None)
+        for special in (special for motion in self._motions for special in motion.special):
+            # A motion that loses its stability is best just before.
+            ratio = special.orbit.amplitude_ratio
+            if best is not None and special.orbit.stable and ratio < best[1]:
+                best = special.value, ratio
+        return best
+
+    def message(self, *, done: bool = False) -> dict[str, Any]:
+        """Return all that is known."""
+        best = self._best()
+        return {
+            'type': 'gap_curve',
+            'gap': self._rig.gap,
+            'x_max_ratio': self.here.amplitude_ratio if self.here is not None else None,
+            'branches': [motion.branch for motion in self._motions],
+            'special': [
                 {
                     'gap': special.value,
                     'x_max_ratio': special.orbit.amplitude_ratio,
                     'kind': special.kind.value,
                     'stable': special.orbit.stable,
                 }
-                for special in (branch.special if branch is not None else ())
-                if special.orbit.viable
-            ]
-        yield self.message()
-
-    def _both_ways(
-        self, start: PeriodicOrbit, points: int, *, upwards: bool = True, downwards: bool = True
-    ) -> tuple[Branch | None, Branch | None]:
-        gap = start.parameters.gap
-        found: list[Branch | None] = []
-        for way, wanted in ((False, downwards), (True, upwards)):
-            branch = None
-            if wanted:
-                try:
-                    branch = continue_orbit(
-                        *(start, 'gap', gap / _SPAN, gap * _SPAN),
-                        upwards=way,
-                        most_points=points,
-                    )
-                except (OrbitError, ValueError, ArithmeticError):
-                    branch = None
-            found.append(branch if branch is not None and branch.orbits else None)
-        return found[0], found[1]
-
-    def holds(self, orbit: PeriodicOrbit) -> bool:
-        """Return whether a motion is on a branch that is known."""
-        gap, ratio = orbit.parameters.gap, orbit.amplitude_ratio
-        for branch in self.branches:
-            if branch['label'] != _label(orbit):
-                continue
-            gaps, ratios = np.array(branch['gap']), np.array(branch['x_max_ratio'])
-            crossed = (gaps[:-1] - gap) * (gaps[1:] - gap) <= 0.0
-            for i in np.flatnonzero(crossed):
-                width = gaps[i + 1] - gaps[i]
-                share = (gap - gaps[i]) / width if width else 0.0
-                there = ratios[i] + share * (ratios[i + 1] - ratios[i])
-                if abs(there - ratio) < _ON_BRANCH + 0.02 * ratio:
-                    return True
-        return False
-
-    def _parts(self) -> Iterator[tuple[dict[str, Any], tuple[int, ...]]]:
-        """Yield all branches, and at which of its points each goes on: to be followed yet."""
-        yield from ((branch, ()) for branch in self.branches)
-        yield from ((branch, (-1,)) for branch in self._half)
-        yield from ((branch, (0, -1)) for branch in self._preview)
-
-    @property
-    def optimum(self) -> tuple[float, float] | None:
-        """
-        The gap with the least Xmax/A of a stable motion, and that; None if there is none.
-
-        The open end of a branch that is still being followed is none: it goes on from there.
-        """
-        lowest = (_lowest(branch, ends) for branch, ends in self._parts())
-        best = min(filter(None, lowest), key=lambda found: found[1], default=None)
-        for special in self._special:
-            # A motion that loses its stability is best just before.
-            at_edge = best is not None and special['stable']
-            if at_edge and best is not None and special['x_max_ratio'] < best[1]:
-                best = special['gap'], special['x_max_ratio']
-        return best
-
-    def message(self, *, done: bool = False) -> dict[str, Any]:
-        """Return all that is known."""
-        best = self.optimum
-        here = self._here
-        return {
-            'type': 'gap_curve',
-            'gap': self._rig.gap,
-            'x_max_ratio': here.amplitude_ratio if here is not None else None,
-            'branches': [branch for branch, _ in self._parts()],
-            'special': self._special,
+                for motion in self._motions
+                for special in motion.special
+            ],
             'optimum': {'gap': best[0], 'x_max_ratio': best[1]} if best else None,
             'done': done,
+            'text': '',
         }
 
 

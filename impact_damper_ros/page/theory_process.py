@@ -20,6 +20,10 @@ import time
 import warnings
 from typing import NoReturn
 
+# Loaded here once: the solvers import it where it is first needed, which would be in each fork.
+import scipy.linalg
+import scipy.optimize  # noqa: F401
+
 from .theory import theory
 
 NICENESS = 5
@@ -37,23 +41,33 @@ def _write(message: dict[str, object]) -> None:
         line = line[os.write(1, line) :]
 
 
+def _end_of_patience(*_: object) -> NoReturn:
+    raise TimeoutError(f'not done within {_PATIENCE_S} s of computing')
+
+
 def _work(line: bytes) -> NoReturn:
     """Work on a request, in a fork."""
     code = 0
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGPROF, _end_of_patience)
     signal.setitimer(signal.ITIMER_PROF, _PATIENCE_S)
+    number = 0
     try:
         request = json.loads(line)
+        number = request['number']
         time.sleep(_QUIET_S)
         try:
             for message in theory(
                 request['state'], orbit=request['orbit'], curve=request['curve']
             ):
-                _write({**message, 'for': request['number']})
+                _write({**message, 'for': number})
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-            _write({'type': 'theory_failed', 'text': f'{error}', 'for': request['number']})
-    except Exception:
+            _write({'type': 'theory_failed', 'text': f'{error}', 'for': number})
+    except Exception as error:
         code = 1
+        with contextlib.suppress(OSError):
+            text = f'{type(error).__name__}: {error}'
+            _write({'type': 'theory_failed', 'text': text, 'for': number})
     finally:
         os._exit(code)
 

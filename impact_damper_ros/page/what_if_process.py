@@ -2,8 +2,8 @@
 The process that runs another rig on the history of a recorded one.
 
 It reads one request from its standard input, a JSON object with the path of the bag and the values
-that are held, and writes the motion as it is computed: lines of base64, each some rows of float64;
-last a line of JSON that says how it ended.
+that are held, and writes the motion as it is computed: lines of base64, each some rows of float64,
+after an ``I`` impacts, after an ``S`` samples; last a line of JSON that says how it ended.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.replayed_rig import setting_of
 from impact_damper_ros.replay.what_if import WhatIf
-from impact_damper_ros.rig import INITIAL_SPECS
+from impact_damper_ros.rig import INITIAL_SPECS, Event, EventKind
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 
 _NICENESS = 10
@@ -36,6 +36,38 @@ def _write(line: str) -> None:
     sys.stdout.flush()
 
 
+class _Rows:
+    """Rows that wait to be written."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, list[tuple[float, ...]]] = {'I': [], 'S': []}
+        self._due = time.monotonic() + _PERIOD_S
+
+    def add(self, events: list[Event], sample: tuple[float, ...]) -> None:
+        """Take a sample, and the events before it."""
+        self._waiting['I'] += [_impact(e) for e in events if e.kind is EventKind.IMPACT]
+        self._waiting['S'].append(sample)
+        if time.monotonic() > self._due:
+            self.write()
+
+    def write(self) -> None:
+        # A sample must not be known without the impacts before it.
+        for kind, rows in self._waiting.items():
+            if rows:
+                _write(kind + base64.b64encode(np.array(rows).tobytes()).decode())
+                rows.clear()
+        self._due = time.monotonic() + _PERIOD_S
+
+
+def _impact(event: Event) -> tuple[float, ...]:
+    """Return an impact as `motion.IMPACT_COLUMNS`, without the phase."""
+    return (
+        *(event.time, event.stop, event.x, event.primary_velocity_after),
+        *(event.damper_velocity_after, event.impulse, float('nan'), event.y),
+        *(event.primary_velocity_before, event.damper_velocity_before),
+    )
+
+
 def _run(path: Path, values: dict[str, Any]) -> str:
     """Run the rig; return how it started."""
     replay = Replay(RecordedRun(path), adopt=True)
@@ -45,32 +77,27 @@ def _run(path: Path, values: dict[str, Any]) -> str:
         raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')
     held = {name: value for name, value in values.items() if name in known}
     held_initial = {name: value for name, value in values.items() if name in INITIAL_SPECS}
-    rows: list[tuple[float, ...]] = []
+    rows = _Rows()
     other: WhatIf | None = None
-    due = time.monotonic() + _PERIOD_S
     try:
         for tick in replay.ticks():
             if other is None:
                 initial = replay.replayed.first_initial
                 other = WhatIf(replay.recorded.start, initial, held, held_initial)
-            sample, _ = other.follow(tick)
+            sample, events = other.follow(tick)
             x, x_velocity, z, z_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample[1:]
             rig = other.rig.parameters
             if rig.one_sided:
                 stop_2 = velocity_2 = float('nan')
-            rows.append(
+            rows.add(
+                events,
                 (
                     *(tick.time_ns / 1e9, x, x_velocity, z, z_velocity),
                     *(stop_1, velocity_1, stop_2, velocity_2, rig.angle, float('nan')),
-                )
+                ),
             )
-            if time.monotonic() > due:
-                _write(base64.b64encode(np.array(rows).tobytes()).decode())
-                rows.clear()
-                due = time.monotonic() + _PERIOD_S
     finally:
-        if rows:
-            _write(base64.b64encode(np.array(rows).tobytes()).decode())
+        rows.write()
     if other is None:
         return 'the recording holds no motion'
     start = 'its initial conditions' if other.from_initial else 'the recorded state'

@@ -52,6 +52,8 @@ SERVICES = {
     'set_parameters_atomically': SetParametersAtomically,
     'pause': SetBool,
     'reset': Trigger,
+    'step': Trigger,
+    'step_to_impact': Trigger,
 }
 
 SOURCE = Path(impact_damper_ros.__file__).parents[1]
@@ -250,7 +252,7 @@ class RigParametersClient:
         return reasons[0] if len(values) == 1 else reasons
 
     def service(self, name, request):
-        """Call `reset` or `pause` of the node."""
+        """Call `reset`, `pause`, `step` or `step_to_impact` of the node."""
         return self._client.call(SERVICES[name], f'{self.node}/{name}', request)
 
     def set_atomically(self, **values):

@@ -1,8 +1,10 @@
 """Absurd rigs over DDS: the node answers, says what keeps it, and ends with a whole bag."""
 
 import json
+import re
 import signal
 import time
+from itertools import pairwise
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -262,3 +264,49 @@ def test_what_is_recorded_first_is_on_the_disk_at_once(recording, tmp_path):
     snapshots = [d.message.data for d in reader.messages([reader.custom['snapshot']])]
     found = [json.loads(text)['reason'] for text in snapshots]
     assert found[:2] == ['record', 'start']
+
+
+def test_single_steps(client, recording, namespace, tmp_path, capsys):
+    process, states, _ = recording()
+
+    def call(name, kind=Trigger, **values):
+        answer = client.call(kind, f'{namespace}/sim_node/{name}', kind.Request(**values))
+        return answer.success, answer.message
+
+    ok, text = call('step')
+    assert not ok
+    assert 'pause it first' in text
+    impacts = client.listen(JointState, f'{namespace}/impacts')
+    until(lambda: impacts)
+    assert call('pause', SetBool, data=True)[0]
+    paused = until(lambda: [m for m in list(states) if m.header.frame_id == PAUSED_FRAME])
+    assert call('pause', SetBool, data=True)[1].startswith('was paused already')
+    counts = []
+    for _ in range(5):
+        counts.append(sum(m.header.frame_id == '' for m in list(states)))
+        ok, text = call('step')
+        assert ok
+        assert re.fullmatch(r'paused after a step, at rig time [\d.]+ s', text)
+        until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
+    assert [b - a for a, b in pairwise(counts)] == [1] * 4
+    hit = len(impacts)
+    ok, text = call('step_to_impact')
+    assert ok
+    assert text.startswith('running on until after the next impact, at rig time')
+
+    def samples():
+        return [stamp_ns(m.header.stamp) for m in list(states) if m.header.frame_id == '']
+
+    # The impact comes before the sample after it.
+    until(lambda: len(impacts) > hit and samples()[-1] >= stamp_ns(impacts[hit].header.stamp))
+    until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
+    stamps = samples()
+    assert stamps[-2] < stamp_ns(impacts[hit].header.stamp) <= stamps[-1]
+    assert stamps == sorted(set(stamps))
+    assert paused
+    assert call('pause', SetBool, data=False)[0]
+    until(lambda: states[-1].header.frame_id == '')
+    assert process.stop() == 0, process.output
+    # Nothing of the motion depends on where it was stopped.
+    assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0
+    assert 'bit for bit' in capsys.readouterr().out

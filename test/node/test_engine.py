@@ -358,9 +358,97 @@ def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
     assert {m.header.frame_id for m in recorded} == {''}
 
 
+def stepped(bench, *, to_impact=False):
+    """Make a step; return the rig time that it ends at, ns."""
+    ticket = bench.engine.step(to_impact=to_impact)
+    assert ticket.wait(DEADLINE_S)
+    assert ticket.error is None
+    assert ticket.result.wait(DEADLINE_S)
+    assert ticket.result.error is None
+    return ticket.result.time_ns
+
+
+def as_others_record(bench, place):
+    """Record all that is published as `ros2 bag record` does, with the time of arrival."""
+    log = recording(place)
+    for number, (name, data) in enumerate(bench.sent):
+        if name != 'clock':
+            log.write(name, data, 10**18 + 1_000_003 * number)
+    assert log.close().error is None
+
+
+@pytest.mark.parametrize('clock', [True, False])
+def test_single_steps_of_a_paused_rig(clock, tmp_path):
+    """A step is one sample, or ends after the next impact; nothing of the motion depends on it."""
+    with Bench(factor=1.0, clock=clock) as bench:
+        bench.engine.start()
+        until(lambda: len(bench.samples()) > 3)
+        assert bench.engine.pause(True).wait(DEADLINE_S)
+        held = bench.engine.status().time_ns
+        for count in range(1, 6):
+            assert stepped(bench) == held + count * 10_000_000
+            status = bench.engine.status()
+            assert status.paused
+            assert status.time_ns == held + count * 10_000_000
+        count, impacts = len(bench.samples()), bench.engine.status().impacts
+        end = stepped(bench, to_impact=True)
+        assert len(bench.messages('impacts')) > impacts
+        assert bench.engine.status().paused
+        until(lambda: len(bench.paused()) > 1)
+        # The one sample after the impact is the last one.
+        stamps = [stamp_ns(m.header.stamp) for m in bench.samples()[-2:]]
+        hit = stamp_ns(bench.messages('impacts')[impacts].header.stamp)
+        assert stamps[0] < hit <= stamps[1] == bench.engine.stamp_ns()
+        assert len(bench.samples()) == count + (end - held) // 10_000_000 - 5
+        assert bench.engine.pause(False).wait(DEADLINE_S)
+        count = len(bench.samples())
+        until(lambda: len(bench.samples()) > count + 30)
+    samples = bench.samples()
+    rig = Simulator(LIVELY)
+    for tick, message in enumerate(samples):
+        rig.advance(tick * 10_000_000 / 1e9)
+        sample = rig.sample()
+        assert list(message.position[:2]) == [sample.x, sample.z]
+    stamps = [stamp_ns(m.header.stamp) for m in samples]
+    assert stamps == sorted(set(stamps))
+    as_others_record(bench, tmp_path / 'bag')
+    replay = Replay(RecordedRun(tmp_path / 'bag'))
+    assert sum(1 for _ in replay.ticks()) == len(samples)
+    assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
+
+
+def test_steps_that_are_refused_or_ended():
+    still = RigParameters(gap=1e6, force_amplitudes=(0.0,), gravity=0.0)
+    with Bench(still, factor=1.0) as bench:
+        bench.engine.start()
+        refused = bench.engine.step()
+        assert refused.wait(DEADLINE_S)
+        assert 'pause it first' in str(refused.error)
+        for hold in (True, False):
+            assert bench.engine.pause(True).wait(DEADLINE_S)
+            step = bench.engine.step(to_impact=True)
+            assert step.wait(DEADLINE_S)
+            # m never comes to a stop; the rig runs on as long as it is let.
+            reached = bench.engine.stamp_ns()
+            until(lambda reached=reached: bench.engine.stamp_ns() > reached + 100_000_000)
+            again = bench.engine.step()
+            assert again.wait(DEADLINE_S)
+            assert 'under way' in str(again.error)
+            end = bench.engine.pause(hold)
+            assert end.wait(DEADLINE_S)
+            assert end.result is True
+            assert step.result.wait(DEADLINE_S)
+            assert 'ended' in str(step.result.error)
+            assert bench.engine.status().paused is hold
+        assert bench.engine.pause(True).wait(DEADLINE_S)
+        step = bench.engine.step(to_impact=True)
+        assert step.wait(DEADLINE_S)
+    assert step.result.wait(DEADLINE_S)
+    assert 'shutting down' in str(step.result.error)
+
+
 @pytest.mark.parametrize('clock', [True, False])
 def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
-    """As `ros2 bag record` does it: all that is published, stamped with the time of arrival."""
     with Bench(factor=1.0, clock=clock) as bench:
         bench.engine.start()
         until(lambda: len(bench.samples()) > 30)
@@ -369,11 +457,7 @@ def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
         assert bench.engine.pause(False).wait(DEADLINE_S)
         count = len(bench.samples())
         until(lambda: len(bench.samples()) > count + 30)
-    log = recording(tmp_path / 'bag')
-    for number, (name, data) in enumerate(bench.sent):
-        if name != 'clock':
-            log.write(name, data, 10**18 + 1_000_003 * number)
-    assert log.close().error is None
+    as_others_record(bench, tmp_path / 'bag')
     replay = Replay(RecordedRun(tmp_path / 'bag'))
     assert sum(1 for _ in replay.ticks()) == len(bench.samples())
     assert replay.findings.verdict is ReplayVerdict.IDENTICAL, replay.findings
@@ -534,6 +618,12 @@ def test_a_rig_that_cannot_go_on_is_held_until_it_is_changed():
         assert bench.engine.pause(False).wait(DEADLINE_S)
         assert bench.engine.change(None, event_bytes()).wait(DEADLINE_S)
         assert bench.engine.status().held
+        # Nor is there a step to be made.
+        assert bench.engine.pause(True).wait(DEADLINE_S)
+        step = bench.engine.step()
+        assert step.wait(DEADLINE_S)
+        assert 'give a wider gap' in str(step.error)
+        assert bench.engine.pause(False).wait(DEADLINE_S)
         # A reset to the same end
         count = len(troubles)
         assert bench.engine.reset(InitialConditions(**initial)).wait(DEADLINE_S)
@@ -545,6 +635,24 @@ def test_a_rig_that_cannot_go_on_is_held_until_it_is_changed():
     stamps = [stamp_ns(m.header.stamp) for m in bench.messages('states')]
     assert stamps == sorted(stamps)
     assert [s['reason'] for s in bench.snapshots()].count('reset') == 2
+
+
+def test_a_step_of_a_rig_that_cannot_go_on_ends_in_a_pause():
+    values, initial = SLOW['runaway']
+    with Bench(factor=1.0) as bench:
+        bench.engine.start()
+        assert bench.engine.pause(True).wait(DEADLINE_S)
+        change = bench.engine.change(LIVELY.replace(**values), event_bytes())
+        assert change.wait(DEADLINE_S)
+        assert bench.engine.reset(InitialConditions(**initial)).wait(DEADLINE_S)
+        step = bench.engine.step()
+        assert step.wait(DEADLINE_S)
+        assert step.result.wait(DEADLINE_S)
+        assert 'give a wider gap' in str(step.result.error)
+        # What sets a held rig going again leaves a paused one where it is.
+        assert bench.engine.change(LIVELY, event_bytes()).wait(DEADLINE_S)
+        status = bench.engine.status()
+        assert (status.held, status.paused) == ('', True)
 
 
 def test_a_request_between_two_far_ticks_is_answered_at_once():

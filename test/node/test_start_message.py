@@ -19,7 +19,8 @@ def test_start_message_names_what_runs(launch, namespace):
     states = f'{namespace}/joint_states at 200 Hz'
     others = [f'{namespace}/{name}' for name in ('impacts', 'gap_control', 'snapshot')]
     assert f'topics     {", ".join([states, *others])}, /diagnostics, /clock\n' in said
-    assert f'services   {namespace}/sim_node/reset, {namespace}/sim_node/pause\n' in said
+    services = [f'{namespace}/sim_node/{n}' for n in ('reset', 'pause', 'step', 'step_to_impact')]
+    assert f'services   {", ".join(services)}\n' in said
     assert 'Hz were meant' not in said
     assert process.stop() == 0
 

@@ -10,6 +10,7 @@ from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.orbits.continuation import (
     SpecialKind,
     continue_orbit,
+    grow_branch,
     switch_branch,
     value_of,
     with_value,
@@ -81,6 +82,21 @@ def test_every_point_is_a_motion_of_its_rig(name, low, high, upwards):
         assert orbit.parameters == with_value(FRICTION, name, branch.values[i])
         found = find_orbits(orbit.parameters, (1, 2), simulate=False).orbits
         assert min(orbit.differs(other) for other in found) < 1e-8
+
+
+def test_a_branch_grows_point_by_point(narrowing):
+    orbit = stable_orbit(OFF_RESONANCE, (1, 2))
+    *parts, last = grow_branch(orbit, 'gap', 10.0, 60.0, upwards=False)
+    assert last == narrowing
+    counts = [len(part.orbits) for part in parts]
+    assert counts == [*range(1, len(last.orbits) + 1)]
+    for part in parts:
+        assert part.values == last.values[: len(part.values)]
+        assert part.special == ()
+    # The curve is there before its special points, which take as long.
+    assert [bool(part.ended) for part in parts] == [*([False] * (len(parts) - 1)), True]
+    assert parts[-1].ended == last.ended
+    assert last.special
 
 
 def test_fold_of_the_vertical_rig(quieter):

@@ -57,6 +57,21 @@ def test_jacobian_is_the_derivative(stops, cycles, friction):
         assert jacobian[:, j] == pytest.approx(slope, abs=1e-8 * np.abs(jacobian).max())
 
 
+@pytest.mark.parametrize(('stops', 'cycles', 'friction'), SEQUENCES)
+def test_derivative_by_the_gap(stops, cycles, friction):
+    rig = RIG.replace(friction=friction, gap=30.0)
+    equations = ImpactEquations(rig, stops, cycles)
+    x, instants = anywhere(equations)
+    sides = []
+    for gap in (30.0 + 1e-3, 30.0 - 1e-3):
+        other = ImpactEquations(rig.replace(gap=gap), stops, cycles)
+        # Times the length, which may change with the gap
+        sides.append(other.residual(x, instants)[0] * other.length)
+    slope = (sides[0] - sides[1]) / 2e-3 / equations.length
+    assert equations.by_gap(instants) == pytest.approx(slope, abs=1e-9)
+    assert bool(np.abs(slope).max() > 1e-3) is (2 in stops)
+
+
 def test_batches_are_the_single_ones():
     equations = ImpactEquations(RIG, (1, 2), 1)
     several = [anywhere(equations, seed) for seed in range(3)]

@@ -132,9 +132,9 @@ class FakeLink:
         self.calls.append(('pause', hold))
         return True, 'paused' if hold else 'running on'
 
-    async def reset(self):
-        self.calls.append(('reset',))
-        return True, 'reset'
+    async def trigger(self, service):
+        self.calls.append((service,))
+        return True, service
 
     def close(self):
         self.closed = True

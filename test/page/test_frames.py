@@ -165,6 +165,12 @@ def test_a_ghost_that_comes_to_be_known(motion, rig):
     on = [taken_apart(view.frame(motion, 9.0 + k / 60, 0.0, 0, ghost)) for k in range(1, 60)]
     starts = np.concatenate([f.ghost_columns[:, 6] + f.end for f in (frames[-1], *on)])
     assert np.allclose(np.diff(starts), 5.0 / 300, atol=1e-4)
+    # After a jump it has as many samples as the rig itself, forwards too.
+    far = View(window=1.0, width=300)
+    far.frame(motion, 3.0, 0.0, 0, ghost)
+    ahead = taken_apart(far.frame(motion, 8.0, 0.0, 0, ghost))
+    assert ahead.flags == REPLACE | GHOST
+    assert len(ahead.ghost_samples) == len(ahead.samples) > 100
     back = taken_apart(view.frame(motion, 6.0, 0.0, 0, ghost))
     assert back.flags == REPLACE | GHOST
     assert len(back.ghost_columns) == len(back.columns)

@@ -9,7 +9,7 @@ import pytest
 
 import impact_damper_ros
 from impact_damper_ros.control import GAP_CONTROL_SPECS
-from impact_damper_ros.page.knobs import as_json, knobs_of, label
+from impact_damper_ros.page.knobs import as_json, knobs_of
 from impact_damper_ros.rig import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS
 
 SPECS = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS, **INITIAL_SPECS}
@@ -49,15 +49,6 @@ def test_values_that_json_lacks_are_none():
     assert as_json({'a': [float('nan'), 1.0, (float('inf'), 'x')]}) == {
         'a': [None, 1.0, [None, 'x']]
     }
-
-
-def test_labels():
-    assert label('gap', 0.024) == 'gap 0.024 m'
-    assert label('force_frequencies', [31.416]) == 'force_frequencies 31.416 rad/s'
-    assert label('force_amplitudes', [1.0, 2.0]) == 'force_amplitudes [1, 2] N'
-    assert label('one_sided', True) == 'one_sided true'
-    assert label('record', True) == 'record true'
-    assert len(label('bag_directory', 'x' * 1000)) < 100
 
 
 BLOCKED = """

@@ -68,7 +68,7 @@ def test_a_knob_turned_in_the_page_turns_that_of_the_node(tmp_path):
             refused = await page.ask(type='set', values={'gap': 0.02, 'friction': -1.0})
             assert refused['reason'].startswith('friction is -1.0')
             assert (await page.ask(type='set', values={'gap': 0.02}))['ok']
-            turned = await page.next('parameters', changed=['gap'])
+            turned = await page.next('parameters', values={'gap': 0.02})
             assert turned['time'] > 0.0
             await page.until(
                 lambda: (
@@ -119,14 +119,37 @@ def turn(name, value):
 def test_pause_reset_and_record(node, tmp_path):
     async def test():
         async with page_of(tmp_path / 'runs', node='/sim_node') as (_, page):
-            await page.until(lambda: page.frames)
+            await page.until(lambda: page.frames and with_knobs(page))
             assert (await page.ask(type='record', on=True))['ok']
-            await page.next('parameters', changed=['record'])
+            await page.next('parameters', values={'record': True})
+            hellos, seen = len(page.of('hello')), len(page.frames)
             assert (await page.ask(type='service', name='pause'))['ok']
             await page.next('status', state='paused')
             await page.until(lambda: page.of('status')[-1]['state'] == 'paused')
             assert (await page.ask(type='service', name='pause'))['ok']
             await page.until(lambda: page.of('status')[-1]['state'] != 'paused')
+            count = len(page.frames)
+            await page.until(lambda: len(page.frames) > count + 5)
+            # The rig is still the same one, with the traces of before.
+            assert len(page.of('hello')) == hellos
+            assert not [f for f in page.frames[seen + 1 :] if f.flags & 4]
+            refused = await page.ask(type='service', name='step')
+            assert (refused['ok'], 'pause it first' in refused['reason']) == (False, True)
+            assert (await page.ask(type='service', name='pause'))['ok']
+            await page.until(lambda: page.of('status')[-1]['state'] == 'paused')
+            ends = [page.frames[-1].end]
+            for _ in range(3):
+                step = await page.ask(type='service', name='step')
+                assert (step['ok'], step['reason'][:19]) == (True, 'paused after a step')
+                await page.until(lambda: page.frames[-1].end > ends[-1])
+                ends.append(page.frames[-1].end)
+            assert np.diff(ends) == pytest.approx([0.005] * 3, abs=1e-6)
+            known = sum(len(frame.impacts) for frame in page.frames)
+            assert (await page.ask(type='service', name='step_to_impact'))['ok']
+            await page.until(lambda: sum(len(f.impacts) for f in page.frames) > known)
+            await page.until(lambda: page.frames[-1].flags & 1)
+            assert 0.0 <= -page.frames[-1].impacts[-1, 0] <= 0.005 + 1e-6
+            assert (await page.ask(type='service', name='pause'))['ok']
             reset = await page.ask(type='service', name='reset')
             assert reset['reason'].startswith('reset to primary at 0 m')
             assert (await page.ask(type='record', on=False))['ok']

@@ -17,7 +17,7 @@ from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.page.child import environment
 from impact_damper_ros.page.recorded import load_recording
 from impact_damper_ros.page.recordings import Recordings
-from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
+from impact_damper_ros.rig import EventKind, RigParameters, Simulator, load_parameters
 from impact_damper_ros.rig.parameters_file import presets
 
 from .browser import get, opened, serving, url
@@ -74,10 +74,10 @@ def test_recording_is_read_as_it_was(recorded):
     late = samples[samples[:, 0] > 9.0]
     assert abs(late[:, 1].mean()) < 1e-3
     assert late[-1, 9] == 0.1
-    assert [(c['time'], c['kind'], c['text']) for c in recorded.changes] == [
-        (0.0, 'stretch', 'start of the recording'),
-        (4.0, 'change', 'gap 0.03 m'),
-        (8.0, 'change', 'angle 0.1 rad'),
+    assert recorded.changes == [
+        {'time': 0.0, 'kind': 'stretch', 'values': {}, 'preset': ''},
+        {'time': 4.0, 'kind': 'change', 'values': {'gap': 0.03}, 'preset': ''},
+        {'time': 8.0, 'kind': 'change', 'values': {'angle': 0.1}, 'preset': ''},
     ]
     assert [recorded.era(time) for time in (0.0, 3.99, 4.0, 7.0, 8.0, 99.0)] == [0, 0, 1, 1, 2, 2]
     assert recorded.eras[1].values['initial_damper_offset'] == 0.0
@@ -112,9 +112,9 @@ def test_a_recording_is_played_to_its_end(runs):
             assert {k['name']: k['value'] for k in hello['parameters']}['gap'] == 0.024
             await page.send(type='play', speed=100)
             await page.next('status', state='ended')
-            gap = await page.next('parameters', changed=['gap'])
-            assert (gap['values'], gap['text']) == ({'gap': 0.03}, 'gap 0.03 m')
-            await page.next('parameters', changed=['angle'])
+            gap = await page.next('parameters', values={'gap': 0.03})
+            assert gap['kind'] == 'change'
+            await page.next('parameters', values={'angle': 0.1})
             assert page.frames[-1].end == pytest.approx(SECONDS)
             columns = np.concatenate([f.columns[:, 6] + f.end for f in page.frames])
             assert (np.diff(columns) > 0.0).all()
@@ -153,10 +153,18 @@ def test_scrub_and_jumps(runs, recorded):
             assert times[:4] == pytest.approx([6.0, after[0], after[1], after[0]])
             assert times[4:6] == pytest.approx([8.0, 4.0])
             assert times[6:] == pytest.approx([recorded.start, recorded.start, SECONDS], abs=0.006)
-            # A step goes to the next impact, and shows it.
+            # Steps go to the next impact or sample, as on a live rig.
             await page.send(type='seek', time=6.0)
-            assert (await page.ask(type='service', name='step'))['ok']
+            assert (await page.ask(type='service', name='step_to_impact'))['ok']
             await page.until(lambda: page.frames[-1].end == pytest.approx(after[0], abs=1e-9))
+            samples = recorded.motion.samples[:, 0]
+            first = samples[samples > after[0]][0]
+            assert (await page.ask(type='service', name='step'))['ok']
+            await page.until(lambda: page.frames[-1].end == pytest.approx(first, abs=1e-9))
+            count = len(page.of('seek_done'))
+            await page.send(type='jump', to='sample', direction=-1)
+            back = (await page.next('seek_done', after=count))['time']
+            assert back == samples[samples < first][-1] < after[0]
             assert 'recording' in (await page.ask(type='set', values={'gap': 1.0}))['reason']
             for wrong in ({'to': 'moon'}, {'to': 'impact', 'direction': 'up'}):
                 answer = await page.ask(type='jump', **wrong)
@@ -188,6 +196,23 @@ def test_what_if_shows_another_rig(runs, recorded):
                 [other.sample().x, other.sample().z], rel=1e-5
             )
             assert frame.ghost[4] - frame.ghost[0] == pytest.approx(0.01, rel=1e-4)
+            # Between two samples too, also where there is an impact
+            hits = [e for e in other.advance(4.0) if e.kind is EventKind.IMPACT]
+            for instant in (3.0023, hits[0].time - 1e-4, hits[0].time + 1e-4):
+                await page.send(type='seek', time=instant)
+                between = await page.until(
+                    lambda instant=instant: [
+                        f for f in page.frames if f.end == instant and f.ghost is not None
+                    ]
+                )
+                fine = Simulator(rig.replace(gap=0.02))
+                fine.advance(instant)
+                exact = fine.sample()
+                assert between[-1].ghost[:4] == pytest.approx(
+                    [exact.x, exact.primary_velocity, exact.z, exact.damper_velocity],
+                    rel=1e-3,
+                    abs=1e-5,
+                )
             # Its traces, beside those of the recording: the same columns of another motion
             traces = [f for f in page.frames if f.end == 3.0 and len(f.ghost_columns)][-1]
             assert np.array_equal(traces.ghost_columns[:, 6:], traces.columns[:, 6:])
@@ -214,8 +239,41 @@ def test_what_if_shows_another_rig(runs, recorded):
     asyncio.run(test())
 
 
+def test_a_what_if_whose_process_is_killed_says_so(runs, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.ghost._PROCESS', 'no_such_module')
+
+    async def test():
+        async with serving(runs / 'run') as server, opened(server) as page:
+            await page.next('hello', mode='player')
+            await page.send(type='what_if', values={'gap': 0.02})
+            end = await page.next('what_if', done=True)
+            assert (end['on'], 'try it again' in end['text']) == (False, True)
+
+    asyncio.run(test())
+
+
+def test_a_bag_that_vanishes_while_it_is_played(runs, tmp_path):
+    place = tmp_path / 'runs'
+    shutil.copytree(runs, place)
+
+    async def test():
+        async with serving(place) as server, opened(server, '/ws?bag=run') as page:
+            await page.until(lambda: page.frames)
+            shutil.rmtree(place / 'run')
+            seen = page.frames[-1].end
+            await page.until(lambda: page.frames[-1].end > seen)
+            await page.send(type='what_if', values={'gap': 0.02})
+            end = await page.next('what_if', done=True)
+            assert (end['on'], 'no such file' in end['text']) == (False, True)
+            await page.send(type='seek', time=1.0)
+            await page.next('seek_done')
+            assert page.closed is None
+
+    asyncio.run(test())
+
+
 def test_the_process_of_the_what_if_alone(runs):
-    """Rows of float64 in base64, and a last line of JSON."""
+    """Samples and impacts as float64 in base64, and a last line of JSON."""
     request = {'path': str(runs / 'run'), 'values': {'initial_primary_position': 0.001}}
     done = subprocess.run(
         [sys.executable, '-m', 'impact_damper_ros.page.what_if_process'],
@@ -227,9 +285,20 @@ def test_the_process_of_the_what_if_alone(runs):
     )
     *lines, last = done.stdout.splitlines()
     assert json.loads(last) == {'ok': True, 'text': 'computed from its initial conditions'}
-    rows = np.concatenate(
-        [np.frombuffer(base64.b64decode(line)).reshape(-1, 11) for line in lines]
+    rows, impacts = (
+        np.concatenate(
+            [
+                np.frombuffer(base64.b64decode(line[1:])).reshape(-1, width)
+                for line in lines
+                if line[0] == kind
+            ]
+        )
+        for kind, width in (('S', 11), ('I', 10))
     )
+    own = load_recording(runs / 'run').motion.impacts
+    assert len(own) / 2 < len(impacts) < 2 * len(own)
+    assert (np.diff(impacts[:, 0]) > 0.0).all()
+    assert set(impacts[:, 1]) == {1.0, 2.0}
     assert rows[:, 0].tolist() == load_recording(runs / 'run').motion.samples[:, 0].tolist()
     rig, _, _ = load_parameters(presets()['bench_rig'])
     assert rows[0, 1] == pytest.approx(0.001, rel=0.1)

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from impact_damper_ros.control import ControlledRig, GapControlParameters
-from impact_damper_ros.page.presets import load_presets
+from impact_damper_ros.page.presets import load_presets, preset_with
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
 
 PRESETS = {preset.name: preset for preset in load_presets()}
@@ -146,3 +146,13 @@ def test_values_are_complete():
     assert names < set(values)
     assert sum(name.startswith('initial_') for name in values) == 4
     assert values['force_amplitudes'] == [1.2]
+
+
+def test_a_rig_is_known_as_a_preset_by_its_values():
+    for preset in PRESETS.values():
+        values = preset.all_values()
+        assert preset_with(values) == preset.title
+        # Where it starts is no part of it.
+        assert preset_with({**values, 'initial_primary_position': 1.0}) == preset.title
+        assert preset_with({**values, 'gap': 1.01 * values['gap']}) == ''
+    assert preset_with({}) == ''

@@ -197,9 +197,9 @@ def test_a_page_is_shown_the_rig(tmp_path):
             assert frame.end == pytest.approx(20.0)
             link.change(angle=0.3)
             link.run(0.5)
-            turned = await page.next('parameters', changed=['angle'])
+            turned = await page.next('parameters', values={'angle': 0.3})
             assert turned['time'] == pytest.approx(20.0)
-            assert turned['text'] == 'angle 0.3 rad'
+            assert (turned['kind'], turned['preset']) == ('change', '')
             await page.until(lambda: page.frames[-1].end > 20.4)
             assert page.frames[-1].state[0] == pytest.approx(link.rig.sample().x, rel=1e-5)
 
@@ -223,7 +223,8 @@ def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
             assert refused['reason'] == 'gap is -1.0 m: give a number from 1e-09 to 1e+09 m'
             assert (await page.ask(type='service', name='pause'))['reason'] == 'paused'
             assert (await page.ask(type='service', name='reset'))['ok']
-            assert 'no single step' in (await page.ask(type='service', name='step'))['reason']
+            for step in ('step', 'step_to_impact'):
+                assert (await page.ask(type='service', name=step))['reason'] == step
             assert not (await page.ask(type='service', name='shutdown'))['ok']
             assert (await page.ask(type='preset', name='bench'))['ok']
             assert link.rig.parameters.gap == 0.024
@@ -243,7 +244,9 @@ def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
         *('', '[]', 'null', '{', '{"type": 1}', '{"type": "set"}', '{"type": "set", "values": 3}'),
         *('{"type": "view", "window": "wide"}', '{"type": "view", "width": 1e999}'),
         *('{"type": "slow_motion", "impacts": "all"}', '{"type": "shutdown"}', '[' * 60_000),
-        '{"type": "preset"}',
+        *('{"type": "preset"}', '{"type": "set", "values": []}', '{"type": "record", "on": "no"}'),
+        *('{"type": "view", "window": null}', '{"type": "theory", "orbit": []}'),
+        *('{"type": "view", "width": true}', '{"type": "service", "name": {}}'),
     ],
 )
 def test_what_cannot_be_read_is_answered_and_does_no_harm(text, tmp_path):
@@ -256,6 +259,47 @@ def test_what_cannot_be_read_is_answered_and_does_no_harm(text, tmp_path):
                 lambda: [m for m in page.messages if m.get('ok') is False], text[:80]
             )
             assert answer[0]['reason']
+            seen = len(page.frames)
+            link.run(0.2)
+            await page.until(lambda: len(page.frames) > seen)
+
+    run(test())
+
+
+def test_a_page_that_sends_too_much_waits_and_nobody_else(tmp_path, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.session._BURST', 5.0)
+    monkeypatch.setattr('impact_damper_ros.page.session._MESSAGES_PER_S', 1.0)
+
+    async def test():
+        link = started(FakeLink())
+        async with (
+            serving(tmp_path, FakeNetwork(link)) as server,
+            opened(server) as page,
+            opened(server) as other,
+        ):
+            for number in range(1000):
+                await page.send(type='nonsense', id=number)
+            answers = await page.until(lambda: page.of('service_result'))
+            assert 'nothing that a live rig can do' in answers[0]['reason']
+            assert (await other.ask(type='set', values={'gap': 31.0}))['ok']
+            seen = len(other.frames)
+            link.run(0.2)
+            await other.until(lambda: len(other.frames) > seen)
+            assert 5 <= len(page.of('service_result')) < 100
+
+    run(test())
+
+
+def test_no_more_pages_than_can_be_served(tmp_path, monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.server._MOST_PAGES', 1)
+
+    async def test():
+        link = started(FakeLink())
+        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
+            await page.until(lambda: page.frames)
+            async with opened(server) as other:
+                await other.until(lambda: other.closed)
+                assert '1 pages are open' in other.messages[0]['text']
             seen = len(page.frames)
             link.run(0.2)
             await page.until(lambda: len(page.frames) > seen)

@@ -11,6 +11,7 @@ import pytest
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.orbits import find_orbits, optimal_gap
 from impact_damper_ros.page.measures import estimated_optimum
+from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.page.theorist import Theorist
 from impact_damper_ros.page.theory import theory
 from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
@@ -75,6 +76,18 @@ def test_gap_curve_comes_part_by_part(paper):
     assert [m['done'] for m in curves] == [*([False] * (len(curves) - 1)), True]
     assert len(curves[0]['branches'][0]['gap']) < 40
     last = curves[-1]
+    # It grows at both ends, and what is there stays.
+    whole = last['branches'][0]['gap']
+    for curve in curves:
+        (first, *_), count = curve['branches'], len(curve['branches'][0]['gap'])
+        start = whole.index(first['gap'][0])
+        assert whole[start : start + count] == first['gap']
+    counts = [len(curve['branches'][0]['gap']) for curve in curves]
+    assert counts == sorted(counts)
+    # All of it before the other motions that the rig can have
+    kinds = [m['type'] if m['type'] == 'gap_curve' else m['complete'] for m in paper]
+    before = paper[: kinds.index(True)]
+    assert before[-1]['branches'][0]['gap'] == whole
     main = last['branches'][0]
     gap, ratio = np.array(main['gap']), np.array(main['x_max_ratio'])
     assert gap.min() == pytest.approx(37.0 / 4)
@@ -90,6 +103,16 @@ def test_gap_curve_comes_part_by_part(paper):
         assert near.amplitude_ratio == pytest.approx(ratio[k], rel=1e-6)
         assert (near.stable, near.viable) == (main['stable'][k], main['viable'][k])
     assert 'Neimark-Sacker' in {special['kind'] for special in last['special']}
+
+
+def test_a_branch_with_as_many_points_as_there_may_be_has_its_special_points(monkeypatch):
+    monkeypatch.setattr('impact_damper_ros.page.theory._MOST_POINTS', 25)
+    *_, last = messages(RigParameters(gravity=0.0), orbit=False)
+    branch = last['branches'][0]
+    assert len(branch['gap']) > 40
+    assert max(branch['gap']) < 4.0 * 37.0
+    assert {special['kind'] for special in last['special']} >= {'branch point'}
+    assert all(min(branch['gap']) < s['gap'] < max(branch['gap']) for s in last['special'])
 
 
 def test_no_optimum_is_taken_where_the_curve_goes_on(paper):
@@ -193,6 +216,16 @@ def test_where_there_is_no_theory_it_says_why(rig, control, words):
     assert last['text']
 
 
+def test_a_one_sided_rig_has_an_orbit_but_no_curve():
+    ball = next(preset for preset in load_presets() if preset.name == 'bouncing_ball')
+    found = messages(ball.rig)
+    *orbits, curve = found
+    assert {m['type'] for m in orbits} == {'orbit'}
+    assert orbits[-1]['found']
+    assert (curve['type'], curve['done'], curve['branches']) == ('gap_curve', True, [])
+    assert 'one-sided' in curve['text']
+
+
 def test_what_is_not_wanted_is_not_computed():
     assert messages(INCLINED, orbit=False, curve=False) == []
 
@@ -226,6 +259,30 @@ def test_only_the_newest_rig_is_answered():
         assert theorist.predicted == pytest.approx(0.104644, abs=1e-6)
         assert theorist.optimum == pytest.approx(58.3, rel=0.02)
         assert {message['type'] for message in theorist.known()} == {'orbit', 'gap_curve'}
+
+    asyncio.run(test())
+
+
+def test_theory_that_takes_too_long_says_so():
+    program = (
+        'from impact_damper_ros.page import theory_process as process\n'
+        'def endless(state, **_):\n'
+        '    yield {"type": "orbit", "found": False}\n'
+        '    while True: pass\n'
+        'process.theory, process._PATIENCE_S = endless, 0.2\n'
+        'process.main()\n'
+    )
+
+    async def test():
+        found = []
+        theorist = Theorist(found.append, (sys.executable, '-c', program))
+        theorist.ask({})
+        async with asyncio.timeout(100.0):
+            while len(found) < 2:
+                await asyncio.sleep(0.01)
+        await theorist.close()
+        assert [message['type'] for message in found] == ['orbit', 'theory_failed']
+        assert 'not done within 0.2 s' in found[1]['text']
 
     asyncio.run(test())
 

@@ -21,6 +21,12 @@ import { Traces, WINDOWS } from './traces.js';
 import { Verdict } from './verdict.js';
 
 const SILENCE = 8000;
+/** Buttons that move a paused rig. */
+const STEPS = ['step', 'step-to-impact'];
+/** Keys that jump in a recording; those that go forwards move a paused rig, too. */
+const JUMP_KEYS = {
+  '.': ['sample', 1], ',': ['sample', -1], ArrowRight: ['impact', 1], ArrowLeft: ['impact', -1],
+};
 const TEXTS = {
   connecting: 'connecting',
   running: 'running',
@@ -83,6 +89,8 @@ function setStatus(state, text = '') {
   const paused = state === 'paused';
   mark(byId('pause'), 'aria-pressed', String(paused));
   write(byId('pause'), paused ? 'Resume' : 'Pause');
+  // Not disabled, which would take the focus from them in the middle of a step.
+  for (const id of STEPS) mark(byId(id), 'aria-disabled', String(!paused));
   rig.stale = true;
 }
 
@@ -96,8 +104,16 @@ function join({ rig: name = '', bag = '' }) {
   keepAddress();
 }
 
+/** Parameters that are part of a link: of the rig, of its control and of its start, not of the node. */
+const REPRODUCIBLE = new Set(['first', 'rig', 'forcing', 'control']);
+function reproducible(name) {
+  const known = hello.parameters.find((one) => one.name === name);
+  return !known || (!known.read_only && (REPRODUCIBLE.has(known.group) || name.startsWith('initial_')));
+}
+
 function keepAddress() {
-  writeAddress({ ...shared, time: shared.bag ? history.end : NaN });
+  const values = Object.fromEntries(Object.entries(shared.values).filter(([name]) => reproducible(name)));
+  writeAddress({ ...shared, values, time: shared.bag ? history.end : NaN });
 }
 
 // Requests
@@ -127,24 +143,13 @@ async function turn(values) {
   else toast(reason, 'bad');
 }
 
-let presetAt = -Infinity;
-
-/** Title of a preset that has just been asked for. */
-function newPreset() {
-  const title = presetList.find((one) => one.name === shared.preset)?.title;
-  return performance.now() - presetAt < 5000 ? title : '';
-}
-
 async function loadPreset(name) {
-  const before = [shared.preset, presetAt];
-  [shared.preset, presetAt] = [name, performance.now()];
   const { ok, reason } = await connection.ask({ type: 'preset', name });
   if (!ok) {
-    [shared.preset, presetAt] = before;
     toast(reason, 'bad');
     return;
   }
-  presetAt = performance.now();
+  shared.preset = name;
   shared.values = {};
   showPreset();
   keepAddress();
@@ -153,6 +158,16 @@ async function loadPreset(name) {
 async function service(name) {
   const { ok, reason } = await connection.ask({ type: 'service', name });
   if (!ok) toast(reason, 'bad');
+}
+
+let stepping = false;
+
+/** Move a paused rig on; a key that is held down waits for each step to be done. */
+async function step(name) {
+  if (status !== 'paused' || stepping) return;
+  stepping = true;
+  await service(name);
+  stepping = false;
 }
 
 function showPreset() {
@@ -178,7 +193,7 @@ connection.addEventListener('hello', ({ detail }) => {
   presetList = detail.presets ?? [];
   player.begin({ ...detail, duration: detail.duration ?? (detail.bag?.end - detail.bag?.start) });
   const live = detail.mode !== 'player';
-  for (const id of ['pause', 'reset']) byId(id).hidden = !live;
+  for (const id of ['pause', 'reset', ...STEPS]) byId(id).hidden = !live;
   byId('record').hidden = !live || detail.can_record === false;
   for (const id of ['presets-open', 'tour-open']) byId(id).hidden = !live;
   if (!live) verdict.recorded();
@@ -200,7 +215,8 @@ connection.addEventListener('hello', ({ detail }) => {
     element('span', { class: 'quiet', text: one.description }),
   ))));
   knobs.make(detail.parameters);
-  history.changes = (detail.changes ?? []).filter((one) => one.kind !== 'stretch' && Number.isFinite(one.time)).map(({ time, text }) => ({ time, text }));
+  history.recorded = !live;
+  for (const one of detail.changes ?? []) if (one.kind !== 'stretch') history.change(one.time, knobs.done(one));
   takeValues(Object.fromEntries(detail.parameters.map((one) => [one.name, one.value])));
   recordings.show(detail.recordings ?? []);
   counted.latest = performance.now();
@@ -226,7 +242,9 @@ async function applyWanted() {
     return;
   }
   if (state.preset) await loadPreset(state.preset);
-  if (Object.keys(state.values).length) await turn(state.values);
+  // Where the node records, and whether, is not for a link to say.
+  const values = Object.fromEntries(Object.entries(state.values).filter(([name]) => reproducible(name)));
+  if (Object.keys(values).length) await turn(values);
 }
 
 function takeValues(values) {
@@ -255,18 +273,21 @@ function takeValues(values) {
 }
 
 connection.addEventListener('parameters', ({ detail }) => {
-  const { changed, time } = detail;
   // A knob that makes the ghost another rig stays where it was turned to.
   const values = Object.fromEntries(Object.entries(detail.values).filter(([name]) => !(name in ghostValues)));
   knobs.take(values);
   takeValues(detail.values);
-  const rigs = (changed ?? []).filter((name) => name in values && !['record', 'bag_directory', 'predict_motion'].includes(name));
-  if (!rigs.length || !Number.isFinite(time)) return;
-  const said = rigs.length > 2
-    ? newPreset() || `${rigs.length} parameters`
-    : rigs.map((name) => knobs.said(name, values[name])).join(', ');
-  history.change(time, said);
-  if (rigs.includes('gap') || rigs.length > 2) curve.stale = true;
+  if (!history.recorded) {
+    history.change(detail.time, knobs.done(detail));
+    const preset = presetList.find((one) => one.title === detail.preset)?.name;
+    if (preset && preset !== shared.preset) {
+      // Chosen in another tab, or by hand
+      Object.assign(shared, { preset, values: {} });
+      showPreset();
+      keepAddress();
+    }
+  }
+  curve.stale = true;
 });
 connection.addEventListener('frame', ({ detail: frame }) => {
   history.add(frame);
@@ -332,6 +353,8 @@ connection.addEventListener('seek_done', () => keepAddress());
 
 byId('pause').addEventListener('click', () => service('pause'));
 byId('reset').addEventListener('click', () => service('reset'));
+byId('step').addEventListener('click', () => step('step'));
+byId('step-to-impact').addEventListener('click', () => step('step_to_impact'));
 byId('record').addEventListener('click', async () => {
   const on = byId('record').getAttribute('aria-pressed') !== 'true';
   const { ok, reason } = await connection.ask({ type: 'record', on });
@@ -361,14 +384,15 @@ byId('theory').addEventListener('change', () => {
   keepView('theory', on ? '' : '0');
 });
 byId('link').addEventListener('click', async () => {
-  if (!shared.preset && hello.mode === 'live') {
-    // Without a preset to start from, the link holds the whole rig.
-    const groups = new Set(['first', 'rig', 'forcing', 'control']);
-    const names = hello.parameters.filter((one) => groups.has(one.group) && !one.read_only).map((one) => one.name);
-    const values = knobs.values();
-    shared.values = Object.fromEntries(names.map((name) => [name, values[name]]));
+  if (hello.mode === 'live') {
+    // The whole rig, or what differs from the preset that it started from, whoever turned it.
+    const presets = shared.preset ? await fetch('/presets').then((answer) => answer.json()).catch(() => []) : [];
+    const start = presets.find((one) => one.name === shared.preset)?.values ?? {};
+    shared.values = Object.fromEntries(Object.entries(knobs.values()).filter(
+      ([name, value]) => reproducible(name) && JSON.stringify(value) !== JSON.stringify(start[name]),
+    ));
   }
-  writeAddress({ ...shared, time: shared.bag ? history.end : NaN });
+  keepAddress();
   await new Promise((resolve) => { setTimeout(resolve, 200); });
   try {
     await navigator.clipboard.writeText(location.href);
@@ -387,14 +411,18 @@ byId('report').addEventListener('close', () => byId('report-frame').removeAttrib
 byId('glossary-open').addEventListener('click', () => byId('glossary').showModal());
 document.addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.target.closest('input, select, textarea, button, a, summary, dialog, canvas, [role="dialog"]')) return;
+  if (event.target.closest('input, select, textarea, dialog, canvas, [role="dialog"], :popover-open')) return;
   if (event.key === ' ') {
+    if (event.target.closest('button, a, summary')) return;
     event.preventDefault();
     if (player.on) player.play(!player.playing);
     else service('pause');
   } else if (event.key === 'r' && !player.on) service('reset');
-  else if (player.on && event.key === 'ArrowRight') player.jump('impact', 1);
-  else if (player.on && event.key === 'ArrowLeft') player.jump('impact', -1);
+  else if (player.on) {
+    const [to, direction] = JUMP_KEYS[event.key] ?? [];
+    if (to) player.jump(to, direction);
+  } else if (event.key === '.') step('step');
+  else if (event.key === 'ArrowRight') step('step_to_impact');
 });
 
 // The view

@@ -149,7 +149,7 @@ export class GapCurve extends Axes {
       context.fillStyle = colours.quiet;
       context.textAlign = 'center';
       context.textBaseline = 'middle';
-      const said = this.theory.failed || (curve?.done ? 'no periodic motion found' : 'computing…');
+      const said = curve?.text || this.theory.failed || (curve?.done ? 'no periodic motion found' : 'computing…');
       this.wrapped(said, box);
     }
     const label = this.gap > 0 ? `${digits(this.gap * factor, 4)} ${unit}` : 'unknown';

@@ -3,6 +3,8 @@
 const ROOM = 16384;
 const IMPACTS = 4000;
 const SAMPLES = 6000;
+/** Changes of the rig within this time are one, s. */
+const AT_ONCE = 0.5;
 const LINE = ['time', 'x', 'z', 'stop1', 'stop2'];
 const SAMPLE = ['time', 'x', 'xv', 'z', 'zv', 'phase'];
 
@@ -56,6 +58,8 @@ export class History {
     this.ghostLine = new Rows(LINE, ROOM);
     this.ghostSamples = new Rows(SAMPLE, SAMPLES);
     this.changes = [];
+    /** Whether all that was done is known from the start. */
+    this.recorded = false;
     this.clear();
   }
 
@@ -103,7 +107,7 @@ export class History {
     this.ghost = frame.ghost;
     this.paused = frame.paused;
     for (const line of [this.line, this.ghostLine]) line.dropBefore(end - this.window - 1);
-    if (this.changes.length && this.changes[0].time < end - 120) this.changes.shift();
+    while (!this.recorded && this.changes.length && this.changes[0].time < end - 120) this.changes.shift();
     this.version += 1;
   }
 
@@ -129,12 +133,19 @@ export class History {
     }
   }
 
-  /** Keep a turned knob as a line in the traces. */
+  /** Keep what was done to the rig as a line in the traces. */
   change(time, text) {
-    if (!Number.isFinite(time)) return;
+    if (!Number.isFinite(time) || !text) return;
+    const last = this.changes.at(-1);
+    const soon = last && Math.abs(time - last.time) < AT_ONCE;
+    // A preset is set, and then the rig is reset.
+    if (text === 'reset' && soon) return;
+    // A knob that is dragged is turned once: to where it is left.
+    const knob = /^([^=,]+) = [^=]+$/.exec(text)?.[1];
+    if (knob && soon && last.text.startsWith(`${knob} = `)) this.changes.pop();
     this.changes.push({ time, text });
-    this.changes.sort((a, b) => a.time - b.time);
-    if (this.changes.length > 60) this.changes.shift();
+    if (last && last.time > time) this.changes.sort((a, b) => a.time - b.time);
+    if (!this.recorded && this.changes.length > 60) this.changes.shift();
     this.version += 1;
   }
 

@@ -15,6 +15,8 @@ const FIRST = [
   ['restitution_2', 'Restitution R₂', 'restitution'],
   ['gap_control', 'Gap control', 'gap-control'],
 ];
+/** Parameters of the node that do not change the rig. */
+const SETTINGS = new Set(['record', 'bag_directory', 'predict_motion', 'max_bag_size', 'max_bag_duration']);
 const GROUPS = [
   ['rig', 'Rig'],
   ['forcing', 'Force'],
@@ -349,12 +351,21 @@ export class Knobs {
     return Object.fromEntries(this.knobs.map((knob) => [knob.descriptor.name, knob.value]));
   }
 
+  /** What was done to the rig, for the lines in the traces: the same for live and recorded rigs. */
+  done({ kind, values = {}, preset = '' }) {
+    const names = Object.keys(values).filter((name) => !SETTINGS.has(name));
+    const turned = names.length > 2
+      ? preset || `${names.length} parameters`
+      : names.map((name) => this.said(name, values[name])).join(', ');
+    return [kind === 'reset' ? 'reset' : '', turned].filter(Boolean).join(', ');
+  }
+
   /** Name for people, and a value with its unit, for the lines in the traces. */
   said(name, value) {
     const knob = this.knobs.find((one) => one.descriptor.name === name);
     if (!knob) return `${name} ${value}`;
     const { unit, factor } = knob.shown;
-    const text = (one) => (typeof one === 'number' ? digits(one * factor, 4).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, '') : String(one));
+    const text = (one) => (typeof one === 'number' ? digits(one * factor, 4).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, '') : String(one).slice(0, 40));
     const shown = Array.isArray(value) ? value.slice(0, 3).map(text).join(', ') : text(value);
     const title = FIRST.find(([key]) => key === name)?.[1].split(' ').at(-1) ?? name.replace(/_/g, ' ');
     const short = { gap: 'd', angle: 'θ', force_frequencies: 'f', force_amplitudes: 'F', gap_control: 'control' }[name] ?? title;

@@ -5,7 +5,7 @@ import { clock } from './format.js';
 import { colours } from './chart.js';
 
 const SPEEDS = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
-const JUMPS = [['impact', 'impact'], ['change', 'change'], ['stretch', 'stretch']];
+const JUMPS = [['sample', 'sample'], ['impact', 'impact'], ['change', 'change'], ['stretch', 'stretch']];
 
 export class Player {
   constructor(connection) {
