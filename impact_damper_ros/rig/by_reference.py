@@ -9,10 +9,11 @@ same attributes, read where they are. This module imports numba.
 from __future__ import annotations
 
 import operator
+from array import array
 from functools import cache
-from typing import Any, NamedTuple, get_type_hints
+from struct import pack
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
-import numpy as np
 from llvmlite import ir
 from numba.core import types as nb
 from numba.core.typing.templates import (
@@ -124,10 +125,39 @@ def _item(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
     return _value(context, builder, rows.kind, builder.gep(pointer, [word], inbounds=True))
 
 
+class _Layout(NamedTuple):
+    """
+    How a named tuple of constants is stored.
+
+    Attributes
+    ----------
+    kind : Record
+        Its numba type.
+    form : str
+        Its words as `struct` writes them.
+    parts : tuple of (_Layout or None, bool)
+        For each entry the layout of a named tuple, and whether the entry is a tuple.
+    """
+
+    kind: Record
+    form: str
+    parts: tuple[tuple[Any, bool], ...]
+
+
 @cache
-def _types_of(cls: Any) -> dict[str, Any]:
-    """Return the annotated types of the entries of a named tuple."""
-    return get_type_hints(cls)
+def _layout_of(cls: Any) -> _Layout:
+    """Return how the named tuples of a class are stored, by their annotations."""
+    entries, parts, form = [], [], ''
+    for name, annotated in get_type_hints(cls).items():
+        in_rows = get_origin(annotated) is tuple
+        single = get_args(annotated)[0] if in_rows else annotated
+        inner = None if single in _NUMBERS else _layout_of(single)
+        kind: Any = inner.kind if inner else _NUMBERS[single]
+        of_one = inner.form if inner else 'd' if single is float else 'q'
+        entries.append((name, Entry(Rows(kind, len(of_one)) if in_rows else kind, len(form))))
+        parts.append((inner, in_rows))
+        form += 'q' if in_rows else of_one
+    return _Layout(Record(cls.__name__, tuple(entries)), form, tuple(parts))
 
 
 class ByReference:
@@ -139,8 +169,8 @@ class ByReference:
     Parameters
     ----------
     constants : NamedTuple
-        The constants. Each entry is a float, int or bool, as annotated, a named tuple of such
-        entries, or a tuple of floats or of equal named tuples; of any length, but not empty.
+        The constants. Each entry is annotated as float, int or bool, as a named tuple of such
+        entries, or as a tuple, of any length, of one of these.
 
     Attributes
     ----------
@@ -151,48 +181,30 @@ class ByReference:
     """
 
     def __init__(self, constants: Any) -> None:
-        self._kept: list[Any] = []
-        self.kind, words = self._record(constants)
-        self.address = self._keep(words)
+        self._kept: list[array[float]] = []
+        layout = _layout_of(constants.__class__)
+        self.kind = layout.kind
+        self.address = self._keep(layout.form, self._words(layout, constants))
 
-    def _keep(self, words: list[float | int]) -> int:
+    def _keep(self, form: str, words: list[Any]) -> int:
         """Return the address of a copy of words."""
-        kept = np.empty(len(words))
-        of_integers = kept.view('i8')
-        for k, word in enumerate(words):
-            if isinstance(word, float):
-                kept[k] = word
-            else:
-                of_integers[k] = word
+        kept = array('d', pack(form, *words))
         self._kept.append(kept)
-        return int(kept.ctypes.data)
+        return kept.buffer_info()[0]
 
-    def _record(self, values: Any) -> tuple[Record, list[float | int]]:
-        """Return the type of a named tuple and its words."""
-        entries: list[tuple[str, Entry]] = []
-        words: list[float | int] = []
-        for name, annotated in _types_of(values.__class__).items():
-            value = getattr(values, name)
-            kind: Any
-            more: list[float | int]
-            if hasattr(value, '_asdict'):
-                kind, more = self._record(value)
-            elif isinstance(value, tuple):
-                kind, address = self._rows(value)
-                more = [address]
+    def _words(self, layout: _Layout, values: Any) -> list[Any]:
+        """Return the words of a named tuple; for a tuple, the address of a copy of its entries."""
+        words: list[Any] = []
+        for value, (inner, in_rows) in zip(values, layout.parts, strict=True):
+            if in_rows:
+                rows = [self._words(inner, row) for row in value] if inner else [list(value)]
+                form = inner.form * len(rows) if inner else 'd' * len(value)
+                words.append(self._keep(form, [word for row in rows for word in row]))
+            elif inner:
+                words += self._words(inner, value)
             else:
-                kind, more = _NUMBERS[annotated], [annotated(value)]
-            entries.append((name, Entry(kind, len(words))))
-            words += more
-        return Record(type(values).__name__, tuple(entries)), words
-
-    def _rows(self, values: tuple[Any, ...]) -> tuple[Rows, int]:
-        """Return the type of the entries of a tuple and the address of a copy of them."""
-        if not hasattr(values[0], '_asdict'):
-            return Rows(nb.float64, 1), self._keep([float(value) for value in values])
-        records = [self._record(value) for value in values]
-        kind, first = records[0]
-        return Rows(kind, len(first)), self._keep([word for _, row in records for word in row])
+                words.append(value)
+        return words
 
 
 @typeof_impl.register(ByReference)  # type: ignore[untyped-decorator]
