@@ -1,16 +1,17 @@
 """
 What the page costs: CPU of its server, bytes and latency of its frames, and what the node feels.
 
-    python benchmarks/page.py [--quick] [--json FILE] [--hour]
+    python benchmarks/page.py [--quick] [--json FILE]
     python benchmarks/page.py --theory
+    python benchmarks/page.py --memory 60
 
 Node, server and clients are processes of their own. The clients are WebSockets that take 60 frames
 per second and count; they draw nothing. Latency is from the stamp of the newest joint state in a
 frame, the instant at which it held, to the arrival of the frame at the client. The period error of
 the node is that of `benchmarks/node.py`: between source timestamps, seen by one more subscriber.
-``--hour`` watches the memory of the server with a client that never reads for an hour, else for as
-long as the rest. ``--theory`` measures only how long after a change its theory comes, for the
-presets that have a curve over the gap.
+``--theory`` measures only how long after a change its theory comes, for the presets that have a
+curve over the gap; ``--memory`` only the memory of the server with a client that never reads, for
+so many minutes.
 """
 
 from __future__ import annotations
@@ -281,6 +282,9 @@ async def theory_times(state: dict[str, Any]) -> dict[str, float]:
     return times
 
 
+MEMORY = 'Memory of the server with a client that never reads'
+
+
 def table(title: str, rows: list[dict[str, Any]]) -> str:
     names = list(rows[0])
     cells = [[f'{v:.4g}' if isinstance(v, float) else str(v) for v in r.values()] for r in rows]
@@ -291,8 +295,8 @@ def table(title: str, rows: list[dict[str, Any]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, add_help=True)
     parser.add_argument('--quick', action='store_true', help='a minute in all')
-    parser.add_argument('--hour', action='store_true', help='watch the memory for an hour')
     parser.add_argument('--theory', action='store_true', help='only the theory')
+    parser.add_argument('--memory', type=float, metavar='MINUTES', help='only the memory')
     parser.add_argument('--json', type=Path, metavar='FILE')
     parser.add_argument('--clients', type=int, help=argparse.SUPPRESS)
     parser.add_argument('--url', nargs=2, help=argparse.SUPPRESS)
@@ -309,12 +313,17 @@ def main() -> None:
         os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
     seconds, rounds = (8.0, 1) if arguments.quick else (30.0, 5)
     rclpy.init(args=[])
+    if arguments.memory:
+        with tempfile.TemporaryDirectory() as directory:
+            rows = measure_memory(60.0 * arguments.memory, directory)
+        print(table(MEMORY, rows))
+        return
     with tempfile.TemporaryDirectory() as directory:
         found = {
             'server': measure_server(seconds, directory),
             'node': measure_node(seconds, rounds, directory),
             'theory': measure_theory(1 if arguments.quick else 3),
-            'memory': measure_memory(3600.0 if arguments.hour else 3 * seconds, directory),
+            'memory': measure_memory(3 * seconds, directory),
         }
     rclpy.try_shutdown()
     print(
@@ -325,7 +334,7 @@ def main() -> None:
     )
     print(table(f'Node, with and without {CLIENTS} clients', found['node']))
     print(table('Theory after a change, s', found['theory']))
-    print(table('Memory of the server with a client that never reads', found['memory']))
+    print(table(MEMORY, found['memory']))
     if arguments.json:
         arguments.json.write_text(json.dumps(found, indent=1))
 

@@ -8,6 +8,7 @@ runs by `rig.run_loop`; with the control off it runs as without control, bit for
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 from impact_damper_ros.rig.contact import ALL_STEPS
@@ -82,8 +83,12 @@ def places_of_stops(here: OpenFlight, time: float) -> tuple[float, float]:
     """Return where the stops are at an instant of a flight, Y in m."""
     flight: Flight = here.flight
     tau = max(0.0, (time - here.origin.time) - here.origin.time_low)
-    motion: Motion = motion_at(flight, tau)
-    _, _, stop_1, stop_2 = placed(here.origin, flight, tau, motion.travel)
+    travel = 0.0
+    if flight.arrival < inf:
+        # A stop follows m.
+        motion: Motion = motion_at(flight, tau)
+        travel = motion.travel
+    _, _, stop_1, stop_2 = placed(here.origin, flight, tau, travel)
     return stop_1, stop_2
 
 
