@@ -162,8 +162,8 @@ def _missing(arguments: argparse.Namespace) -> str:
     """Return what is missing for the command, and what to do; empty if nothing is."""
     if find_spec('tornado') is None:
         return (
-            'tornado, which serves the page, is missing: install python3-tornado, or the package '
-            'with its extra [page]'
+            'tornado, which serves the page, is missing: install python3-tornado, or in a virtual '
+            'environment "pip install tornado"'
         )
     if arguments.bag is None and find_spec('rclpy') is None:
         return 'rclpy is missing: source ROS 2, or play a recording with --bag'

@@ -182,7 +182,7 @@ class OwnLaw:
         if refusal.stop_1 == inf and refusal.stop_2 != refusal.stop_2:
             return LawError(
                 f'the law {self.name} failed at {refusal.time:.9g} s: it raised an error, which '
-                'compiled=False shows'
+                'is shown in plain Python (compiled=False, or simulate_rig)'
             )
         return self.astray(refusal.time, (refusal.stop_1, refusal.stop_2))
 

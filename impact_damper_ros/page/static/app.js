@@ -183,6 +183,7 @@ connection.addEventListener('hello', ({ detail }) => {
   hello = detail;
   history.clear();
   theory.clear();
+  multipliers.stale = true;
   rig.clear();
   slow.clear();
   verdict.clear();
@@ -545,7 +546,7 @@ function draw(now) {
   if (anew) {
     traces.draw();
     portrait.draw(now);
-    write(byId('clock'), Number.isFinite(history.end) ? clock(history.end) : '');
+    write(byId('clock'), Number.isFinite(history.end) ? clock(history.end, status === 'paused') : '');
     player.show(history.end);
     drawn = history.version;
     counted.drawn += 1;

@@ -58,16 +58,18 @@ export function parsed(text) {
   return plain === '' ? NaN : Number(plain);
 }
 
-/** Return a span of time as minutes and seconds. */
-export function clock(seconds) {
+/** Return a span of time as minutes and seconds; with milliseconds if it is to be exact. */
+export function clock(seconds, exact = false) {
   if (!Number.isFinite(seconds)) return '–';
   const sign = seconds < 0 ? '−' : '';
   const size = Math.abs(seconds);
-  if (size < 600) return `${sign}${size.toFixed(2)}${SPACE}s`;
-  const whole = Math.floor(size);
+  if (size < 600) return `${sign}${size.toFixed(exact ? 3 : 2)}${SPACE}s`;
+  const thousandths = Math.round(1000 * size);
+  const whole = exact ? Math.floor(thousandths / 1000) : Math.floor(size);
   const parts = [Math.floor(whole / 60) % 60, whole % 60].map((n) => String(n).padStart(2, '0'));
   const hours = Math.floor(whole / 3600);
-  return `${sign}${hours ? `${hours}:` : ''}${parts.join(':')}`;
+  const rest = exact ? `.${String(thousandths % 1000).padStart(3, '0')}` : '';
+  return `${sign}${hours ? `${hours}:` : ''}${parts.join(':')}${rest}`;
 }
 
 /** Return a size in bytes. */
