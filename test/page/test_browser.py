@@ -414,6 +414,16 @@ def test_single_steps_of_a_paused_rig(opened):
     assert page.run("document.querySelector('#step').ariaDisabled") == 'true'
 
 
+def test_an_impact_that_does_not_come_is_reported(opened, parameters):
+    page = opened()
+    assert parameters.set(gap=1000.0) == ''
+    page.click('#pause')
+    page.wait("document.querySelector('#step').ariaDisabled === 'false'", LONG)
+    page.click('#step-to-impact')
+    page.wait("document.body.textContent.includes('No impact so far')", LONG)
+    assert page.text('#status') == 'running'
+
+
 def test_a_knob_that_is_dragged_is_one_change(opened, parameters):
     page = opened()
     before = len(page.run('impactDamper.history.changes'))

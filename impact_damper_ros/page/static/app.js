@@ -70,6 +70,7 @@ const counted = { frames: 0, bytes: 0, drawn: 0, work: [], latest: 0, epoch: 0 }
 globalThis.impactDamper = { counted, history, theory };
 
 function setStatus(state, text = '') {
+  if (state === 'paused' && status !== 'paused') holds += 1;
   status = state;
   const pill = byId('status');
   mark(pill, 'data-state', state);
@@ -161,13 +162,20 @@ async function service(name) {
 }
 
 let stepping = false;
+/** How often the rig has been seen paused. */
+let holds = 0;
 
 /** Move a paused rig on; a key that is held down waits for each step to be done. */
 async function step(name) {
   if (status !== 'paused' || stepping) return;
   stepping = true;
+  const since = holds;
   await service(name);
   stepping = false;
+  if (name !== 'step_to_impact') return;
+  setTimeout(() => {
+    if (status === 'running' && holds === since) toast('No impact so far: the rig runs on to the next one. Pause holds it here.');
+  }, 2000);
 }
 
 function showPreset() {

@@ -6,6 +6,8 @@ import { bytes, clock } from './format.js';
 /** Day and time of a recording, from seconds or as it is. */
 function dated(start) {
   if (typeof start !== 'number') return start;
+  // A simulated run begins at zero: it has no date.
+  if (start < 1e9) return null;
   const date = new Date(1000 * start);
   const two = (value) => String(value).padStart(2, '0');
   const day = [date.getFullYear(), two(date.getMonth() + 1), two(date.getDate())].join('-');
@@ -47,7 +49,7 @@ export class Recordings {
   /** Return the row of a recording, which is made once, with what is to be said of it now. */
   row(one) {
     const row = this.rows.get(one.name) ?? this.made(one.name);
-    const about = [dated(one.start), clock(one.duration), bytes(one.size), one.whole ? null : 'cut short'];
+    const about = [dated(one.start), clock(one.duration), bytes(one.size), one.whole ? null : 'not ended'];
     write(row.querySelector('strong'), one.title ?? one.name);
     write(row.querySelector('p'), about.filter((text) => text !== null && text !== undefined && text !== '–').join(' · '));
     const compare = row.querySelector('[data-compare]');
