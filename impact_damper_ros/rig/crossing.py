@@ -82,6 +82,16 @@ def _round_off(flight: Flight, motion: Motion) -> float:
     return ROUND_OFF * (abs(motion.x) + scale) + _NO_LENGTH
 
 
+@kernel
+def _past(flight: Flight, side: int, height: float, motion: Motion, tau: float) -> float:
+    """Return the time after a certified step, during which `side` X stays positive."""
+    oscillator: Oscillator = flight.oscillator
+    horizon = oscillator.horizon
+    bound = derivative_bound(oscillator, motion.x_3, motion.x_4, oscillator.bound_3)
+    step = safe_step(height, side * motion.velocity, side * motion.x_2, bound, horizon)
+    return tau + max(step, least_step(horizon), _EPSILON * tau)
+
+
 # What X does up to the next point of the grid: it keeps its sign, passes zero once, or is unclear.
 _KEEPS, _PASSES, _UNCLEAR = range(3)
 
@@ -123,21 +133,20 @@ def first_crossing(
     above = searched
     tau = searched
     motion: Motion = motion_at(flight, tau)
+    band = _round_off(flight, motion)
     # A flight that begins at a passage may have its rest before it, by the round-off of its time.
     arriving = searched == 0.0
     while True:
         height = side * motion.x
-        band = _round_off(flight, motion)
-        bound_3 = derivative_bound(oscillator, motion.x_3, motion.x_4, oscillator.bound_3)
         if height < -band:
             rate = side * motion.velocity
             if not arriving or rate <= 0.0:
                 return True, _root_of_x(flight, side, above, tau, tau, band), tau
             if tau > limit + _OVERTIME * horizon:
                 return False, tau, tau
-            safe = safe_step(-height, -rate, -side * motion.x_2, bound_3, horizon)
-            tau += max(safe, least_step(horizon), _EPSILON * tau)
+            tau = _past(flight, -side, -height, motion, tau)
             motion = motion_at(flight, tau)
+            band = _round_off(flight, motion)
             continue
         arriving = False
         if height > band:
@@ -147,7 +156,8 @@ def first_crossing(
         elif tau > limit + _OVERTIME * horizon:
             return False, tau, tau
         following: Motion = motion_at(flight, tau + step)
-        course = _up_to(flight, side, motion, following, band, _round_off(flight, following))
+        next_band = _round_off(flight, following)
+        course = _up_to(flight, side, motion, following, band, next_band)
         if course == _PASSES:
             guess = falling_root(
                 height, side * motion.velocity, side * following.x, side * following.velocity, step
@@ -157,16 +167,11 @@ def first_crossing(
         if course == _KEEPS:
             tau += step
             motion = following
+            band = next_band
             continue
-        safe = safe_step(
-            max(0.0, height + band),
-            side * motion.velocity,
-            side * motion.x_2,
-            bound_3,
-            horizon,
-        )
-        tau += max(safe, least_step(horizon), _EPSILON * tau)
+        tau = _past(flight, side, max(0.0, height + band), motion, tau)
         motion = motion_at(flight, tau)
+        band = _round_off(flight, motion)
 
 
 @kernel
