@@ -426,7 +426,7 @@ class RunReader:
         return found
 
     def _described(self, scan: Scan) -> Iterator[str]:
-        """Yield where the descriptions of a file are not those of what is read."""
+        """Yield the faults of a file whose schemas or encodings contradict its messages."""
         yield from description_faults(scan, DECODABLE)
         if self.own:
             for name, topic in RIG_TOPICS.items():

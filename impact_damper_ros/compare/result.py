@@ -319,7 +319,7 @@ class ImpactCurve:
 
 @dataclass(frozen=True)
 class PredictedCurve:
-    """One period of the predicted motion, from just after its first impact to one period later."""
+    """One period of the predicted motion, beginning just after its first impact."""
 
     #: Cycles of the force since its zero angle, not falling, shape (n,); each impact twice.
     phase: Array

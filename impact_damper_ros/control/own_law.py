@@ -295,7 +295,7 @@ def entry_of(law: OwnLaw) -> Any:
         try:
             stop_1, stop_2 = function(given, numba.carray(memory, MEMORY))
         except Exception:
-            # No error leaves a C function; these are refused.
+            # A C function cannot raise an error. The run loop refuses this result.
             stop_1, stop_2 = inf, nan
         places[0] = stop_1
         places[1] = stop_2

@@ -131,7 +131,7 @@ class Ticket:
             self._done.set()
 
     def turn_away(self, reason: str = 'the rig is shutting down') -> None:
-        """End the request without its action, because the engine has ended or for a reason."""
+        """Reject the request, with the reason."""
         self.error = NotNowError(reason)
         self._done.set()
 

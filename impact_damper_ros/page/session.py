@@ -44,12 +44,12 @@ _LONGEST_ID = 80
 
 def given(message: dict[str, Any], name: str, kind: type[_T], default: _T | None = None) -> _T:
     """
-    Return what a request gives, of the kind that it has to be.
+    Return a field of a request, checked for its type.
 
     Raises
     ------
     Refusal
-        If it gives nothing, or something else.
+        If the field is missing or of another type.
     """
     value = message.get(name, default)
     with contextlib.suppress(OverflowError):

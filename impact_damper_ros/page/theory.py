@@ -167,7 +167,7 @@ def _label(orbit: PeriodicOrbit) -> str:
 
 class _Motion:
     """
-    A motion that is followed down and up in the gap, from where it is.
+    A periodic motion with its branch, followed from the present gap in both directions.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ class _Motion:
         return fresh and any(True for _ in self.special)
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
-        """Return whether a motion is on the branch, as far as it is followed."""
+        """Return whether a motion is on the part of the branch that has been computed."""
         if orbit is self.start:
             return True
         if self.branch['label'] != _label(orbit):
@@ -276,7 +276,7 @@ class GapCurve:
         return [motion.start for motion in self._motions]
 
     def followed(self, start: PeriodicOrbit, points: int) -> Iterator[dict[str, Any]]:
-        """Follow a motion to so many points either way, or on if it is on a known branch."""
+        """Follow a motion by up to `points` points each way; extend its branch if it is known."""
         motion = next((motion for motion in self._motions if motion.holds(start)), None)
         if motion is None:
             if len(self._motions) >= _MOST_BRANCHES:

@@ -95,7 +95,7 @@ class Harmonic(NamedTuple):
     def stepped(
         self, decay: float, frequency: float, omega_squared: float, free: Free, step: float
     ) -> Harmonic:
-        """Return the harmonic with what it does in a step of the grid."""
+        """Return the harmonic with the constants for one step of the grid."""
         inverse = 1.0 / frequency
         response = driven_response(decay, frequency, inverse, omega_squared, self, free, step)
         return self._replace(

@@ -22,7 +22,7 @@ def test_the_whole_study_in_small(tmp_path, monkeypatch, capsys):
         load_span=4.0,
     )  # fmt: skip
     monkeypatch.setattr(gap_study_plan.Extent, 'quick', classmethod(lambda _: small))
-    # One harmonic in place of many: a loop for those would have to be compiled, which takes long.
+    # One harmonic instead of many, for which another loop would have to be compiled.
     # Broadband runs are in test/studies and test/control.
     beside = gap_study_plan.RIG.replace(force_frequencies=[0.97])
     monkeypatch.setattr(gap_study_plan, 'broadband_rig', lambda _seed: beside)

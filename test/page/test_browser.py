@@ -276,7 +276,7 @@ def test_a_preset_chosen_in_another_tab_is_named(opened, parameters):
     for page in (one, other):
         page.wait("impactDamper.history.changes.some(({text}) => text === 'Bouncing ball')", LONG)
         page.wait("location.hash.includes('preset=bouncing_ball')")
-    # Theory is shown though there is no gap to choose.
+    # The theory is shown although the gap cannot be changed.
     one.wait('impactDamper.theory.curve?.text.includes("one-sided")', LONG)
     assert one.run('impactDamper.theory.orbit.found')
     assert parameters.set(gap=0.21) == ''

@@ -714,7 +714,7 @@ _JUDGES = {
 def claims_of(
     figure: str, results: Mapping[str, Series], optima: Sequence[AngleOptimum]
 ) -> list[Claim]:
-    """Judge the claims about one figure, from all series by name and the optima of Figure 5."""
+    """Return the judged claims about one figure; those about Figure 5 need its optima."""
     if figure == '5':
         return list(optimum_claims(optima))
     own = {name: series for name, series in results.items() if name[0] == figure}
