@@ -29,6 +29,7 @@ from .flight import (
     REVERSAL,
     Flight,
     FlightEnd,
+    GridPoint,
     Motion,
     end_at,
     motion_at,
@@ -37,7 +38,6 @@ from .flight import (
 from .kernels import kernel
 from .oscillator import Oscillator, derivative_bound
 from .roots import (
-    GridPoint,
     Relative,
     acceleration_of,
     base_point,

@@ -14,10 +14,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import count, islice
-from math import ceil, floor, inf, sin, sqrt, tau
+from math import ceil, cos, floor, inf, sin, sqrt, tau
 from typing import TYPE_CHECKING, NamedTuple
 
-from .kernels import elementwise, sine_and_cosine
+from .kernels import elementwise
 
 if TYPE_CHECKING:
     from .oscillator import Harmonic
@@ -42,7 +42,7 @@ def sines_of(phase: float, angle: float) -> float:
 @elementwise(results=2)
 def sines_and_cosines_of(phase: float, angle: float) -> tuple[float, float]:
     """Return the sine and the cosine of each harmonic."""
-    return sine_and_cosine(angle + phase)
+    return sin(angle + phase), cos(angle + phase)
 
 
 _MASK = (1 << 64) - 1

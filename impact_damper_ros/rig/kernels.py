@@ -31,7 +31,6 @@ from dataclasses import fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import repeat
-from math import cos, sin
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -229,6 +228,13 @@ def by_reference(constants: Any) -> Any:
     return ByReference(constants)
 
 
+def array_by_reference(array: Any) -> Any:
+    """Return an array of floats or integers in the form that compiled kernels take."""
+    from .by_reference import ArrayByReference
+
+    return ArrayByReference(array)
+
+
 def _register(name: str) -> None:
     if name in _KERNELS or name in _ELEMENTWISE:
         raise ValueError(f'there are two kernels named {name}; compiled ones share a namespace')
@@ -369,40 +375,6 @@ def _compile_elementwise(scalar: Any, results: int) -> Any:
     return along
 
 
-def sine_and_cosine(angle: float) -> tuple[float, float]:
-    """Return the sine and the cosine of an angle; compiled, by one call of libm if it can."""
-    return sin(angle), cos(angle)
-
-
-@cache
-def _compiled_sine_and_cosine() -> Any:
-    """Return `sine_and_cosine` compiled."""
-    import numba
-    from llvmlite import binding, ir
-    from numba.core import cgutils
-    from numba.core import types as nb
-
-    if binding.address_of_symbol('sincos') is None:
-        return numba.njit(sine_and_cosine, forceinline=True)
-
-    @numba.extending.intrinsic  # type: ignore[untyped-decorator]
-    def together(_context: Any, _angle: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            number = ir.DoubleType()
-            pointer = number.as_pointer()
-            kind = ir.FunctionType(ir.VoidType(), (number, pointer, pointer))
-            sincos = cgutils.get_or_insert_function(builder.module, kind, 'sincos')
-            places = [cgutils.alloca_once(builder, number) for _ in range(2)]
-            builder.call(sincos, (*arguments, *places))
-            values = [builder.load(place) for place in places]
-            return context.make_tuple(builder, signature.return_type, values)
-
-        pair = nb.UniTuple(nb.float64, 2)  # type: ignore[attr-defined]
-        return pair(nb.float64), generate
-
-    return numba.njit(lambda angle: together(angle), forceinline=True)
-
-
 @cache
 def _compile_replace() -> None:
     """Let compiled code call `_replace` of the named tuples marked by `record`."""
@@ -492,12 +464,7 @@ def compiled(
         _share(function, namespace)
     for name, (function, results) in _ELEMENTWISE.items():
         assert isinstance(function, types.FunctionType)
-        scalar = types.FunctionType(
-            function.__code__,
-            {**function.__globals__, 'sine_and_cosine': _compiled_sine_and_cosine()},
-            name,
-        )
-        scalar_kernel = numba.njit(scalar, forceinline=True, **_FROM_COMPILED_CODE)
+        scalar_kernel = numba.njit(function, forceinline=True, **_FROM_COMPILED_CODE)
         namespace[name] = _compile_elementwise(scalar_kernel, results)
     for name, function in _KERNELS.items():
         assert isinstance(function, types.FunctionType)
