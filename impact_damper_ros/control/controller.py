@@ -8,7 +8,14 @@ from math import inf, nan, ulp
 from typing import Any, ClassVar, NamedTuple
 
 from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters, RigParameters
-from impact_damper_ros.rig.kernels import by_reference, kernel, packed, state, unpack
+from impact_damper_ros.rig.kernels import (
+    array_by_reference,
+    by_reference,
+    kernel,
+    packed,
+    state,
+    unpack,
+)
 from impact_damper_ros.rig.mode import RigConstants
 from impact_damper_ros.rig.origin import Origin
 
@@ -27,6 +34,7 @@ from .sensors import (
     clear_observer,
     forget_hits,
     is_too_soon,
+    mixed_seed,
     note_crossing,
     observe_sample,
     sensor_noise,
@@ -55,7 +63,7 @@ class ControlSettings(NamedTuple):
     rate, noise_position, noise_velocity : float
         Of the sensors.
     seed : int
-        Of their noise.
+        Of their noise, mixed.
     delay, speed : float
         Of the actuators; the speed is infinite for stops that move at once.
     start_energy : float
@@ -114,7 +122,7 @@ class ControlSettings(NamedTuple):
             rate=p.gap_control_rate,
             noise_position=p.gap_control_noise_position,
             noise_velocity=p.gap_control_noise_velocity,
-            seed=p.gap_control_seed,
+            seed=mixed_seed(p.gap_control_seed),
             delay=p.actuator_delay,
             speed=p.actuator_speed or inf,
             start_energy=0.5 * p.actuator_mass * p.actuator_speed**2,
@@ -220,6 +228,8 @@ class Control(NamedTuple):
     def waiting(self) -> list[list[float]]:
         """Commands that wait, in order."""
         rows, first = self.commands, self.actuators.first
+        if not isinstance(rows, list):
+            rows = rows.array
         count = self.actuators.waiting
         return [list(map(float, rows[(first + k) % len(rows)])) for k in range(count)]
 
@@ -236,14 +246,15 @@ class Control(NamedTuple):
             return control
         import numpy as np
 
-        return control._replace(commands=np.array(control.commands))
+        return control._replace(commands=array_by_reference(np.array(control.commands)))
 
     def packed(self) -> Control:
         """Return a copy for compiled kernels."""
         import numpy as np
 
         records = {name: packed(part) for name, part in self.states().items()}
-        rows, memory = np.array(self.commands), np.array(self.memory)
+        rows = array_by_reference(np.array(self.commands, float))
+        memory = array_by_reference(np.array(self.memory, float))
         law = 0 if self.law is None else entry_of(self.law).address
         settings: Any = by_reference(self.settings)
         return self._replace(commands=rows, settings=settings, memory=memory, law=law, **records)
@@ -252,7 +263,8 @@ class Control(NamedTuple):
         """Return this control in the state of one that was `packed`."""
         for name, part in self.states().items():
             unpack(getattr(records, name), part)
-        return self._replace(commands=records.commands.tolist(), memory=records.memory.tolist())
+        rows, memory = records.commands.array.tolist(), records.memory.array.tolist()
+        return self._replace(commands=rows, memory=memory)
 
     def states(self) -> dict[str, Any]:
         """Return the states that kernels change."""

@@ -332,7 +332,7 @@ def call_by_address() -> Any:
                 value = builder.extract_value(seen, k)
                 value = context.cast(builder, value, kind, number)
                 builder.store(value, cgutils.gep_inbounds(builder, numbers, k))
-            kept = context.make_array(signature.args[2])(context, builder, memory).data
+            kept = cgutils.create_struct_proxy(signature.args[2])(context, builder, memory).data
             places = cgutils.alloca_once(builder, double, size=2)
             pointer = double.as_pointer()
             form = ir.FunctionType(ir.VoidType(), (pointer, pointer, pointer))

@@ -77,6 +77,12 @@ def mixed_bits(word: int) -> int:
     return mixed(word)
 
 
+def mixed_seed(seed: int) -> int:
+    """Return 64 bits that depend on all bits of a seed, as a signed number."""
+    bits = mixed(seed)
+    return bits - 2**64 if bits >= 2**63 else bits
+
+
 _UPPER_53 = 2**53 - 1
 
 
@@ -98,8 +104,8 @@ def normal_pair(word: int, other: int) -> tuple[float, float]:
 def sensor_noise(
     seed: int, index: int, position: float, velocity: float
 ) -> tuple[float, float, float, float]:
-    """Return the noise on X, Y, X' and Y' of one sample, of these standard deviations."""
-    key = mixed_bits(mixed_bits(seed) ^ index)
+    """Return the noise on X, Y, X' and Y' of one sample, from the mixed seed; see `mixed_seed`."""
+    key = mixed_bits(seed ^ index)
     noise_x = noise_y = noise_x_rate = noise_y_rate = 0.0
     if position > 0.0:
         first, second = normal_pair(key, key + 1)

@@ -1,9 +1,10 @@
 """
-Constants that compiled kernels read through a pointer.
+Constants and arrays that compiled kernels reach through a pointer.
 
 numba passes a named tuple as one argument for each of its numbers, to every function that is not
 inlined. `ByReference` is what compiled kernels take in place of a named tuple of constants: the
-same attributes, read where they are. This module imports numba.
+same attributes, read where they are. numba counts the references to an array, at each use of a
+tuple that holds it; `ArrayByReference` is an array without that count. This module imports numba.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from llvmlite import ir
 from numba.core import types as nb
+from numba.core.cgutils import create_struct_proxy as make_struct
+from numba.core.types import BaseTuple, CPointer, UniTuple  # type: ignore[attr-defined]
 from numba.core.typing.templates import (
     AbstractTemplate,
     AttributeTemplate,
@@ -218,3 +221,120 @@ def _unboxed(_kind: Record, held: Any, c: Any) -> NativeValue:
     pointer = c.pyapi.long_as_voidptr(address)
     c.pyapi.decref(address)
     return NativeValue(c.builder.bitcast(pointer, ir.PointerType(_WORD)))
+
+
+class Table(nb.Type):
+    """Type of an array that is not counted: a pointer to its rows, and how many there are."""
+
+    def __init__(self, kind: Any, columns: int) -> None:
+        self.kind = kind
+        #: Numbers in a row; 0 for an array of one dimension.
+        self.columns = columns
+        super().__init__(f'Table({kind}, {columns})')
+
+
+@register_model(Table)
+class _TableModel(models.StructModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Table) -> None:
+        super().__init__(manager, kind, [('data', CPointer(kind.kind)), ('rows', nb.intp)])
+
+
+_PAIR = UniTuple(nb.intp, 2)
+
+
+def _type_at(table: Any, index: Any) -> Any:
+    """Return the types of an index and of what a table has there: a number, or a row."""
+    if isinstance(table, Table):
+        if isinstance(index, nb.Integer):
+            return nb.intp, CPointer(table.kind) if table.columns else table.kind
+        if isinstance(index, BaseTuple) and len(index) == 2 and table.columns:
+            return _PAIR, table.kind
+    return None
+
+
+@infer_global(len)
+class _Length(AbstractTemplate):  # type: ignore[misc]
+    def generic(self, arguments: Any, _keywords: Any) -> Any:
+        (table,) = arguments
+        return signature(nb.intp, table) if isinstance(table, Table) else None
+
+
+@infer_global(operator.getitem)
+class _Taken(AbstractTemplate):  # type: ignore[misc]
+    def generic(self, arguments: Any, _keywords: Any) -> Any:
+        types = _type_at(*arguments)
+        return types and signature(types[1], arguments[0], types[0])
+
+
+@infer_global(operator.setitem)
+class _Set(AbstractTemplate):  # type: ignore[misc]
+    def generic(self, arguments: Any, _keywords: Any) -> Any:
+        types = _type_at(*arguments[:2])
+        return types and signature(nb.none, arguments[0], *types)
+
+
+@lower_builtin(len, Table)  # type: ignore[untyped-decorator]
+def _length(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+    return make_struct(sig.args[0])(context, builder, value=arguments[0]).rows
+
+
+def _place(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+    """Return where a table has a number, or where a row of it begins."""
+    table = sig.args[0]
+    data = make_struct(table)(context, builder, value=arguments[0]).data
+    columns = ir.Constant(_WORD, max(1, table.columns))
+    if sig.args[1] != _PAIR:
+        return builder.gep(data, [builder.mul(arguments[1], columns)], inbounds=True)
+    row, column = (builder.extract_value(arguments[1], k) for k in range(2))
+    return builder.gep(data, [builder.add(builder.mul(row, columns), column)], inbounds=True)
+
+
+@lower_builtin(operator.getitem, Table, nb.Any)  # type: ignore[untyped-decorator]
+def _taken(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+    place = _place(context, builder, sig, arguments)
+    return place if isinstance(sig.return_type, CPointer) else builder.load(place)
+
+
+@lower_builtin(operator.setitem, Table, nb.Any, nb.Any)  # type: ignore[untyped-decorator]
+def _set(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+    builder.store(arguments[2], _place(context, builder, sig, arguments))
+    return context.get_dummy_value()
+
+
+_OF_ARRAYS = {'f': nb.float64, 'i': nb.int64}
+
+
+class ArrayByReference:
+    """
+    An array in the form that compiled kernels take.
+
+    They take and set single numbers, without checks. It has to be kept for as long as they run.
+
+    Parameters
+    ----------
+    array : ndarray of float or int, of 64 bits
+        The array, of one or two dimensions, in C order.
+    """
+
+    def __init__(self, array: Any) -> None:
+        self.array = array
+        self.address, self.rows = array.ctypes.data, len(array)
+        self.kind = Table(_OF_ARRAYS[array.dtype.kind], array.shape[1] if array.ndim == 2 else 0)
+
+
+@typeof_impl.register(ArrayByReference)  # type: ignore[untyped-decorator]
+def _type_of_array(held: ArrayByReference, _context: Any) -> Table:
+    return held.kind
+
+
+@unbox(Table)  # type: ignore[untyped-decorator]
+def _unboxed_array(kind: Table, held: Any, c: Any) -> NativeValue:
+    table = make_struct(kind)(c.context, c.builder)
+    values = []
+    for name in ('address', 'rows'):
+        number = c.pyapi.object_getattr_string(held, name)
+        values.append(c.pyapi.long_as_longlong(number))
+        c.pyapi.decref(number)
+    table.data = c.builder.inttoptr(values[0], table.data.type)
+    table.rows = values[1]
+    return NativeValue(table._getvalue())

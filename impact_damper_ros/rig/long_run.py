@@ -20,7 +20,7 @@ import numpy.typing as npt
 from .event import Event, EventKind, Sample
 from .forcing import SteppedSine, frequency_at
 from .hybrid_motion import later_time, number_of_events, origin_at_step, step_event
-from .kernels import by_reference, compiling_alone, stamp
+from .kernels import array_by_reference, by_reference, compiling_alone, stamp
 from .kernels import compiled as compile_kernels
 from .mode import Mode, RigConstants, launch, rig_constants
 from .origin import Origin
@@ -252,6 +252,10 @@ class Loop:
 
     def _call(self, *arguments: Any) -> Progress:
         """Call the loop, alone if it may have to be compiled."""
+        if self.compiled:
+            arguments = tuple(
+                array_by_reference(a) if isinstance(a, np.ndarray) else a for a in arguments
+            )
         form = f'{self._name}_{"arrays" if self._arrays else self._harmonics}'
         if self.compiled and form not in _READY:
             with compiling_alone(stamp(), form):

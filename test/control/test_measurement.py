@@ -5,7 +5,7 @@ import pytest
 
 from impact_damper_ros.control import GapControlParameters
 from impact_damper_ros.control.controller import Control, measured
-from impact_damper_ros.control.sensors import sensor_noise
+from impact_damper_ros.control.sensors import mixed_seed, sensor_noise
 from impact_damper_ros.rig import RigParameters
 
 #: Time, X, X', Y, Y', and the stops
@@ -13,7 +13,7 @@ MOTION = (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
 
 
 def noise(seed, index):
-    return sensor_noise(seed, index, 1.0, 1.0)
+    return sensor_noise(mixed_seed(seed), index, 1.0, 1.0)
 
 
 def test_without_noise_the_sample_itself():
