@@ -9,14 +9,14 @@ zero to round-off takes over the side of X from the flight before (`Origin.side`
 
 from __future__ import annotations
 
-from math import inf, nextafter
+from math import inf, nan, nextafter
 
 from .certificate import ROUND_OFF, keeps_sign, least_step, safe_step
-from .flight import Flight, Motion, motion_at
+from .flight import Flight, GridPoint, Motion, Series, motion_at, series_at, tail
 from .kernels import kernel
 from .origin import Origin, advance_time
 from .oscillator import Oscillator, derivative_bound
-from .roots import falling_root
+from .roots import acceleration_of, base_point, falling_root, next_point
 
 _EPSILON = 2.220446049250313e-16
 # Where X is smaller than this part of its scale, its side comes from the flight before.
@@ -92,30 +92,93 @@ def _past(flight: Flight, side: int, height: float, motion: Motion, tau: float) 
     return tau + max(step, least_step(horizon), _EPSILON * tau)
 
 
-# What X does up to the next point of the grid: it keeps its sign, passes zero once, or is unclear.
-_KEEPS, _PASSES, _UNCLEAR = range(3)
+#: Error of X at the points of the grid, relative to its terms.
+_ERROR_OF_X = 1e-13
+#: The series around a point is complete this far from it, in steps.
+_SERIES_REACH = 0.6
+_NEWTON_STEPS = 6
 
 
 @kernel
-def _up_to(flight: Flight, side: int, a: Motion, b: Motion, band: float, band_b: float) -> int:
-    """Return what X does between two instants that are a step of the grid apart."""
+def _root_between(
+    flight: Flight, side: int, point: GridPoint, at: float, guess: float, low: float, high: float
+) -> float:
+    """Return the root of X between two points of the grid by the series about one; or NaN."""
+    grid = flight.oscillator.grid
+    series: Series = series_at(flight.oscillator, point)
+    height = side * (flight.constant / flight.oscillator.omega_squared + point.offset)
+    rate = side * point.velocity * grid.step
+    s = guess
+    for _ in range(_NEWTON_STEPS):
+        if not abs(s) <= _SERIES_REACH:
+            break
+        bend, bend_1, _ = tail(series, s)
+        falling = rate + side * (s * series.x_2 + bend_1)
+        if not falling < 0.0:
+            break
+        change = -(height + (s * (rate + 0.5 * s * side * series.x_2) + side * bend)) / falling
+        s += change
+        if abs(change) <= _NEAR_ZERO * min(1.0, at * grid.inverse + s):
+            # The step after this one would be less than round-off.
+            tau = at + s * grid.step
+            return tau if low < tau <= high else nan
+    return nan
+
+
+@kernel
+def _along_grid(flight: Flight, side: int, tau: float, motion: Motion) -> tuple[float, float]:
+    """
+    Look for a passage along the grid.
+
+    Returns the passage, NaN if there is none, and up to when X is known. That is where it was
+    before, if X may touch zero in the first step.
+    """
     oscillator: Oscillator = flight.oscillator
-    step = oscillator.grid.step
-    x_a = side * a.x
-    x_b = side * b.x
-    v_a = side * a.velocity
-    v_b = side * b.velocity
-    error = 4.0 * max(band, band_b)
-    if x_b > 0.0:
-        bound = derivative_bound(oscillator, a.x_4, a.x_5, oscillator.bound_4)
-        if keeps_sign(x_a, v_a, x_b, v_b, step, bound, error):
-            return _KEEPS
-    elif x_a > error and x_b < -error:
-        bound = derivative_bound(oscillator, a.x_5, a.x_6, oscillator.bound_5)
-        error *= oscillator.grid.inverse
-        if keeps_sign(-v_a, -side * a.x_2, -v_b, -side * b.x_2, step, bound, error):
-            return _PASSES
-    return _UNCLEAR
+    grid = oscillator.grid
+    step = grid.step
+    rest = flight.constant / oscillator.omega_squared
+    bound_4 = derivative_bound(oscillator, motion.x_4, motion.x_5, grid.bound_4)
+    bound_5 = derivative_bound(oscillator, motion.x_5, motion.x_6, grid.bound_5)
+    point: GridPoint = base_point(flight, tau, motion)
+    height = side * motion.x
+    rate = side * motion.velocity
+    scale = abs(motion.x) + abs(motion.velocity) * step
+    for k in range(grid.points):
+        following: GridPoint = next_point(oscillator, point)
+        height_b = side * (rest + following.offset)
+        rate_b = side * following.velocity
+        scale = max(scale, abs(height_b) + abs(rate_b) * step)
+        error = _ERROR_OF_X * (scale + abs(rest))
+        low = tau + step * k
+        high = tau + step * (k + 1)
+        if height_b > 0.0:
+            if not keeps_sign(height, rate, height_b, rate_b, step, bound_4, error):
+                return nan, low
+        elif (
+            height > error
+            and height_b < -error
+            and keeps_sign(
+                -rate,
+                -side * acceleration_of(oscillator, point),
+                -rate_b,
+                -side * acceleration_of(oscillator, following),
+                step,
+                bound_5,
+                error * grid.inverse,
+            )
+        ):
+            guess = falling_root(height, rate, height_b, rate_b, step) * grid.inverse
+            if guess > 0.5:
+                root = _root_between(flight, side, following, high, guess - 1.0, low, high)
+            else:
+                root = _root_between(flight, side, point, low, guess, low, high)
+            return root, low if root != root else high
+        else:
+            return nan, low
+        point = following
+        height = height_b
+        rate = rate_b
+    return nan, tau + step * grid.points
 
 
 @kernel
@@ -125,18 +188,18 @@ def first_crossing(
     """
     Find the first passage of X through zero after a time searched.
 
-    The search goes along a grid; where X may touch zero, by certified steps.
+    The search goes along a grid; where X may touch zero, by certified steps. What it finds does
+    not depend on the limit: the grid is searched as far as it goes.
     """
     oscillator: Oscillator = flight.oscillator
     horizon = oscillator.horizon
-    step = oscillator.grid.step
     above = searched
     tau = searched
-    motion: Motion = motion_at(flight, tau)
-    band = _round_off(flight, motion)
     # A flight that begins at a passage may have its rest before it, by the round-off of its time.
     arriving = searched == 0.0
     while True:
+        motion: Motion = motion_at(flight, tau)
+        band = _round_off(flight, motion)
         height = side * motion.x
         if height < -band:
             rate = side * motion.velocity
@@ -145,8 +208,6 @@ def first_crossing(
             if tau > limit + _OVERTIME * horizon:
                 return False, tau, tau
             tau = _past(flight, -side, -height, motion, tau)
-            motion = motion_at(flight, tau)
-            band = _round_off(flight, motion)
             continue
         arriving = False
         if height > band:
@@ -155,23 +216,13 @@ def first_crossing(
                 return False, tau, tau
         elif tau > limit + _OVERTIME * horizon:
             return False, tau, tau
-        following: Motion = motion_at(flight, tau + step)
-        next_band = _round_off(flight, following)
-        course = _up_to(flight, side, motion, following, band, next_band)
-        if course == _PASSES:
-            guess = falling_root(
-                height, side * motion.velocity, side * following.x, side * following.velocity, step
-            )
-            root = _root_of_x(flight, side, tau, tau + step, tau + guess, band)
-            return True, root, tau + step
-        if course == _KEEPS:
-            tau += step
-            motion = following
-            band = next_band
-            continue
-        tau = _past(flight, side, max(0.0, height + band), motion, tau)
-        motion = motion_at(flight, tau)
-        band = _round_off(flight, motion)
+        root, reached = _along_grid(flight, side, tau, motion)
+        if root == root:
+            return True, root, reached
+        if reached > tau:
+            tau = reached
+        else:
+            tau = _past(flight, side, max(0.0, height + band), motion, tau)
 
 
 @kernel

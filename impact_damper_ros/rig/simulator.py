@@ -6,17 +6,15 @@ from math import inf, nan, ulp
 from typing import Any, NamedTuple, Self
 
 from .changes import changed, check_command, kept_angles
-from .contact import chatter_end, flight_end
 from .crossing import sided
 from .event import Event, EventKind, EventRows
-from .flight import NO_EVENT
 from .forcing import SWEEP_FIELDS, SteppedSine, frequency_at, frequency_steps
 from .hybrid_motion import HybridMotion, starting_time
-from .mode import CHATTER_1, STICK, RigConstants, launch, rig_constants
+from .mode import STICK, RigConstants, launch, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
 from .quoting import shown
-from .run_loop import stops_moved
+from .run_loop import first_end, stops_moved
 from .state_checks import LATEST, SAME_TIME, check_number, check_origin, check_whole
 
 _FORMAT = 2
@@ -25,8 +23,9 @@ FORMATS = (1, 2)
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
 #: high its bounces were, 4 polished the passages of X through zero by bisection and took the
-#: measured Y from the difference of Z and X, 5 looked for these passages by certified steps alone.
-ARITHMETIC = 6
+#: measured Y from the difference of Z and X, 5 looked for these passages by certified steps alone,
+#: 6 summed short flights harmonic by harmonic and polished passages by the closed form.
+ARITHMETIC = 7
 #: Longest flight that is searched anew when a rig is restored, as an angle of the fastest of
 #: spring and harmonics, rad: a minute or two.
 _LONGEST = 1e7
@@ -152,11 +151,7 @@ def _check_search(
     if since * fastest <= _LONGEST:
         return
     flight = launch(constants, origin)
-    if origin.mode >= CHATTER_1:
-        ending = chatter_end(flight, origin.chatter_left)
-    else:
-        ending = flight_end(flight, 0.0, since, _STEPS)
-    ended = ending.kind != NO_EVENT or origin.mode >= CHATTER_1
+    ended, ending = first_end(origin, flight, since, _STEPS)
     if ended and ending.tau < since - SAME_TIME:
         raise ValueError(
             f'the flight from origin.time ends at {origin.time + ending.tau!r} s, before time, '
