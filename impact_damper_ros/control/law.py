@@ -137,13 +137,18 @@ def reach_limit(missed: int, reach: float) -> float:
 
 
 @kernel
+def best_gap(control: Control) -> float:
+    """Return the optimal gap for the amplitude as it is estimated, m."""
+    p = control.settings
+    return optimal_gap(control.observer.amplitude, p.mass_ratio, p.restitution, p.gap_max)
+
+
+@kernel
 def symmetric_place(control: Control, share: float) -> float:
     """Return the place of symmetric stops: half a share of the optimal gap, m."""
     p = control.settings
     search: Search = control.search
-    amplitude = control.observer.amplitude
-    optimal = optimal_gap(amplitude, p.mass_ratio, p.restitution, p.gap_max)
-    half = 0.5 * min(max(share * optimal, p.gap_min), p.gap_max)
+    half = 0.5 * min(max(share * best_gap(control), p.gap_min), p.gap_max)
     limit = max(
         reach_limit(search.missed_1, search.reach_1), reach_limit(search.missed_2, search.reach_2)
     )

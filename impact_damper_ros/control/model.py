@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from math import inf
 
-from impact_damper_ros.rig.contact import chatter_end, flight_end
-from impact_damper_ros.rig.flight import NO_EVENT, Flight, FlightEnd, end_at
+from impact_damper_ros.rig.flight import NO_EVENT, Flight, end_at
 from impact_damper_ros.rig.kernels import kernel
-from impact_damper_ros.rig.mode import CHATTER_1, RigConstants, launch
+from impact_damper_ros.rig.mode import RigConstants, launch
 from impact_damper_ros.rig.origin import Origin, carried, offset_of
+from impact_damper_ros.rig.run_loop import first_end
 from impact_damper_ros.rig.transition import at_rest, moving_mode, resolve, struck
 
 #: Most flights that are followed.
@@ -21,12 +21,8 @@ def motion_ahead(rig: RigConstants, origin: Origin, end: float) -> Origin:
     for _ in range(_MOST_FLIGHTS):
         flight: Flight = launch(rig, origin)
         since = max(0.0, (end - origin.time) - origin.time_low)
-        bounces = origin.mode >= CHATTER_1
-        if bounces:
-            ending: FlightEnd = chatter_end(flight, origin.chatter_left)
-        else:
-            ending = flight_end(flight, 0.0, since)
-        if ending.tau > since or not (bounces or ending.kind != NO_EVENT):
+        ended, ending = first_end(origin, flight, since)
+        if not ended:
             return carried(origin, flight, end_at(flight, NO_EVENT, since))
         origin = resolve(rig, origin, flight, ending).origin
     return origin

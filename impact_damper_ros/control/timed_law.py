@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, ClassVar
 from impact_damper_ros.rig.kernels import kernel, state
 
 from .actuator import order_stops
-from .law import optimal_gap, place_stops, symmetric_place
+from .law import best_gap, place_stops, symmetric_place
 from .sensors import Measurement, Observer, Passage, next_passage
 from .state import LENGTH, TIME, Kinds, clearing
 
@@ -38,6 +38,8 @@ _OVERREACH = 0.1
 _LATEST = 0.2
 #: A stop that has not met m this long after the passage is opened, in half cycles.
 _GIVE_UP = 0.25
+#: While X moves away from zero, its next passage is further ahead than this, in half cycles.
+_NOT_YET = 0.499
 #: A stop is not parked anew by less than this part of its place: each start costs energy.
 _PARKED_ENOUGH = 0.05
 #: A stop is not parked where m will be within this part of a half cycle.
@@ -112,7 +114,16 @@ def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> N
         park_stops(control, seen, stop == 1, stop == 2)
     if law.closed != 0 or law.aimed or (p.delay == 0.0 and p.speed == inf):
         return
-    ahead = next_passage(control.observer)
+    observer: Observer = control.observer
+    if observer.x * observer.x_rate > 0.0:
+        # X moves away from zero: the passage is at least half a half cycle ahead.
+        way = max(seen.stop_1, -seen.stop_2)
+        if p.independent:
+            way += _WANDER * 0.5 * best_gap(control)
+        longest = way / p.speed + p.delay
+        if _NOT_YET * observer.half_cycle - longest >= next_sample - seen.time:
+            return
+    ahead = next_passage(observer)
     if ahead.time == ahead.time and close_stop(control, ahead, seen, next_sample):
         law.aimed = True
 
@@ -150,7 +161,7 @@ def close_stop(control: Control, at: Passage, seen: Measurement, before: float) 
     law: TimedLaw = control.timed
     observer: Observer = control.observer
     p = control.settings
-    optimal = optimal_gap(observer.amplitude, p.mass_ratio, p.restitution, p.gap_max)
+    optimal = best_gap(control)
     stop = stop_to_close(p, at, law.parked, optimal)
     if stop == 0:
         return False

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_damper_ros.rig import EventKind
-from impact_damper_ros.rig.contact import chatter_end, flight_end
 from impact_damper_ros.rig.flight import (
     CONTACT_1,
     CONTACT_2,
@@ -31,7 +30,6 @@ from impact_damper_ros.rig.flight import (
 )
 from impact_damper_ros.rig.forcing import sines_of, turned_angles
 from impact_damper_ros.rig.mode import (
-    CHATTER_1,
     REST_1,
     REST_2,
     STICK,
@@ -40,6 +38,7 @@ from impact_damper_ros.rig.mode import (
     mode_at_rest,
 )
 from impact_damper_ros.rig.origin import Origin, carried
+from impact_damper_ros.rig.run_loop import first_end
 from impact_damper_ros.rig.transition import moving_mode, resolve
 
 from .equations import Array
@@ -227,12 +226,7 @@ def follow_trajectory(
     flight = launch(machine, origin)
     for _ in range(MOST_EVENTS):
         left = duration - elapsed
-        if origin.mode >= CHATTER_1:
-            end = chatter_end(flight, origin.chatter_left)
-            ended = end.tau <= left
-        else:
-            end = flight_end(flight, 0.0, left)
-            ended = end.kind != NO_EVENT and end.tau <= left
+        ended, end = first_end(origin, flight, left)
         if not ended:
             end = end_at(flight, NO_EVENT, left)
         kind, span = end.kind, end.tau

@@ -122,17 +122,36 @@ class OpenFlight(NamedTuple):
     at_once: int
 
 
-@kernel
-def open_flight(rig: RigConstants, origin: Origin, time: float) -> OpenFlight:
-    """Return the flight that begins at an origin, to be counted from a time on."""
-    flight: Flight = launch(rig, origin)
+@kernel(inline=True)
+def _known_end(origin: Origin, flight: Flight) -> tuple[FlightEnd, float]:
+    """Return the end of a flight and its instant as far as they are known without a search."""
     ending: FlightEnd = unfinished(NO_EVENT, 0.0)
     due = inf
     if origin.mode >= CHATTER_1:
         ending = chatter_end(flight, origin.chatter_left)
         due = advance_time(origin.time, origin.time_low, ending.tau)[0]
+    return ending, due
+
+
+@kernel
+def open_flight(rig: RigConstants, origin: Origin, time: float) -> OpenFlight:
+    """Return the flight that begins at an origin, to be counted from a time on."""
+    flight: Flight = launch(rig, origin)
+    ending, due = _known_end(origin, flight)
     since = (time - origin.time) - origin.time_low
     return OpenFlight(origin, flight, ending, due, since, 0, 0.0, inf, -inf, 0)
+
+
+@kernel
+def first_end(
+    origin: Origin, flight: Flight, span: float, most: int = ALL_STEPS
+) -> tuple[bool, FlightEnd]:
+    """Return whether a flight ends within a time, and its end or how far it has been searched."""
+    if origin.mode >= CHATTER_1:
+        ending: FlightEnd = chatter_end(flight, origin.chatter_left)
+        return ending.tau <= span, ending
+    ending = flight_end(flight, 0.0, span, most)
+    return ending.kind != NO_EVENT and ending.tau <= span, ending
 
 
 @kernel
@@ -372,11 +391,7 @@ def go_on(
             at_once = 0
         at_once += 1
         flight = launch(rig, origin)
-        ending = unfinished(NO_EVENT, 0.0)
-        due = inf
-        if origin.mode >= CHATTER_1:
-            ending = chatter_end(flight, origin.chatter_left)
-            due = advance_time(origin.time, origin.time_low, ending.tau)[0]
+        ending, due = _known_end(origin, flight)
         counted = 0.0
         side = 0
         if steps < ALL_STEPS and not passing and origin.time < until:
