@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     )
     from .recover import Recovery, recover_run
     from .rig_recorder import RigRecorder
-    from .run_reader import Decoded, Record, RecordedTopic, RunReader
+    from .run_reader import Decoded, RecordedMessage, RecordedTopic, RunReader
     from .run_writer import RunWriter, create_run_directory
     from .topics import LATCHED, QosProfile, Topic
 
@@ -41,7 +41,7 @@ __all__ = [
     'Parameter',
     'ParameterEvent',
     'QosProfile',
-    'Record',
+    'RecordedMessage',
     'RecordedTopic',
     'RecordingError',
     'Recovery',
@@ -65,7 +65,7 @@ __getattr__ = lazy_names(
         ),
         'recover': ('Recovery', 'recover_run'),
         'rig_recorder': ('RigRecorder',),
-        'run_reader': ('Decoded', 'Record', 'RecordedTopic', 'RunReader'),
+        'run_reader': ('Decoded', 'RecordedMessage', 'RecordedTopic', 'RunReader'),
         'run_writer': ('RunWriter', 'create_run_directory'),
         'topics': ('LATCHED', 'QosProfile', 'Topic'),
     },

@@ -207,7 +207,7 @@ def _conversion(path: Path) -> str:
     )
 
 
-class Record(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A recorded message, still serialised."""
 
     topic: str
@@ -478,7 +478,7 @@ class RunReader:
         cause = f'{len(found) or "no"} topics end in {wanted!r} (topics: {held})'
         raise RecordingError('read', self.path, cause, 'give the full name of a topic')
 
-    def __iter__(self) -> Iterator[Record]:
+    def __iter__(self) -> Iterator[RecordedMessage]:
         return self.records()
 
     def records(
@@ -488,7 +488,7 @@ class RunReader:
         end_ns: int | None = None,
         *,
         by_index: bool = False,
-    ) -> Iterator[Record]:
+    ) -> Iterator[RecordedMessage]:
         """
         Yield the messages in the order of their stamps, and as written where these are equal.
 
@@ -526,7 +526,7 @@ class RunReader:
             if not by_index or self.scans[index].may_hold(block, names[index])
         )
         # Sorted by stamp and place in the bag; holds what later blocks may still precede.
-        pending: list[tuple[int, int, int, Record]] = []
+        pending: list[tuple[int, int, int, RecordedMessage]] = []
         held = 0
         with ExitStack() as stack:
             # Of a long run there are more files than may be open at once.
@@ -549,7 +549,7 @@ class RunReader:
                     if first <= message.stamp_ns <= last:
                         named = channels[message.channel]
                         content = self._plain(named[0], message.stamp_ns, message.content)
-                        record = Record(*named, message.stamp_ns, content)
+                        record = RecordedMessage(*named, message.stamp_ns, content)
                         pending.append((message.stamp_ns, place, number, record))
                         held += len(content) + _HELD_EACH
                         if held > _MOST_HELD:

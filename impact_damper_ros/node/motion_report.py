@@ -38,7 +38,7 @@ LEAST_SAMPLES_PER_CYCLE = 6.0
 
 
 @dataclass(frozen=True)
-class MeasuredMotion:
+class RecentMotion:
     """
     The measured motion of a rig.
 
@@ -80,16 +80,14 @@ class MeasuredMotion:
         return self.kind is MotionKind.PERIODIC
 
 
-def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
+def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
     """Measure the motion of a rig since its last change or reset."""
     parameters, frequency, now = trace.parameters, trace.frequency, trace.time
     if not (frequency and parameters.force_amplitudes[0] and not parameters.multisine_level):
         cycle = math.tau / parameters.omega
         recently = trace.largest(now - MEASURED_CYCLES * cycle)
         enough = state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE
-        return MeasuredMotion(
-            MotionKind.NOT_PERIODICALLY_DRIVEN, x_max=recently if enough else None
-        )
+        return RecentMotion(MotionKind.NOT_PERIODICALLY_DRIVEN, x_max=recently if enough else None)
     cycle = math.tau / frequency
     cycles = (now - trace.began) / cycle
     impacts = trace.impacts()
@@ -127,7 +125,7 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
         amplitude = _response_amplitude(parameters, frequency)
         if 0.0 < amplitude < math.inf:
             ratio = x_max / amplitude
-    return MeasuredMotion(
+    return RecentMotion(
         kind,
         cycles,
         per_cycle,
@@ -184,7 +182,7 @@ class Agreement:
     tolerance: float = TOLERANCE
 
 
-def compare(measured: MeasuredMotion, answer: Answer) -> Agreement:
+def compare(measured: RecentMotion, answer: Answer) -> Agreement:
     """Compare a measured motion with the nearest predicted one."""
     rhythm = measured.rhythm
     near = answer.nearest(rhythm) if rhythm is not None else None
@@ -253,7 +251,7 @@ class MotionMonitor:
             self._ask_again(status, measured)
         return [measured_report(measured), predicted_report(status, agreement)]
 
-    def _ask_again(self, status: PredictorStatus, measured: MeasuredMotion) -> None:
+    def _ask_again(self, status: PredictorStatus, measured: RecentMotion) -> None:
         """Ask for a motion like the measured one, once for each stop sequence."""
         rhythm, impact = measured.rhythm, measured.impact
         assert rhythm is not None
@@ -266,7 +264,7 @@ class MotionMonitor:
             self._predictor.ask_like(rhythm, impact, measured.phase, status.course)
 
 
-def measured_report(measured: MeasuredMotion) -> MotionReport:
+def measured_report(measured: RecentMotion) -> MotionReport:
     """Report the measured motion."""
     rhythm = measured.rhythm
     words = measured.kind.value
@@ -293,7 +291,7 @@ def measured_report(measured: MeasuredMotion) -> MotionReport:
     )
 
 
-def _why_undecided(measured: MeasuredMotion) -> str:
+def _why_undecided(measured: RecentMotion) -> str:
     """Return why the kind of motion is undecided; empty if it is not."""
     if measured.kind is not MotionKind.UNDECIDED:
         return ''

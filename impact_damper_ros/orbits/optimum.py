@@ -139,7 +139,7 @@ def _narrowing(
             low = trial
 
 
-class _Search:
+class _GapSearch:
     """The smallest stable, viable motion as a function of the gap."""
 
     def __init__(
@@ -319,7 +319,7 @@ def optimal_gap(
             f'at least 3 points, a whole number up to {_MOST_POINTS}'
         )
     points, tolerance = int(count), checked_number('tolerance', tolerance, 0.0, 1.0)
-    search = _Search(rig, stops, cycles, simulate)
+    search = _GapSearch(rig, stops, cycles, simulate)
     grid = search.refined([float(gap) for gap in np.geomspace(low, high, points)])
     swings = [search.swing(gap) for gap in grid]
     best = min(range(len(grid)), key=swings.__getitem__)
@@ -357,7 +357,7 @@ def optimal_gap(
 
 
 def _limit(
-    search: _Search,
+    search: _GapSearch,
     orbit: PeriodicOrbit,
     bracket: Sequence[float],
     ends: tuple[float, float],

@@ -306,10 +306,10 @@ def _orbit(
         cycles=cycles,
         phases=tuple(phase(i.time) for i in impacts),
         x=tuple(i.x for i in impacts),
-        primary_velocity_before=tuple(i.velocity_before for i in impacts),
-        primary_velocity_after=tuple(i.velocity_after for i in impacts),
-        damper_velocity_before=tuple(i.velocity_before + i.relative_before for i in impacts),
-        damper_velocity_after=tuple(i.velocity_after + i.relative_after for i in impacts),
+        primary_velocity_before=tuple(i.primary_velocity_before for i in impacts),
+        primary_velocity_after=tuple(i.primary_velocity_after for i in impacts),
+        damper_velocity_before=tuple(i.damper_velocity_before for i in impacts),
+        damper_velocity_after=tuple(i.damper_velocity_after for i in impacts),
         x_max=largest_displacement(
             (part.flight for part in flights), (part.duration for part in flights)
         ),

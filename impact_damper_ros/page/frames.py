@@ -15,7 +15,7 @@ import struct
 import numpy as np
 
 from .measures import state_at
-from .motion import Motion, Rows
+from .motion import MotionHistory, Rows
 
 PAUSED, GHOST, REPLACE, REPLACE_GHOST = 1, 2, 4, 8
 _HEADER = struct.Struct('<BBHHHHHddd')
@@ -54,7 +54,7 @@ class _Trace:
         self._next = math.floor(start / self._column) + 1
         self.sent = start
 
-    def take(self, motion: Motion, until: float, *, behind: bool) -> tuple[Rows, Rows]:
+    def take(self, motion: MotionHistory, until: float, *, behind: bool) -> tuple[Rows, Rows]:
         """
         Return the columns and some samples that are new up to an instant.
 
@@ -68,7 +68,7 @@ class _Trace:
         self._next, self.sent = max(self._next, last), until
         return columns, samples[:, [0, 1, 2, 3, 4, 10]]
 
-    def _columns(self, motion: Motion, last: int, until: float) -> Rows:
+    def _columns(self, motion: MotionHistory, last: int, until: float) -> Rows:
         """Return the columns up to one, with the extremes of X and Z."""
         rows = motion.samples_between((self._next - 1) * self._column, until)
         numbers = np.floor(rows[:, 0] / self._column)
@@ -107,7 +107,7 @@ class View:
         column = self.window / min(max(width, 16), _MOST_COLUMNS)
         self._trace, self._ghost_trace = _Trace(column), _Trace(column)
         # The ghost of the last frame
-        self._ghost: Motion | None = None
+        self._ghost: MotionHistory | None = None
         # The last impact sent: one may come after the sample that follows it.
         self._hit = math.nan
 
@@ -115,7 +115,7 @@ class View:
         """Let the next frame replace all that the page has."""
         self._trace.sent = math.nan
 
-    def wants(self, end: float, ghost: Motion | None = None) -> bool:
+    def wants(self, end: float, ghost: MotionHistory | None = None) -> bool:
         """Return whether a frame up to an instant has anything new."""
         if self._trace.sent != end or ghost is not self._ghost:
             return True
@@ -124,11 +124,11 @@ class View:
 
     def frame(
         self,
-        motion: Motion,
+        motion: MotionHistory,
         end: float,
         epoch: float,
         flags: int = 0,
-        ghost: Motion | None = None,
+        ghost: MotionHistory | None = None,
         state: Rows | None = None,
     ) -> bytes:
         """
@@ -136,7 +136,7 @@ class View:
 
         Parameters
         ----------
-        motion : Motion
+        motion : MotionHistory
             The motion; it has a sample at or before that instant.
         end : float
             The instant, s.
@@ -144,7 +144,7 @@ class View:
             Wall time of it, s.
         flags : int, optional
             `PAUSED`, if it is.
-        ghost : Motion, optional
+        ghost : MotionHistory, optional
             That of another rig, as far as it is known.
         state : ndarray, optional
             State of this one, as in `SAMPLE_COLUMNS` without the time; the last sample, if it is

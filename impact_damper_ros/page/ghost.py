@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .child import Child
-from .motion import IMPACT_COLUMNS, SAMPLE_COLUMNS, Motion
+from .motion import IMPACT_COLUMNS, SAMPLE_COLUMNS, MotionHistory
 from .recorded import MOST_IMPACTS, MOST_SAMPLES
 
 _PROCESS = 'impact_damper_ros.page.what_if_process'
@@ -36,7 +36,7 @@ class Ghost:
     def __init__(
         self, path: Path, values: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]
     ) -> None:
-        self.motion = Motion(MOST_SAMPLES, MOST_IMPACTS)
+        self.motion = MotionHistory(MOST_SAMPLES, MOST_IMPACTS)
         self._values = dict(values)
         self._tell = tell
         self._done = False

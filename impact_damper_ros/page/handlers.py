@@ -11,7 +11,7 @@ from urllib.parse import unquote
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketHandler
 
-from .session import LONGEST_MESSAGE, Refusal, Session
+from .session import LONGEST_MESSAGE, RequestError, Session
 
 if TYPE_CHECKING:
     from .server import PageServer
@@ -190,8 +190,8 @@ class _Socket(_Guarded, WebSocketHandler):
         rig, bag = (self.get_query_argument(name, '') for name in ('rig', 'bag'))
         try:
             self.session = await self.server.open(self, rig, bag)
-        except Refusal as refusal:
-            text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(refusal)[:2000]})
+        except RequestError as error:
+            text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(error)[:2000]})
             await self.write_message(text)
             self.close(4404, 'there is no such thing')
         else:

@@ -19,7 +19,7 @@ from impact_damper_ros.rig.simulator import Snapshot
 from .frames import PAUSED
 from .knobs import Knob, as_json
 from .measures import RigNumbers
-from .motion import ForcePhase, Motion, Rows, impact_rows
+from .motion import ForcePhase, MotionHistory, Rows, impact_rows
 from .presets import preset_with
 
 #: Samples and impacts that are kept for the traces.
@@ -98,7 +98,7 @@ class LiveRig:
 
     Attributes
     ----------
-    motion : Motion
+    motion : MotionHistory
         The last minutes.
     knobs : list of Knob
         Its parameters; empty until they are known.
@@ -129,7 +129,7 @@ class LiveRig:
 
     def _forget(self) -> None:
         """Begin anew: the node was started anew."""
-        self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
+        self.motion = MotionHistory(_MOST_SAMPLES, _MOST_IMPACTS)
         self._states, self._impacts = JointStateDecoder(), JointStateDecoder()
         self._eras: list[_Era] = []
         self._paused = False

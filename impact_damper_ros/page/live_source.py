@@ -13,7 +13,7 @@ from .knobs import as_json
 from .live import Link, LiveRig
 from .measures import slow_motion
 from .presets import Preset
-from .session import Refusal, Session, given
+from .session import RequestError, Session, given
 from .theorist import Theorist
 
 _TRIGGERS = ('reset', 'step', 'step_to_impact')
@@ -170,7 +170,7 @@ class LiveSource:
             if kind == 'service':
                 return await self._serve(given(message, 'name', str))
         except self._no_answer as error:
-            raise Refusal(str(error)) from error
+            raise RequestError(str(error)) from error
         if kind == 'slow_motion':
             count = given(message, 'impacts', int, 5)
             motion = self.rig.motion
@@ -181,7 +181,7 @@ class LiveSource:
                 given(message, 'orbit', bool, True), given(message, 'curve', bool, True)
             )
             return None
-        raise Refusal(f'{kind} is nothing that a live rig can do')
+        raise RequestError(f'{kind} is nothing that a live rig can do')
 
     async def _serve(self, name: str) -> dict[str, Any]:
         if name == 'pause':
@@ -190,16 +190,16 @@ class LiveSource:
         elif name in _TRIGGERS:
             ok, text = await self.rig.link.trigger(name)
         else:
-            raise Refusal(f'{name} is no service of a rig')
+            raise RequestError(f'{name} is no service of a rig')
         return {'ok': ok, 'reason': text}
 
     async def _take_preset(self, name: str) -> dict[str, Any]:
         """Set the parameters of a preset, all at once, and begin from its start."""
         if name not in self._presets:
-            raise Refusal(f'there is no preset {name[:80]}')
+            raise RequestError(f'there is no preset {name[:80]}')
         known = {knob.name for knob in self.rig.knobs if not knob.read_only}
         if not known:
-            raise Refusal('the parameters of the rig are not known yet')
+            raise RequestError('the parameters of the rig are not known yet')
         values = {n: v for n, v in self._presets[name].all_values().items() if n in known}
         if reason := await self.rig.link.set(values):
             return {'ok': False, 'reason': reason}

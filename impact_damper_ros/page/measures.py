@@ -11,7 +11,7 @@ import numpy as np
 from impact_damper_ros.rig import RigParameters
 
 from .knobs import as_json
-from .motion import Motion, Rows
+from .motion import MotionHistory, Rows
 
 #: Cycles of the force over which energy is counted.
 _CYCLES = 20
@@ -34,7 +34,7 @@ class RigNumbers:
     ----------
     rig : RigParameters or None
         The rig, if it is known.
-    motion : Motion
+    motion : MotionHistory
         Its motion.
     end : float
         Rig time now, s.
@@ -45,7 +45,7 @@ class RigNumbers:
     """
 
     rig: RigParameters | None
-    motion: Motion
+    motion: MotionHistory
     end: float
     x_max: float | None = None
     impacts_per_cycle: float | None = None
@@ -139,7 +139,7 @@ def estimated_optimum(rig: RigParameters) -> float | None:
     return gap if 0.0 < gap < math.inf and pull * half < _SMALL * gap / half else None
 
 
-def slow_motion(motion: Motion, count: int, end: float) -> dict[str, Any]:
+def slow_motion(motion: MotionHistory, count: int, end: float) -> dict[str, Any]:
     """
     Return the last impacts closely sampled, to be shown slowly.
 
@@ -174,7 +174,7 @@ def slow_motion(motion: Motion, count: int, end: float) -> dict[str, Any]:
     }
 
 
-def state_at(motion: Motion, time: float) -> Rows:
+def state_at(motion: MotionHistory, time: float) -> Rows:
     """Return the state at an instant, as `SAMPLE_COLUMNS` without the time."""
     samples = motion.samples
     place = int(np.searchsorted(samples[:, 0], time, side='right')) - 1

@@ -120,7 +120,7 @@ class _Table:
         self._begin = max(self._begin, self._end - self._most)
 
 
-class Motion:
+class MotionHistory:
     """
     Samples and impacts of a rig in the order of their instants.
 

@@ -17,8 +17,8 @@ from .ghost import Ghost
 from .knobs import knobs_of
 from .measures import RigNumbers, slow_motion, state_at
 from .presets import preset_with
-from .recorded import Recorded
-from .session import Refusal, Session, given
+from .recorded import Recording
+from .session import RequestError, Session, given
 from .theorist import Theorist
 
 _SLOWEST, _FASTEST = 0.01, 100.0
@@ -39,14 +39,14 @@ class Player:
         Of the recording.
     path : Path
         Where it is.
-    recorded : Recorded
+    recorded : Recording
         What it holds.
     common : callable
         Returns what every hello has.
     """
 
     def __init__(
-        self, name: str, path: Path, recorded: Recorded, common: Callable[[], dict[str, Any]]
+        self, name: str, path: Path, recorded: Recording, common: Callable[[], dict[str, Any]]
     ) -> None:
         self._name = name
         self._path = path
@@ -195,7 +195,7 @@ class Player:
                 self._play(0.0 if self._playing else self._speed)
             return {'ok': True, 'reason': ''}
         else:
-            raise Refusal(_NO_KNOB)
+            raise RequestError(_NO_KNOB)
         return None
 
     def _go_to(self, instant: float, *, playing: bool | None = None) -> None:
@@ -223,7 +223,7 @@ class Player:
             changes = [c['time'] for c in self._recorded.changes if c['kind'] in _KINDS[to]]
             times = np.array(changes, dtype=float)
         else:
-            raise Refusal(f'there is no jump to {to[:80]}')
+            raise RequestError(f'there is no jump to {to[:80]}')
         times = times[(times >= self._start) & (times <= self._end)]
         now = self.time
         if direction < 0:

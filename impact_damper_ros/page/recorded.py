@@ -16,7 +16,7 @@ from impact_damper_ros.rig import INITIAL_SPECS, RigParameters
 from impact_damper_ros.rig.simulator import Snapshot
 
 from .knobs import as_json
-from .motion import ForcePhase, Motion, impact_rows
+from .motion import ForcePhase, MotionHistory, impact_rows
 from .presets import preset_with
 
 #: Most samples and impacts that are kept of a recording, the first ones.
@@ -49,13 +49,13 @@ class Era:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class Recording:
     """
     A recording.
 
     Attributes
     ----------
-    motion : Motion
+    motion : MotionHistory
         All of it.
     eras : list of Era
         What the rig was.
@@ -66,7 +66,7 @@ class Recorded:
         What is missing; empty if nothing is.
     """
 
-    motion: Motion
+    motion: MotionHistory
     eras: list[Era]
     changes: list[dict[str, Any]]
     remark: str
@@ -89,7 +89,7 @@ class _Reading:
         self._topics = recorded.topics
         count = recorded.reader.topics[recorded.topics.joint_states].message_count
         # What does not fit in is dropped below, at its end.
-        self.motion = Motion(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
+        self.motion = MotionHistory(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
         self._columns = {
             recorded.topics.joint_states: JointStateColumns((JOINTS, AXIS_JOINTS), (4, 4, 0)),
             recorded.topics.impacts: JointStateColumns((IMPACT_JOINTS,), (2, 2, 2)),
@@ -182,7 +182,7 @@ class _Reading:
         self.motion.add_impacts(impact_rows(rows, self._rig, phases, self._rest))
 
 
-def load_recording(path: Path) -> Recorded:
+def load_recording(path: Path) -> Recording:
     """
     Read a recording.
 
@@ -193,7 +193,7 @@ def load_recording(path: Path) -> Recorded:
 
     Returns
     -------
-    Recorded
+    Recording
         The recording.
 
     Raises
@@ -216,4 +216,4 @@ def load_recording(path: Path) -> Recorded:
         raise ValueError(f'{path.name} holds no joint states of a rig')
     if not recorded.reader.complete:
         remarks.append('the recording was cut short')
-    return Recorded(reading.motion, reading.eras, reading.changes, '; '.join(remarks))
+    return Recording(reading.motion, reading.eras, reading.changes, '; '.join(remarks))

@@ -24,9 +24,9 @@ from .live import Link
 from .live_source import LiveSource
 from .player import Player
 from .presets import load_presets
-from .recorded import Recorded, load_recording
+from .recorded import Recording, load_recording
 from .recordings import Recordings
-from .session import LONGEST_MESSAGE, Refusal, Session
+from .session import LONGEST_MESSAGE, RequestError, Session
 
 _FRAMES_PER_SECOND = 60.0
 #: With nobody to show anything to, the network is looked at this often.
@@ -82,7 +82,7 @@ class _NoRig:
         del session
         if message['type'] == 'theory':
             return None
-        raise Refusal('there is no rig in the network')
+        raise RequestError('there is no rig in the network')
 
 
 class PageServer:
@@ -134,7 +134,7 @@ class PageServer:
         # These are not cancelled: processes end meanwhile.
         self._endings: set[asyncio.Task[Any]] = set()
         self._http: HTTPServer | None = None
-        self._read_last: tuple[object, Recorded] | None = None
+        self._read_last: tuple[object, Recording] | None = None
 
     # Start and end
 
@@ -273,11 +273,13 @@ class PageServer:
 
         Raises
         ------
-        Refusal
+        RequestError
             If there is no such thing.
         """
         if len(self._sessions) >= _MOST_PAGES:
-            raise Refusal(f'{_MOST_PAGES} pages are open here: close some, and load this one anew')
+            raise RequestError(
+                f'{_MOST_PAGES} pages are open here: close some, and load this one anew'
+            )
         await self.list_recordings()
         if not bag and self._network is None:
             # The newest
@@ -285,10 +287,10 @@ class PageServer:
         if bag:
             return await self._play(socket, bag)
         if self._network is None:
-            raise Refusal('there is no recording here, and no ROS')
+            raise RequestError('there is no recording here, and no ROS')
         rig = rig or self._node or (self._rigs[0] if self._rigs else '')
         if rig and rig not in self._rigs and rig not in (self._node, *self._sources):
-            raise Refusal(f'there is no rig {rig[:200]}')
+            raise RequestError(f'there is no rig {rig[:200]}')
         source: Any = self._source(rig) if rig else _NoRig(self._common)
         session = Session(socket, source)
         self._sessions.add(session)
@@ -307,14 +309,14 @@ class PageServer:
             # Read by a thread; the frames of the others go on.
             recorded = await loop.run_in_executor(None, self._read, path)
         except (LookupError, RecordingError, ValueError) as error:
-            raise Refusal(str(error)) from error
+            raise RequestError(str(error)) from error
         player = Player(bag, path, recorded, self._common)
         session = Session(socket, player)
         self._sessions.add(session)
         player.begin(session)
         return session
 
-    def _read(self, path: Path) -> Recorded:
+    def _read(self, path: Path) -> Recording:
         """Read a recording, unless it has just been read and is as it was."""
         files = bag_files(path)
         key = path, tuple((f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files)

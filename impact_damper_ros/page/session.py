@@ -26,7 +26,7 @@ def _refuse(name: str) -> float:
     raise ValueError(f'{name} is no number of JSON')
 
 
-class Refusal(Exception):  # noqa: N818
+class RequestError(Exception):
     """Why a request of a page is not carried out, in words for its user."""
 
 
@@ -48,7 +48,7 @@ def given(message: dict[str, Any], name: str, kind: type[_T], default: _T | None
 
     Raises
     ------
-    Refusal
+    RequestError
         If the field is missing or of another type.
     """
     value = message.get(name, default)
@@ -59,7 +59,7 @@ def given(message: dict[str, Any], name: str, kind: type[_T], default: _T | None
             value = int(value)
     if type(value) is not kind or (isinstance(value, float) and not math.isfinite(value)):
         said = shown(value) if name in message else 'missing'
-        raise Refusal(f'{message["type"]}: {name} is {said}: give {_KINDS[kind]}')
+        raise RequestError(f'{message["type"]}: {name} is {said}: give {_KINDS[kind]}')
     return value
 
 
@@ -122,7 +122,7 @@ class Session:
         try:
             message = json.loads(text, parse_constant=_refuse) if isinstance(text, str) else None
             if not isinstance(message, dict) or not isinstance(message.get('type'), str):
-                raise Refusal('a message is an object with a type')
+                raise RequestError('a message is an object with a type')
             identity = message.get('id')
             if not isinstance(identity, int | str) or len(str(identity)) > _LONGEST_ID:
                 identity = None
@@ -130,8 +130,8 @@ class Session:
             answer = await self._carry_out(message)
         except (ArithmeticError, KeyError, RecursionError, TypeError, ValueError) as error:
             answer = {'ok': False, 'reason': f'the message cannot be read: {error}'[:500]}
-        except Refusal as refusal:
-            answer = {'ok': False, 'reason': str(refusal)[:2000]}
+        except RequestError as error:
+            answer = {'ok': False, 'reason': str(error)[:2000]}
         if answer is not None:
             self.outbox.put({'type': kind, 'id': identity, **answer})
 

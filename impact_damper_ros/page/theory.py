@@ -67,7 +67,7 @@ def theory(state: Mapping[str, Any], *, orbit: bool, curve: bool) -> Iterator[di
     rig = ControlledRig.restore(dict(state))
     clock = LoggedRig.of_snapshot(state).clock
     curve = curve and not rig.parameters.one_sided
-    gap_curve = GapCurve(rig.parameters)
+    gap_curve = GapContinuation(rig.parameters)
     last = Prediction()
     for number, last in enumerate(predictions(rig)):
         if orbit:
@@ -165,7 +165,7 @@ def _label(orbit: PeriodicOrbit) -> str:
     )
 
 
-class _Motion:
+class _GrowingBranch:
     """
     A periodic motion with its branch, followed from the present gap in both directions.
 
@@ -254,7 +254,7 @@ class _Motion:
                     yield special
 
 
-class GapCurve:
+class GapContinuation:
     """
     Xmax/A over the gap, as far as it is known.
 
@@ -268,7 +268,7 @@ class GapCurve:
         self._rig = rig
         #: The motion of the rig.
         self.here: PeriodicOrbit | None = None
-        self._motions: list[_Motion] = []
+        self._motions: list[_GrowingBranch] = []
 
     @property
     def starts(self) -> list[PeriodicOrbit]:
@@ -281,7 +281,7 @@ class GapCurve:
         if motion is None:
             if len(self._motions) >= _MOST_BRANCHES:
                 return
-            motion = _Motion(start)
+            motion = _GrowingBranch(start)
             self._motions.append(motion)
         due = monotonic() + _MESSAGE_PERIOD_S
         news = False

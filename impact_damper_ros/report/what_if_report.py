@@ -26,7 +26,7 @@ from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.swing import Swing
 
 from .formatting import setting, unit_for
-from .run_figures import Motion, Side, draw_what_if
+from .run_figures import SampledMotion, Side, draw_what_if
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -300,9 +300,9 @@ def _with_unit(value: Any, name: str) -> str:
     return f'{setting(value)} {ALL_SPECS[name].unit}'.rstrip()
 
 
-def _motion(trace: Trace) -> Motion:
+def _motion(trace: Trace) -> SampledMotion:
     samples = np.array(trace.samples).reshape(-1, len(Sample._fields))
     impacts = np.array([(e.time, e.x + e.y, e.stop) for e in trace.impacts], dtype=float)
     time, x, _, z, _, stop_1, stop_2, *_ = samples.T
     hit, where, stop = impacts.reshape(-1, 3).T
-    return Motion(time, x, z, stop_1, stop_2, hit, where, stop.astype(np.int64))
+    return SampledMotion(time, x, z, stop_1, stop_2, hit, where, stop.astype(np.int64))

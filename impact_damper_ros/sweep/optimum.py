@@ -190,7 +190,7 @@ def find_optimum(
     sign = 1.0 if best is Best.LEAST else -1.0
     row = int(np.nanargmin(sign * measures))
     at, value = plan.point(row).values, float(measures[row])
-    search = _Search(plan, at, measure, sign, settled=bool(table.flags('settled')[row]))
+    search = _PatternSearch(plan, at, measure, sign, settled=bool(table.flags('settled')[row]))
     search.progress = progress
     found, reached = at, value
     if refine and any(search.steps) and search.begin(table, row):
@@ -274,7 +274,7 @@ def _on_grid(
     return tuple(edges[::-1]), tuple(others)
 
 
-class _Search:
+class _PatternSearch:
     """A pattern search along the axes, on one motion."""
 
     def __init__(
