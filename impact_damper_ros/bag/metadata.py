@@ -23,7 +23,7 @@ from mcap.opcode import Opcode
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig.quoting import shown
 
-from .errors import RecordingError
+from .errors import RecordingError, counted
 from .mcap_scan import Scan, jump_text, open_file
 from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml, says_the_same, type_hash
 
@@ -172,9 +172,8 @@ _FOOTER_LENGTH = 9 + 8 + 8 + 4
 _ABOUT_NS = 10**9
 
 
-def counted(number: int, noun: str = 'message') -> str:
-    """Return a number with its noun."""
-    return f'{number:,} {noun}{"" if number == 1 else "s"}'
+def _messages(count: int) -> str:
+    return counted(count, 'message', ',')
 
 
 def check_summary(scan: Scan) -> None:
@@ -195,22 +194,24 @@ def _count_faults(scan: Scan) -> Iterator[tuple[str, str]]:
         there = scan.counts.get(channel, 0)
         if listed != there:
             wrong = True
-            text = f'its statistics count {counted(listed)} on {scan.topic_of(channel)}'
+            text = f'its statistics count {_messages(listed)} on {scan.topic_of(channel)}'
             yield f'statistics {channel}', f'{text}, {there:,} are there'
     total = sum(scan.counts.values())
     if said.message_count != total and not wrong:
-        text = f'its statistics count {counted(said.message_count)} in all, {total:,} are there'
+        text = f'its statistics count {_messages(said.message_count)} in all, {total:,} are there'
         yield 'statistics', text
     chunks = len(scan.heads)
     if said.chunk_count != chunks:
-        text = f'its statistics count {counted(said.chunk_count, "chunk")}, {chunks:,} are there'
+        text = (
+            f'its statistics count {counted(said.chunk_count, "chunk", ",")}, {chunks:,} are there'
+        )
         yield 'chunk count', text
     for what, listed, there in (
         ('metadata record', said.metadata_count, len(scan.metadata)),
         ('attachment', said.attachment_count, scan.attachments),
     ):
         if listed != there:
-            text = f'its statistics count {counted(listed, what)}, {there:,} are there'
+            text = f'its statistics count {counted(listed, what, ",")}, {there:,} are there'
             yield what, text
     if total and scan.blocks:
         span = min(b.start_ns for b in scan.blocks), max(b.end_ns for b in scan.blocks)
@@ -393,17 +394,17 @@ def listing_faults(
         listed, there = topics.get(name, 0), counts.get(name, 0)
         if topics and listed != there:
             wrong = True
-            yield f'metadata.yaml counts {counted(listed)} on {name}, {there:,} are there'
+            yield f'metadata.yaml counts {_messages(listed)} on {name}, {there:,} are there'
     total, there = _count(listing), sum(counts.values())
     if total is not None and total != there and not wrong:
-        yield f'metadata.yaml counts {counted(total)} in all, {there:,} are there'
+        yield f'metadata.yaml counts {_messages(total)} in all, {there:,} are there'
     if own:
         by_name = {scan.source.name: sum(scan.counts.values()) for scan in scans}
         for item in _items(listing, 'files'):
             number, name = _count(item), str(item.get('path')).rpartition('/')[2]
             if number is not None and name in by_name and number != by_name[name]:
                 there = by_name[name]
-                yield f'metadata.yaml counts {counted(number)} in {name}, {there:,} are there'
+                yield f'metadata.yaml counts {_messages(number)} in {name}, {there:,} are there'
     yield from _time_faults(listing, scans, own=own)
 
 
@@ -433,6 +434,6 @@ def listing_remarks(listing: Mapping[str, Any], counts: Mapping[str, int]) -> It
     total = sum(number for number in received if number is not None)
     if received and None not in received and total > there:
         yield (
-            f'the recorder received {counted(total)} and wrote {there:,}: it lost '
+            f'the recorder received {_messages(total)} and wrote {there:,}: it lost '
             f'{total - there:,} of them'
         )

@@ -27,7 +27,7 @@ from mcap.writer import CompressionType, Writer
 
 from impact_damper_ros.rig.quoting import shown
 
-from .errors import RecordingError
+from .errors import RecordingError, counted
 from .mcap_scan import LARGEST_CHUNK, MAGIC, Scan, open_file, plain_content, read_block, scan_file
 from .messages import DECODABLE, JOINT_STATE, CdrError, JointStateDecoder, Message, decode
 from .metadata import (
@@ -379,8 +379,8 @@ class RunReader:
         expected = self.parts[0] if self.begins_later else 0
         for scan, part in zip(self.scans, self.parts, strict=True):
             if part > expected:
-                count = f'{part - expected} file{"s" if part > expected + 1 else ""}'
-                yield f'{count} of it missing before {scan.source.name}'
+                lost = counted(part - expected, 'file')
+                yield f'{lost} of it missing before {scan.source.name}'
             expected = part + 1
 
     @property

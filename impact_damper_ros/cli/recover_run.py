@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig.quoting import as_line, printable
 
@@ -50,7 +51,7 @@ def report(recovery: Recovery) -> str:
     if recovery.was_complete:
         name = printable(recovery.source.name)
         lines.append(f'{name} is complete: nothing was lost; this is a copy of it')
-    count = f'{recovery.message_count} message{"s" if recovery.message_count != 1 else ""}'
+    count = counted(recovery.message_count, 'message')
     lines.append(f'saved {count} over {seconds:.3f} s to {printable(str(recovery.output))}')
     lines.append(f'  stamps {recovery.start_ns} to {recovery.end_ns} ns')
     topics = [replace(t, name=_short(t.name), type=_short(t.type)) for t in recovery.topics]

@@ -8,10 +8,13 @@ import math
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import (
     Branch,
+    Continuation,
     OrbitSearch,
     PeriodicOrbit,
     SpecialKind,
@@ -19,11 +22,8 @@ from impact_damper_ros.orbits import (
     find_orbits,
     plausible_stops,
     switch_branch,
-    value_of,
 )
-from impact_damper_ros.orbits.continuation import check_range
 from impact_damper_ros.outputs import check_file
-from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig import RigParameters
 
 from .command_line import (
@@ -180,14 +180,15 @@ def _branch_text(branch: Branch) -> str:
     return '\n'.join([*lines, f'  end: {branch.ended}'])
 
 
-def _branch_texts(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Iterator[str]:
-    """Yield what becomes of a motion while a parameter varies."""
+def _branch_texts(orbit: PeriodicOrbit, along: Continuation) -> Iterator[str]:
+    """Yield the branch of a motion in both directions, and those that leave it."""
+    name = along.name
     for upwards in (True, False):
-        branch = continue_orbit(orbit, name, low, high, upwards=upwards)
+        branch = continue_orbit(orbit, along, upwards=upwards)
         yield f'\nmotion 1, {name} {"rising" if upwards else "falling"}:\n{_branch_text(branch)}'
         for point in branch.special:
             if point.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
-                leaves = switch_branch(point, name, low, high, most_points=100)
+                leaves = switch_branch(point, replace(along, most_points=100))
                 yield (
                     f'\nbranch from the {point.kind.value} at {name} = {point.value:.9g}:\n'
                     f'{_branch_text(leaves)}'
@@ -245,8 +246,8 @@ def _solve(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         hint('solve_periodic', given.parameters)
     if arguments.vary is not None:
-        name, low, high = arguments.vary
-        check_range(name, low, high, value_of(given.parameters, name))
+        along = Continuation(*arguments.vary)
+        along.check_start(given.parameters)
     with long_work('solve_periodic', _slow_words(given.parameters), quiet=arguments.quiet):
         searches = _searches(given.parameters, arguments)
     orbits = [orbit for search in searches for orbit in search.orbits]
@@ -258,7 +259,7 @@ def _solve(arguments: argparse.Namespace) -> int:
         texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
         if arguments.vary is not None and orbits:
             with long_work('solve_periodic', 'still following the motion; Ctrl-C ends it'):
-                texts += _branch_texts(orbits[0], *arguments.vary)
+                texts += _branch_texts(orbits[0], along)
         try:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:

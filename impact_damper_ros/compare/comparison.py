@@ -13,6 +13,7 @@ import numpy as np
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.replay.findings import Difference
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
@@ -120,12 +121,12 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
         why = 'no sample could be compared'
     else:
         count = findings.difference_count
-        how = f'replayed, with {count} difference{"" if count == 1 else "s"}'
-        said = f'{how if count else "replayed bit for bit"}: {findings.samples} samples, '
-        said += f'{findings.impacts} impacts'
+        how = f'replayed, with {counted(count, "difference")}' if count else 'replayed bit for bit'
+        said = f'{how}: {counted(findings.samples, "sample")}, '
+        said += counted(findings.impacts, 'impact')
         if findings.control:
-            said += f', {findings.control} acts of the gap control'
-        said += f', {findings.snapshots} snapshots'
+            said += f', {counted(findings.control, "act")} of the gap control'
+        said += f', {counted(findings.snapshots, "snapshot")}'
         check = LogCheck(True, said, count, _unchecked(replay))
         return LogReplay(check, tuple(findings.kept), tuple(findings.faults))
     check = LogCheck(False, f'{_FROM_MOTION}; not bit for bit, since {why}')

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.orbits.event_map import follow_trajectory, origin_at
 from impact_damper_ros.orbits.irregularity import (
     IRREGULAR_SPREAD,
@@ -439,9 +440,7 @@ _NOT_REGULAR = 0.5
 
 
 def _period_text(recurrence: Recurrence) -> str:
-    cycles = '1 cycle' if recurrence.cycles == 1 else f'{recurrence.cycles} cycles'
-    hits = '1 impact' if recurrence.impacts == 1 else f'{recurrence.impacts} impacts'
-    return f'{cycles} ({hits})'
+    return f'{counted(recurrence.cycles, "cycle")} ({counted(recurrence.impacts, "impact")})'
 
 
 def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits, orbit_near
 from impact_damper_ros.orbits.equations import check_forcing
@@ -298,6 +299,7 @@ def _why_none(ahead: ObservedMotion) -> str:
         )
     stops = ','.join(map(str, ahead.rhythm.stops))
     return (
-        f'run ahead, the rig comes to stops {stops} in {ahead.rhythm.cycles} cycles of the '
-        'force, for which the solvers find no motion'
+        f'run ahead, the rig comes to stops {stops} in '
+        f'{counted(ahead.rhythm.cycles, "cycle")} of the force, '
+        'for which the solvers find no motion'
     )

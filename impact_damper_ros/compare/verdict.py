@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
 from impact_damper_ros.orbits.equations import check_forcing
 from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
@@ -47,9 +48,9 @@ class _Judgement(NamedTuple):
 
 
 def _motion_name(orbit: PeriodicOrbit) -> str:
-    cycles = '1 cycle' if orbit.cycles == 1 else f'{orbit.cycles} cycles'
+    cycles = counted(orbit.cycles, 'cycle')
     if orbit.impacts > _LISTED_STOPS:
-        return f'the motion with {orbit.impacts} impacts in {cycles}'
+        return f'the motion with {counted(orbit.impacts, "impact")} in {cycles}'
     stops = ','.join(str(stop) for stop in orbit.stops)
     return f'the motion with the stops {stops} in {cycles}'
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.orbits.recognition import (
     LONGEST_RHYTHM,
     SETTLED_DRIFT,
@@ -362,8 +363,7 @@ def _state(status: PredictorStatus, agreement: Agreement) -> tuple[str, bool, st
 
 
 def _in_words(rhythm: Rhythm) -> str:
-    impacts = f'{rhythm.impacts} impact{"s" if rhythm.impacts > 1 else ""}'
-    cycles = f'{rhythm.cycles} cycle{"s" if rhythm.cycles > 1 else ""}'
+    impacts, cycles = counted(rhythm.impacts, 'impact'), counted(rhythm.cycles, 'cycle')
     return f'{impacts} in {cycles} (stops {",".join(map(str, rhythm.stops))})'
 
 

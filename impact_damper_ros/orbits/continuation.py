@@ -55,15 +55,19 @@ _VARIABLE = [
 ]
 
 
-def value_of(parameters: RigParameters, name: str) -> float:
-    """Return the value of a parameter that a continuation can vary."""
-    if name == BOTH_RESTITUTIONS:
-        return parameters.restitution_1
-    if not isinstance(name, str) or name not in _VARIABLE:
+def _check_name(name: str) -> None:
+    if not isinstance(name, str) or name not in (*_VARIABLE, BOTH_RESTITUTIONS):
         raise OrbitError(
             f'{shown(name)} cannot be varied: give one of {", ".join(_VARIABLE)}, or '
             f'{BOTH_RESTITUTIONS}'
         )
+
+
+def value_of(parameters: RigParameters, name: str) -> float:
+    """Return the value of a parameter that a continuation can vary."""
+    _check_name(name)
+    if name == BOTH_RESTITUTIONS:
+        return parameters.restitution_1
     value = getattr(parameters, name)
     return float(value[0] if isinstance(value, tuple) else value)
 
@@ -84,6 +88,66 @@ def _limits_of(name: str) -> tuple[float, float]:
     assert spec.low is not None
     assert spec.high is not None
     return spec.low, spec.high
+
+
+#: Widest range of a parameter, and most points of a branch.
+_FARTHEST = 1e15
+_MOST_POINTS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """
+    Options of a continuation.
+
+    Parameters
+    ----------
+    name : str
+        The parameter that varies: a number of `RigParameters`, the first entry of an array, or
+        'restitution' for both coefficients.
+    low, high : float
+        Range of the parameter. The branch may turn within it.
+    largest_step : float, optional
+        Longest step, relative to the displacements, phases and the parameter.
+    most_points : int, optional
+        Largest number of points on the branch.
+
+    Raises
+    ------
+    OrbitError
+        If the parameter cannot be varied, or a number is out of range.
+    """
+
+    name: str
+    low: float
+    high: float
+    largest_step: float = 0.05
+    most_points: int = 400
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        _check_name(self.name)
+        low = checked_number(f'the low end of {self.name}', self.low, -_FARTHEST, _FARTHEST)
+        high = checked_number(f'the high end of {self.name}', self.high, -_FARTHEST, _FARTHEST)
+        if not low < high:
+            raise OrbitError(
+                f'{self.name} from {low:.9g} to {high:.9g} is no range: give the low end first'
+            )
+        checked_number('largest_step', self.largest_step, 1e-9, 1.0)
+        checked_whole('most_points', self.most_points, 1, _MOST_POINTS)
+
+    def check_start(self, parameters: RigParameters) -> None:
+        """Raise OrbitError if the rig is outside the range."""
+        value = value_of(parameters, self.name)
+        if not self.low <= value <= self.high:
+            raise OrbitError(
+                f'{self.name} is {value:.9g} where the branch begins: give a range around that, '
+                f'not {self.low:.9g} to {self.high:.9g}'
+            )
+
+    def holds(self, value: float) -> bool:
+        """Return whether a value is within the range."""
+        return self.low <= value <= self.high
 
 
 class _Family(Protocol):
@@ -516,6 +580,8 @@ def _special_points(curve: _Curve, start: _Point, end: _Point, step: float) -> l
 
 _SHARPEST_TURN = 0.95
 _GROWTH = 1.4
+#: The first step, as a share of the largest one.
+_FIRST_STEP = 0.1
 _LEAST_STEP = 1e-7
 
 
@@ -563,12 +629,12 @@ def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | No
     return None if again is None else (fresh, again)
 
 
-def _edge(curve: _Curve, here: _Point, step: float, bounds: tuple[float, float]) -> _Point | None:
+def _edge(curve: _Curve, here: _Point, step: float, along: Continuation) -> _Point | None:
     """Return the point on the bound that the next step would cross, if any."""
     ahead = curve.value(here.place + step * here.tangent)
-    if bounds[0] <= ahead <= bounds[1]:
+    if along.holds(ahead):
         return None
-    bound = bounds[0] if ahead < bounds[0] else bounds[1]
+    bound = along.low if ahead < along.low else along.high
     share = (bound / curve.scale - here.place[-1]) / here.tangent[-1]
     guess = here.place + share * here.tangent
     guess[-1] = bound / curve.scale
@@ -580,9 +646,7 @@ def _edge(curve: _Curve, here: _Point, step: float, bounds: tuple[float, float])
     return last
 
 
-def _leapt(
-    curve: _Curve, here: _Point, largest_step: float, bounds: tuple[float, float]
-) -> tuple[_Point, float] | None:
+def _leapt(curve: _Curve, here: _Point, along: Continuation) -> tuple[_Point, float] | None:
     """
     Return a point beyond a change of the kind of motion, and the step to it.
 
@@ -590,26 +654,19 @@ def _leapt(
     unbounded on one side, and small steps fail.
     """
     for share in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0):
-        step = share * largest_step
+        step = share * along.largest_step
         there = curve.ahead(here, step)
-        if there is None or not bounds[0] <= curve.value(there.place) <= bounds[1]:
+        if there is None or not along.holds(curve.value(there.place)):
             continue
         same = there.orbit.stops == here.orbit.stops
-        if same and there.orbit.differs(here.orbit) < 4.0 * largest_step:
+        if same and there.orbit.differs(here.orbit) < 4.0 * along.largest_step:
             return there, step
     return None
 
 
-def _follow(
-    curve: _Curve,
-    point: _Point,
-    bounds: tuple[float, float],
-    first_step: float,
-    largest_step: float,
-    most_points: int,
-) -> Iterator[Branch]:
+def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branch]:
     """Step along a branch until it leaves the bounds, ends or closes; see `grow_branch`."""
-    name = curve.family.name
+    name, largest_step, most_points = along.name, along.largest_step, along.most_points
     points = [point]
     # Between neighbouring points: curve, both, and the step
     between: list[tuple[_Curve, _Point, _Point, float]] = []
@@ -624,31 +681,31 @@ def _follow(
         )
 
     yield branch()
-    step = first_step
+    step = first_step = _FIRST_STEP * largest_step
     fresh_tried: _Point | None = None
     moved = False
     ended = f'{most_points} points'
     while len(points) < most_points:
         here = points[-1]
-        last = _edge(curve, here, step, bounds)
+        last = _edge(curve, here, step, along)
         if last is not None:
             span = float((last.place - here.place) @ here.tangent)
             between.append((curve, here, last, span))
             points.append(last)
-            bound = min(bounds, key=lambda b: abs(b - curve.value(last.place)))
+            bound = min(along.low, along.high, key=lambda b: abs(b - curve.value(last.place)))
             ended = f'{name} = {bound:g}, the end of the range'
             break
         there = curve.ahead(here, step)
         if (
             there is None
             or float(there.tangent @ here.tangent) < _SHARPEST_TURN
-            or not bounds[0] <= curve.value(there.place) <= bounds[1]
+            or not along.holds(curve.value(there.place))
         ):
             step *= 0.5
             if step >= _LEAST_STEP * largest_step:
                 continue
             fresh = _begun_elsewhere(curve, here) if fresh_tried is not here else None
-            leap = None if fresh else _leapt(curve, here, largest_step, bounds)
+            leap = None if fresh else _leapt(curve, here, along)
             if leap is not None:
                 there, step = leap
                 between.append((curve, here, there, step))
@@ -678,41 +735,7 @@ def _follow(
     yield branch(ended, tuple(special))
 
 
-#: Widest range of a parameter, and most points of a branch.
-_FARTHEST = 1e15
-_MOST_POINTS = 1_000_000
-
-
-def check_range(name: str, low: float, high: float, value: float | None = None) -> None:
-    """Check the range in which a parameter is varied, and that it holds its value if given."""
-    low = checked_number(f'the low end of {name}', low, -_FARTHEST, _FARTHEST)
-    high = checked_number(f'the high end of {name}', high, -_FARTHEST, _FARTHEST)
-    if not low < high:
-        raise OrbitError(
-            f'{name} from {low:.9g} to {high:.9g} is no range: give the low end first'
-        )
-    if value is not None and not low <= value <= high:
-        raise OrbitError(
-            f'{name} is {value:.9g} where the branch begins: give a range around that, not '
-            f'{low:.9g} to {high:.9g}'
-        )
-
-
-def _check_steps(largest_step: float, most_points: int) -> None:
-    checked_number('largest_step', largest_step, 1e-9, 1.0)
-    checked_whole('most_points', most_points, 1, _MOST_POINTS)
-
-
-def continue_orbit(
-    orbit: PeriodicOrbit,
-    name: str,
-    low: float,
-    high: float,
-    *,
-    upwards: bool = True,
-    largest_step: float = 0.05,
-    most_points: int = 400,
-) -> Branch:
+def continue_orbit(orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True) -> Branch:
     """
     Follow a periodic motion while a parameter of the rig varies.
 
@@ -720,17 +743,10 @@ def continue_orbit(
     ----------
     orbit : PeriodicOrbit
         The motion to begin with.
-    name : str
-        The parameter: a number of `RigParameters`, the first entry of an array, or 'restitution'
-        for both coefficients.
-    low, high : float
-        Range of the parameter; the branch may turn within it.
+    along : Continuation
+        The parameter, its range and the steps.
     upwards : bool, optional
         Whether the parameter rises at first.
-    largest_step : float, optional
-        Longest step, relative to the displacements, phases and the parameter.
-    most_points : int, optional
-        Most points on the branch.
 
     Returns
     -------
@@ -740,60 +756,48 @@ def continue_orbit(
     Raises
     ------
     OrbitError
-        If the parameter cannot be varied, or not in this range.
+        If the motion is outside the range.
 
     Examples
     --------
     >>> from impact_damper_ros.orbits import find_orbits
     >>> from impact_damper_ros.rig import RigParameters
     >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2)).orbits[0]
-    >>> branch = continue_orbit(orbit, 'gap', 20.0, 40.0)
+    >>> branch = continue_orbit(orbit, Continuation('gap', 20.0, 40.0))
     >>> branch.ended
     'gap = 40, the end of the range'
     """
-    *_, branch = grow_branch(
-        *(orbit, name, low, high),
-        upwards=upwards,
-        largest_step=largest_step,
-        most_points=most_points,
-    )
+    *_, branch = grow_branch(orbit, along, upwards=upwards)
     return branch
 
 
 def grow_branch(
-    orbit: PeriodicOrbit,
-    name: str,
-    low: float,
-    high: float,
-    *,
-    upwards: bool = True,
-    largest_step: float = 0.05,
-    most_points: int = 400,
+    orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True
 ) -> Iterator[Branch]:
     """
-    Follow a periodic motion as `continue_orbit` does, to be seen as it grows.
+    Follow a periodic motion as `continue_orbit` does, point by point.
 
     Parameters
     ----------
-    orbit, name, low, high, upwards, largest_step, most_points
+    orbit, along, upwards
         As in `continue_orbit`.
 
     Yields
     ------
     Branch
         The branch so far, after each point. The last but one is complete except for its special
-        points (`ended` says why it ended), the last one has these, too.
+        points (`ended` is why it ended); the last one includes them.
 
     Raises
     ------
     OrbitError
-        If the parameter cannot be varied.
+        If the motion is outside the range.
     """
+    along.check_start(orbit.parameters)
+    name = along.name
     value = value_of(orbit.parameters, name)
-    check_range(name, low, high, value)
-    _check_steps(largest_step, most_points)
     family = _family_of(orbit, name)
-    curve = _Curve(family, abs(value) or max(abs(low), abs(high)) or 1.0)
+    curve = _Curve(family, abs(value) or max(abs(along.low), abs(along.high)) or 1.0)
     place = np.append(family.start(orbit), value / curve.scale)
     normal = np.zeros_like(place)
     normal[-1] = 1.0 if upwards else -1.0
@@ -801,7 +805,7 @@ def grow_branch(
     if point is None:
         yield Branch(name=name, values=(), orbits=(), special=(), ended='no motion to begin with')
         return
-    yield from _follow(curve, point, (low, high), 0.1 * largest_step, largest_step, most_points)
+    yield from _follow(curve, point, along)
 
 
 def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[_Family, Array]:
@@ -818,16 +822,7 @@ def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[_Family, Arr
     return longer, np.concatenate([x, (unknowns[n:] + turns[:, None]).ravel()])
 
 
-def switch_branch(
-    special: SpecialPoint,
-    name: str,
-    low: float,
-    high: float,
-    *,
-    largest_step: float = 0.05,
-    most_points: int = 400,
-    mirrored: bool = False,
-) -> Branch:
+def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool = False) -> Branch:
     """
     Follow the branch that leaves another one at a period doubling or a branch point.
 
@@ -835,16 +830,10 @@ def switch_branch(
     ----------
     special : SpecialPoint
         Where it leaves.
-    name : str
-        The parameter varied, as in `continue_orbit`.
-    low, high : float
-        Range of the parameter.
-    largest_step : float, optional
-        Longest step, as in `continue_orbit`.
-    most_points : int, optional
-        Most points on the branch.
+    along : Continuation
+        The parameter, its range and the steps.
     mirrored : bool, optional
-        Begin in the opposite direction.
+        Whether to begin in the opposite direction.
 
     Returns
     -------
@@ -854,23 +843,21 @@ def switch_branch(
     Raises
     ------
     ValueError
-        If the point is of another kind, or the parameter cannot be varied in this range.
+        If the point is of another kind.
     """
-    check_range(name, low, high)
-    _check_steps(largest_step, most_points)
     orbit = special.orbit
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
-    family, unknowns = _repeated(orbit, name, times)
+    family, unknowns = _repeated(orbit, along.name, times)
     curve = _Curve(family, abs(special.value) or 1.0)
     place = np.append(unknowns, special.value / curve.scale)
     by_unknowns = family.residual(unknowns, special.value)[1]
     direction = np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)
     direction = -direction if mirrored else direction
-    step = 0.1 * largest_step
+    step = _FIRST_STEP * along.largest_step
     point = curve.correct(place + step * direction, direction)
     if point is None:
-        return Branch(name=name, values=(), orbits=(), special=(), ended='no branch found')
-    *_, branch = _follow(curve, point, (low, high), step, largest_step, most_points)
+        return Branch(name=along.name, values=(), orbits=(), special=(), ended='no branch found')
+    *_, branch = _follow(curve, point, along)
     return branch

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.compare import (
     ForceClock,
     LoggedRig,
@@ -24,6 +25,7 @@ from impact_damper_ros.compare import (
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import (
     Branch,
+    Continuation,
     OrbitError,
     PeriodicOrbit,
     SpecialPoint,
@@ -158,11 +160,7 @@ def _summary(orbit: PeriodicOrbit) -> dict[str, Any]:
 
 
 def _label(orbit: PeriodicOrbit) -> str:
-    impacts, cycles = len(orbit.stops), orbit.cycles
-    return (
-        f'{impacts} impact{"s" if impacts > 1 else ""} in {cycles} '
-        f'cycle{"s" if cycles > 1 else ""}'
-    )
+    return f'{counted(len(orbit.stops), "impact")} in {counted(orbit.cycles, "cycle")}'
 
 
 class _GrowingBranch:
@@ -178,12 +176,8 @@ class _GrowingBranch:
     def __init__(self, start: PeriodicOrbit) -> None:
         self.start = start
         gap = start.parameters.gap
-        self._ways = [
-            grow_branch(
-                *(start, 'gap', gap / _SPAN, gap * _SPAN), upwards=up, most_points=_MOST_POINTS
-            )
-            for up in (False, True)
-        ]
+        along = Continuation('gap', gap / _SPAN, gap * _SPAN, most_points=_MOST_POINTS)
+        self._ways = [grow_branch(start, along, upwards=up) for up in (False, True)]
         self._parts: list[Branch | None] = [None, None]
         self.branch = _joined(start, None, None)
         self._marked = False

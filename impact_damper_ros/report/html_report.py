@@ -18,13 +18,14 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.compare import RunComparison, StretchComparison, Verdict
 from impact_damper_ros.compare.periodic_motion import GapCurves
 from impact_damper_ros.outputs import write_texts
 
 from .charts import PICTURES, Picture, draw_history, draw_run
 from .drawing import page_style
-from .formatting import counted, instant, number, quantity
+from .formatting import instant, number, quantity
 from .glossary import glossary_html, linked
 from .html import Html, element, joined, listed, safe
 from .html_tables import (
@@ -87,7 +88,7 @@ def _figure(picture: Picture, key: str, where: str, narrow: Picture | None = Non
 def _tiles(stretch: StretchComparison) -> Html:
     """Return the key numbers."""
     measured, orbit, decay = stretch.measured, stretch.predicted, stretch.decay
-    what = f'{stretch.impacts} impacts'
+    what = counted(stretch.impacts, 'impact')
     if stretch.stops:
         what = f'stops {", ".join(map(str, stretch.stops))}'
     tiles = [('Motion', motion_of(stretch), what)]
@@ -131,7 +132,8 @@ def _findings(stretch: StretchComparison) -> Html:
     if left > 0:
         texts.append(f'{left} more, see report.json')
     if stretch.missing_samples:
-        texts.append(f'{stretch.missing_samples} samples are missing in the log')
+        missing = counted(stretch.missing_samples, 'sample')
+        texts.append(f'missing in the log: {missing}')
     return _notes('h3', 'Findings', texts)
 
 
@@ -170,7 +172,7 @@ def _stretch_section(stretch: StretchComparison, before: StretchComparison | Non
     evidence = '' if stretch.evidence in stretch.sentence else stretch.evidence
     reasons = (('Kind of motion', evidence), ('Prediction', stretch.solver))
     time = f'{instant(stretch.start)} s to {instant(stretch.end)} s of rig time, '
-    time += f'{stretch.samples} samples, {stretch.impacts} impacts'
+    time += f'{counted(stretch.samples, "sample")}, {counted(stretch.impacts, "impact")}'
     verdict = joined(linked_badge(stretch.verdict), linked(stretch.sentence))
     title = f'Stretch {stretch.number}: {cause_of(stretch)}'
     key = f'stretch-{stretch.number}'

@@ -8,11 +8,12 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.compare import Overall, StretchComparison, Verdict
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import ALL_SPECS
 
-from .formatting import NONE, aligned, counted, difference, instant, number, unit_for, worded
+from .formatting import NONE, aligned, difference, instant, number, unit_for, worded
 from .glossary import linked
 from .html import Column, Html, element, table
 

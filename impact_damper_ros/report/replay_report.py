@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.rig.quoting import as_line
-
-from .formatting import counted
 
 _VERDICTS = {
     ReplayVerdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',

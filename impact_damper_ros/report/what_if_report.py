@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.replay.replay import Replay, Tick
 from impact_damper_ros.replay.replayed_rig import Step, setting_of
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, Trace, WhatIf
@@ -99,7 +100,8 @@ class RunTotals:
         """Return the totals in a line, for a figure."""
         unit = unit_for('m', self.largest)
         return (
-            f'{self.impacts} impacts, largest |X| {unit.factor * self.largest:.4g} {unit.name}, '
+            f'{counted(self.impacts, "impact")}, '
+            f'largest |X| {unit.factor * self.largest:.4g} {unit.name}, '
             f'rms {unit.factor * self.rms:.4g} {unit.name}'
         )
 

@@ -16,11 +16,11 @@ from compare.recorded import compared
 from report.example_comparison import example
 from rigs import BENCH, VERTICAL
 
+from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.compare import Beginning, MotionKind, Verdict
 from impact_damper_ros.orbits.continuation import SpecialKind
 from impact_damper_ros.report.formatting import (
     aligned,
-    counted,
     difference,
     instant,
     number,
