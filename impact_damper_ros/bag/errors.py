@@ -1,4 +1,4 @@
-"""The words of messages: counts, and the error of recording with its cause and remedy."""
+"""The error of recording and reading, with cause and remedy."""
 
 from __future__ import annotations
 
@@ -30,19 +30,6 @@ _KNOWN: dict[int, tuple[str, str]] = {
     errno.EMFILE: ('too many files are open', 'close some, or raise the limit (ulimit -n)'),
     errno.EIO: ('the device reports an input/output error', 'check the disk and its cable'),
 }
-
-
-def counted(count: int, noun: str, form: str = '') -> str:
-    """
-    Return a count, formatted as `form` says, with its noun in singular or plural.
-
-    Examples
-    --------
-    >>> counted(1, 'stretch'), counted(2, 'stretch'), counted(1000, 'message', ',')
-    ('1 stretch', '2 stretches', '1,000 messages')
-    """
-    plural = '' if count == 1 else 'es' if noun.endswith(('ch', 's')) else 's'
-    return f'{count:{form}} {noun}{plural}'
 
 
 class RecordingError(Exception):

@@ -22,8 +22,9 @@ from mcap.opcode import Opcode
 
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.wording import counted
 
-from .errors import RecordingError, counted
+from .errors import RecordingError
 from .mcap_scan import Scan, jump_text, open_file
 from .topics import LONGEST_YAML, Channel, dump_yaml, load_yaml, says_the_same, type_hash
 
@@ -195,23 +196,21 @@ def _count_faults(scan: Scan) -> Iterator[tuple[str, str]]:
         if listed != there:
             wrong = True
             text = f'its statistics count {_messages(listed)} on {scan.topic_of(channel)}'
-            yield f'statistics {channel}', f'{text}, {there:,} are there'
+            yield f'statistics {channel}', f'{text}, not {there:,}'
     total = sum(scan.counts.values())
     if said.message_count != total and not wrong:
-        text = f'its statistics count {_messages(said.message_count)} in all, {total:,} are there'
+        text = f'its statistics count {_messages(said.message_count)} in all, not {total:,}'
         yield 'statistics', text
     chunks = len(scan.heads)
     if said.chunk_count != chunks:
-        text = (
-            f'its statistics count {counted(said.chunk_count, "chunk", ",")}, {chunks:,} are there'
-        )
+        text = f'its statistics count {counted(said.chunk_count, "chunk", ",")}, not {chunks:,}'
         yield 'chunk count', text
     for what, listed, there in (
         ('metadata record', said.metadata_count, len(scan.metadata)),
         ('attachment', said.attachment_count, scan.attachments),
     ):
         if listed != there:
-            text = f'its statistics count {counted(listed, what, ",")}, {there:,} are there'
+            text = f'its statistics count {counted(listed, what, ",")}, not {there:,}'
             yield what, text
     if total and scan.blocks:
         span = min(b.start_ns for b in scan.blocks), max(b.end_ns for b in scan.blocks)
@@ -234,10 +233,10 @@ def _chunk_faults(scan: Scan) -> Iterator[tuple[str, str]]:
         where = index.chunk_start_offset
         head = heads.get(where)
         if head is None:
-            yield 'chunk place', f'its summary names a chunk at byte {where}, where none is'
+            yield 'chunk place', f'its summary lists a chunk at byte {where}, where there is none'
             continue
         if where in listed:
-            yield 'chunk twice', f'its summary names the chunk at byte {where} twice'
+            yield 'chunk twice', f'its summary lists the chunk at byte {where} twice'
         listed.add(where)
         said = (
             index.chunk_length,
@@ -259,13 +258,13 @@ def _chunk_faults(scan: Scan) -> Iterator[tuple[str, str]]:
             yield 'index place', f'its summary is wrong: {text}'
     if scan.chunk_indexes:
         for where in heads.keys() - listed:
-            yield 'chunk unlisted', f'its summary does not name the chunk at byte {where}'
+            yield 'chunk unlisted', f'its summary does not list the chunk at byte {where}'
 
 
 def _checksum_faults(scan: Scan) -> Iterator[tuple[str, str]]:
     footer, end = scan.footer, scan.data_end
     if footer is None or end is None:
-        yield 'data end', 'it has no mark where its data ends'
+        yield 'data end', 'it has no record that ends its data'
         return
     position, checksum = end
     # Opcode, length and checksum
@@ -273,7 +272,7 @@ def _checksum_faults(scan: Scan) -> Iterator[tuple[str, str]]:
     if footer.summary_start not in (0, begin):
         yield (
             'summary place',
-            f'its summary should begin at byte {footer.summary_start}, and begins at byte {begin}',
+            f'its footer places the summary at byte {footer.summary_start}, not {begin}',
         )
     elif footer.summary_start and footer.summary_crc:
         with open_file(scan.path) as stream:
@@ -338,14 +337,14 @@ def description_faults(scan: Scan, known: Collection[str]) -> Iterator[str]:
         topic, schema = channel.topic, scan.schemas.get(channel.schema_id)
         encoding = channel.message_encoding
         if encoding != 'cdr':
-            yield f'messages of {topic} are said to be encoded as {shown(encoding)}, not cdr'
+            yield f'messages of {topic} are declared as {shown(encoding)}, not cdr'
         if schema is None or schema.name not in known or not schema.data:
             continue
         if schema.encoding == 'ros2msg':
             if not says_the_same(schema.name, schema.data):
                 yield f'the schema of {topic} has other fields than {schema.name}'
         elif scan.own or schema.encoding != 'ros2idl':
-            yield f'the schema of {topic} is said to be written in {shown(schema.encoding)}'
+            yield f'the schema of {topic} is declared as {shown(schema.encoding)}'
         hash_held = channel.metadata.get('topic_type_hash', '')
         if hash_held and hash_held != type_hash(schema.name):
             yield f'the hash of the type of {topic} is not that of {schema.name}'
@@ -394,17 +393,17 @@ def listing_faults(
         listed, there = topics.get(name, 0), counts.get(name, 0)
         if topics and listed != there:
             wrong = True
-            yield f'metadata.yaml counts {_messages(listed)} on {name}, {there:,} are there'
+            yield f'metadata.yaml counts {_messages(listed)} on {name}, not {there:,}'
     total, there = _count(listing), sum(counts.values())
     if total is not None and total != there and not wrong:
-        yield f'metadata.yaml counts {_messages(total)} in all, {there:,} are there'
+        yield f'metadata.yaml counts {_messages(total)} in all, not {there:,}'
     if own:
         by_name = {scan.source.name: sum(scan.counts.values()) for scan in scans}
         for item in _items(listing, 'files'):
             number, name = _count(item), str(item.get('path')).rpartition('/')[2]
             if number is not None and name in by_name and number != by_name[name]:
                 there = by_name[name]
-                yield f'metadata.yaml counts {_messages(number)} in {name}, {there:,} are there'
+                yield f'metadata.yaml counts {_messages(number)} in {name}, not {there:,}'
     yield from _time_faults(listing, scans, own=own)
 
 

@@ -26,8 +26,9 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.wording import counted
 
-from .errors import RecordingError, counted
+from .errors import RecordingError
 from .mcap_scan import LARGEST_CHUNK, MAGIC, Scan, open_file, plain_content, read_block, scan_file
 from .messages import DECODABLE, JOINT_STATE, CdrError, JointStateDecoder, Message, decode
 from .metadata import (
@@ -105,7 +106,7 @@ class Unpacked:
             with copy.open('wb') as output:
                 while piece := reader.read(_PIECE):
                     if not length and not piece.startswith((MAGIC[: len(piece)], _SQLITE)):
-                        cause = 'what is compressed in it is no file of a bag'
+                        cause = 'its compressed content is not a file of a bag'
                         raise RecordingError('read', path, cause)
                     length += len(piece)
                     if length > size:
@@ -569,7 +570,7 @@ class RunReader:
             f'its chunks overlap so much in time that more than {_MOST_HELD // 2**20} MiB would '
             'be needed to put their messages in order'
         )
-        raise RecordingError('read', self.path, cause, 'write it anew with: ros2 bag convert')
+        raise RecordingError('read', self.path, cause, 'rewrite it with: ros2 bag convert')
 
     def messages(
         self,

@@ -9,18 +9,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
-from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig.quoting import as_line, printable
+from impact_damper_ros.wording import counted
 
 from .command_line import EXIT_FAILED, CommandError, add_bag_argument, command_parser, outcome
 
 _DESCRIPTION = """\
-Save what is whole in a recording that was cut short (kill -9, power cut, full disk) into a
-complete bag. The recording itself stays untouched.
+Copy the intact part of a recording that was cut short (kill -9, power cut, full disk) to a
+complete bag. The recording itself is not changed.
 """
 _EPILOG = """\
-Exit code: 0 if messages were saved, 1 if not, 2 for wrong arguments.
+Exit code: 0 if messages were saved; 1 if not; 2 if an argument is invalid.
 """
 
 

@@ -10,7 +10,6 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import (
     Branch,
@@ -25,6 +24,7 @@ from impact_damper_ros.orbits import (
 )
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.wording import counted
 
 from .command_line import (
     CommandError,
@@ -49,8 +49,8 @@ impact from t = 0 in cycles of the force F sin(W t + force_phase).
 """
 _EPILOG = """\
 Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution; 4 if there
-are solutions but none is viable (the table says why); 2 if the input is not usable; 1 if the file
-could not be written; 130 on Ctrl-C, 143 on SIGTERM.
+are solutions but none is viable (the table gives the reasons); 2 if the input is invalid; 1 if the
+file cannot be written; 130 on Ctrl-C, 143 on SIGTERM.
 Example: solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
 """
 
@@ -105,7 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_json_option(parser, 'the list of motions')
     add_set_option(parser)
-    parser.add_argument('--quiet', action='store_true', help='no table')
+    parser.add_argument('--quiet', action='store_true', help='print no table')
     return parser
 
 
@@ -211,10 +211,11 @@ def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[
 
 def _slow_words(rig: RigParameters) -> str:
     return (
-        'still searching, the longer the more impacts and cycles there are, and the faster M is '
-        f'than the force: here {rig.omega / rig.force_frequencies[0]:.3g} times; Ctrl-C ends it'
+        'still searching; the time grows with the impacts, the cycles and the ratio of the '
+        'natural frequency to that of the force, here '
+        f'{rig.omega / rig.force_frequencies[0]:.3g}; Ctrl-C ends the search'
         if rig.force_frequencies[0]
-        else 'still searching; Ctrl-C ends it'
+        else 'still searching; Ctrl-C ends the search'
     )
 
 
@@ -258,7 +259,7 @@ def _solve(arguments: argparse.Namespace) -> int:
         texts += [search.report.text for search in searches]
         texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
         if arguments.vary is not None and orbits:
-            with long_work('solve_periodic', 'still following the motion; Ctrl-C ends it'):
+            with long_work('solve_periodic', 'still following the branch; Ctrl-C ends it'):
                 texts += _branch_texts(orbits[0], along)
         try:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)

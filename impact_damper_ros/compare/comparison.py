@@ -13,19 +13,19 @@ import numpy as np
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.replay.findings import Difference
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.simulator import ARITHMETIC
+from impact_damper_ros.wording import counted
 
 from .bag_stretches import BagStretches, CheckedStretch
 from .log_findings import with_fitted_clock
 from .result import Finding, LogCheck, RunComparison, StretchComparison
 from .verdict import compare_stretch
 
-_FROM_MOTION = 'the recorded motion was checked against the equations of motion to round-off'
+_FROM_MOTION = 'the recorded motion was checked against the equations of motion, to round-off'
 
 Progress = Callable[[float], object]
 
@@ -69,7 +69,7 @@ def _finding(difference: Difference) -> Finding:
     if recorded is None and difference.quantity in ('impact', 'act of the gap control'):
         text = f'{where} is missing in the log ({replayed})'
     elif difference.quantity == 'state_rate':
-        text = f'{where} is {_shown(recorded)} in the log; its joint states have another one'
+        text = f'{where} is {_shown(recorded)} in the log; the joint states have a different rate'
     elif replayed is None:
         text = f'{where} is in the log, but did not happen ({recorded})'
     else:
@@ -105,8 +105,8 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
     arithmetic = replay.recorded.start.arithmetic
     if arithmetic > ARITHMETIC:
         newer = (
-            f'it was recorded with arithmetic {arithmetic}, later than that of this version, '
-            f'{ARITHMETIC}: use the version of impact_damper_ros that recorded it'
+            f'it was recorded with arithmetic {arithmetic}, newer than arithmetic {ARITHMETIC} of '
+            f'this version: use the version of impact_damper_ros that recorded it'
         )
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; {newer}'), faults=(newer,))
     findings = replay.run(progress)
@@ -116,7 +116,7 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
     }:
         why = f'it was recorded with arithmetic {arithmetic}, this version has {ARITHMETIC}'
     elif findings.by_another_library:
-        why = 'it was recorded where the mathematical functions round otherwise'
+        why = 'it was recorded on a machine whose mathematical functions round differently'
     elif not findings.samples:
         why = 'no sample could be compared'
     else:

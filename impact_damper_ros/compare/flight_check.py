@@ -1,14 +1,15 @@
 """
-Whether a log obeys the equations of motion of the rig that it names, and what is wrong if not.
+Check of a log against the equations of motion of the logged rig, and diagnosis of faults.
 
-From each knot (joint state or impact) the closed form of the logged rig leads to the next one.
-What is recorded there must agree up to the rounding of the stamps. So a wrong number is found
-where it is, in any motion, and does not disturb what comes after.
+From each knot (joint state or impact) the closed-form motion of the logged rig predicts the next
+one, which must agree up to the rounding of the stamps. A wrong number is thus located exactly, in
+any motion, and does not affect the check of what follows.
 
-Intervals in which m turns, or starts or ends resting, are followed event by event. If a knot does
-not follow from the one before, the rig is simulated from the last sound joint state before the
-fault to the first one after it. If it gets there, a message is wrong, missing or surplus, and the
-simulated one says by how much. If it does not, something was done to the rig that is not logged.
+Intervals in which m turns, or starts or stops resting, are simulated event by event. If a knot
+does not follow from the one before, the rig is simulated from the last sound joint state before
+the fault to the first one after it. If it reaches that state, a message is wrong, missing or
+surplus, and the simulation gives the difference. Otherwise the rig was changed without a log
+entry.
 """
 
 from __future__ import annotations

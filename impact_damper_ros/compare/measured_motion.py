@@ -1,5 +1,5 @@
 """
-What is measured of a stretch: swing, impacts, energy, and the motion in detail.
+Measurements of a stretch: swing, impacts, energy, and the motion in detail.
 
 Between two recorded knots (joint states and impacts) X and Y are the cubics through the recorded
 positions and velocities. The equation of motion does not enter, so that the residual of the energy

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.orbits import (
     Continuation,
     ImpactEquations,
@@ -39,6 +38,7 @@ from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.flight import motion_at
 from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.origin import offset_of
+from impact_damper_ros.wording import counted
 
 from .motion_kind import NEGLIGIBLE_IMPULSE, impact_table
 from .recorded_stretch import ForceClock, RecordedImpacts

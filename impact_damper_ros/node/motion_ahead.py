@@ -166,7 +166,7 @@ class Moved(NamedTuple):
 
 
 def _slice() -> Callable[[], bool]:
-    """Begin a slice; return a function that reports whether it is over."""
+    """Begin a slice; return a function that returns whether it is over."""
     end, grace_end = monotonic_ns() + SLICE_NS, 0
 
     def over() -> bool:

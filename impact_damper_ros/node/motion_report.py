@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.orbits.recognition import (
     LONGEST_RHYTHM,
     SETTLED_DRIFT,
@@ -25,6 +24,7 @@ from impact_damper_ros.orbits.recognition import (
     rhythm_of,
 )
 from impact_damper_ros.rig import Event, RigParameters
+from impact_damper_ros.wording import counted
 
 from .motion_ahead import KEPT, MotionTrace
 from .prediction import Answer, PredictedMotion, Predictor, PredictorStatus
@@ -297,7 +297,7 @@ def _why_undecided(measured: RecentMotion) -> str:
     if measured.kind is not MotionKind.UNDECIDED:
         return ''
     if measured.rhythm is not None:
-        return 'the impacts nearly repeat, but do not come closer to it'
+        return 'the impacts nearly repeat, but do not converge'
     return (
         f'no period of up to {LONGEST_RHYTHM} cycles of the force is recognised, '
         f'{measured.cycles:.0f} cycles after the last change'
@@ -348,7 +348,7 @@ def _state(status: PredictorStatus, agreement: Agreement) -> tuple[str, bool, st
         return ('unavailable', True, trouble) if trouble else ('computing', False, 'computing')
     if motion is None:
         if agreement.verdict == 'disagrees':
-            return 'none', True, 'the measured motion repeats, but theory has none like it'
+            return 'none', True, 'the measured motion repeats, but theory finds no such motion'
         # Without a periodic force there is none to be expected.
         warning = bool(answer.motions) and answer.complete
         return 'none', warning, answer.reason or 'no viable motion found so far'

@@ -41,7 +41,7 @@ class PredictedMotion:
     largest_multiplier : float
         Largest modulus of the stability multipliers.
     stable, viable : bool
-        Whether it is.
+        Whether it is stable, and whether the rig can perform it.
     reason : str
         Why it is not viable.
     """
@@ -55,7 +55,7 @@ class PredictedMotion:
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> PredictedMotion:
-        """Read what the worker has written."""
+        """Read a motion written by the worker."""
         names = ('amplitude_ratio', 'largest_multiplier', 'stable', 'viable', 'reason')
         return cls(Rhythm.from_dict(stored), *(stored[name] for name in names))
 
@@ -74,13 +74,13 @@ class Answer:
     expected : PredictedMotion or None
         The one of them that is predicted.
     basis, reason : str
-        Why that one, or why none.
+        Why that one, or why there is none.
     complete : bool
         Whether no better answer is to come.
     seconds : float
         Time since the worker took the request, s.
     error : str
-        What went wrong.
+        Description of a failure; empty if there is none.
     applies : bool
         Whether the theory applies to such a rig.
     """
@@ -97,7 +97,7 @@ class Answer:
 
     @classmethod
     def from_line(cls, line: bytes) -> Answer:
-        """Read what the worker has written."""
+        """Read a motion written by the worker."""
         stored = json.loads(line)
         motions = tuple(PredictedMotion.from_dict(orbit) for orbit in stored.get('orbits', ()))
         index = stored.get('expected')
@@ -114,7 +114,7 @@ class Answer:
         )
 
     def nearest(self, measured: Rhythm) -> tuple[PredictedMotion, Apart] | None:
-        """Return the motion nearest to a measured one, counted as that is, and the distance."""
+        """Return the nearest motion, beginning at the same impact, and its distance."""
         found = []
         for motion in self.motions:
             turned = motion.rhythm.turned_to(measured)
@@ -354,7 +354,7 @@ class Predictor:
         try:
             worker = _Worker(self._command, self._read)
         except OSError as error:
-            self._fail(f'the process that predicts cannot be started: {error}')
+            self._fail(f'the predicting process cannot be started: {error}')
             return
         # In this order: who sees the worker sees no trouble.
         self._trouble = ''
@@ -373,7 +373,7 @@ class Predictor:
                     self._answered = (self._requested, answer)
                     self._tell()
         except (ValueError, KeyError, TypeError) as error:
-            self._warn(f'the process that predicts has written what cannot be read: {error}')
+            self._warn(f'the output of the predicting process cannot be read: {error}')
         self._orders.put(lambda: self._bury(worker))
 
     def _bury(self, worker: _Worker) -> None:
@@ -385,11 +385,11 @@ class Predictor:
         if time.monotonic() - worker.began > LONGEST_BACK_OFF_S:
             self._pause = BACK_OFF_S
         how = f'by signal {-code}' if code < 0 else f'with code {code}'
-        self._fail(f'the process that predicts has ended {how}')
+        self._fail(f'the predicting process has ended {how}')
 
     def _fail(self, trouble: str) -> None:
         self._last_trouble = trouble
-        self._trouble = f'{trouble}; it is started anew after {self._pause:g} s'
+        self._trouble = f'{trouble}; it is restarted after {self._pause:g} s'
         self._due = time.monotonic() + self._pause
         self._pause = min(2.0 * self._pause, LONGEST_BACK_OFF_S)
         self._restarts += 1

@@ -1,5 +1,5 @@
 """
-Periodic motions of the rig: found, followed, judged for stability and viability.
+Periodic motions of the rig: search, continuation, stability and viability.
 
 Importable without ROS. A module is imported when one of its names is first used, so that the
 node, which only recognises periodic motion, does not wait for the solvers.

@@ -1,15 +1,18 @@
 """
 Continuation of periodic motions in a parameter, by pseudo-arclength.
 
-- fold: the parameter's share of the branch's direction;
-- period doubling: the product of all (1 + multiplier), a multiplier passing -1;
-- Neimark-Sacker: the product of all (1 - product of two multipliers), a pair on the unit circle;
-- branch point: the product of all (1 - multiplier) where the parameter does not turn, such as the
-  loss of symmetry;
-- grazing: the motion ceases to be viable, or to have the same impacts, reversals and rests.
+Special points are zeros of test functions along the branch:
 
-Where an impact loses its speed a multiplier has a pole. The products change sign there too; what
-is found there is recognised by its multipliers and left out.
+- fold: the component of the tangent along the parameter;
+- period doubling: the product of all (1 + multiplier); a multiplier passes -1;
+- Neimark-Sacker: the product of all (1 - product of two multipliers); a pair passes the unit
+  circle;
+- branch point: the product of all (1 - multiplier), where the parameter does not turn back, as at
+  a loss of symmetry;
+- grazing: the motion ceases to be viable, or changes its sequence of impacts, reversals and rests.
+
+Where the velocity of an impact vanishes, a multiplier has a pole. The products change sign there
+too; such points are detected by their multipliers and discarded.
 
 A branch is followed around its folds, since its arclength grows where the parameter turns. Keller
 (1977), in Applications of Bifurcation Theory; Doedel, Keller and Kernevez, Int. J. Bifurcation
@@ -179,7 +182,7 @@ class _EquationFamily:
         self.stops = stops
         self.cycles = cycles
         self.length = ImpactEquations(parameters, stops, cycles).length
-        # Of the value asked for last: they are needed up to three times in turn
+        # Cache of the last value, which is needed up to three times in a row
         self._last: tuple[float, ImpactEquations] | None = None
 
     def _equations(self, value: float) -> ImpactEquations:
@@ -291,7 +294,7 @@ RESIDUAL_TOLERANCE = 1e-11
 _ROUND_OFF = 1e-12
 
 
-# The residual where there is no motion, and one that is small enough
+# The residual returned where there is no motion, and one that is small enough
 _NOWHERE = 1e9
 _ENOUGH = 1e-15
 _CORRECTOR = {'xtol': 1e-14, 'ftol': 1e-16, 'gtol': 0.0, 'maxiter': 40}
@@ -362,7 +365,7 @@ class _Curve:
             except (ArithmeticError, ParameterError):
                 matrix = np.full(1, np.nan)
             if not np.isfinite(matrix).all():
-                # A step to where there is no motion is taken back
+                # The solver then rejects the step
                 return np.full(len(place), _NOWHERE), np.eye(len(place))
             history.append(float(np.abs(residual).max()))
             missing = np.append(residual, normal @ (place - guess))
@@ -371,7 +374,7 @@ class _Curve:
             return missing, np.vstack([matrix, normal])
 
         try:
-            # At a branch point the matrix is singular, which MINPACK's method stands
+            # At a branch point the matrix is singular, which MINPACK's method tolerates
             place: Array = root(in_plane, guess, jac=True, method='lm', options=_CORRECTOR).x
         except _CorrectedError:
             assert last is not None
@@ -428,9 +431,9 @@ class SpecialPoint:
     bracket : tuple of float
         The parameter on either side of it; at a fold both are on the same side of its value.
     converged : bool
-        Whether it is located to round-off of the method; otherwise it is a guess.
+        Whether it is located to the tolerance; otherwise it is an estimate.
     reason : str
-        At a grazing, what is different just beyond; else empty.
+        At a grazing, the change just beyond it; else empty.
     """
 
     kind: SpecialKind
@@ -479,7 +482,7 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
 
 
 def _likeness(start: _Point) -> _Test:
-    """Return a predicate: whether a motion is of the same kind as the first one."""
+    """Return a test that is positive where a motion is of the same kind as the first one."""
     kind = (start.orbit.viable, _events(start.orbit))
 
     def alike(point: _Point) -> float:
@@ -499,7 +502,7 @@ def _difference(here: PeriodicOrbit, there: PeriodicOrbit) -> str:
 
 
 def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
-    """Return whether the multipliers at a located point are where they should be."""
+    """Return whether the multipliers at a located point are those of its kind."""
     values = orbit.multipliers
     if kind is SpecialKind.PERIOD_DOUBLING:
         return min(abs(m + 1.0) for m in values) < near
@@ -558,7 +561,7 @@ def _locate(
 
 
 def _special_points(curve: _Curve, start: _Point, end: _Point, step: float) -> list[SpecialPoint]:
-    """Locate what happens between two neighbouring points of a branch."""
+    """Locate the special points between two neighbouring points of a branch."""
     turns = _fold(start) * _fold(end) < 0.0
     tests: tuple[tuple[SpecialKind, _Test], ...] = (
         (SpecialKind.FOLD, _fold),
@@ -615,8 +618,8 @@ def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | No
     """
     Return the curve with another beginning of the period, and the point on it.
 
-    Along the branch a reversal or an impact may have moved to the instant at which the period of
-    the event map begins.
+    Along the branch a reversal or an impact may have moved to the instant at which the period
+    begins.
     """
     if not isinstance(curve.family, _ShootingFamily):
         return None
@@ -729,7 +732,7 @@ def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branc
             break
         yield branch()
         step = min(largest_step, _GROWTH * step)
-    # They take as long as all the rest.
+    # The special points take as long as all the rest.
     yield branch(ended)
     special = [found for pair in between for found in _special_points(*pair)]
     yield branch(ended, tuple(special))

@@ -369,7 +369,7 @@ class ImpactEquations:
         return rows
 
     def _by_x(self, lasts: Array, unit: Array, impulse: Array, slope: Array) -> Array:
-        """Return the columns of `linear_system` for X_1 .. X_N, given `_free`."""
+        """Return the columns of `linear_system` for X_1 .. X_N, given the free response."""
         n = self.impacts
         mean = self._mean_velocity(lasts)
         after = mean * self._after_from_after[:, None]

@@ -1,10 +1,10 @@
 """
 The event map: the state one period later, by the simulator's own events, with its derivative.
 
-Each flight carries deviations by its free vibration, each event by its saltation matrix: impacts,
-reversals of friction, and the beginnings of sticking and rest, where a deviation across is lost.
-A release leaves them as they are, since the relative acceleration is zero there. The infinitely
-many impacts that end a chatter act together as one plastic impact.
+A flight propagates deviations by its free vibration. An event propagates them by its saltation
+matrix: an impact, a reversal of friction, or the beginning of sticking or rest, where the relative
+deviation is lost. A release leaves deviations unchanged, since the relative acceleration is zero
+there. The infinitely many impacts that end a chatter act as one plastic impact.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from impact_damper_ros.rig.transition import moving_mode, resolve
 from .equations import Array
 from .multipliers import event_matrices, flight_matrices
 
-#: More events in one period than any motion that is sought.
+#: Largest number of events that are followed in one trajectory.
 MOST_EVENTS = 2000
 
 _STOP_OF = {REST_1: 1, REST_2: 2}

@@ -1,8 +1,8 @@
 """
 Viability: whether the rig can perform a solution of the impact equations.
 
-The equations hold at the impacts only. Here each flight between them is followed in closed form:
-by the simulator's own first event, and, to say by how much it fails, by its exact extremes.
+The equations hold at the impacts only. Here the flights between them are checked in closed form:
+by the first event of the simulator and, to quantify a violation, by the exact extremes.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """
-Display frames: what is new of a motion, decimated to what a screen shows.
+Display frames: the new part of a motion, decimated to the resolution of a screen.
 
 The layout is little endian: a header of 36 bytes (kind, flags, counts of columns, impacts and
 samples, of a ghost's columns and samples; end, start of the columns, wall time), then float32: the
@@ -28,13 +28,13 @@ _MOST_COLUMNS = 4096
 _MOST_IMPACTS = 4096
 #: Samples for the phase portrait in a frame, and at first.
 _SAMPLES, _FIRST_SAMPLES = 64, 512
-#: How long after its last sample the state of a ghost is taken for known, s.
+#: Time after its last sample for which the state of a ghost is still shown, s.
 _GHOST_HELD = 0.1
 
 
 class _Trace:
     """
-    How much of a motion a page has.
+    The part of a motion that a page has already.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class _Trace:
         self.sent = math.nan
 
     def begin(self, start: float) -> None:
-        """Begin anew with the first whole column."""
+        """Start again with the first whole column."""
         self._next = math.floor(start / self._column) + 1
         self.sent = start
 
@@ -58,7 +58,7 @@ class _Trace:
         """
         Return the columns and some samples that are new up to an instant.
 
-        A page that is behind has the newest samples, else they are evenly thinned out.
+        For a page that is `behind` these are the newest samples, otherwise evenly spaced ones.
         """
         # The last column is complete with the first sample after it.
         last = math.floor(until / self._column)
@@ -92,7 +92,7 @@ class _Trace:
 
 class View:
     """
-    What one page shows of a motion, and how much of it the page has already.
+    The window that one page shows of a motion, and the part of it that the page has already.
 
     Parameters
     ----------
@@ -112,11 +112,11 @@ class View:
         self._hit = math.nan
 
     def begin_again(self) -> None:
-        """Let the next frame replace all that the page has."""
+        """Let the next frame replace everything that the page has."""
         self._trace.sent = math.nan
 
     def wants(self, end: float, ghost: MotionHistory | None = None) -> bool:
-        """Return whether a frame up to an instant has anything new."""
+        """Return whether a frame up to an instant would contain anything new."""
         if self._trace.sent != end or ghost is not self._ghost:
             return True
         # A ghost may come to be known while nothing moves.
@@ -132,7 +132,7 @@ class View:
         state: Rows | None = None,
     ) -> bytes:
         """
-        Return what the page lacks up to an instant.
+        Return a frame with everything new up to an instant.
 
         Parameters
         ----------
@@ -145,7 +145,7 @@ class View:
         flags : int, optional
             `PAUSED`, if it is.
         ghost : MotionHistory, optional
-            That of another rig, as far as it is known.
+            The motion of a second rig, as far as it is known.
         state : ndarray, optional
             State of this one, as in `SAMPLE_COLUMNS` without the time; the last sample, if it is
             not given.
@@ -199,6 +199,6 @@ def _since(rows: Rows, end: float, *columns: int) -> Rows:
 
 
 def _thinned(samples: Rows) -> Rows:
-    """Return samples, evenly thinned out to as many as a frame may have."""
+    """Return evenly spaced samples, as many as a frame may have."""
     step = -(-len(samples) // _SAMPLES) or 1
     return samples[::-step][::-1]

@@ -1,4 +1,4 @@
-"""The what-if beside a recording: another rig on the same history, from a process of its own."""
+"""The what-if beside a recording: a second rig with the same history, from a child process."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PROCESS = 'impact_damper_ros.page.what_if_process'
 
 class Ghost:
     """
-    Another rig.
+    A second rig.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Ghost:
     values : mapping
         The parameters that are held.
     tell : callable
-        Takes the messages for the page.
+        Called with each message for the page.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Ghost:
 
     def _end(self) -> None:
         if not self._done:
-            self._say('the what-if has ended before its end: try it again', on=False, done=True)
+            self._say('the process of the what-if ended early: try it again', on=False, done=True)
 
     async def close(self) -> None:
         """End the process."""

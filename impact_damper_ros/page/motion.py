@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,11 +85,6 @@ class ForcePhase:
         cycles = self._cycles[place] + (time - self._times[place]) * self._frequencies[place]
         phases: NDArray[np.float64] = np.remainder(cycles, 1.0)
         return phases
-
-    @classmethod
-    def of_state(cls, state: Mapping[str, Any]) -> Self:
-        """Return the phase after the state of a snapshot message."""
-        return cls(Snapshot.from_dict(dict(state)))
 
 
 class _Table:

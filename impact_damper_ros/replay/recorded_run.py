@@ -203,13 +203,13 @@ class RecordedRun:
             for topic, count in counts.items()
         ]
         if self.damage is not None:
-            found.append(f'{self.damage}; what follows was not compared')
+            found.append(f'{self.damage}; the rest of the bag was not compared')
         found += self.reader.faults()
         if not self.reader.complete:
             cut = self.reader.unusable
             cause = self.reader.missing or (
-                'its recording was cut short, or a file is missing (recover_run makes a whole bag '
-                'of what is there)'
+                'its recording was cut short, or a file is missing (recover_run makes a complete '
+                'bag of the rest)'
             )
             found.append(
                 f'the bag is not complete: {cause}'

@@ -629,8 +629,8 @@ class Replay:
         for topic, matcher in self._matchers.items():
             if matcher.before_recorder:
                 findings.remark(
-                    f'{matcher.before_recorder} messages of {topic} are from before the first one '
-                    'that the recorder got'
+                    f'{matcher.before_recorder} messages of {topic} precede the first one that '
+                    'the recorder received'
                 )
         period_ns = self._spacing.period_ns
         if not recorded.stamped or not period_ns or findings.start_ns is None:

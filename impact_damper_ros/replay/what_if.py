@@ -79,8 +79,8 @@ class WhatIf:
         if rig is None:
             if self._held_initial:
                 raise ValueError(
-                    f'{", ".join(self._held_initial)} cannot be set: the bag does not begin where '
-                    'the run began, the state there is what was recorded; set rig parameters only'
+                    f'{", ".join(self._held_initial)} cannot be set: the bag begins in the middle '
+                    'of the run, at a recorded state; set rig parameters only'
                 )
             rig = ControlledRig.restore(start.state)
             self.early_events += rig.change(*setting)

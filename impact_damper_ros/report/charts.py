@@ -536,7 +536,7 @@ def _draw_convergence(stretch: StretchComparison) -> Picture | None:
         chart.entry('patch', 'stop', 'below the resolution of the log')
     _slopes(chart, curve)
     chart.axes.set_xlim(*_finite_range(time, margin=0.02))
-    caption = 'How far the impacts of each period are from those of the periodic motion. The '
+    caption = 'Distance of the impacts of each period from those of the periodic motion. The '
     caption += 'slope is the decay per period; the prediction is the largest multiplier.'
     return chart.picture('Convergence', caption, columns=2)
 
@@ -637,7 +637,7 @@ def _draw_gap_curve(stretch: StretchComparison) -> Picture | None:
     chart.axes.set_ylim(0.0, top)
     caption = _gap_caption(curve, unit.factor, unit.name)
     if (np.isfinite(curve.ratio) & ~inside).any():
-        caption += f' What is not viable is left out above {number(top, 2)}.'
+        caption += f' Motions that are not viable are not drawn above {number(top, 2)}.'
     return chart.picture('Largest |X| over the gap', caption, columns=3)
 
 

@@ -18,10 +18,10 @@ from os import strerror
 from pathlib import Path
 from string import Template
 
-from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.compare import RunComparison, StretchComparison, Verdict
 from impact_damper_ros.compare.periodic_motion import GapCurves
 from impact_damper_ros.outputs import write_texts
+from impact_damper_ros.wording import counted
 
 from .charts import PICTURES, Picture, draw_history, draw_run
 from .drawing import page_style
@@ -98,7 +98,7 @@ def _tiles(stretch: StretchComparison) -> Html:
             theory = f'predicted {quantity(orbit.x_max, "m", 5, measured.x_max)}'
         tiles.append(('Largest |X|', quantity(measured.x_max, 'm', 5), theory))
         amplitude = stretch.parameters.response_amplitude
-        without = 'no single harmonic drives it'
+        without = 'the force is not a single harmonic'
         if amplitude > 0.0:
             without = f'A = {quantity(amplitude, "m", 4)} without impacts'
         tiles.append(('Xmax / A', number(measured.amplitude_ratio, 4), without))
@@ -155,7 +155,7 @@ def _pictures(stretch: StretchComparison) -> Html:
         elif name in _NEEDED:
             missing.append(_NEEDED[name])
     if not shown:
-        return element('p', 'Of this stretch too little was recorded to draw anything.')
+        return element('p', 'Too little of this stretch was recorded to draw anything.')
     plots = element('div', *shown, class_='plots')
     return joined(plots, _judged(f'Not drawn: {"; ".join(missing)}.') if missing else '')
 
@@ -218,7 +218,7 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
     stretches = comparison.stretches
     content: list[str] = [element('h2', 'Overview', id='overview')]
     if not stretches:
-        content.append(element('p', 'The recording has nothing to compare.'))
+        content.append(element('p', 'The recording holds nothing to compare.'))
     else:
         rows = shown_stretches(stretches, MOST_LISTED)
         note = left_out = ''
@@ -226,7 +226,7 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
             note = f'{len(detailed)} of {len(stretches)} are shown in detail: those that differ '
             note += 'or have findings, then the longest. '
         if len(rows) < len(stretches):
-            left_out = f'{len(stretches) - len(rows)} are left out here; report.json has all.'
+            left_out = f'{len(stretches) - len(rows)} are not listed here; report.json has all.'
         picture, narrow = draw_run(stretches), draw_run(stretches, wide=False)
         drawn = '' if picture is None else _figure(picture, 'run', 'all stretches', narrow)
         numbers = {stretch.number for stretch in detailed}
@@ -265,8 +265,8 @@ def _origin(comparison: RunComparison, command: str) -> Html:
     words = (
         'What is measured is taken from the recording alone: samples, impacts and parameters as '
         'logged. What is predicted is the exact periodic motion for these parameters. '
-        'report.json beside this page has all numbers, also those of the stretches without a '
-        'section here.'
+        'report.json beside this page contains all numbers, including those of the stretches '
+        'without a section here.'
     )
     return element(
         'section',

@@ -8,10 +8,10 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
-from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.compare import Overall, StretchComparison, Verdict
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import ALL_SPECS
+from impact_damper_ros.wording import counted
 
 from .formatting import NONE, aligned, difference, instant, number, unit_for, worded
 from .glossary import linked
@@ -154,7 +154,7 @@ def overall_table(
     text = 'Over whole stretches, transients included; between the samples, X follows cubics '
     text += f'through positions and velocities, accurate to about {number(overall.accuracy, 1)}. '
     if overall.covered < _COVERED * overall.duration:
-        text += f'Samples are missing: rms and work go over {instant(overall.covered)} s of '
+        text += f'Samples are missing: rms and work cover {instant(overall.covered)} s of '
         text += f'{instant(overall.duration)} s. '
     heads = (Column(linked('stretch'), 'text'), *columns)
     groups = [('', rows[: len(known)]), ('', rows[len(known) :])]
@@ -242,7 +242,7 @@ def energy_table(stretch: StretchComparison) -> Html:
         ('dashpot', energy.dashpot),
         ('friction', energy.friction),
         ('impacts', energy.impacts),
-        ('change of what is stored', energy.stored),
+        ('change of stored energy', energy.stored),
         ('unexplained', energy.residual),
     ]
     values = [value / periods for _, value in given + taken]
@@ -270,9 +270,9 @@ def energy_table(stretch: StretchComparison) -> Html:
     )
     tolerance = number(unit.factor * energy.tolerance / periods, 2)
     note = f'Mean of {energy.periods} {span}s from {instant(energy.start)} to '
-    note += f'{instant(energy.end)} s, from the log alone; between the samples the balance is '
-    note += f'known to {tolerance} {unit.name}.'
-    groups = [('Put in', rows[: len(given)]), ('Taken out', rows[len(given) :])]
+    note += f'{instant(energy.end)} s, from the log alone; interpolation between the samples '
+    note += f'accounts for up to {tolerance} {unit.name}.'
+    groups = [('Input', rows[: len(given)]), ('Output', rows[len(given) :])]
     return table('Energy balance', columns, groups, note=linked(note))
 
 
@@ -317,5 +317,5 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     note = 'As logged.'
     if changed:
         columns.append(Column('before'))
-        note += ' Highlighted: what differs from the stretch before.'
+        note += ' Highlighted: changed since the previous stretch.'
     return table('Parameters', columns, [('', rows)], note=note, marked=changed)

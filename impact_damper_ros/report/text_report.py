@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
-from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.compare import (
     EnergyBalance,
     ImpactStates,
@@ -17,6 +16,7 @@ from impact_damper_ros.compare import (
 )
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig.quoting import as_line
+from impact_damper_ros.wording import counted
 
 _MOST_IMPACTS, _MOST_FINDINGS, _MOST_STOPS = 8, 6, 12
 _HEAD = (

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.bag.errors import counted
 from impact_damper_ros.replay.replay import Replay, Tick
 from impact_damper_ros.replay.replayed_rig import Step, setting_of
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, Trace, WhatIf
@@ -25,6 +24,7 @@ from impact_damper_ros.rig import (
 )
 from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.swing import Swing
+from impact_damper_ros.wording import counted
 
 from .formatting import setting, unit_for
 from .run_figures import SampledMotion, Side, draw_what_if

@@ -306,7 +306,7 @@ class DaskWorkers:
         try:
             threads: dict[str, int] = self._client.nthreads()
         except OSError as error:
-            raise WorkersError(f'the scheduler cannot be reached any more ({error})') from error
+            raise WorkersError(f'the connection to the scheduler is lost ({error})') from error
         return _AHEAD * sum(threads.values())
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
@@ -474,7 +474,7 @@ def run_sweep(
                 future = finished.get(timeout=_PATIENCE)
             except queue.Empty:
                 if most() == 0:
-                    raise WorkersError('all workers have gone') from None
+                    raise WorkersError('all workers have disconnected') from None
                 continue
             sent = under_way.pop(future)
             try:

@@ -23,7 +23,7 @@ from impact_damper_ros.orbits.lyapunov import (
 )
 from impact_damper_ros.orbits.multipliers import multipliers_of
 from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import Settling, SettlingRig, section_of
+from impact_damper_ros.orbits.settling import Settling, SettlingRig, relative_states
 from impact_damper_ros.rig import EventKind, Mode
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, RunResult
 
@@ -246,7 +246,7 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     spread = math.nan
     if not period:
         quiet = quiet_phase((impacts['time'] - rig.time_after(0)) / cycle)
-        spread = average_spread(section_of(result.samples[int(quiet * looks) : -1 : looks]))
+        spread = average_spread(relative_states(result.samples[int(quiet * looks) : -1 : looks]))
     phases = (hits['time'] - rig.time_after(0)) / cycle % 1.0
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
     return SteadyState(
@@ -264,7 +264,7 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
         exponent=exponent,
         multiplier=multiplier,
         shares=_shares(result, around, start, end),
-        section=section_of(result.samples[looks::looks][-kept:]),
+        section=relative_states(result.samples[looks::looks][-kept:]),
         hits=np.stack([hits['stop'], phases, np.abs(approach)], axis=-1),
         events=rig.events,
     )

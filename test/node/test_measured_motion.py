@@ -227,7 +227,7 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
             False,
             'two incommensurate harmonics',
         ),
-        (MEASURED, Answer(1, complete=True), {}, 'none', True, 'theory has none like it'),
+        (MEASURED, Answer(1, complete=True), {}, 'none', True, 'theory finds no such motion'),
         (
             MEASURED,
             Answer(1, reason='gap_control is timed', complete=True, applies=False),

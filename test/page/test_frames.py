@@ -9,16 +9,21 @@ from impact_damper_ros.page.frames import GHOST, PAUSED, REPLACE, REPLACE_GHOST,
 from impact_damper_ros.page.measures import RigNumbers, slow_motion, state_at
 from impact_damper_ros.page.motion import ForcePhase, MotionHistory, impact_rows
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+from impact_damper_ros.rig.simulator import Snapshot
 
 from .browser import taken_apart
 
 RATE = 200.0
 
 
+def force_phase(simulator):
+    return ForcePhase(Snapshot.from_dict(simulator.snapshot()))
+
+
 def recorded(rig, seconds, rate=RATE):
     """Return the motion of a rig from rest, as a recording of it would hold it."""
     simulator = Simulator(rig)
-    phase = ForcePhase.of_state(simulator.snapshot())
+    phase = force_phase(simulator)
     motion = MotionHistory(100_000, 10_000)
     samples, impacts = [], []
     for k in range(round(seconds * rate) + 1):
@@ -218,10 +223,10 @@ def test_the_newest_rows_are_kept():
 
 
 def test_phase_of_the_force(rig):
-    phase = ForcePhase.of_state(Simulator(rig.replace(force_phases=(0.3,))).snapshot())
+    phase = force_phase(Simulator(rig.replace(force_phases=(0.3,))))
     time = np.array([0.0, 0.1, 7.3])
     assert phase.at(time) == pytest.approx((31.6 * time + 0.3) / math.tau % 1.0)
-    still = ForcePhase.of_state(Simulator(rig.replace(force_amplitudes=(0.0,))).snapshot())
+    still = force_phase(Simulator(rig.replace(force_amplitudes=(0.0,))))
     assert np.isnan(still.at(time)).all()
 
 
@@ -231,10 +236,10 @@ def test_phase_of_a_stepped_sine_is_that_of_the_rig(rig):
         sweep_mode='up_down', sweep_low=20.0, sweep_high=22.0, sweep_step=0.7, sweep_dwell=0.9
     )
     simulator = Simulator(swept)
-    phase = ForcePhase.of_state(simulator.snapshot())
+    phase = force_phase(simulator)
     for time in (0.5, 1.0, 2.5, 4.1, 9.0):
         simulator.advance(time)
-        later = ForcePhase.of_state(simulator.snapshot())
+        later = force_phase(simulator)
         one, other = (float(p.at(np.array([time]))[0]) for p in (phase, later))
         assert math.remainder(one - other, 1.0) == pytest.approx(0.0, abs=1e-9)
 
