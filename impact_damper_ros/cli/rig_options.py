@@ -76,7 +76,7 @@ def add_law_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def own_law(text: str | None, control: GapControlParameters) -> tuple[Any, GapControlParameters]:
+def given_law(text: str | None, control: GapControlParameters) -> tuple[Any, GapControlParameters]:
     """Return the law of ``--law``, None without one, and the control with it."""
     if text is None:
         return None, control

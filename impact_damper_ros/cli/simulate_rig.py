@@ -51,8 +51,8 @@ from .rig_options import (
     add_params_argument,
     add_set_option,
     announce,
+    given_law,
     given_rig,
-    own_law,
     timed_changes,
 )
 
@@ -413,7 +413,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         given = given_rig(arguments.params, arguments.set)
-        law, control = own_law(arguments.law, given.control)
+        law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
         _check_outputs(arguments)
         changes = timed_changes(arguments.change, given, arguments.duration)

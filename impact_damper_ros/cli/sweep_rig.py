@@ -64,8 +64,8 @@ from .rig_options import (
     add_params_argument,
     add_set_option,
     announce,
+    given_law,
     given_rig,
-    own_law,
 )
 
 _DEFAULT = Settling()
@@ -206,7 +206,7 @@ def _cores() -> int:
 
 def _plan(arguments: argparse.Namespace) -> SweepPlan:
     parameters, initial, given = given_rig(arguments.params, arguments.set)
-    law, control = own_law(arguments.law, given)
+    law, control = given_law(arguments.law, given)
     axes: Sequence[Axis] = [
         *([] if arguments.ranges is None else axes_from_file(arguments.ranges, parameters)),
         *(axis_from_text(text, parameters) for text in arguments.vary),

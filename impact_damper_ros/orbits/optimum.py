@@ -106,17 +106,6 @@ def gap_range(rig: RigParameters) -> tuple[float, float]:
     return _LEAST_SHARE * scale, scale
 
 
-def _motions(
-    rig: RigParameters, stops: Sequence[int], cycles: int, simulate: bool
-) -> tuple[PeriodicOrbit, ...]:
-    return find_orbits(rig, stops, cycles, simulate=simulate).orbits
-
-
-def _smallest(orbits: Sequence[PeriodicOrbit]) -> PeriodicOrbit | None:
-    fit = [orbit for orbit in orbits if orbit.stable and orbit.viable]
-    return min(fit, key=lambda orbit: orbit.x_max, default=None)
-
-
 def _narrowing(
     function: Callable[[float], float], low: float, middle: float, high: float
 ) -> Iterator[list[float]]:
@@ -150,15 +139,20 @@ class _GapSearch:
         self.simulate = simulate
         self.known: dict[float, tuple[PeriodicOrbit, ...]] = {}
 
+    def motions(self, gap: float) -> tuple[PeriodicOrbit, ...]:
+        """Return the motions at a gap."""
+        rig = self.rig.replace(gap=gap)
+        return find_orbits(rig, self.stops, self.cycles, simulate=self.simulate).orbits
+
     def viable(self, gap: float) -> tuple[PeriodicOrbit, ...]:
         """Return the viable motions at a gap."""
         if gap not in self.known:
-            found = _motions(self.rig.replace(gap=gap), self.stops, self.cycles, self.simulate)
-            self.known[gap] = tuple(orbit for orbit in found if orbit.viable)
+            self.known[gap] = tuple(orbit for orbit in self.motions(gap) if orbit.viable)
         return self.known[gap]
 
     def motion(self, gap: float) -> PeriodicOrbit | None:
-        return _smallest(self.viable(gap))
+        stable = [orbit for orbit in self.viable(gap) if orbit.stable]
+        return min(stable, key=lambda orbit: orbit.x_max, default=None)
 
     def modulus(self, gap: float) -> float:
         """Return the least modulus of the largest multiplier among the motions at a gap."""
@@ -198,9 +192,7 @@ class _GapSearch:
 
     def verdict(self, orbit: PeriodicOrbit, beyond: float) -> tuple[Limit, str]:
         """Describe the motion just beyond an edge."""
-        rig = self.rig.replace(gap=beyond)
-        found = _motions(rig, self.stops, self.cycles, self.simulate)
-        same = min(found, key=orbit.differs, default=None)
+        same = min(self.motions(beyond), key=orbit.differs, default=None)
         if same is None or orbit.differs(same) > _SAME_BRANCH:
             return Limit.FOLD, f'no such motion at a gap of {beyond:.9g} m'
         if not same.viable:

@@ -203,7 +203,7 @@ class RecordedRun:
             for topic, count in counts.items()
         ]
         if self.damage is not None:
-            found.append(f'{self.damage}; the rest of the bag was not compared')
+            found.append(f'{self.damage}; the remainder was not compared')
         found += self.reader.faults()
         if not self.reader.complete:
             cut = self.reader.unusable

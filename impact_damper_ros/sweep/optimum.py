@@ -29,7 +29,7 @@ _State = dict[str, Any]
 #: measures scatter.
 _FINEST, _FINEST_SCATTERED = 1e-4, 1.0 / 32.0
 _MOST_TRIALS = 400
-#: Times that a measure that scatters is taken again.
+#: Number of further runs for a measure that scatters.
 _REPETITIONS = 4
 #: Relative accuracy of the measures of a motion that repeats.
 _EXACT = 1e-9
@@ -340,7 +340,7 @@ class _PatternSearch:
         return done
 
     def measure_scatter(self, at: tuple[float, ...], value: float) -> None:
-        """Measure how much the measure scatters, as the rig goes on."""
+        """Measure the scatter of the measure as the rig continues."""
         if self.settled:
             return
         begun = self.state

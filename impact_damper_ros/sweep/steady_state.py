@@ -1,4 +1,4 @@
-"""The steady state of a rig: run until the motion repeats or the time is up, then measured."""
+"""The steady state of a rig: run until the motion repeats, or to a limit, and measured."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ _GROWS = 1.001
 
 @dataclass(frozen=True)
 class TimeShares:
-    """Shares of the time, 0 to 1, in which m does something."""
+    """Shares of the time, 0 to 1, in chatter, sticking and at rest."""
 
     stick: float  # it is held by friction inside the gap
     rest: float  # it rests on a stop
