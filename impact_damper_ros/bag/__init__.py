@@ -1,7 +1,7 @@
 """
 Runs recorded as rosbag2 does, read back, and saved after a crash; without ROS.
 
-`RunWriter` records, `RunReader` reads, `recover_run` saves what is whole. The messages are in
+`RunWriter` records, `RunReader` reads, `recover_run` saves the intact part. The messages are in
 `messages`, the topics of a rig in `rig_topics`. The names below are imported when they are first
 used: a node that records nothing needs neither MCAP nor SQLite.
 """

@@ -395,7 +395,7 @@ def _check_index(
 _INDEX = struct.Struct('<HI')
 _DATA_END = struct.Struct('<I')
 
-#: A longer record is taken for damage (a run's largest are chunks of less than 1 MiB).
+#: A longer record counts as damage (a run's largest are chunks of less than 1 MiB).
 _LONGEST_RECORD = 2**31
 
 

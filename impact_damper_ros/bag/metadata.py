@@ -249,7 +249,7 @@ def _chunk_faults(scan: Scan) -> Iterator[tuple[str, str]]:
         if said != head[1:]:
             yield (
                 'chunk head',
-                'its summary says of the chunk at byte '
+                'its summary describes the chunk at byte '
                 f'{where} (length, stamps, compression, sizes): {shown(said)}; the chunk says '
                 f'{shown(tuple(head[1:]))}',
             )
@@ -302,7 +302,7 @@ def number_faults(scans: Sequence[Scan], *, later: bool = False) -> Iterator[str
     """
     Yield gaps in the sequence numbers of the node's own bag, the first one of each topic.
 
-    A file may begin at 0 or go on from the one before. After a chunk that could not be read,
+    A file may begin at 0 or continue the one before. After a chunk that could not be read,
     nothing is checked.
     """
     last: dict[str, int] = {}

@@ -38,7 +38,7 @@ BUDGET_REMEDY = f'{REMEDY}, or allow more with --most-events'
 
 
 class CommandError(Exception):
-    """The command cannot go on; the message says why, `code` is the exit code."""
+    """The command cannot continue, for the reason in the message; `code` is the exit code."""
 
     def __init__(self, message: str, code: int = EXIT_INPUT) -> None:
         super().__init__(message)

@@ -45,7 +45,7 @@ def _short(name: str) -> str:
 
 
 def report(recovery: Recovery) -> str:
-    """Say what was saved, topic by topic."""
+    """Return a report of what was saved, topic by topic."""
     seconds = (recovery.end_ns - recovery.start_ns) / 1e9
     lines = []
     if recovery.was_complete:

@@ -1,4 +1,4 @@
-"""`reproduce_paper`: the figures and claims of Bapat (1995), computed anew."""
+"""`reproduce_paper`: the figures and claims of Bapat (1995), computed again."""
 
 from __future__ import annotations
 

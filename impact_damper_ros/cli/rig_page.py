@@ -162,7 +162,7 @@ def _work(arguments: argparse.Namespace) -> int:
 
 
 def _missing(arguments: argparse.Namespace) -> str:
-    """Return what is missing for the command, and what to do; empty if nothing is."""
+    """Return what is missing for the command, and a remedy; empty if nothing is."""
     if find_spec('tornado') is None:
         return (
             'tornado, which serves the page, is missing: install python3-tornado, or in a virtual '

@@ -259,7 +259,7 @@ class _Watch:
         self._impacts |= {e.stop: e for e in events if e.kind is EventKind.IMPACT}
 
     def summary(self, rig: ControlledRig, spent: float, *, whole: bool) -> str:
-        """Return the text about a rig, simulated in so many seconds, as a whole or in part."""
+        """Return the summary of a run, given its computing time, s, and whether it is complete."""
         parameters, largest = rig.parameters, self.swing.largest
         mode = rig.mode.name.lower().replace('_', ' ')
         events = [f'{number} {kind.name.lower()}' for kind, number in self.counts.items()]

@@ -369,7 +369,7 @@ class FaultSearch:
             wrong = self._wrong_intervals(knots, found)
             for first, last in _troubles(wrong, knots.stop == 0.0):
                 if last == end and not final and end - first < _LONGEST_TROUBLE:
-                    # The trouble may go on in the next part.
+                    # The fault may extend into the next part.
                     end = first
                     break
                 self._look_into(knots, first, last, wrong, found)

@@ -475,7 +475,7 @@ def log_findings(
     stretch: RecordedStretch, search: FaultSearch | None, replayed: Sequence[Finding] | None = None
 ) -> list[Finding]:
     """
-    Return what is wrong with the log of a stretch, the earliest first.
+    Return the faults in the log of a stretch, the earliest first.
 
     `search` is the check of its flights, `replayed` what a bit-for-bit replay of the log found in
     it; each is None if there was none.

@@ -299,8 +299,8 @@ def measured_motion(
     """
     Measure a part of a stretch, as far as it was kept.
 
-    The last period of a periodic motion and its impacts per cycle are handed on; without, these
-    are counted.
+    The last period of a periodic motion and its impacts per cycle are passed on; by default the
+    impacts are counted.
     """
     knots = stretch.knots(start, end)
     if len(knots):

@@ -166,7 +166,7 @@ class LaterMotion:
 
     cycles: int  # of the force that it was run
     impacts: RecordedImpacts  # without the weak ones of chatters, on the clock of the recording
-    recurrence: Recurrence | None  # how they repeat, or come to
+    recurrence: Recurrence | None  # how they repeat, or will
     settled_after: int | None  # cycles after which it repeats to within `SETTLED`
     period: int  # in cycles of the force, once settled; 0 if it is not, or without impacts
     quiet_after: int | None  # cycles after which there are no more impacts
@@ -175,7 +175,7 @@ class LaterMotion:
 
     @property
     def unforeseeable(self) -> bool:
-        """Whether the recording does not determine what the motion comes to."""
+        """Whether the recording does not determine the motion that is reached."""
         return self.growth > _UNFORESEEABLE
 
 
@@ -225,7 +225,7 @@ def _period_of(section: Array) -> int:
 
 
 class _RigAhead:
-    """The rig that is run ahead, and what it has done so far."""
+    """The rig that is run ahead, and its motion so far."""
 
     def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
         self._clock = clock
@@ -269,7 +269,7 @@ class _RigAhead:
         return counted_impacts(_as_recorded(self.events(), self._rig, self._begin))
 
     def quiet_after(self) -> int | None:
-        """Return after how many cycles the impacts ended; None if they go on."""
+        """Return after how many cycles the impacts ended; None if they have not."""
         events = self.events()
         times = events['time'][events['kind'] == EventKind.IMPACT]
         cycles = math.ceil(float(times[-1]) / self._clock.cycle) if len(times) else 0
@@ -430,7 +430,7 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications
 
 #: Cycles with impacts from which on the rig is run ahead.
 _RUN_AHEAD_FROM = 8
-#: If it is chaotic at first, it is run ahead from so many earlier impacts, too.
+#: Number of earlier impacts from which it is also run ahead if it is chaotic at first.
 _OTHER_WAYS = 3
 #: Cycles that are enough for most motions.
 _FEW_CYCLES = 30
@@ -670,7 +670,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
 
 
 def _confirmed(recurrence: Recurrence, ahead: LaterMotion) -> bool:
-    """Return whether the rig, run ahead, comes to the period of its recorded impacts."""
+    """Return whether the rig, run ahead, reaches the period of its recorded impacts."""
     if ahead.period:
         return ahead.period == recurrence.cycles
     slowly = ahead.indications is not None and ahead.indications.shrinks

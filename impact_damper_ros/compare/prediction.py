@@ -191,7 +191,7 @@ class _Orbits:
         return best
 
     def like(self, parameters: RigParameters, motion: ObservedMotion) -> PeriodicOrbit | None:
-        """Return the predicted motion that an observed one has come to, and keep it."""
+        """Return the predicted motion that an observed one has reached, and keep it."""
         rhythm, impact = motion.rhythm, motion.impact
         if rhythm is None or impact is None:
             return None

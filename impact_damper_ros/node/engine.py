@@ -10,7 +10,7 @@ published. So the joint states of a tick show a change that took effect at it.
 All requests to the engine go through a queue and take effect at the tick the rig is at, a whole
 number of nanoseconds. A rig that takes long from one tick to the next is moved in slices
 (`motion_ahead`); requests take effect between these, at whole nanoseconds, too. A rig that cannot
-go on, or has too many events on the way to the next tick, is held until a change or a reset.
+continue, or has too many events on the way to the next tick, is held until a change or a reset.
 Everything in a recording is written by this thread, in order.
 """
 
@@ -126,7 +126,7 @@ class EngineCallbacks(NamedTuple):
         Called at the start and after every change and reset, with the snapshot of the rig as
         JSON; must return at once.
     on_trouble : callable
-        Called with a text if the rig falls behind the wall clock or cannot go on.
+        Called with a text if the rig falls behind the wall clock or cannot continue.
     """
 
     alive: Callable[[], bool]
@@ -286,7 +286,7 @@ class Engine:
         # A step of the paused rig that is under way: whether it is done, and who waits for it
         self._step_done: Callable[[], bool] | None = None
         self._stepping = Ticket(lambda: None)
-        # Why the rig cannot go on
+        # Why the rig cannot continue
         self._held = ''
         self._slipped = False
         self._news = 'start'
@@ -363,7 +363,7 @@ class Engine:
         return self._requests.submit(lambda: self._change(parameters, event, control, listing))
 
     def reset(self, initial: InitialConditions) -> Ticket:
-        """Put the rig back to initial conditions; rig time goes on."""
+        """Reset the rig to initial conditions; rig time continues."""
         return self._requests.submit(lambda: self._reset(initial))
 
     def pause(self, paused: bool) -> Ticket:
@@ -483,7 +483,7 @@ class Engine:
             self._serve()
 
     def _give_up(self, error: Exception) -> None:
-        """Hold a rig that cannot go on."""
+        """Hold a rig that cannot continue."""
         kind = '' if isinstance(error, RunawayError) else f'{type(error).__name__}: '
         self._held = f'{kind}{error}'
         self._motion.stand_at(self._time_ns)
@@ -595,7 +595,7 @@ class Engine:
         return self._stepping
 
     def _end_step(self, failure: str = '') -> None:
-        """Pause the rig where its step has come to."""
+        """Pause the rig at the end of its step."""
         if self._step_done is None:
             return
         self._step_done = None

@@ -156,7 +156,7 @@ class Moved(NamedTuple):
     Attributes
     ----------
     time_ns : int
-        Rig time that it has come to: the next tick, or one before it.
+        Rig time that it has reached: the next tick, or an instant before it.
     messages : list of OutgoingMessage
         Impacts and acts of the gap control, to be sent before the joint states of that tick.
     """

@@ -244,7 +244,7 @@ class MotionMonitor:
     def look(self) -> list[MotionReport]:
         """Return reports on the measured and the predicted motion."""
         self._looked = time.monotonic()
-        # In this order: a newer course has no rhythm yet that could be taken for the older one's.
+        # In this order, so that a new rhythm is never compared with an old prediction.
         status = self._predictor.status()
         measured = measure(self._trace(), self._state_rate)
         agreement = compare(measured, status.answer)

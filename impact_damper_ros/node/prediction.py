@@ -1,7 +1,7 @@
 """
 The node's side of the prediction: a worker process, its requests and its answers.
 
-A thread of its own starts the worker, writes to it and starts it anew if it ends; another one
+A thread of its own starts the worker, writes to it and restarts it if it ends; another one
 reads its answers. They sleep but for some microseconds per request, so that neither the engine
 nor the executor ever waits for a prediction.
 """
@@ -126,7 +126,7 @@ class Answer:
 WORKER = 'impact_damper_ros.node.prediction_worker'
 #: After the node has started, so that its start is not slowed down.
 FIRST_START_S = 1.0
-#: Pause before a worker that ended is started anew; doubled each time, up to the second number,
+#: Pause before a worker that ended is restarted; doubled each time, up to the second number,
 #: and the first one again once a worker has lived for the second.
 BACK_OFF_S, LONGEST_BACK_OFF_S = 0.5, 60.0
 END_TIMEOUT_S = 1.0
@@ -150,7 +150,7 @@ class PredictorStatus:
     process : int
         Process number of the worker; 0 if there is none.
     restarts : int
-        How often a worker had to be started anew.
+        Number of restarts of the worker.
     trouble : str
         Why there is no worker at present; empty if there is one, or none is needed.
     last_trouble : str
@@ -173,7 +173,7 @@ class _Worker:
         root = str(Path(impact_damper_ros.__file__).parents[1])
         path = os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))
         self.began = time.monotonic()
-        # The ROS 2 wheels start Python anew unless their mark is in the environment; this
+        # The ROS 2 wheels restart Python unless their mark is in the environment; this
         # process has it already, so the worker starts once.
         self.process = subprocess.Popen(
             command,
@@ -193,7 +193,7 @@ class _Worker:
     def write(self, line: str) -> None:
         """Send a request."""
         assert self.process.stdin is not None
-        # If the worker has ended, its reader is about to say so, and the next one is asked.
+        # If the worker has ended, its reader is about to report that, and the next one gets it.
         with contextlib.suppress(OSError):
             self.process.stdin.write(line.encode())
             self.process.stdin.flush()

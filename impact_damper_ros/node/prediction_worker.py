@@ -38,7 +38,7 @@ NICENESS = 5
 #: priority takes over.
 HURRY_S, LONG_HURRY_S = 0.25, 2.0
 #: After the first, quick answer the parameters must have been left alone for so long before the
-#: search goes on, so that a parameter that is still being changed causes quick searches only.
+#: search continues, so that a parameter that is still being changed causes quick searches only.
 QUIET_S = 0.3
 #: Longest search.
 PATIENCE_S = 60

@@ -298,7 +298,7 @@ class SimNode(Node):
             self._looking.cancel()
 
     def wake(self) -> None:
-        """Wake the executor, from any thread, to check whether it should go on."""
+        """Wake the executor, from any thread, to check whether it should continue."""
         self._woken.trigger()
 
     def finish(self) -> str:

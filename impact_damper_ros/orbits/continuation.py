@@ -228,7 +228,7 @@ class _ShootingFamily:
     Motions with reversals, sticking or rest, as fixed points of the event map.
 
     The unknowns are the free coordinates of the state where the period begins; the period is
-    that of the motion given, so many times.
+    a multiple of that of the given motion.
     """
 
     def __init__(self, orbit: PeriodicOrbit, name: str, times: int = 1) -> None:
@@ -406,7 +406,7 @@ _GUESSED = 0.2
 
 
 class SpecialKind(Enum):
-    """What happens at a special point; the value says it in words."""
+    """Kind of a special point."""
 
     FOLD = 'fold'
     PERIOD_DOUBLING = 'period doubling'
@@ -653,7 +653,7 @@ def _leapt(curve: _Curve, here: _Point, along: Continuation) -> tuple[_Point, fl
     """
     Return a point beyond a change of the kind of motion, and the step to it.
 
-    Where the relative velocity comes to touch zero, or an impact to graze, the derivatives are
+    Where the relative velocity touches zero, or an impact is grazing, the derivatives are
     unbounded on one side, and small steps fail.
     """
     for share in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0):

@@ -1,7 +1,7 @@
 """
 The equations of N impacts in k force cycles, and the error that the periodic solvers raise.
 
-Bapat (1995), equations (3)-(15), derived anew. Between impacts the damper mass has constant
+Bapat (1995), equations (3)-(15), derived again. Between impacts the damper mass has constant
 acceleration, so that the displacements X_i and instants t_i of the impacts give its velocities;
 momentum and restitution then give those of the primary mass before and after each impact; and
 its closed-form flight must lead from each impact to the next. These are 2N equations. For fixed

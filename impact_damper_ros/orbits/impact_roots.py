@@ -140,7 +140,7 @@ def _plane_meets_cone(basis: Array) -> Iterator[Array]:
     angle = 0.5 * math.atan2(2.0 * form[0, 1], form[0, 0] - form[1, 1])
     mean = 0.5 * (form[0, 0] + form[1, 1])
     reach = math.hypot(0.5 * (form[0, 0] - form[1, 1]), form[0, 1])
-    # mean + reach cos 2(t - angle) = 0; a near miss is taken for touching, Newton decides.
+    # mean + reach cos 2(t - angle) = 0; a near miss counts as touching, Newton decides.
     if reach == 0.0 or abs(mean) > 1.0001 * reach:
         return
     opening = 0.5 * math.acos(min(1.0, max(-1.0, -mean / reach)))

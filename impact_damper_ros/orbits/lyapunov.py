@@ -273,8 +273,8 @@ class _Period:
 
         A deviation is carried through the period, made orthogonal to those before, and carried
         through it again (Arnoldi, Quart. Appl. Math. 9, 1951), until nothing new comes or the
-        largest multiplier stays as it is. The error is what is left then, and what the round-
-        off of a deviation makes of a multiplier, its root if that is double.
+        largest multiplier no longer changes. The error combines the rest and the effect of the
+        round-off of a deviation on a multiplier, its root if that is double.
         """
         if self.reached.places != self.begun.places:
             return math.nan, math.nan
@@ -285,7 +285,7 @@ class _Period:
             if image is None:
                 return math.nan, math.nan
             size = max(1.0, float(np.linalg.norm(image)))
-            # Twice, since once leaves a part of the order of round-off over what is left
+            # Twice, since the rest of the first pass is of the order of round-off
             for _ in range(2):
                 parts = np.array([float(one @ image) for one in basis])
                 matrix[: k + 1, k] += parts

@@ -77,7 +77,7 @@ class ImpactTable:
 
     phase: Array  # instants in cycles of the force, from any zero, shape (n,)
     stop: NDArray[Any]  # shape (n,)
-    states: Array  # what is compared besides, such as X, X' after and Z' after, shape (n, m)
+    states: Array  # further quantities compared, such as X, X' after and Z' after, shape (n, m)
     scale: float = 1.0  # what differences of states are divided by
     floor: float = 0.0  # distance that the rounding of stamps alone makes
     #: What displacements (m) and velocities (m/s) have been divided by in `states`.
@@ -376,7 +376,7 @@ def _apart(one: Rhythm, other: Rhythm) -> Apart:
 
 def last_period(stops: Sequence[int] | NDArray[Any], count: int) -> int:
     """
-    Return where the last whole period of so many impacts begins.
+    Return the index at which the last whole period, of `count` impacts, begins.
 
     On stop 1 after stop 2, if there is such an impact in the last two periods.
     """

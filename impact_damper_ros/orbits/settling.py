@@ -222,7 +222,7 @@ class SettlingRig:
     """
     A rig that is run by whole cycles of its force.
 
-    `run` is at the beginning of a cycle of its force, and goes on.
+    `run` must be at the beginning of a cycle of its force.
     """
 
     def __init__(self, run: LongRun | ControlledRun, settling: Settling) -> None:

@@ -119,7 +119,7 @@ class View:
         """Return whether a frame up to an instant would contain anything new."""
         if self._trace.sent != end or ghost is not self._ghost:
             return True
-        # A ghost may come to be known while nothing moves.
+        # A ghost may be computed while the motion is paused.
         return ghost is not None and min(ghost.end, end) > self._ghost_trace.sent
 
     def frame(

@@ -124,7 +124,7 @@ class LiveRig:
         self._namesakes_since = 0.0
         #: Called when the rig has other parameters, or is another one.
         self.on_course: Callable[[], None] = lambda: None
-        #: Called when the parameters have to be asked for (anew).
+        #: Called when the parameters have to be requested.
         self.on_restart: Callable[[], None] = lambda: None
 
     def _forget(self) -> None:
@@ -272,7 +272,7 @@ class LiveRig:
             self.motion.add_samples(self._completed(np.array(rows), groups))
 
     def _completed(self, rows: Rows, eras: list[_Era]) -> Rows:
-        """Return samples with the phase of the force, later than those there are."""
+        """Return samples with the phase of the force, later than the last known one."""
         for era in {id(era): era for era in eras}.values():
             own = np.array([other is era for other in eras])
             rows[own, -1] = era.phase.at(rows[own, 0])

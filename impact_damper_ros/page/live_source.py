@@ -109,7 +109,7 @@ class LiveSource:
             session.outbox.put(message)
 
     def frame(self, view: View) -> bytes | None:
-        """Return what is new."""
+        """Return a frame with what is new; None if nothing is."""
         end = self.rig.motion.end
         if end != end or not view.wants(end):
             return None

@@ -144,11 +144,11 @@ class MotionHistory:
         return float(rows[-1, 0]) if len(rows) else math.nan
 
     def add_samples(self, rows: Rows) -> None:
-        """Take samples later than those there are."""
+        """Append samples, which must be later than the last one."""
         self._samples.add(rows)
 
     def add_impacts(self, rows: Rows) -> None:
-        """Take impacts later than those there are."""
+        """Append impacts, which must not be earlier than the last one."""
         self._impacts.add(rows)
 
     def samples_between(self, start: float, end: float) -> Rows:

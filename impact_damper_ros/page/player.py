@@ -108,7 +108,7 @@ class Player:
         return min(self._from + self._speed * (time.monotonic() - self._since), self._end)
 
     def frame(self, view: View) -> bytes | None:
-        """Return what is new."""
+        """Return a frame with what is new; None if nothing is."""
         now = self.time
         if self._playing and now >= self._end:
             self._go_to(self._end, playing=False)

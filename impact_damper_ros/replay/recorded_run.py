@@ -45,7 +45,7 @@ from .recorded_snapshot import RecordedSnapshot, parsed, read_snapshot
 _RIG_PARAMETERS = frozenset(PARAMETER_SPECS) | {'gap_control'}
 #: Parameters that the walk reports.
 _REPORTED = {*PARAMETER_SPECS, *INITIAL_SPECS, *GAP_CONTROL_SPECS, 'state_rate', 'record'}
-#: Messages of the rig that are handed out together, at most.
+#: Largest number of messages of the rig that are yielded together.
 _MOST_AT_ONCE = 8192
 #: Messages within which topics may overtake each other on their way to a recorder.
 _OVERTAKING = 2000

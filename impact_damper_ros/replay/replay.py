@@ -1,5 +1,5 @@
 """
-The replay of a run from its log: every recorded sample and impact is computed anew and compared.
+The replay of a run from its log: every recorded sample and impact is computed again and compared.
 
 The rig is restored from the first snapshot, and all changes and resets are repeated at the same
 instants. The simulator's motion does not depend on how it is divided, so that every message must
@@ -123,7 +123,7 @@ def _all_equal(
     return np.array_equal(table.numbers.view(np.int64), numbers.view(np.int64))
 
 
-#: A longer time without samples is taken for a wrong stamp.
+#: A longer time without samples counts as a wrong stamp.
 _LONGEST_GAP_NS = 6 * 3600 * 10**9
 #: The same after the snapshot that a recorder gets when it joins.
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
@@ -635,7 +635,7 @@ class Replay:
         period_ns = self._spacing.period_ns
         if not recorded.stamped or not period_ns or findings.start_ns is None:
             return
-        # Before the first sample, and after the last one while impacts go on
+        # Before the first sample, and after the last one if impacts follow
         head_ns = findings.start_ns - recorded.start.time_ns
         tail_ns = max(matcher.last_ns for matcher in self._matchers.values()) - end_ns
         lost = findings.missing_samples + int(max(0, tail_ns) // period_ns)

@@ -82,7 +82,7 @@ def worded(text: str) -> str:
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """Return a number with so many significant digits, or a dash if there is none."""
+    """Return a number with significant digits, or a dash if there is none."""
     if value is None or math.isnan(value):
         return NONE
     if math.isinf(value):

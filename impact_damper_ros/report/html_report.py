@@ -193,7 +193,7 @@ def _stretch_section(stretch: StretchComparison, before: StretchComparison | Non
 
 
 def _summary(comparison: RunComparison) -> Html:
-    """Return the verdicts on the whole run, and what is wrong with the recording."""
+    """Return the verdicts on the whole run, and the faults of the recording."""
     counts = [
         (verdict, sum(s.verdict is verdict for s in comparison.stretches)) for verdict in Verdict
     ]
@@ -349,7 +349,7 @@ def write_report(
     Raises
     ------
     OSError
-        If it cannot be written; its `filename` says what.
+        If a file cannot be written; its `filename` is the file.
     """
     page = report_page(_with_gap_curves(comparison), command=command, drawn=drawn)
     numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'

@@ -68,7 +68,7 @@ def cause_of(stretch: StretchComparison) -> str:
     changes = _CHANGES.split(cause)
     if len(changes) <= _MOST_CHANGES:
         return cause
-    # What comes or goes along with another change says least
+    # Changes from or to none accompany another change, and matter least
     changes.sort(key=lambda change: 'none' in change)
     left = len(changes) - _MOST_CHANGES
     return f'{", ".join(changes[:_MOST_CHANGES])} and {left} more changes'
@@ -174,7 +174,7 @@ def _pair(
 
 
 def comparison_table(stretch: StretchComparison) -> Html:
-    """Return what was measured beside what is predicted; empty if nothing was measured."""
+    """Return the table of measured and predicted values; empty if nothing was measured."""
     measured, orbit = stretch.measured, stretch.predicted
     if measured is None:
         return Html()

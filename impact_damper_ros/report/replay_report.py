@@ -65,7 +65,7 @@ def _divergence_lines(findings: Findings) -> list[str]:
 
 
 def findings_text(findings: Findings, recorded: RecordedRun) -> str:
-    """Return what was compared, what was found, and the verdict."""
+    """Return the findings of a replay and the verdict as text."""
     start, end = (findings.start_ns or 0) / 1e9, (findings.end_ns or 0) / 1e9
     node = recorded.topics.name
     impacts = counted(findings.impacts, 'impact')

@@ -118,7 +118,7 @@ def lost_energy(event: Event) -> float:
 
 
 class _Envelope:
-    """Least and greatest values of a long signal, in pieces of so many samples."""
+    """Least and greatest values of a long signal, in pieces of `size` samples."""
 
     def __init__(self, size: int) -> None:
         self._size = size

@@ -38,7 +38,7 @@ _State = dict[str, Any]
 
 
 def _continued(state: _State, parameters: RigParameters) -> LongRun:
-    """Return a rig that takes over the state of another one; its time begins anew."""
+    """Return a rig that continues from the state of another one, with its time from 0."""
     run = LongRun.restore(state)
     run.change(parameters)
     snapshot = run.snapshot()
@@ -181,7 +181,7 @@ _WORKERS_SECONDS = 15.0
 
 
 class WorkersError(RuntimeError):
-    """The workers cannot do the work; the message says why."""
+    """The workers cannot do the work, for the reason in the message."""
 
 
 class SweepExecutor(Protocol):
@@ -367,14 +367,14 @@ class _Queue:
             for place, row in enumerate(rows, 1):
                 if row not in journal.points:
                     break
-                # A chain can go on only from a rig whose last state is in the journal
+                # A chain can continue only from a rig whose last state is in the journal
                 if row in journal.states:
                     chain.place, chain.state = place, journal.states[row]
             if any(row not in journal.points for row in rows[chain.place :]):
                 self._chains.append(chain)
 
     def take(self, at_once: int) -> _Sent | None:
-        """Return a task to hand out, if one is ready."""
+        """Return the next task, if one is ready."""
         if self._chains:
             chain = self._chains.popleft()
             rows = chain.rows[chain.place : chain.place + _MOST_RIGS]

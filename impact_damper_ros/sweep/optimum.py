@@ -104,9 +104,9 @@ class Optimum:
         Rigs run by the search.
     edges : tuple of Nearby
         The nearest rig on each side along each axis whose motion is different and whose measure is
-        worse by half or more, continued from the motion of the best rig or started anew. The
-        search extends to the next value of the grid or 5 % of the value; without a search, and
-        under gap control, only the next value is considered.
+        worse by half or more, continued from the motion of the best rig or started from the
+        initial conditions. The search extends to the next value of the grid or 5 % of the value;
+        without a search, and under gap control, only the next value is considered.
     coexisting : tuple of Nearby
         Motions of the best rig with a different measure: from its initial conditions, from the
         other direction, or back from beyond an edge.

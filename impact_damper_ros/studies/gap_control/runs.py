@@ -1,4 +1,4 @@
-"""The runs of the gap control study: rigs, their control, and what is measured of them."""
+"""The runs of the gap control study: rigs, their control, and their measurements."""
 
 from __future__ import annotations
 
