@@ -365,7 +365,7 @@ async def test_a_comparison_is_shown_in_the_page(runs):
 async def test_a_recording_that_is_not_there(runs, tmp_path):
     for place, path, words in (
         (runs, '/ws?bag=none', 'no recording none'),
-        (tmp_path, '/ws', 'no recording here'),
+        (tmp_path, '/ws', 'no recording to play'),
     ):
         async with serving(place) as server, opened(server, path) as page:
             await page.until(lambda page=page: page.closed == 4404)
