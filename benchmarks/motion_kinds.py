@@ -35,7 +35,7 @@ from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpac
 from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
 from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import section_of
+from impact_damper_ros.orbits.settling import relative_states
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, load_parameters
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome
 from impact_damper_ros.rig.mode import Mode, rig_constants
@@ -150,7 +150,7 @@ def cases(random: int) -> Iterator[Case]:
 def section(case: Case, samples: NDArray[np.void]) -> NDArray[np.float64]:
     """Return the states at the ends of cycles, over the largest of the second half."""
     omega = case.parameters.omega
-    states = section_of(samples) / np.array([1.0, omega, 1.0, omega])
+    states = relative_states(samples) / np.array([1.0, omega, 1.0, omega])
     scaled: NDArray[np.float64] = states / np.abs(states[len(states) // 2 :]).max()
     return scaled
 

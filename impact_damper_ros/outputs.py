@@ -29,7 +29,7 @@ def in_words(error: OSError, path: Path | None = None) -> str:
     if error.errno == errno.ENOENT and not (error.filename or path):
         with suppress(OSError):
             return _in_words(error, Path.cwd())
-        return 'the present directory does not exist any more: change to one that does'
+        return 'the current directory no longer exists: change to one that does'
     return _in_words(error, path)
 
 

@@ -1,7 +1,7 @@
 """
 Runs recorded as rosbag2 does, read back, and saved after a crash; without ROS.
 
-`RunWriter` records, `RunReader` reads, `recover_run` saves what is whole. The messages are in
+`RunWriter` records, `RunReader` reads, `recover_run` saves the intact part. The messages are in
 `messages`, the topics of a rig in `rig_topics`. The names below are imported when they are first
 used: a node that records nothing needs neither MCAP nor SQLite.
 """
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     )
     from .recover import Recovery, recover_run
     from .rig_recorder import RigRecorder
-    from .run_reader import Decoded, Record, RecordedTopic, RunReader
+    from .run_reader import Decoded, RecordedMessage, RecordedTopic, RunReader
     from .run_writer import RunWriter, create_run_directory
     from .topics import LATCHED, QosProfile, Topic
 
@@ -41,7 +41,7 @@ __all__ = [
     'Parameter',
     'ParameterEvent',
     'QosProfile',
-    'Record',
+    'RecordedMessage',
     'RecordedTopic',
     'RecordingError',
     'Recovery',
@@ -65,7 +65,7 @@ __getattr__ = lazy_names(
         ),
         'recover': ('Recovery', 'recover_run'),
         'rig_recorder': ('RigRecorder',),
-        'run_reader': ('Decoded', 'Record', 'RecordedTopic', 'RunReader'),
+        'run_reader': ('Decoded', 'RecordedMessage', 'RecordedTopic', 'RunReader'),
         'run_writer': ('RunWriter', 'create_run_directory'),
         'topics': ('LATCHED', 'QosProfile', 'Topic'),
     },

@@ -95,7 +95,7 @@ class ChunkWriter:
     def __init__(self, output: Output, chunk_size: int, profile: str, library: str) -> None:
         self._output = output
         self._chunk_size = chunk_size
-        # Kept: making one anew for each chunk would take and touch a megabyte of memory each time.
+        # Kept, since a new one for each chunk would allocate and touch a megabyte of memory.
         self._compressor = zstandard.ZstdCompressor()
         self._schemas: list[Schema] = []
         self._channels: list[McapChannel] = []
@@ -272,7 +272,7 @@ LIBRARY = f'impact_damper_ros/{__version__} {LIBRARY_IDENTIFIER}'
 
 #: Bytes of messages after which a chunk is closed without waiting for the next flush.
 _CHUNK_SIZE = 768 * 1024
-#: Bytes of finished chunks that are handed over without waiting for a flush.
+#: Bytes of finished chunks that are written without waiting for a flush.
 _PENDING_LIMIT = 4 * 1024 * 1024
 #: Assumed bytes of a message in the first file, and the number of messages whose measured size has
 #: the same weight as this assumption.
@@ -548,7 +548,7 @@ class BagFile:
                 self._files.pop()
                 raise
         except OSError as error:
-            raise RecordingError.from_os_error('go on recording to', path, error) from error
+            raise RecordingError.from_os_error('continue recording to', path, error) from error
         self._finished.append(finished)
         self._before = list(self.counts)
 

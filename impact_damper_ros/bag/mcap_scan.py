@@ -75,7 +75,7 @@ class ChunkHead(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A stretch of the file that holds messages: a chunk, or one message outside of any."""
+    """A part of the file that holds messages: a chunk, or a message outside of any chunk."""
 
     #: Of the record's content in the file, as far as it is there.
     offset: int
@@ -350,7 +350,7 @@ def jump_text(topic: str, before: int, after: int) -> str:
         missing = after - before - 1
         text = f'{missing} message{" is" if missing == 1 else "s are"} missing'
     else:
-        text = 'messages are there twice, or not in their order'
+        text = 'messages are duplicated or out of order'
     if before < 0:
         return f'message {after} of {topic} is the first: {text}'
     return f'message {before} of {topic} is followed by {after}: {text}'
@@ -365,7 +365,7 @@ def _check_index(
     if stamps and (min(stamps), max(stamps)) != (block.start_ns, block.end_ns):
         scan.fault(
             'chunk times',
-            f'{where} says that its stamps are {block.start_ns} to {block.end_ns} ns, and has '
+            f'{where} declares stamps from {block.start_ns} to {block.end_ns} ns, and has '
             f'{min(stamps)} to {max(stamps)} ns',
         )
     parts = scan.indexes.get(block.offset)
@@ -395,7 +395,7 @@ def _check_index(
 _INDEX = struct.Struct('<HI')
 _DATA_END = struct.Struct('<I')
 
-#: A longer record is taken for damage (a run's largest are chunks of less than 1 MiB).
+#: A longer record counts as damage (a run's largest are chunks of less than 1 MiB).
 _LONGEST_RECORD = 2**31
 
 

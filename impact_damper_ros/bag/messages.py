@@ -439,7 +439,7 @@ class JointStateLayout:
 
     @classmethod
     def of(cls, frame_id: str, names: Sequence[str], *counts: int) -> Self:
-        """Return a layout with so many positions, velocities and efforts."""
+        """Return a layout with given numbers of positions, velocities and efforts."""
         zeros = [(0.0,) * count for count in counts]
         return cls(encode(JointState(0, frame_id, tuple(names), *zeros)))
 

@@ -22,6 +22,7 @@ from mcap.opcode import Opcode
 
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.wording import counted
 
 from .errors import RecordingError
 from .mcap_scan import Scan, jump_text, open_file
@@ -172,9 +173,8 @@ _FOOTER_LENGTH = 9 + 8 + 8 + 4
 _ABOUT_NS = 10**9
 
 
-def counted(number: int, noun: str = 'message') -> str:
-    """Return a number with its noun."""
-    return f'{number:,} {noun}{"" if number == 1 else "s"}'
+def _messages(count: int) -> str:
+    return counted(count, 'message', ',')
 
 
 def check_summary(scan: Scan) -> None:
@@ -195,22 +195,22 @@ def _count_faults(scan: Scan) -> Iterator[tuple[str, str]]:
         there = scan.counts.get(channel, 0)
         if listed != there:
             wrong = True
-            text = f'its statistics count {counted(listed)} on {scan.topic_of(channel)}'
-            yield f'statistics {channel}', f'{text}, {there:,} are there'
+            text = f'its statistics count {_messages(listed)} on {scan.topic_of(channel)}'
+            yield f'statistics {channel}', f'{text}, not {there:,}'
     total = sum(scan.counts.values())
     if said.message_count != total and not wrong:
-        text = f'its statistics count {counted(said.message_count)} in all, {total:,} are there'
+        text = f'its statistics count {_messages(said.message_count)} in all, not {total:,}'
         yield 'statistics', text
     chunks = len(scan.heads)
     if said.chunk_count != chunks:
-        text = f'its statistics count {counted(said.chunk_count, "chunk")}, {chunks:,} are there'
+        text = f'its statistics count {counted(said.chunk_count, "chunk", ",")}, not {chunks:,}'
         yield 'chunk count', text
     for what, listed, there in (
         ('metadata record', said.metadata_count, len(scan.metadata)),
         ('attachment', said.attachment_count, scan.attachments),
     ):
         if listed != there:
-            text = f'its statistics count {counted(listed, what)}, {there:,} are there'
+            text = f'its statistics count {counted(listed, what, ",")}, not {there:,}'
             yield what, text
     if total and scan.blocks:
         span = min(b.start_ns for b in scan.blocks), max(b.end_ns for b in scan.blocks)
@@ -233,10 +233,10 @@ def _chunk_faults(scan: Scan) -> Iterator[tuple[str, str]]:
         where = index.chunk_start_offset
         head = heads.get(where)
         if head is None:
-            yield 'chunk place', f'its summary names a chunk at byte {where}, where none is'
+            yield 'chunk place', f'its summary lists a chunk at byte {where}, where there is none'
             continue
         if where in listed:
-            yield 'chunk twice', f'its summary names the chunk at byte {where} twice'
+            yield 'chunk twice', f'its summary lists the chunk at byte {where} twice'
         listed.add(where)
         said = (
             index.chunk_length,
@@ -249,7 +249,7 @@ def _chunk_faults(scan: Scan) -> Iterator[tuple[str, str]]:
         if said != head[1:]:
             yield (
                 'chunk head',
-                'its summary says of the chunk at byte '
+                'its summary describes the chunk at byte '
                 f'{where} (length, stamps, compression, sizes): {shown(said)}; the chunk says '
                 f'{shown(tuple(head[1:]))}',
             )
@@ -258,13 +258,13 @@ def _chunk_faults(scan: Scan) -> Iterator[tuple[str, str]]:
             yield 'index place', f'its summary is wrong: {text}'
     if scan.chunk_indexes:
         for where in heads.keys() - listed:
-            yield 'chunk unlisted', f'its summary does not name the chunk at byte {where}'
+            yield 'chunk unlisted', f'its summary does not list the chunk at byte {where}'
 
 
 def _checksum_faults(scan: Scan) -> Iterator[tuple[str, str]]:
     footer, end = scan.footer, scan.data_end
     if footer is None or end is None:
-        yield 'data end', 'it has no mark where its data ends'
+        yield 'data end', 'it has no record that ends its data'
         return
     position, checksum = end
     # Opcode, length and checksum
@@ -272,7 +272,7 @@ def _checksum_faults(scan: Scan) -> Iterator[tuple[str, str]]:
     if footer.summary_start not in (0, begin):
         yield (
             'summary place',
-            f'its summary should begin at byte {footer.summary_start}, and begins at byte {begin}',
+            f'its footer places the summary at byte {footer.summary_start}, not {begin}',
         )
     elif footer.summary_start and footer.summary_crc:
         with open_file(scan.path) as stream:
@@ -302,7 +302,7 @@ def number_faults(scans: Sequence[Scan], *, later: bool = False) -> Iterator[str
     """
     Yield gaps in the sequence numbers of the node's own bag, the first one of each topic.
 
-    A file may begin at 0 or go on from the one before. After a chunk that could not be read,
+    A file may begin at 0 or continue the one before. After a chunk that could not be read,
     nothing is checked.
     """
     last: dict[str, int] = {}
@@ -337,14 +337,14 @@ def description_faults(scan: Scan, known: Collection[str]) -> Iterator[str]:
         topic, schema = channel.topic, scan.schemas.get(channel.schema_id)
         encoding = channel.message_encoding
         if encoding != 'cdr':
-            yield f'messages of {topic} are said to be encoded as {shown(encoding)}, not cdr'
+            yield f'messages of {topic} are declared as {shown(encoding)}, not cdr'
         if schema is None or schema.name not in known or not schema.data:
             continue
         if schema.encoding == 'ros2msg':
             if not says_the_same(schema.name, schema.data):
                 yield f'the schema of {topic} has other fields than {schema.name}'
         elif scan.own or schema.encoding != 'ros2idl':
-            yield f'the schema of {topic} is said to be written in {shown(schema.encoding)}'
+            yield f'the schema of {topic} is declared as {shown(schema.encoding)}'
         hash_held = channel.metadata.get('topic_type_hash', '')
         if hash_held and hash_held != type_hash(schema.name):
             yield f'the hash of the type of {topic} is not that of {schema.name}'
@@ -393,17 +393,17 @@ def listing_faults(
         listed, there = topics.get(name, 0), counts.get(name, 0)
         if topics and listed != there:
             wrong = True
-            yield f'metadata.yaml counts {counted(listed)} on {name}, {there:,} are there'
+            yield f'metadata.yaml counts {_messages(listed)} on {name}, not {there:,}'
     total, there = _count(listing), sum(counts.values())
     if total is not None and total != there and not wrong:
-        yield f'metadata.yaml counts {counted(total)} in all, {there:,} are there'
+        yield f'metadata.yaml counts {_messages(total)} in all, not {there:,}'
     if own:
         by_name = {scan.source.name: sum(scan.counts.values()) for scan in scans}
         for item in _items(listing, 'files'):
             number, name = _count(item), str(item.get('path')).rpartition('/')[2]
             if number is not None and name in by_name and number != by_name[name]:
                 there = by_name[name]
-                yield f'metadata.yaml counts {counted(number)} in {name}, {there:,} are there'
+                yield f'metadata.yaml counts {_messages(number)} in {name}, not {there:,}'
     yield from _time_faults(listing, scans, own=own)
 
 
@@ -433,6 +433,6 @@ def listing_remarks(listing: Mapping[str, Any], counts: Mapping[str, int]) -> It
     total = sum(number for number in received if number is not None)
     if received and None not in received and total > there:
         yield (
-            f'the recorder received {counted(total)} and wrote {there:,}: it lost '
+            f'the recorder received {_messages(total)} and wrote {there:,}: it lost '
             f'{total - there:,} of them'
         )

@@ -127,7 +127,7 @@ def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recover
                             continue
                         number = message.sequence
                         if scan.own:
-                            # Each file may count anew; the bag counts through, from 0.
+                            # A file may number from 0 again; the bag numbers through.
                             if place not in bases:
                                 anew = number == 0 and place in numbers
                                 bases[place] = numbers[place] + 1 if anew else 0

@@ -26,6 +26,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.wording import counted
 
 from .errors import RecordingError
 from .mcap_scan import LARGEST_CHUNK, MAGIC, Scan, open_file, plain_content, read_block, scan_file
@@ -105,7 +106,7 @@ class Unpacked:
             with copy.open('wb') as output:
                 while piece := reader.read(_PIECE):
                     if not length and not piece.startswith((MAGIC[: len(piece)], _SQLITE)):
-                        cause = 'what is compressed in it is no file of a bag'
+                        cause = 'its compressed content is not a file of a bag'
                         raise RecordingError('read', path, cause)
                     length += len(piece)
                     if length > size:
@@ -207,7 +208,7 @@ def _conversion(path: Path) -> str:
     )
 
 
-class Record(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A recorded message, still serialised."""
 
     topic: str
@@ -379,8 +380,8 @@ class RunReader:
         expected = self.parts[0] if self.begins_later else 0
         for scan, part in zip(self.scans, self.parts, strict=True):
             if part > expected:
-                count = f'{part - expected} file{"s" if part > expected + 1 else ""}'
-                yield f'{count} of it missing before {scan.source.name}'
+                lost = counted(part - expected, 'file')
+                yield f'{lost} of it missing before {scan.source.name}'
             expected = part + 1
 
     @property
@@ -478,7 +479,7 @@ class RunReader:
         cause = f'{len(found) or "no"} topics end in {wanted!r} (topics: {held})'
         raise RecordingError('read', self.path, cause, 'give the full name of a topic')
 
-    def __iter__(self) -> Iterator[Record]:
+    def __iter__(self) -> Iterator[RecordedMessage]:
         return self.records()
 
     def records(
@@ -488,7 +489,7 @@ class RunReader:
         end_ns: int | None = None,
         *,
         by_index: bool = False,
-    ) -> Iterator[Record]:
+    ) -> Iterator[RecordedMessage]:
         """
         Yield the messages in the order of their stamps, and as written where these are equal.
 
@@ -526,7 +527,7 @@ class RunReader:
             if not by_index or self.scans[index].may_hold(block, names[index])
         )
         # Sorted by stamp and place in the bag; holds what later blocks may still precede.
-        pending: list[tuple[int, int, int, Record]] = []
+        pending: list[tuple[int, int, int, RecordedMessage]] = []
         held = 0
         with ExitStack() as stack:
             # Of a long run there are more files than may be open at once.
@@ -549,7 +550,7 @@ class RunReader:
                     if first <= message.stamp_ns <= last:
                         named = channels[message.channel]
                         content = self._plain(named[0], message.stamp_ns, message.content)
-                        record = Record(*named, message.stamp_ns, content)
+                        record = RecordedMessage(*named, message.stamp_ns, content)
                         pending.append((message.stamp_ns, place, number, record))
                         held += len(content) + _HELD_EACH
                         if held > _MOST_HELD:
@@ -569,7 +570,7 @@ class RunReader:
             f'its chunks overlap so much in time that more than {_MOST_HELD // 2**20} MiB would '
             'be needed to put their messages in order'
         )
-        raise RecordingError('read', self.path, cause, 'write it anew with: ros2 bag convert')
+        raise RecordingError('read', self.path, cause, 'rewrite it with: ros2 bag convert')
 
     def messages(
         self,

@@ -1,4 +1,4 @@
-"""Recording a run while it goes on, without delaying it."""
+"""Recording of a run in progress, without delaying it."""
 
 from __future__ import annotations
 
@@ -408,10 +408,10 @@ class RunWriter:
         self._accepting = False
         if self._error is None:
             if isinstance(error, OSError):
-                error = RecordingError.from_os_error('go on recording to', self.path, error)
+                error = RecordingError.from_os_error('continue recording to', self.path, error)
             elif not isinstance(error, RecordingError):
                 cause = f'{type(error).__name__}: {error}'
-                error = RecordingError('go on recording to', self.path, cause)
+                error = RecordingError('continue recording to', self.path, cause)
             self._error = error
             with suppress(Exception):
                 self._on_error()

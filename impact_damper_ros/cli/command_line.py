@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from impact_damper_ros.sweep.execution import ProcessPool
 
 
-#: Something could not be written, or the work itself failed; the input is not usable; Ctrl-C.
+#: An output could not be written, or the work failed; the input is invalid; Ctrl-C.
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
 
@@ -38,7 +38,7 @@ BUDGET_REMEDY = f'{REMEDY}, or allow more with --most-events'
 
 
 class CommandError(Exception):
-    """The command cannot go on; the message says why, `code` is the exit code."""
+    """The command cannot continue, for the reason in the message; `code` is the exit code."""
 
     def __init__(self, message: str, code: int = EXIT_INPUT) -> None:
         super().__init__(message)
@@ -51,7 +51,7 @@ def say(command: str, message: object) -> None:
 
 
 def discard_output() -> None:
-    """Drop what is still to be printed: the reader of the pipe has gone, as in ``... | head``."""
+    """Discard further output: the reader of the pipe has ended, as in ``... | head``."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -99,7 +99,7 @@ def add_bag_argument(parser: argparse.ArgumentParser) -> None:
 def add_node_option(parser: argparse.ArgumentParser) -> None:
     """Let a command take ``--node``, for a recording of several rigs."""
     parser.add_argument(
-        '--node', metavar='NAME', help='which node, by name or namespace, if the bag has several'
+        '--node', metavar='NAME', help='name or namespace of the node, if the bag holds several'
     )
 
 
@@ -145,7 +145,7 @@ def add_most_events_option(parser: argparse.ArgumentParser, whose: str = '') -> 
         type=up_to(10**12),
         default=MOST_EVENTS,
         metavar='N',
-        help=f'end the run after N events{whose}, if they are more than {PER_PERIOD} in a period '
+        help=f'end the run after N events{whose} if there are more than {PER_PERIOD} per period '
         f'of the rig [{MOST_EVENTS}]',
     )
 
@@ -193,8 +193,8 @@ def need_matplotlib() -> None:
     """Raise CommandError if matplotlib is missing."""
     if find_spec('matplotlib') is None:
         raise CommandError(
-            'matplotlib, which draws the figures, is not installed: install it, or the package '
-            'with its extra [plot]'
+            'matplotlib, which draws the figures, is not installed: install it, or install the '
+            'package with its extra [plot]'
         )
 
 
@@ -220,13 +220,13 @@ def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> 
     )
 
 
-#: After so long, s, work without a progress bar is said to go on.
+#: Time after which work without a progress bar is reported to continue, s.
 PATIENCE = 5.0
 
 
 @contextmanager
 def long_work(command: str, message: str, *, quiet: bool = False) -> Iterator[None]:
-    """Say what takes long, once it has taken some time."""
+    """Print what takes long, once it has taken `PATIENCE`."""
     notice = threading.Timer(PATIENCE, say, (command, message))
     notice.daemon = True
     if not quiet:

@@ -32,18 +32,18 @@ from .command_line import (
 from .rig_options import announce
 
 _DESCRIPTION = """\
-Compare a recorded run with the periodic theory. The run is cut where its parameters change and
+Compare a recorded run with the periodic theory. The run is divided where its parameters change and
 where it is reset. Each stretch is classified as transient, periodic, quasi-periodic or chaotic,
-the matching periodic problem is solved for the logged parameters, and both are shown side by
-side: impacts, largest |X|, energy, decay into the steady state, and a verdict. Every recorded
-number is also checked against the equations of motion, whatever the motion. Works without ROS, on
-a bag directory or a single .mcap file, also a recovered one.
+the matching periodic problem is solved for the logged parameters, and both are shown side by side:
+impacts, largest |X|, energy, decay into the steady state, and a verdict. Every recorded number is
+also checked against the equations of motion, whatever the motion. Works without ROS, on a bag
+directory or a single .mcap file, also a recovered one.
 """
 _EPILOG = """\
-Exit code: 0 if no stretch differs from theory (stretches that are not settled, or for which
-theory has no motion, do not differ); 1 if one does (or a file cannot be written); 2 if the bag or
-an argument is not usable; 3 if nothing differs, but the bag is cut, damaged, or holds messages
-that contradict one another; 130 on Ctrl-C, 143 on SIGTERM.
+Exit code: 0 if no stretch differs from theory (a stretch that is not settled, or for which theory
+finds no motion, does not differ); 1 if one does (or a file cannot be written); 2 if the bag or an
+argument is invalid; 3 if nothing differs, but the bag is cut, damaged, or holds messages that
+contradict one another; 130 on Ctrl-C, 143 on SIGTERM.
 Example: compare_run runs/run_20250131_120000 --json result.json --report report
 """
 
@@ -53,9 +53,9 @@ def _parser() -> argparse.ArgumentParser:
     add_bag_argument(parser)
     add_node_option(parser)
     add_json_option(parser)
-    page = 'write an HTML page with plots, and the JSON beside it'
+    page = 'write an HTML report with plots, and the result as JSON beside it'
     add_path_option(parser, '--report', page, 'DIR')
-    rig = 'the rig, for a bag that does not hold its parameters (recorded without snapshot)'
+    rig = 'parameters of the rig, for a bag recorded without them (without snapshot)'
     add_path_option(parser, '--params', rig, 'FILE.yaml')
     add_quiet_option(parser, 'tables')
     return parser

@@ -24,7 +24,7 @@ from tqdm import tqdm
 from impact_damper_ros.bag import JointState, ParameterEvent, RunReader, String
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.outputs import check_directory
-from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
+from impact_damper_ros.report.run_figures import Closeup, SampledMotion, draw_motion
 from impact_damper_ros.rig import RigParameters, load_parameters
 
 from .command_line import EXIT_FAILED, CommandError, command_parser, end_node, outcome
@@ -178,7 +178,7 @@ def _perform(node: subprocess.Popen[bytes], duration: float) -> tuple[int, int]:
         client.close()
 
 
-def _read(bag: Path) -> tuple[Motion, list[float]]:
+def _read(bag: Path) -> tuple[SampledMotion, list[float]]:
     """Read the motion from the equilibrium of each stage, and the instants of the changes."""
     reader = RunReader(bag)
     states: list[tuple[float, ...]] = []
@@ -204,7 +204,7 @@ def _read(bag: Path) -> tuple[Motion, list[float]]:
             states.append((instant, *(place - rest for place in message.position[:4])))
     time_, x, z, stop_1, stop_2 = np.array(states).T
     hit, where, stops = np.array(impacts).reshape(-1, 3).T
-    motion = Motion(time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64))
+    motion = SampledMotion(time_, x, z, stop_1, stop_2, hit, where, stops.astype(np.int64))
     return motion, changes
 
 

@@ -11,15 +11,16 @@ from pathlib import Path
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig.quoting import as_line, printable
+from impact_damper_ros.wording import counted
 
 from .command_line import EXIT_FAILED, CommandError, add_bag_argument, command_parser, outcome
 
 _DESCRIPTION = """\
-Save what is whole in a recording that was cut short (kill -9, power cut, full disk) into a
-complete bag. The recording itself stays untouched.
+Copy the intact part of a recording that was cut short (kill -9, power cut, full disk) to a
+complete bag. The recording itself is not changed.
 """
 _EPILOG = """\
-Exit code: 0 if messages were saved, 1 if not, 2 for wrong arguments.
+Exit code: 0 if messages were saved; 1 if not; 2 if an argument is invalid.
 """
 
 
@@ -44,13 +45,13 @@ def _short(name: str) -> str:
 
 
 def report(recovery: Recovery) -> str:
-    """Say what was saved, topic by topic."""
+    """Return a report of what was saved, topic by topic."""
     seconds = (recovery.end_ns - recovery.start_ns) / 1e9
     lines = []
     if recovery.was_complete:
         name = printable(recovery.source.name)
         lines.append(f'{name} is complete: nothing was lost; this is a copy of it')
-    count = f'{recovery.message_count} message{"s" if recovery.message_count != 1 else ""}'
+    count = counted(recovery.message_count, 'message')
     lines.append(f'saved {count} over {seconds:.3f} s to {printable(str(recovery.output))}')
     lines.append(f'  stamps {recovery.start_ns} to {recovery.end_ns} ns')
     topics = [replace(t, name=_short(t.name), type=_short(t.type)) for t in recovery.topics]

@@ -46,13 +46,14 @@ _STRIDE = 256
 _DESCRIPTION = """\
 Replay a recorded run from its own log. Without --set, every recorded sample and impact is computed
 again from the first snapshot and the logged parameter changes and resets, and compared bit for
-bit. With --set, the same history is also run with parameters held at other values, and both are
-compared. Works without ROS, on a bag directory or a single .mcap file, also a recovered one.
+bit. With --set, the same history is also run with parameters held at other values, and the two
+runs are compared. Works without ROS, on a bag directory or a single .mcap file, also a recovered
+one.
 """
 _EPILOG = """\
 Exit code: 0 if all is reproduced bit for bit; 1 if something differs, a file cannot be written, or
 the what-if has more than --most-events events (--states and --impacts then end there); 2 if the
-bag or an argument is not usable; 3 if all that can be compared is reproduced, but the bag is cut,
+bag or an argument is invalid; 3 if all that can be compared is reproduced, but the bag is cut,
 damaged, lacks messages, or holds some twice or out of order; 130 on Ctrl-C, 143 on SIGTERM.
 Example: replay_run runs/run_20250131_120000 --set gap=0.03 --figure what_if.png
 """
@@ -66,15 +67,15 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='what if: hold a parameter at a value throughout, for example --set gap=0.03; may '
-        'be repeated',
+        help='what-if: hold a parameter at this value throughout the run, for example '
+        '--set gap=0.03; may be repeated',
     )
     add_node_option(parser)
     add_json_option(parser)
     add_path_option(parser, '--figure', 'draw the recorded run and the what-if')
     states = 'write the replayed states (with --set, those of the what-if) as CSV (- : stdout)'
     add_path_option(parser, '--states', states)
-    add_path_option(parser, '--impacts', 'write its impacts as CSV, likewise')
+    add_path_option(parser, '--impacts', 'write the impacts of the same run as CSV (- : stdout)')
     add_most_events_option(parser, ' of the what-if')
     add_quiet_option(parser, 'report')
     return parser
@@ -155,7 +156,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _parser()
     arguments = parser.parse_args(argv)
     if arguments.figure is not None and not arguments.set:
-        parser.error('--figure draws a what-if beside the recorded run: give --set NAME=VALUE too')
+        parser.error(
+            '--figure draws a what-if beside the recorded run: give --set NAME=VALUE as well'
+        )
 
     def work() -> int:
         # Before the work, not after it

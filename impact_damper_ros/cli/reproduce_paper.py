@@ -1,4 +1,4 @@
-"""`reproduce_paper`: the figures and claims of Bapat (1995), computed anew."""
+"""`reproduce_paper`: the figures and claims of Bapat (1995), computed again."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 
 _DESCRIPTION = """\
-Compute the figures of Bapat (1995) from the periodic theory and the exact simulator, draw them,
-and compare every claim of the paper's section 3 and conclusions with the numbers. Writes PNG
-files, a CSV file for each figure and, if all figures are made, README.md with captions and the
-table of claims. The claims are printed, too.
+Compute and draw the figures of Bapat (1995) by the periodic theory and the exact simulator, and
+compare every claim of the paper's section 3 and conclusions with the numbers. Writes PNG files, a
+CSV file for each figure and, if all figures are made, README.md with captions and the table of
+claims. The claims are also printed.
 """
 _EPILOG = """\
-Exit code: 0 on success; 1 if a file could not be written or a process died; 2 if the input is not
-usable or matplotlib is missing; 130 on Ctrl-C, 143 on SIGTERM, which leaves no unfinished file.
+Exit code: 0 on success; 1 if a file could not be written or a process died; 2 if the input is
+invalid or matplotlib is missing; 130 on Ctrl-C, 143 on SIGTERM, which leaves no unfinished file.
 Example: reproduce_paper --only 3a,5 --output /tmp/paper
 """
 
@@ -49,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--only',
         metavar='2a,4,...',
-        help='these figures only; a panel stands for its figure, and README.md is not written',
+        help='make these figures only, without README.md; a panel stands for its figure',
     )
     return parser
 

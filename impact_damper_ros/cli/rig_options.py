@@ -70,13 +70,13 @@ def add_law_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--law',
         metavar='MODULE:FUNCTION',
-        help='let a Python function of your own move the stops, law(seen, memory) -> (stop_1, '
-        'stop_2), in place of the law that gap_control names (timed, if that is off); a module of '
-        'the present directory is found',
+        help='move the stops by a Python function law(seen, memory) -> (stop_1, stop_2) in place '
+        'of the law that gap_control names (timed, if that is off); modules in the current '
+        'directory are found',
     )
 
 
-def own_law(text: str | None, control: GapControlParameters) -> tuple[Any, GapControlParameters]:
+def given_law(text: str | None, control: GapControlParameters) -> tuple[Any, GapControlParameters]:
     """Return the law of ``--law``, None without one, and the control with it."""
     if text is None:
         return None, control
@@ -90,8 +90,8 @@ def given_rig(
     """
     Read the rig of a command from a parameters file or preset, and from ``--set`` options.
 
-    A command that does not use the gap control leaves that of the file aside, and takes no
-    parameter of it from ``--set``.
+    A command without gap control ignores the control in the file and rejects its parameters
+    in ``--set``.
     """
     parameters, initial, other = load_parameters(params)
     control = GapControlParameters(**_among(other, GAP_CONTROL_SPECS if with_control else ()))
@@ -125,7 +125,7 @@ def _values(
             remedy = (
                 f'did you mean {close[0]}?'
                 if close
-                else 'simulate_rig --parameters lists all that there are'
+                else 'simulate_rig --parameters lists all parameters'
             )
             raise ValueError(
                 f'{option} {named(setting)}: there is no parameter {named(name)} to set: {remedy}'

@@ -2,7 +2,7 @@
 Show a live rig, or a recording, in a browser.
 
 The page is a client in a process of its own. With ``--start`` it starts the node, too, and ends it
-at its own end.
+when it ends itself.
 """
 
 from __future__ import annotations
@@ -33,36 +33,39 @@ _PR_SET_PDEATHSIG = 1
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser(COMMAND, 'Show a live rig, or with --bag a recording, in a browser.')
     what = parser.add_mutually_exclusive_group()
-    what.add_argument('--node', default='', metavar='NAME', help='the rig to show first')
+    what.add_argument('--node', default='', metavar='NAME', help='node of the rig to show first')
     what.add_argument(
-        '--bag', type=Path, metavar='BAG', help='a recording to play, without ROS; or a directory'
+        '--bag',
+        type=Path,
+        metavar='BAG',
+        help='recording to play, or a directory of them; without ROS',
     )
     what.add_argument(
         '--start',
         type=Path,
         metavar='PARAMS',
-        help='start the node of a rig, too: a parameters file, or bench_rig or paper',
+        help='also start the node of this rig: a parameters file, or bench_rig or paper',
     )
     parser.add_argument(
         '--recordings',
         type=Path,
         default=Path('runs'),
         metavar='DIR',
-        help='directory of the recordings that are listed [runs]',
+        help='directory of the recordings to list [runs]',
     )
-    parser.add_argument('--port', type=_port, default=8088, help='port [8088]; 0: a free one')
+    parser.add_argument('--port', type=_port, default=8088, help='port [8088]; 0: any free port')
     parser.add_argument(
         '--host',
         default='127.0.0.1',
         metavar='ADDRESS',
-        help='address to listen on [127.0.0.1, this machine only]; another one asks for a token',
+        help='address to listen on [127.0.0.1, this machine only]; any other one requires a token',
     )
     parser.add_argument(
         '--name',
         action='append',
         default=[],
         metavar='NAME',
-        help='a further name under which this machine is reached',
+        help='another host name of this machine; may be repeated',
     )
     parser.add_argument('--open', action='store_true', help='open the page in a browser')
     return parser
@@ -159,7 +162,7 @@ def _work(arguments: argparse.Namespace) -> int:
 
 
 def _missing(arguments: argparse.Namespace) -> str:
-    """Return what is missing for the command, and what to do; empty if nothing is."""
+    """Return what is missing for the command, and a remedy; empty if nothing is."""
     if find_spec('tornado') is None:
         return (
             'tornado, which serves the page, is missing: install python3-tornado, or in a virtual '

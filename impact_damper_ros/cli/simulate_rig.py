@@ -51,8 +51,8 @@ from .rig_options import (
     add_params_argument,
     add_set_option,
     announce,
+    given_law,
     given_rig,
-    own_law,
     timed_changes,
 )
 
@@ -66,15 +66,15 @@ _SHORTEST, _SLOWEST, _FASTEST = 1e-9, 1e-12, 1e9
 
 _DESCRIPTION = """\
 Run an impact damper exactly, without ROS, from the same parameters file as sim_node. The rig
-starts at rest with the loose mass in the middle of the gap, unless the file gives initial_*.
-All quantities are in SI units; velocities are absolute, along the axis, positive downwards.
+starts at rest with the loose mass in the middle of the gap, unless the file gives initial_*. All
+quantities are in SI units; velocities are absolute, along the axis, positive downwards.
 """
 _EPILOG = """\
-A chatter (ever smaller impacts that end in finite time) is written impact by impact up to its
-cut, and then once as rest: a row whose velocities before and after are all the same.
+A chatter (ever smaller impacts that end in finite time) is written impact by impact up to its cut,
+and then once as rest: a row with the same velocities before and after.
 Exit code: 0 if the whole duration was simulated; 1 if the rig has more events than --most-events,
-or a file cannot be written; 2 if an argument is not usable; 130 on Ctrl-C, 143 on SIGTERM. What
-was simulated before a failure or a signal is written.
+or a file cannot be written; 2 if an argument is invalid; 130 on Ctrl-C, 143 on SIGTERM. The output
+up to a failure or a signal is written.
 Example: simulate_rig config/paper.yaml --duration 300 --impacts impacts.csv --set gap=30
 """
 
@@ -96,27 +96,28 @@ def _parser() -> argparse.ArgumentParser:
     add_path_option(
         parser,
         '--events',
-        'write every event: impacts, rest, stick, release, reversals, steps of a sweep, and '
-        'under gap control what the stops do, as CSV; the last column, force_frequency, is the '
-        'circular frequency of the first harmonic from then on [rad/s] (- : stdout)',
+        'write all events as CSV: impacts, rest, stick, release, reversals, frequency steps of a '
+        'sweep and, under gap control, the motion of the stops; the last column, '
+        'force_frequency, is the circular frequency of the first harmonic after the event '
+        '[rad/s] (- : stdout)',
     )
     add_path_option(parser, '--states', 'write sampled states as CSV (- : stdout)')
     add_path_option(
-        parser, '--bag', 'record to MCAP what sim_node would record; DIR must not exist', 'DIR'
+        parser, '--bag', 'write the MCAP bag that sim_node would record; DIR must not exist', 'DIR'
     )
     parser.add_argument(
         '--max-bag-size',
         type=_limit('max_bag_size', int),
         default=0,
         metavar='BYTES',
-        help='start another file of the bag when one has so many bytes [0: one file]',
+        help='continue the bag in a new file after this many bytes [0: a single file]',
     )
     parser.add_argument(
         '--max-bag-duration',
         type=_limit('max_bag_duration', float),
         default=0.0,
         metavar='T',
-        help='start another file of the bag after so much time [s] [0: one file]',
+        help='continue the bag in a new file after this time [s] [0: a single file]',
     )
     parser.add_argument(
         '--rate',
@@ -133,7 +134,7 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         metavar='TIME:NAME=VALUE',
         help='change a parameter during the run, for example --change 20:gap=0.03; may be '
-        'repeated; changes at one time take effect together',
+        'repeated; changes at the same time take effect together',
     )
     add_most_events_option(parser)
     add_quiet_option(parser, 'summary')
@@ -258,7 +259,7 @@ class _Watch:
         self._impacts |= {e.stop: e for e in events if e.kind is EventKind.IMPACT}
 
     def summary(self, rig: ControlledRig, spent: float, *, whole: bool) -> str:
-        """Return the text about a rig, simulated in so many seconds, as a whole or in part."""
+        """Return the summary of a run, given its computing time, s, and whether it is complete."""
         parameters, largest = rig.parameters, self.swing.largest
         mode = rig.mode.name.lower().replace('_', ' ')
         events = [f'{number} {kind.name.lower()}' for kind, number in self.counts.items()]
@@ -412,7 +413,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         given = given_rig(arguments.params, arguments.set)
-        law, control = own_law(arguments.law, given.control)
+        law, control = given_law(arguments.law, given.control)
         given = given._replace(control=control)
         _check_outputs(arguments)
         changes = timed_changes(arguments.change, given, arguments.duration)

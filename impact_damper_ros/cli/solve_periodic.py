@@ -8,10 +8,12 @@ import math
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits import (
     Branch,
+    Continuation,
     OrbitSearch,
     PeriodicOrbit,
     SpecialKind,
@@ -19,12 +21,10 @@ from impact_damper_ros.orbits import (
     find_orbits,
     plausible_stops,
     switch_branch,
-    value_of,
 )
-from impact_damper_ros.orbits.continuation import check_range
 from impact_damper_ros.outputs import check_file
-from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.wording import counted
 
 from .command_line import (
     CommandError,
@@ -49,8 +49,8 @@ impact from t = 0 in cycles of the force F sin(W t + force_phase).
 """
 _EPILOG = """\
 Exit code: 0 if a motion was found that the rig can perform; 3 if there is no solution; 4 if there
-are solutions but none is viable (the table says why); 2 if the input is not usable; 1 if the file
-could not be written; 130 on Ctrl-C, 143 on SIGTERM.
+are solutions but none is viable (the table gives the reasons); 2 if the input is invalid; 1 if the
+file cannot be written; 130 on Ctrl-C, 143 on SIGTERM.
 Example: solve_periodic config/paper.yaml --impacts 2 --cycles 1 --json orbits.json --set gap=30
 """
 
@@ -105,7 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_json_option(parser, 'the list of motions')
     add_set_option(parser)
-    parser.add_argument('--quiet', action='store_true', help='no table')
+    parser.add_argument('--quiet', action='store_true', help='print no table')
     return parser
 
 
@@ -180,14 +180,15 @@ def _branch_text(branch: Branch) -> str:
     return '\n'.join([*lines, f'  end: {branch.ended}'])
 
 
-def _branch_texts(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Iterator[str]:
-    """Yield what becomes of a motion while a parameter varies."""
+def _branch_texts(orbit: PeriodicOrbit, along: Continuation) -> Iterator[str]:
+    """Yield the branch of a motion in both directions, and those that leave it."""
+    name = along.name
     for upwards in (True, False):
-        branch = continue_orbit(orbit, name, low, high, upwards=upwards)
+        branch = continue_orbit(orbit, along, upwards=upwards)
         yield f'\nmotion 1, {name} {"rising" if upwards else "falling"}:\n{_branch_text(branch)}'
         for point in branch.special:
             if point.kind in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
-                leaves = switch_branch(point, name, low, high, most_points=100)
+                leaves = switch_branch(point, replace(along, most_points=100))
                 yield (
                     f'\nbranch from the {point.kind.value} at {name} = {point.value:.9g}:\n'
                     f'{_branch_text(leaves)}'
@@ -210,10 +211,11 @@ def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[
 
 def _slow_words(rig: RigParameters) -> str:
     return (
-        'still searching, the longer the more impacts and cycles there are, and the faster M is '
-        f'than the force: here {rig.omega / rig.force_frequencies[0]:.3g} times; Ctrl-C ends it'
+        'still searching; the time grows with the impacts, the cycles and the ratio of the '
+        'natural frequency to that of the force, here '
+        f'{rig.omega / rig.force_frequencies[0]:.3g}; Ctrl-C ends the search'
         if rig.force_frequencies[0]
-        else 'still searching; Ctrl-C ends it'
+        else 'still searching; Ctrl-C ends the search'
     )
 
 
@@ -245,8 +247,8 @@ def _solve(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         hint('solve_periodic', given.parameters)
     if arguments.vary is not None:
-        name, low, high = arguments.vary
-        check_range(name, low, high, value_of(given.parameters, name))
+        along = Continuation(*arguments.vary)
+        along.check_start(given.parameters)
     with long_work('solve_periodic', _slow_words(given.parameters), quiet=arguments.quiet):
         searches = _searches(given.parameters, arguments)
     orbits = [orbit for search in searches for orbit in search.orbits]
@@ -257,8 +259,8 @@ def _solve(arguments: argparse.Namespace) -> int:
         texts += [search.report.text for search in searches]
         texts += ['\n' + _orbit_text(number, orbit) for number, orbit in enumerate(orbits, 1)]
         if arguments.vary is not None and orbits:
-            with long_work('solve_periodic', 'still following the motion; Ctrl-C ends it'):
-                texts += _branch_texts(orbits[0], *arguments.vary)
+            with long_work('solve_periodic', 'still following the branch; Ctrl-C ends it'):
+                texts += _branch_texts(orbits[0], along)
         try:
             print('\n'.join(texts), file=text_stream(arguments.json), flush=True)
         except BrokenPipeError:

@@ -30,8 +30,8 @@ inclined with friction, and with delays, slow stops, noise and coarse sampling. 
 with the tables and a PNG file for each part, and prints the targets.
 """
 _EPILOG = """\
-Exit code: 0 on success; 1 if a file could not be written or a process died; 2 if the input is not
-usable or matplotlib is missing; 130 on Ctrl-C, 143 on SIGTERM. The numbers are the same every
+Exit code: 0 on success; 1 if a file could not be written or a process died; 2 if the input is
+invalid or matplotlib is missing; 130 on Ctrl-C, 143 on SIGTERM. The numbers are the same every
 time. Without numba (extra compiled) the runs take more than 50 times as long.
 Example: study_gap_control --output /tmp/gap_control --quick
 """

@@ -64,8 +64,8 @@ from .rig_options import (
     add_params_argument,
     add_set_option,
     announce,
+    given_law,
     given_rig,
-    own_law,
 )
 
 _DEFAULT = Settling()
@@ -83,9 +83,9 @@ RANGE is LOW:HIGH:COUNT, LOW:HIGH:COUNT:log, or a list such as 10,20,40. Several
 take the same value: --vary restitution_1=restitution_2=0.5:0.9:41. An entry of an array is named
 as in force_frequencies[0].
 
-The same command resumes an interrupted sweep; rigs that are done are not run again. A rig that
-cannot be simulated is a row with the reason. With gap_control in the parameters file or by --set,
-the rigs run under control, which takes longer; the parameters of the control can be varied, too.
+The same command resumes an interrupted sweep; finished rigs are not run again. The row of a rig
+that cannot be simulated holds the reason. With gap_control in the parameters file or in --set, the
+rigs run under control, which takes longer; the parameters of the control can be varied as well.
 
 Examples:
   sweep_rig config/paper.yaml --vary gap=5:80:400 --follow both -o gap.parquet --figure gap.png
@@ -94,8 +94,8 @@ Examples:
   sweep_rig config/paper.yaml --vary initial_primary_position=-60:60:200 \\
       --vary initial_primary_velocity=-60:60:200 -o basins.parquet --figure basins.png
 
-Exit code: 0 on success; 1 if something could not be written, or workers died; 2 if the input is
-not usable; 4 if every rig of the sweep failed; 130 on Ctrl-C, 143 on SIGTERM.
+Exit code: 0 on success; 1 if an output could not be written or workers died; 2 if the input is
+invalid; 4 if every rig of the sweep failed; 130 on Ctrl-C, 143 on SIGTERM.
 """
 
 
@@ -109,8 +109,8 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME=RANGE',
-        help='a parameter and its values; may be repeated for further axes, of which the first is '
-        'followed',
+        help='a parameter and its values; may be repeated for further axes, the first of which is '
+        'the one that --follow uses',
     )
     add_path_option(options, '--ranges', 'the axes as "vary:" in a YAML file', 'FILE.yaml')
     add_set_option(options)
@@ -120,8 +120,7 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         required=True,
         metavar='FILE',
-        help='the table; its name ends in .parquet or .csv. Rows that are done are in FILE.part '
-        'until it is written',
+        help='the table, a .parquet or .csv file; until it is complete, its rows are in FILE.part',
     )
     add('--overwrite', action='store_true', help='replace the table of another sweep')
     add(
@@ -133,10 +132,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     watched = options.add_argument_group('settling and measurement')
     for name, meaning, *aliases in (
-        ('cycles', 'largest number of force cycles to settle in'),
-        ('watch', 'cycles measured if the motion does not repeat'),
-        ('events', 'largest number of events of one rig', '--most-events'),
-        ('section', 'largest number of points of the section to keep'),
+        ('cycles', 'most cycles of the force to settle in'),
+        ('watch', 'cycles that are measured if the motion does not repeat'),
+        ('events', 'most events of one rig', '--most-events'),
+        ('section', 'most points of the section that are kept'),
     ):
         default = getattr(_DEFAULT, name)
         watched.add_argument(
@@ -180,8 +179,8 @@ def _parser() -> argparse.ArgumentParser:
     drawn.add_argument(
         '--no-search',
         action='store_true',
-        help='take the optimum from the grid, without a search between its values, which takes '
-        'long for rigs under gap control',
+        help='take the optimum from the grid, without a search between its values (which takes '
+        'long for rigs under gap control)',
     )
     add_json_option(drawn, 'counts, attractors and optimum')
     where = options.add_argument_group('execution').add_mutually_exclusive_group()
@@ -207,7 +206,7 @@ def _cores() -> int:
 
 def _plan(arguments: argparse.Namespace) -> SweepPlan:
     parameters, initial, given = given_rig(arguments.params, arguments.set)
-    law, control = own_law(arguments.law, given)
+    law, control = given_law(arguments.law, given)
     axes: Sequence[Axis] = [
         *([] if arguments.ranges is None else axes_from_file(arguments.ranges, parameters)),
         *(axis_from_text(text, parameters) for text in arguments.vary),

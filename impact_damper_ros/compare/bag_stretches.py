@@ -153,7 +153,7 @@ _MOST_STATES = 200_000
 _FIRST_IMPACTS, _LAST_IMPACTS = 100_000, 200_000
 _MOST_PIECES = 2000
 _MOST_GAPS = 1000
-#: Intervals so many times the usual one have missing samples.
+#: An interval longer than the usual one by this factor has missing samples.
 _WIDE = 1.5
 _LEARNT_FROM = 20
 #: Harmonics of the force, times intervals, that are checked: those of a long multisine in part.
@@ -322,7 +322,7 @@ class _TopicReader:
 
     def __init__(self, joints: Sequence[tuple[str, ...]], counts: tuple[int, int, int]) -> None:
         # The first reasons, and numbers of messages: unreadable, with NaN or infinite numbers,
-        # and twice or after a later one had been handed on
+        # and twice or after a later one had been passed on
         self.unreadable: list[str] = []
         self.unreadable_count = self.not_numbers = self.misplaced = 0
         self._columns = JointStateColumns(joints, counts)
@@ -394,7 +394,7 @@ class _TopicReader:
         return stops[table.frames]
 
     def faults(self) -> list[str]:
-        """Return what was wrong with the messages."""
+        """Return the faults of the messages."""
         found = []
         if self.unreadable_count:
             first = self.unreadable[0]

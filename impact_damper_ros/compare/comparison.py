@@ -18,13 +18,14 @@ from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.simulator import ARITHMETIC
+from impact_damper_ros.wording import counted
 
 from .bag_stretches import BagStretches, CheckedStretch
 from .log_findings import with_fitted_clock
 from .result import Finding, LogCheck, RunComparison, StretchComparison
 from .verdict import compare_stretch
 
-_FROM_MOTION = 'the recorded motion was checked against the equations of motion to round-off'
+_FROM_MOTION = 'the recorded motion was checked against the equations of motion, to round-off'
 
 Progress = Callable[[float], object]
 
@@ -68,7 +69,7 @@ def _finding(difference: Difference) -> Finding:
     if recorded is None and difference.quantity in ('impact', 'act of the gap control'):
         text = f'{where} is missing in the log ({replayed})'
     elif difference.quantity == 'state_rate':
-        text = f'{where} is {_shown(recorded)} in the log; its joint states have another one'
+        text = f'{where} is {_shown(recorded)} in the log; the joint states have a different rate'
     elif replayed is None:
         text = f'{where} is in the log, but did not happen ({recorded})'
     else:
@@ -104,8 +105,8 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
     arithmetic = replay.recorded.start.arithmetic
     if arithmetic > ARITHMETIC:
         newer = (
-            f'it was recorded with arithmetic {arithmetic}, later than that of this version, '
-            f'{ARITHMETIC}: use the version of impact_damper_ros that recorded it'
+            f'it was recorded with arithmetic {arithmetic}, newer than arithmetic {ARITHMETIC} of '
+            f'this version: use the version of impact_damper_ros that recorded it'
         )
         return LogReplay(LogCheck(False, f'{_FROM_MOTION}; {newer}'), faults=(newer,))
     findings = replay.run(progress)
@@ -115,17 +116,17 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
     }:
         why = f'it was recorded with arithmetic {arithmetic}, this version has {ARITHMETIC}'
     elif findings.by_another_library:
-        why = 'it was recorded where the mathematical functions round otherwise'
+        why = 'it was recorded on a machine whose mathematical functions round differently'
     elif not findings.samples:
         why = 'no sample could be compared'
     else:
         count = findings.difference_count
-        how = f'replayed, with {count} difference{"" if count == 1 else "s"}'
-        said = f'{how if count else "replayed bit for bit"}: {findings.samples} samples, '
-        said += f'{findings.impacts} impacts'
+        how = f'replayed, with {counted(count, "difference")}' if count else 'replayed bit for bit'
+        said = f'{how}: {counted(findings.samples, "sample")}, '
+        said += counted(findings.impacts, 'impact')
         if findings.control:
-            said += f', {findings.control} acts of the gap control'
-        said += f', {findings.snapshots} snapshots'
+            said += f', {counted(findings.control, "act")} of the gap control'
+        said += f', {counted(findings.snapshots, "snapshot")}'
         check = LogCheck(True, said, count, _unchecked(replay))
         return LogReplay(check, tuple(findings.kept), tuple(findings.faults))
     check = LogCheck(False, f'{_FROM_MOTION}; not bit for bit, since {why}')

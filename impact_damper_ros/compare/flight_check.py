@@ -1,14 +1,15 @@
 """
-Whether a log obeys the equations of motion of the rig that it names, and what is wrong if not.
+Check of a log against the equations of motion of the logged rig, and diagnosis of faults.
 
-From each knot (joint state or impact) the closed form of the logged rig leads to the next one.
-What is recorded there must agree up to the rounding of the stamps. So a wrong number is found
-where it is, in any motion, and does not disturb what comes after.
+From each knot (joint state or impact) the closed-form motion of the logged rig predicts the next
+one, which must agree up to the rounding of the stamps. A wrong number is thus located exactly, in
+any motion, and does not affect the check of what follows.
 
-Intervals in which m turns, or starts or ends resting, are followed event by event. If a knot does
-not follow from the one before, the rig is simulated from the last sound joint state before the
-fault to the first one after it. If it gets there, a message is wrong, missing or surplus, and the
-simulated one says by how much. If it does not, something was done to the rig that is not logged.
+Intervals in which m turns, or starts or stops resting, are simulated event by event. If a knot
+does not follow from the one before, the rig is simulated from the last sound joint state before
+the fault to the first one after it. If it reaches that state, a message is wrong, missing or
+surplus, and the simulation gives the difference. Otherwise the rig was changed without a log
+entry.
 """
 
 from __future__ import annotations
@@ -250,7 +251,11 @@ class _SimulatedRig:
         hits = [i for i in trajectory.events if i.kind is EventKind.IMPACT]
         speed = max(abs(float(knots.velocity[first])), abs(float(knots.damper_velocity[first])))
         # The weak impacts that end a chatter are not in the log.
-        strong = [hit for hit in hits if abs(hit.relative_before) > _WEAK * speed]
+        strong = [
+            hit
+            for hit in hits
+            if abs(hit.damper_velocity_before - hit.primary_velocity_before) > _WEAK * speed
+        ]
         if not at_impact:
             return None if strong else _state_of(trajectory)
         there = [hit for hit in hits if hit.time >= duration - _ROUNDED_S]
@@ -261,7 +266,7 @@ class _SimulatedRig:
             return None
         half = self._machine.stop
         z = hit.x + (half if hit.stop == 1 else -half)
-        return np.array([hit.x, hit.velocity_before, z, hit.velocity_before + hit.relative_before])
+        return np.array([hit.x, hit.primary_velocity_before, z, hit.damper_velocity_before])
 
 
 def _state_of(trajectory: Trajectory) -> Array:
@@ -364,7 +369,7 @@ class FaultSearch:
             wrong = self._wrong_intervals(knots, found)
             for first, last in _troubles(wrong, knots.stop == 0.0):
                 if last == end and not final and end - first < _LONGEST_TROUBLE:
-                    # The trouble may go on in the next part.
+                    # The fault may extend into the next part.
                     end = first
                     break
                 self._look_into(knots, first, last, wrong, found)
@@ -458,16 +463,15 @@ class FaultSearch:
     ) -> Iterator[Fault]:
         tol_x, tol_v, _, tol_w = (_MARGIN * float(t) for t in found.tolerances)
         mass = self._rig.rig.primary_mass
-        after = hit.velocity_after + hit.relative_after
         before = float(knots.velocity[row] - knots.velocity_before[row])
-        impulse = mass * (hit.velocity_after - hit.velocity_before)
+        impulse = mass * (hit.primary_velocity_after - hit.primary_velocity_before)
         stamp = _LATEST_S + _TIME_EPSILON * abs(start)
         damper = float(knots.damper_velocity[row])
         for quantity, unit, recorded, expected, tolerance in (
             ('instant', 's', float(knots.time[row]), start + hit.time, stamp),
             ('X', 'm', float(knots.x[row]), hit.x, tol_x),
-            ("X' after", 'm/s', float(knots.velocity[row]), hit.velocity_after, tol_v),
-            ("Z' after", 'm/s', damper, after, tol_w),
+            ("X' after", 'm/s', float(knots.velocity[row]), hit.primary_velocity_after, tol_v),
+            ("Z' after", 'm/s', damper, hit.damper_velocity_after, tol_w),
             ('impulse', 'N s', mass * before, impulse, mass * tol_v),
         ):
             if not abs(recorded - expected) <= tolerance:
@@ -481,14 +485,16 @@ class FaultSearch:
             return RecordedImpacts.none()
         rig = self._rig.rig
         half = 0.5 * rig.gap
-        impulses = [rig.primary_mass * (h.velocity_after - h.velocity_before) for h in hits]
+        impulses = [
+            rig.primary_mass * (h.primary_velocity_after - h.primary_velocity_before) for h in hits
+        ]
         columns = [
             [start + h.time for h in hits],
             [float(h.stop) for h in hits],
             [h.x for h in hits],
             [h.x + (half if h.stop == 1 else -half) for h in hits],
-            [h.velocity_after for h in hits],
-            [h.velocity_after + h.relative_after for h in hits],
+            [h.primary_velocity_after for h in hits],
+            [h.damper_velocity_after for h in hits],
             impulses,
             [-impulse for impulse in impulses],
         ]

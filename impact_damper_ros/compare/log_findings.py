@@ -1,10 +1,10 @@
 """
-The faults of a log, in itself and against the rig that it names, in words.
+Faults of a log: contradictions within it, and with the parameters of the rig, as sentences.
 
-Where m is at an impact shows the gap; how fast the masses separate, the restitution;
-and both masses receive the same impulse. None of this needs the motion between the impacts. If
-that disobeys the equations of motion, each parameter in turn is fitted to the residuals, all
-others kept as logged.
+The position of m at an impact determines the gap, the velocities of approach and separation the
+restitution, and both masses receive equal impulses. None of this needs the motion between the
+impacts. If that violates the equations of motion, each parameter in turn is fitted to the
+residuals, with all others as logged.
 """
 
 from __future__ import annotations
@@ -74,12 +74,12 @@ def _misplaced(
     if count >= _LEAST_IMPACTS:
         later = states.time >= when[begin]
         if not later.any() or astray[later].any() or not off[later].all():
-            seen = f'{count} impacts from {when[begin]:.9g} s on are there'
+            seen = f'{count} impacts from {when[begin]:.9g} s on'
             return _StopPlace(float(np.median(where[begin:])), float(when[begin]), seen)
     first = _last_run(astray)
     if len(at) - first >= _LEAST_IMPACTS:
         time = float(states.time[first])
-        seen = f'the joint states show it there from {time:.9g} s on'
+        seen = f'joint states from {time:.9g} s on'
         return _StopPlace(float(np.median(at[first:])), time, seen)
     return None
 
@@ -136,9 +136,9 @@ def _contact_findings(
         first = int(wrong[0])
         time, found = float(impacts.time[first]), float(side[first] * outward[first])
         text = (
-            f'{len(wrong)} impacts are not where their stop is or push M the wrong way, first on '
-            f'stop {impacts.stop[first]:.0f} at {time:.9f} s: Y is {found:.9g} m, the impulse on '
-            f'M {impacts.primary_impulse[first]:.9g} N s'
+            f'{len(wrong)} impacts are not at their stop or push M in the wrong direction, first '
+            f'on stop {impacts.stop[first]:.0f} at {time:.9f} s: Y is {found:.9g} m, the impulse '
+            f'on M {impacts.primary_impulse[first]:.9g} N s'
         )
         expected = float(side[first]) * half
         yield Finding('Y at impact', 'm', time, found, expected, tolerance, text)
@@ -236,7 +236,7 @@ def _impulse_findings(impacts: RecordedImpacts) -> Iterator[Finding]:
     on_m, on_primary = float(impacts.damper_impulse[worst]), float(impacts.primary_impulse[worst])
     time = float(impacts.time[first])
     text = (
-        f'{len(wrong)} impacts do not give M and m the same impulse: up to {on_m:.9g} N s on m '
+        f'{len(wrong)} impacts do not give M and m equal impulses: up to {on_m:.9g} N s on m '
         f'and {on_primary:.9g} N s on M, first at {time:.9f} s'
     )
     yield Finding('impulse', 'N s', time, on_m, -on_primary, _TOLERANCE * scale, text)
@@ -475,7 +475,7 @@ def log_findings(
     stretch: RecordedStretch, search: FaultSearch | None, replayed: Sequence[Finding] | None = None
 ) -> list[Finding]:
     """
-    Return what is wrong with the log of a stretch, the earliest first.
+    Return the faults in the log of a stretch, the earliest first.
 
     `search` is the check of its flights, `replayed` what a bit-for-bit replay of the log found in
     it; each is None if there was none.

@@ -1,5 +1,5 @@
 """
-What is measured of a stretch: swing, impacts, energy, and the motion in detail.
+Measurements of a stretch: swing, impacts, energy, and the motion in detail.
 
 Between two recorded knots (joint states and impacts) X and Y are the cubics through the recorded
 positions and velocities. The equation of motion does not enter, so that the residual of the energy
@@ -299,8 +299,8 @@ def measured_motion(
     """
     Measure a part of a stretch, as far as it was kept.
 
-    The last period of a periodic motion and its impacts per cycle are handed on; without, these
-    are counted.
+    The last period of a periodic motion and its impacts per cycle are passed on; by default the
+    impacts are counted.
     """
     knots = stretch.knots(start, end)
     if len(knots):

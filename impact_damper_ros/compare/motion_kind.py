@@ -34,13 +34,14 @@ from impact_damper_ros.orbits.recognition import (
     find_recurrence,
     section_distance,
 )
-from impact_damper_ros.orbits.settling import section_of
+from impact_damper_ros.orbits.settling import relative_states
 from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
 from impact_damper_ros.rig.mode import REST_1, REST_2, RigConstants, rig_constants
 from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.simulator import Snapshot
+from impact_damper_ros.wording import counted
 
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from .result import Array
@@ -50,7 +51,7 @@ from .result import Array
 
 @dataclass(frozen=True)
 class Oscillation:
-    """The steady vibration that theory has without impacts."""
+    """The predicted steady vibration without impacts."""
 
     x_max: float  # largest |X| of it, m
     joined: bool  # whether m moves with M
@@ -154,8 +155,8 @@ _SEARCHED, _LONGEST = 1500, 64
 _REPEATED = 1e-6
 
 
-#: Growth after which the stamps, good to 1e-9, do not determine what a motion comes to; it has
-#: shrunk by e to the seventh since the chaos ended.
+#: Growth above which the stamps, exact to 1e-9, do not determine the motion that is reached; it
+#: has shrunk by e to the seventh since the chaos ended.
 _UNFORESEEABLE = 12.0
 
 
@@ -165,7 +166,7 @@ class LaterMotion:
 
     cycles: int  # of the force that it was run
     impacts: RecordedImpacts  # without the weak ones of chatters, on the clock of the recording
-    recurrence: Recurrence | None  # how they repeat, or come to
+    recurrence: Recurrence | None  # how they repeat, or will
     settled_after: int | None  # cycles after which it repeats to within `SETTLED`
     period: int  # in cycles of the force, once settled; 0 if it is not, or without impacts
     quiet_after: int | None  # cycles after which there are no more impacts
@@ -174,7 +175,7 @@ class LaterMotion:
 
     @property
     def unforeseeable(self) -> bool:
-        """Whether the recording does not determine what the motion comes to."""
+        """Whether the recording does not determine the motion that is reached."""
         return self.growth > _UNFORESEEABLE
 
 
@@ -224,7 +225,7 @@ def _period_of(section: Array) -> int:
 
 
 class _RigAhead:
-    """The rig that is run ahead, and what it has done so far."""
+    """The rig that is run ahead, and its motion so far."""
 
     def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
         self._clock = clock
@@ -250,7 +251,8 @@ class _RigAhead:
         stretch = self._run.advance(float(ends[-1]), instants, most_events=left)
         self._events.append(stretch.events)
         self._sections.append(
-            section_of(stretch.samples) / np.array([1.0, self._rig.omega, 1.0, self._rig.omega])
+            relative_states(stretch.samples)
+            / np.array([1.0, self._rig.omega, 1.0, self._rig.omega])
         )
         self.cycles += len(stretch.samples)
         self.event_count += stretch.event_count
@@ -267,7 +269,7 @@ class _RigAhead:
         return counted_impacts(_as_recorded(self.events(), self._rig, self._begin))
 
     def quiet_after(self) -> int | None:
-        """Return after how many cycles the impacts ended; None if they go on."""
+        """Return after how many cycles the impacts ended; None if they have not."""
         events = self.events()
         times = events['time'][events['kind'] == EventKind.IMPACT]
         cycles = math.ceil(float(times[-1]) / self._clock.cycle) if len(times) else 0
@@ -369,7 +371,7 @@ _GUARD_S = 2e-9
 
 def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications | None:
     """
-    Measure how fast motions next to the recorded one diverge from it or converge to it.
+    Measure the rate at which motions next to the recorded one diverge from it or converge to it.
 
     Between two recorded impacts the theory of the logged rig carries a deviation in closed form,
     through reversals too; at every impact the recorded velocities give the saltation matrix. The
@@ -428,7 +430,7 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications
 
 #: Cycles with impacts from which on the rig is run ahead.
 _RUN_AHEAD_FROM = 8
-#: If it is chaotic at first, it is run ahead from so many earlier impacts, too.
+#: Number of earlier impacts from which it is also run ahead if it is chaotic at first.
 _OTHER_WAYS = 3
 #: Cycles that are enough for most motions.
 _FEW_CYCLES = 30
@@ -439,9 +441,7 @@ _NOT_REGULAR = 0.5
 
 
 def _period_text(recurrence: Recurrence) -> str:
-    cycles = '1 cycle' if recurrence.cycles == 1 else f'{recurrence.cycles} cycles'
-    hits = '1 impact' if recurrence.impacts == 1 else f'{recurrence.impacts} impacts'
-    return f'{cycles} ({hits})'
+    return f'{counted(recurrence.cycles, "cycle")} ({counted(recurrence.impacts, "impact")})'
 
 
 def _recurring(recurrence: Recurrence, impacts: RecordedImpacts) -> StretchKind:
@@ -500,8 +500,8 @@ def _settling(clock: ForceClock, impacts: RecordedImpacts, ahead: LaterMotion) -
     """
     Return the kind of a motion that settles after chaos.
 
-    The stamps do not determine it that far ahead. From each of the last impacts the rig
-    takes another way; only if all of them lead to the same period, the motion is said to settle.
+    The stamps do not determine the motion that far ahead. The rig is therefore run ahead from each
+    of the last impacts; the motion counts as settling only if all runs reach the same period.
     """
     spent = _cycles_of(clock, impacts)
     others = [later_motion(clock, impacts[:-back], spent) for back in range(1, _OTHER_WAYS + 1)]
@@ -595,7 +595,7 @@ def _contradiction(kind: MotionKind, recorded: Indications | None, regularity: f
         if recorded.grows:
             return 'along the recording neighbouring motions diverge'
         if regularity > _NOT_REGULAR:
-            return 'the 0-1 test of the recorded impacts is not that of a regular motion'
+            return 'the 0-1 test of the recorded impacts does not indicate a regular motion'
     return ''
 
 
@@ -616,9 +616,9 @@ def _doubt(found: Indications | None, ahead: LaterMotion | None, spent: float) -
             f'{text}about {math.ceil(math.log(SETTLED) / found.exponent)} more cycles would decide'
         )
     if found.grows:
-        text = 'neighbouring motions diverge, but the averages are those of a regular motion'
+        text = 'neighbouring motions diverge, but the averages indicate a regular motion'
     elif found.neutral:
-        text = 'neighbouring motions keep their distance, but the averages are not steady'
+        text = 'neighbouring motions neither converge nor diverge, but the averages are not steady'
     else:
         text = 'the exponent is too near to zero'
     return f'{text}; about {4 * found.cycles} cycles in all would decide'
@@ -670,7 +670,7 @@ def kind_of(clock: ForceClock, impacts: RecordedImpacts, *, sound: bool = True) 
 
 
 def _confirmed(recurrence: Recurrence, ahead: LaterMotion) -> bool:
-    """Return whether the rig, run ahead, comes to the period of its recorded impacts."""
+    """Return whether the rig, run ahead, reaches the period of its recorded impacts."""
     if ahead.period:
         return ahead.period == recurrence.cycles
     slowly = ahead.indications is not None and ahead.indications.shrinks

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.orbits import (
+    Continuation,
     ImpactEquations,
     OrbitError,
     PeriodicOrbit,
@@ -37,6 +38,7 @@ from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.flight import motion_at
 from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.origin import offset_of
+from impact_damper_ros.wording import counted
 
 from .motion_kind import NEGLIGIBLE_IMPULSE, impact_table
 from .recorded_stretch import ForceClock, RecordedImpacts
@@ -180,7 +182,7 @@ def _match_orbit(
         return MatchedOrbit(None, np.inf, str(error))
     if best is None:
         stops = ','.join(map(str, period.stops))
-        text = f'no motion with the stops {stops} in {cycles} cycles was found'
+        text = f'no motion with the stops {stops} in {counted(cycles, "cycle")} was found'
         return MatchedOrbit(None, np.inf, text)
     return MatchedOrbit(best[1], best[0], how)
 
@@ -520,12 +522,9 @@ class GapCurves:
 def _followed(orbit: PeriodicOrbit) -> GapCurve | None:
     """Follow a motion in the gap; None if that cannot be done."""
     gap = orbit.parameters.gap
-    low, high = gap / _GAP_RANGE, gap * _GAP_RANGE
+    along = Continuation('gap', gap / _GAP_RANGE, gap * _GAP_RANGE, most_points=_GAP_POINTS)
     try:
-        down, up = (
-            continue_orbit(orbit, 'gap', low, high, upwards=upwards, most_points=_GAP_POINTS)
-            for upwards in (False, True)
-        )
+        down, up = (continue_orbit(orbit, along, upwards=upwards) for upwards in (False, True))
     except (ValueError, ArithmeticError):
         return None
     orbits = [*down.orbits[::-1], *up.orbits[1 if down.orbits else 0 :]]

@@ -1,9 +1,9 @@
 """
-Which periodic motion a rig will settle into, from where it is.
+The periodic motion into which a rig will settle from its present state.
 
-Theory gives the periodic motions; to which of several stable ones a rig comes depends on where it
-starts. The motion between impacts being closed-form, the rig is run ahead until its impacts
-repeat; the periodic motion next to that is then solved for, with its multipliers.
+Theory gives the periodic motions; which of several stable ones a rig reaches depends on its state.
+The rig is therefore run ahead, in closed form, until its impacts repeat, and the nearest periodic
+motion is solved for, with its multipliers.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from impact_damper_ros.orbits.search import counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
 from impact_damper_ros.rig import Event, ParameterError, RigParameters, Simulator
 from impact_damper_ros.rig.event_budget import REMEDY
+from impact_damper_ros.wording import counted
 
 from .motion_kind import later_motion
 from .recorded_stretch import ForceClock, RecordedImpacts
 
 AnyRig: TypeAlias = Simulator | ControlledRig
-#: Why a motion is the predicted one: the rig was measured to move like it, or comes to it when it
-#: is run ahead, or it is only the first of those that exist.
+#: Why a motion is the predicted one: it is near the measured one, the rig reaches it when it is
+#: run ahead, or it is the first of those that exist.
 Basis: TypeAlias = Literal['measured', 'run ahead', 'listed', '']
 
 #: Longest run ahead, in cycles of the force, and how often its impacts are examined.
@@ -51,7 +52,7 @@ _MOST_SOUGHT = 32
 @dataclass(frozen=True)
 class ObservedMotion:
     """
-    The motion of a rig, as measured on it or as it comes to it when it is run ahead.
+    The motion of a rig, as measured or as reached when it is run ahead.
 
     Attributes
     ----------
@@ -94,7 +95,7 @@ class Prediction:
     basis : str
         Why that one.
     reason : str
-        Why there is none, or what limits the choice.
+        Why there is none, or a limitation of the choice.
     complete : bool
         Whether this is the last answer.
     applies : bool
@@ -190,7 +191,7 @@ class _Orbits:
         return best
 
     def like(self, parameters: RigParameters, motion: ObservedMotion) -> PeriodicOrbit | None:
-        """Return the predicted motion that an observed one has come to, and keep it."""
+        """Return the predicted motion that an observed one has reached, and keep it."""
         rhythm, impact = motion.rhythm, motion.impact
         if rhythm is None or impact is None:
             return None
@@ -216,7 +217,7 @@ class _Orbits:
 
 def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator[Prediction]:
     """
-    Predict the motion of a rig, at first quickly and then ever more thoroughly.
+    Predict the motion of a rig, in answers of increasing quality.
 
     Parameters
     ----------
@@ -286,18 +287,19 @@ def _how_irregular(clock: ForceClock, ahead: ObservedMotion) -> str:
 def _why_none(ahead: ObservedMotion) -> str:
     if ahead.endless:
         return (
-            'run ahead from where it is, the rig has too many impacts to be run on after '
+            'run ahead from its state, the rig has too many impacts to continue after '
             f'{ahead.cycles} cycles of the force: {REMEDY}'
         )
     if not ahead.hits:
-        return f'run ahead from where it is, m hits no stop any more after {ahead.cycles} cycles'
+        return f'run ahead from its state, the rig has no more impacts after {ahead.cycles} cycles'
     if ahead.rhythm is None:
         return (
-            f'run ahead from where it is, the rig does not repeat within {ahead.cycles} cycles '
-            'of the force'
+            f'run ahead from its state, the rig does not repeat within {ahead.cycles} cycles of '
+            'the force'
         )
     stops = ','.join(map(str, ahead.rhythm.stops))
     return (
-        f'run ahead, the rig comes to stops {stops} in {ahead.rhythm.cycles} cycles of the '
-        'force, for which the solvers find no motion'
+        f'run ahead, the rig reaches a motion with stops {stops} in '
+        f'{counted(ahead.rhythm.cycles, "cycle")} of the force, '
+        'for which the solvers find no motion'
     )

@@ -228,8 +228,8 @@ def largest_size(*columns: Array) -> float:
     """
     Return the largest modulus in some columns, 0 if they are empty.
 
-    A number a thousand times beyond nine tenths of the others is taken for a fault: it must not
-    set the tolerance of the others.
+    A number a thousand times larger than nine tenths of the others counts as a fault, which must
+    not determine the tolerance of the others.
     """
     sizes = np.abs(np.concatenate(columns))
     sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
@@ -241,7 +241,7 @@ def largest_size(*columns: Array) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedStretch(LoggedStretch):
-    """A stretch of a run, with what was recorded of it."""
+    """A stretch of a run, with its recorded states and impacts."""
 
     clock: ForceClock | None  # the force; None if its phase is not known
     states: RecordedStates  # the last ones

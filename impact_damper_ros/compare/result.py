@@ -176,7 +176,7 @@ class EnergyBalance:
     stored : float
         Change of kinetic and potential energy.
     residual : float
-        What is left unexplained.
+        The unexplained remainder.
     tolerance : float
         Largest residual that interpolation between the samples explains.
     """
@@ -266,7 +266,7 @@ class Verdict(Enum):
     AGREES = 'agrees'
     NOT_SETTLED = 'not settled yet'
     DIFFERS = 'differs'
-    #: The motion that theory has here is not stable, so that the rig leaves it.
+    #: The predicted motion is not stable, so that the rig leaves it.
     PREDICTED_UNSTABLE = 'predicted unstable'
     NO_PREDICTION = 'no prediction'
     #: Too little was recorded.
@@ -384,7 +384,7 @@ class GapCurve:
 
 @dataclass(frozen=True)
 class StretchCurves:
-    """All arrays of one stretch, of bounded size; None if there is nothing to show."""
+    """The arrays of one stretch for plots, of bounded size; None for those that do not apply."""
 
     envelope: SwingEnvelope | None = None  # X over the whole stretch
     #: The end of the stretch in detail: the last periods, or the last cycles of the force.
@@ -420,7 +420,7 @@ class StretchComparison(LoggedStretch):
     Attributes
     ----------
     samples, impacts, missing_samples : int
-        What was recorded of it.
+        Numbers of recorded joint states and impacts, and of missing joint states.
     kind : MotionKind
         The kind of the motion.
     evidence : str
@@ -436,12 +436,12 @@ class StretchComparison(LoggedStretch):
     measured : MeasuredMotion or None
         The steady part.
     predicted : PeriodicOrbit or None
-        The periodic motion that theory has for the logged parameters, nearest to the measured one,
-        begun at the same impact as `measured.last_period`.
+        The periodic motion predicted for the logged parameters, the nearest to the measured one,
+        beginning at the same impact as `measured.last_period`.
     predicted_impulse : tuple of float
         Its impulses, N s.
     solver : str
-        What found it, or why there is no prediction.
+        The method that found it, or why there is no prediction.
     energy : EnergyBalance or None
         Over whole periods.
     decay : Decay or None
@@ -502,9 +502,9 @@ class LogCheck:
     text : str
         What was checked, in words.
     differences : int
-        Numbers and messages that differ from the replay.
+        Number of values and messages that differ from the replay.
     unchecked : tuple of str
-        Topics, and what else, that was not checked.
+        Topics and parameters that were not checked.
     """
 
     replayed: bool
@@ -527,11 +527,11 @@ class RunComparison:
     complete : bool
         Whether the bag was finished and nothing of it is missing.
     stamps : str
-        What the log times are: ``'rig time'``, or ``'times of arrival'``.
+        Kind of the time stamps: ``'rig time'``, or ``'times of arrival'``.
     start, end : float
         Rig times of the first and last sample, s.
     samples, impacts : int
-        How many there are.
+        Numbers of joint states and of impacts.
     stretches : tuple of StretchComparison
         In order.
     log : LogCheck

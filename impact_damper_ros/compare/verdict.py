@@ -12,6 +12,7 @@ import numpy as np
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
 from impact_damper_ros.orbits.equations import check_forcing
 from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
+from impact_damper_ros.wording import counted
 
 from .flight_check import FaultSearch
 from .log_findings import log_findings, repaired_impacts
@@ -47,9 +48,9 @@ class _Judgement(NamedTuple):
 
 
 def _motion_name(orbit: PeriodicOrbit) -> str:
-    cycles = '1 cycle' if orbit.cycles == 1 else f'{orbit.cycles} cycles'
+    cycles = counted(orbit.cycles, 'cycle')
     if orbit.impacts > _LISTED_STOPS:
-        return f'the motion with {orbit.impacts} impacts in {cycles}'
+        return f'the motion with {counted(orbit.impacts, "impact")} in {cycles}'
     stops = ','.join(str(stop) for stop in orbit.stops)
     return f'the motion with the stops {stops} in {cycles}'
 
@@ -138,16 +139,16 @@ def _beside(
         named = ','.join(str(stop) for stop in stops)
         reason = orbits[0].reason if orbits else 'the equations have no solution'
         text = (
-            f'{what}: theory has no motion with the stops {named} in 1 cycle that this rig could '
-            f'make ({reason})'
+            f'{what}: theory finds no motion with the stops {named} in 1 cycle that this rig can '
+            f'perform ({reason})'
         )
         return _Judgement(Verdict.NO_PREDICTION, text)
     if not orbit.stable:
-        text = f'{what}: theory has {_motion_name(orbit)}, but it is {_stability(orbit)}'
+        text = f'{what}: theory finds {_motion_name(orbit)}, but it is {_stability(orbit)}'
         return _Judgement(Verdict.PREDICTED_UNSTABLE, text)
     text = (
-        f'{what}; theory has {_motion_name(orbit)} ({_stability(orbit)}), which the rig may come '
-        'to from other initial conditions, or later'
+        f'{what}; theory finds {_motion_name(orbit)} ({_stability(orbit)}), which the rig may '
+        'reach later, or from other initial conditions'
     )
     return _Judgement(Verdict.NO_PREDICTION, text)
 
@@ -155,7 +156,7 @@ def _beside(
 def _judged_oscillation(found: Oscillation | None, x_max: float) -> _Judgement:
     """Judge a motion without impacts."""
     if found is None:
-        text = 'm slides without impacts: theory has no such motion'
+        text = 'm slides without impacts: theory does not cover such a motion'
         return _Judgement(Verdict.NO_PREDICTION, text)
     how = 'with m on it' if found.joined else 'without m'
     text = (
@@ -182,11 +183,11 @@ def _why_no_theory(stretch: RecordedStretch) -> str:
         mode = stretch.control['gap_control']
         return f'the gap is under control ({mode}): the periodic theory is for a constant gap'
     if rig.multisine_level > 0.0:
-        return 'the force is a multisine: it does not repeat within the periods looked for'
+        return 'the force is a multisine: it has no period within the range searched'
     if rig.sweep_mode != 'off':
         return 'the frequency of the force is swept'
     if rig.force_amplitudes[0] == 0.0 or rig.force_frequencies[0] == 0.0:
-        return 'the first harmonic of the force is off: there are no cycles to count'
+        return 'the first harmonic of the force is zero: there are no cycles to count'
     if stretch.clock is None:
         return 'the phase of the force is not in the bag (no snapshot)'
     for cycles in range(1, LONGEST_PERIOD + 1):

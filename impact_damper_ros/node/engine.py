@@ -10,7 +10,7 @@ published. So the joint states of a tick show a change that took effect at it.
 All requests to the engine go through a queue and take effect at the tick the rig is at, a whole
 number of nanoseconds. A rig that takes long from one tick to the next is moved in slices
 (`motion_ahead`); requests take effect between these, at whole nanoseconds, too. A rig that cannot
-go on, or has too many events on the way to the next tick, is held until a change or a reset.
+continue, or has too many events on the way to the next tick, is held until a change or a reset.
 Everything in a recording is written by this thread, in order.
 """
 
@@ -74,7 +74,7 @@ class Load(NamedTuple):
 
 
 class EngineStatus(NamedTuple):
-    """State of the engine, for other threads; `held` says why the rig cannot go on."""
+    """State of the engine, for other threads; `held` is the reason why the rig cannot continue."""
 
     time_ns: int
     paused: bool
@@ -86,6 +86,53 @@ class EngineStatus(NamedTuple):
     scheduling: str = ORDINARY
     held: str = ''
     load: Load = Load()
+
+
+class EngineSettings(NamedTuple):
+    """
+    Pace and stamps of an engine.
+
+    Attributes
+    ----------
+    state_rate : float
+        Ticks per second of rig time.
+    real_time_factor : float
+        Rig seconds per wall second; 0 runs as fast as possible.
+    publish_clock : bool
+        Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from
+        the system time at the start, and a pause or a slip moves them on with the wall clock.
+    real_time_priority : int
+        Priority of the thread, if it is permitted; 0, as for a rig that runs as fast as possible,
+        for ordinary scheduling.
+    """
+
+    state_rate: float
+    real_time_factor: float
+    publish_clock: bool
+    real_time_priority: int = 0
+
+
+class EngineCallbacks(NamedTuple):
+    """
+    What an engine calls, from its own thread.
+
+    Attributes
+    ----------
+    alive : callable
+        Whether ROS still runs; publishing fails once it does not.
+    on_failure : callable
+        Called if the engine fails; its `failure` is set then.
+    on_course : callable
+        Called at the start and after every change and reset, with the snapshot of the rig as
+        JSON; must return at once.
+    on_trouble : callable
+        Called with a text if the rig falls behind the wall clock or cannot continue.
+    """
+
+    alive: Callable[[], bool]
+    on_failure: Callable[[], object]
+    on_course: Callable[[str], object] = lambda _: None
+    on_trouble: Callable[[str], object] = lambda _: None
 
 
 class NotNowError(Exception):
@@ -118,7 +165,7 @@ class Ticket:
         return self._done.wait(timeout)
 
     def carry_out(self, time_ns: int) -> None:
-        """Carry out the request; one that the rig refuses is no failure of the engine."""
+        """Carry out the request; a rejection by the rig is not a failure of the engine."""
         self.time_ns = time_ns
         try:
             self.result = self._action()
@@ -195,28 +242,12 @@ class Engine:
         The rig and where it starts.
     publishers : mapping of str to TopicPublisher
         Where to publish; see `publishing.RigPublishers`.
-    state_rate : float
-        Ticks per second of rig time.
-    real_time_factor : float
-        Rig seconds per wall second; 0 runs as fast as possible.
-    publish_clock : bool
-        Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from
-        the system time at the start, and a pause or a slip moves them on with the wall clock.
+    settings : EngineSettings
+        Pace and stamps.
+    callbacks : EngineCallbacks
+        What to call.
     control : GapControlParameters, optional
         The control of the gap; off, if not given.
-    alive : callable
-        Whether ROS still runs; publishing fails once it does not.
-    on_failure : callable
-        Called from the engine's thread if the engine fails; `failure` is set then.
-    on_course : callable, optional
-        Called from the engine's thread at the start and after every change and reset, with the
-        snapshot of the rig as JSON; must return at once.
-    on_trouble : callable, optional
-        Called from the engine's thread with a text if the rig falls behind the wall clock or
-        cannot go on.
-    real_time_priority : int, optional
-        Of the thread, if it is permitted; 0, as for a rig that runs as fast as possible, for
-        ordinary scheduling.
 
     Raises
     ------
@@ -229,33 +260,24 @@ class Engine:
         parameters: RigParameters,
         initial: InitialConditions,
         publishers: RigPublishers,
-        *,
-        state_rate: float,
-        real_time_factor: float,
-        publish_clock: bool,
-        alive: Callable[[], bool],
-        on_failure: Callable[[], None],
+        settings: EngineSettings,
+        callbacks: EngineCallbacks,
         control: GapControlParameters | None = None,
-        on_course: Callable[[str], object] = lambda _: None,
-        on_trouble: Callable[[str], object] = lambda _: None,
-        real_time_priority: int = 0,
     ) -> None:
         self.failure: Exception | None = None
         self._simulator = ControlledRig(parameters, initial, control=control)
         self._publishers = publishers
-        self._on_failure = on_failure
-        self._on_course = on_course
-        self._on_trouble = on_trouble
-        self._grid = TickGrid(state_rate)
-        self._scheduling = Scheduling(real_time_priority)
+        self._callbacks = callbacks
+        self._grid = TickGrid(settings.state_rate)
+        self._scheduling = Scheduling(settings.real_time_priority)
         self._pacer = Pacer(
             self._grid.instant(1),
-            real_time_factor,
+            settings.real_time_factor,
             sleep=sleep_first_in_line,
             on_slip=self._slip,
         )
-        self._free_running = not real_time_factor
-        self._stamps = StampClock(simulated=publish_clock)
+        self._free_running = not settings.real_time_factor
+        self._stamps = StampClock(simulated=settings.publish_clock)
         self._time_ns = 0
         self._tick = 0
         # Between a tick and its joint states
@@ -264,7 +286,7 @@ class Engine:
         # A step of the paused rig that is under way: whether it is done, and who waits for it
         self._step_done: Callable[[], bool] | None = None
         self._stepping = Ticket(lambda: None)
-        # Why the rig cannot go on
+        # Why the rig cannot continue
         self._held = ''
         self._slipped = False
         self._news = 'start'
@@ -273,7 +295,7 @@ class Engine:
             publishers,
             self._grid,
             MotionTrace.at(parameters, self._simulator.snapshot()),
-            ticks_ahead(self._grid.instant(1), real_time_factor),
+            ticks_ahead(self._grid.instant(1), settings.real_time_factor),
         )
         # Whether the rig has another motion since the last snapshot; also at the start
         self._new_course = True
@@ -281,7 +303,7 @@ class Engine:
         self._listing = b''
         self._requests = RequestQueue()
         self._stopping = threading.Event()
-        self._out = Emitter(alive, self._stopping.set)
+        self._out = Emitter(callbacks.alive, self._stopping.set)
         self._thread = threading.Thread(target=self._run, name='engine', daemon=True)
 
     # Called from other threads
@@ -341,7 +363,7 @@ class Engine:
         return self._requests.submit(lambda: self._change(parameters, event, control, listing))
 
     def reset(self, initial: InitialConditions) -> Ticket:
-        """Put the rig back to initial conditions; rig time goes on."""
+        """Reset the rig to initial conditions; rig time continues."""
         return self._requests.submit(lambda: self._reset(initial))
 
     def pause(self, paused: bool) -> Ticket:
@@ -385,7 +407,7 @@ class Engine:
             self._requests.close()
             self._end_step('the rig is shutting down')
         if self.failure is not None:
-            self._on_failure()
+            self._callbacks.on_failure()
 
     def _run_ticks(self) -> None:
         self._stamps.begin()
@@ -461,12 +483,14 @@ class Engine:
             self._serve()
 
     def _give_up(self, error: Exception) -> None:
-        """Hold a rig that cannot go on."""
+        """Hold a rig that cannot continue."""
         kind = '' if isinstance(error, RunawayError) else f'{type(error).__name__}: '
         self._held = f'{kind}{error}'
         self._motion.stand_at(self._time_ns)
         self._end_step(f'the rig is held: {self._held}')
-        self._on_trouble(f'the rig is held: {self._held}; it waits for a change or a reset')
+        self._callbacks.on_trouble(
+            f'the rig is held: {self._held}; it waits for a change or a reset'
+        )
 
     def _go_on(self) -> None:
         """Resume a rig with new stamps and deadlines."""
@@ -494,7 +518,7 @@ class Engine:
             self._motion.discard()
             self._news = self._news or 'slip'
             late_s = (self._stamps.offset_ns - before_ns) * 1e-9
-            self._on_trouble(
+            self._callbacks.on_trouble(
                 f'the rig was {late_s:.3f} s late and skips that time: its stamps are moved on by '
                 'as much'
             )
@@ -571,7 +595,7 @@ class Engine:
         return self._stepping
 
     def _end_step(self, failure: str = '') -> None:
-        """Pause the rig where its step has come to."""
+        """Pause the rig at the end of its step."""
         if self._step_done is None:
             return
         self._step_done = None
@@ -629,7 +653,7 @@ class Engine:
         if self._new_course:
             self._new_course = False
             self._motion.trace = MotionTrace.at(self._simulator.parameters, state)
-            self._on_course(text)
+            self._callbacks.on_course(text)
 
     def _record_event(self, event: bytes) -> None:
         stamp_ns = self.stamp_ns()

@@ -156,7 +156,7 @@ class Moved(NamedTuple):
     Attributes
     ----------
     time_ns : int
-        Rig time that it has come to: the next tick, or one before it.
+        Rig time that it has reached: the next tick, or an instant before it.
     messages : list of OutgoingMessage
         Impacts and acts of the gap control, to be sent before the joint states of that tick.
     """
@@ -166,7 +166,7 @@ class Moved(NamedTuple):
 
 
 def _slice() -> Callable[[], bool]:
-    """Begin a slice; return a function that reports whether it is over."""
+    """Begin a slice; return a function that returns whether it is over."""
     end, grace_end = monotonic_ns() + SLICE_NS, 0
 
     def over() -> bool:

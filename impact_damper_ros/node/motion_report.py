@@ -24,6 +24,7 @@ from impact_damper_ros.orbits.recognition import (
     rhythm_of,
 )
 from impact_damper_ros.rig import Event, RigParameters
+from impact_damper_ros.wording import counted
 
 from .motion_ahead import KEPT, MotionTrace
 from .prediction import Answer, PredictedMotion, Predictor, PredictorStatus
@@ -38,7 +39,7 @@ LEAST_SAMPLES_PER_CYCLE = 6.0
 
 
 @dataclass(frozen=True)
-class MeasuredMotion:
+class RecentMotion:
     """
     The measured motion of a rig.
 
@@ -80,16 +81,14 @@ class MeasuredMotion:
         return self.kind is MotionKind.PERIODIC
 
 
-def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
+def measure(trace: MotionTrace, state_rate: float) -> RecentMotion:
     """Measure the motion of a rig since its last change or reset."""
     parameters, frequency, now = trace.parameters, trace.frequency, trace.time
     if not (frequency and parameters.force_amplitudes[0] and not parameters.multisine_level):
         cycle = math.tau / parameters.omega
         recently = trace.largest(now - MEASURED_CYCLES * cycle)
         enough = state_rate * cycle >= LEAST_SAMPLES_PER_CYCLE
-        return MeasuredMotion(
-            MotionKind.NOT_PERIODICALLY_DRIVEN, x_max=recently if enough else None
-        )
+        return RecentMotion(MotionKind.NOT_PERIODICALLY_DRIVEN, x_max=recently if enough else None)
     cycle = math.tau / frequency
     cycles = (now - trace.began) / cycle
     impacts = trace.impacts()
@@ -127,7 +126,7 @@ def measure(trace: MotionTrace, state_rate: float) -> MeasuredMotion:
         amplitude = _response_amplitude(parameters, frequency)
         if 0.0 < amplitude < math.inf:
             ratio = x_max / amplitude
-    return MeasuredMotion(
+    return RecentMotion(
         kind,
         cycles,
         per_cycle,
@@ -184,7 +183,7 @@ class Agreement:
     tolerance: float = TOLERANCE
 
 
-def compare(measured: MeasuredMotion, answer: Answer) -> Agreement:
+def compare(measured: RecentMotion, answer: Answer) -> Agreement:
     """Compare a measured motion with the nearest predicted one."""
     rhythm = measured.rhythm
     near = answer.nearest(rhythm) if rhythm is not None else None
@@ -245,7 +244,7 @@ class MotionMonitor:
     def look(self) -> list[MotionReport]:
         """Return reports on the measured and the predicted motion."""
         self._looked = time.monotonic()
-        # In this order: a newer course has no rhythm yet that could be taken for the older one's.
+        # In this order, so that a new rhythm is never compared with an old prediction.
         status = self._predictor.status()
         measured = measure(self._trace(), self._state_rate)
         agreement = compare(measured, status.answer)
@@ -253,7 +252,7 @@ class MotionMonitor:
             self._ask_again(status, measured)
         return [measured_report(measured), predicted_report(status, agreement)]
 
-    def _ask_again(self, status: PredictorStatus, measured: MeasuredMotion) -> None:
+    def _ask_again(self, status: PredictorStatus, measured: RecentMotion) -> None:
         """Ask for a motion like the measured one, once for each stop sequence."""
         rhythm, impact = measured.rhythm, measured.impact
         assert rhythm is not None
@@ -266,7 +265,7 @@ class MotionMonitor:
             self._predictor.ask_like(rhythm, impact, measured.phase, status.course)
 
 
-def measured_report(measured: MeasuredMotion) -> MotionReport:
+def measured_report(measured: RecentMotion) -> MotionReport:
     """Report the measured motion."""
     rhythm = measured.rhythm
     words = measured.kind.value
@@ -293,12 +292,12 @@ def measured_report(measured: MeasuredMotion) -> MotionReport:
     )
 
 
-def _why_undecided(measured: MeasuredMotion) -> str:
+def _why_undecided(measured: RecentMotion) -> str:
     """Return why the kind of motion is undecided; empty if it is not."""
     if measured.kind is not MotionKind.UNDECIDED:
         return ''
     if measured.rhythm is not None:
-        return 'the impacts nearly repeat, but do not come closer to it'
+        return 'the impacts nearly repeat, but do not converge'
     return (
         f'no period of up to {LONGEST_RHYTHM} cycles of the force is recognised, '
         f'{measured.cycles:.0f} cycles after the last change'
@@ -349,7 +348,7 @@ def _state(status: PredictorStatus, agreement: Agreement) -> tuple[str, bool, st
         return ('unavailable', True, trouble) if trouble else ('computing', False, 'computing')
     if motion is None:
         if agreement.verdict == 'disagrees':
-            return 'none', True, 'the measured motion repeats, but theory has none like it'
+            return 'none', True, 'the measured motion repeats, but theory finds no such motion'
         # Without a periodic force there is none to be expected.
         warning = bool(answer.motions) and answer.complete
         return 'none', warning, answer.reason or 'no viable motion found so far'
@@ -364,8 +363,7 @@ def _state(status: PredictorStatus, agreement: Agreement) -> tuple[str, bool, st
 
 
 def _in_words(rhythm: Rhythm) -> str:
-    impacts = f'{rhythm.impacts} impact{"s" if rhythm.impacts > 1 else ""}'
-    cycles = f'{rhythm.cycles} cycle{"s" if rhythm.cycles > 1 else ""}'
+    impacts, cycles = counted(rhythm.impacts, 'impact'), counted(rhythm.cycles, 'cycle')
     return f'{impacts} in {cycles} (stops {",".join(map(str, rhythm.stops))})'
 
 

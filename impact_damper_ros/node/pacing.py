@@ -337,7 +337,7 @@ class EndRequest:
         return self._received.is_set()
 
     def wake_with(self, wake: Callable[[], object] | None) -> None:
-        """Set what is called from another thread on a signal, in place of the one before."""
+        """Set the function that is called on a signal, from another thread."""
         with self._waking:
             self._wake = wake
 

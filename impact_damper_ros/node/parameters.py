@@ -43,7 +43,7 @@ _LONGEST_NAME = 80
 _LONGEST_PATH = 1000
 #: Most warnings of one kind.
 _MOST_WARNINGS = 8
-# A name this similar to a known one is taken for misspelt, not for one of another node.
+# A name this similar to a known one counts as misspelt, not as one of another node.
 _MISSPELT = 0.75
 
 

@@ -1,7 +1,7 @@
 """
 The node's side of the prediction: a worker process, its requests and its answers.
 
-A thread of its own starts the worker, writes to it and starts it anew if it ends; another one
+A thread of its own starts the worker, writes to it and restarts it if it ends; another one
 reads its answers. They sleep but for some microseconds per request, so that neither the engine
 nor the executor ever waits for a prediction.
 """
@@ -41,7 +41,7 @@ class PredictedMotion:
     largest_multiplier : float
         Largest modulus of the stability multipliers.
     stable, viable : bool
-        Whether it is.
+        Whether it is stable, and whether the rig can perform it.
     reason : str
         Why it is not viable.
     """
@@ -55,7 +55,7 @@ class PredictedMotion:
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> PredictedMotion:
-        """Read what the worker has written."""
+        """Read a motion written by the worker."""
         names = ('amplitude_ratio', 'largest_multiplier', 'stable', 'viable', 'reason')
         return cls(Rhythm.from_dict(stored), *(stored[name] for name in names))
 
@@ -74,13 +74,13 @@ class Answer:
     expected : PredictedMotion or None
         The one of them that is predicted.
     basis, reason : str
-        Why that one, or why none.
+        Why that one, or why there is none.
     complete : bool
         Whether no better answer is to come.
     seconds : float
         Time since the worker took the request, s.
     error : str
-        What went wrong.
+        Description of a failure; empty if there is none.
     applies : bool
         Whether the theory applies to such a rig.
     """
@@ -97,7 +97,7 @@ class Answer:
 
     @classmethod
     def from_line(cls, line: bytes) -> Answer:
-        """Read what the worker has written."""
+        """Read a motion written by the worker."""
         stored = json.loads(line)
         motions = tuple(PredictedMotion.from_dict(orbit) for orbit in stored.get('orbits', ()))
         index = stored.get('expected')
@@ -114,7 +114,7 @@ class Answer:
         )
 
     def nearest(self, measured: Rhythm) -> tuple[PredictedMotion, Apart] | None:
-        """Return the motion nearest to a measured one, counted as that is, and the distance."""
+        """Return the nearest motion, beginning at the same impact, and its distance."""
         found = []
         for motion in self.motions:
             turned = motion.rhythm.turned_to(measured)
@@ -126,7 +126,7 @@ class Answer:
 WORKER = 'impact_damper_ros.node.prediction_worker'
 #: After the node has started, so that its start is not slowed down.
 FIRST_START_S = 1.0
-#: Pause before a worker that ended is started anew; doubled each time, up to the second number,
+#: Pause before a worker that ended is restarted; doubled each time, up to the second number,
 #: and the first one again once a worker has lived for the second.
 BACK_OFF_S, LONGEST_BACK_OFF_S = 0.5, 60.0
 END_TIMEOUT_S = 1.0
@@ -150,7 +150,7 @@ class PredictorStatus:
     process : int
         Process number of the worker; 0 if there is none.
     restarts : int
-        How often a worker had to be started anew.
+        Number of restarts of the worker.
     trouble : str
         Why there is no worker at present; empty if there is one, or none is needed.
     last_trouble : str
@@ -173,7 +173,7 @@ class _Worker:
         root = str(Path(impact_damper_ros.__file__).parents[1])
         path = os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))
         self.began = time.monotonic()
-        # The ROS 2 wheels start Python anew unless their mark is in the environment; this
+        # The ROS 2 wheels restart Python unless their mark is in the environment; this
         # process has it already, so the worker starts once.
         self.process = subprocess.Popen(
             command,
@@ -193,7 +193,7 @@ class _Worker:
     def write(self, line: str) -> None:
         """Send a request."""
         assert self.process.stdin is not None
-        # If the worker has ended, its reader is about to say so, and the next one is asked.
+        # If the worker has ended, its reader is about to report that, and the next one gets it.
         with contextlib.suppress(OSError):
             self.process.stdin.write(line.encode())
             self.process.stdin.flush()
@@ -354,7 +354,7 @@ class Predictor:
         try:
             worker = _Worker(self._command, self._read)
         except OSError as error:
-            self._fail(f'the process that predicts cannot be started: {error}')
+            self._fail(f'the predicting process cannot be started: {error}')
             return
         # In this order: who sees the worker sees no trouble.
         self._trouble = ''
@@ -373,7 +373,7 @@ class Predictor:
                     self._answered = (self._requested, answer)
                     self._tell()
         except (ValueError, KeyError, TypeError) as error:
-            self._warn(f'the process that predicts has written what cannot be read: {error}')
+            self._warn(f'the output of the predicting process cannot be read: {error}')
         self._orders.put(lambda: self._bury(worker))
 
     def _bury(self, worker: _Worker) -> None:
@@ -385,11 +385,11 @@ class Predictor:
         if time.monotonic() - worker.began > LONGEST_BACK_OFF_S:
             self._pause = BACK_OFF_S
         how = f'by signal {-code}' if code < 0 else f'with code {code}'
-        self._fail(f'the process that predicts has ended {how}')
+        self._fail(f'the predicting process has ended {how}')
 
     def _fail(self, trouble: str) -> None:
         self._last_trouble = trouble
-        self._trouble = f'{trouble}; it is started anew after {self._pause:g} s'
+        self._trouble = f'{trouble}; it is restarted after {self._pause:g} s'
         self._due = time.monotonic() + self._pause
         self._pause = min(2.0 * self._pause, LONGEST_BACK_OFF_S)
         self._restarts += 1

@@ -2,15 +2,15 @@
 The process that predicts periodic motions for a node.
 
 It reads requests from its standard input and writes answers to its standard output, one JSON
-object in a line each. Only the newest request counts. Each is worked on by a fork of this process,
-which has all modules loaded: the work for an older request is ended by killing it, and that for a
-new one begins within milliseconds.
+object per line. Only the newest request counts. Each is processed by a fork of this process, which
+has all modules loaded: an older request is ended by killing its fork, and a new one starts within
+milliseconds.
 
 The forks have the kernel's idle priority, so that they take no time from the engine of the node,
 whatever else runs. Where other programs leave them hardly any time at all, a fork of low but
 ordinary priority takes over.
 
-No ROS is imported here, and all ends with the input, hence with the node, however that ends.
+ROS is not imported here. The process ends with its input, hence with the node, however that ends.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ NICENESS = 5
 #: priority takes over.
 HURRY_S, LONG_HURRY_S = 0.25, 2.0
 #: After the first, quick answer the parameters must have been left alone for so long before the
-#: search goes on, so that a parameter that is still being changed causes quick searches only.
+#: search continues, so that a parameter that is still being changed causes quick searches only.
 QUIET_S = 0.3
 #: Longest search.
 PATIENCE_S = 60
@@ -47,7 +47,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def _orbit(orbit: PeriodicOrbit) -> dict[str, Any]:
-    """Return a motion as the node reads it."""
+    """Return a motion for the node."""
     return {
         'stops': orbit.stops,
         'cycles': orbit.cycles,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS, recorded_topics, recording_notes
+from impact_damper_ros.wording import counted
 
 if TYPE_CHECKING:
     from impact_damper_ros.bag import RecordingError, RunWriter
@@ -175,7 +176,7 @@ class Recorder:
         if summary.error is not None:
             self._error = str(summary.error)
             return f'the recording ended early: {summary.error}'
-        text = f'recorded {summary.message_count} messages to {summary.directory}'
+        text = f'recorded {counted(summary.message_count, "message")} to {summary.directory}'
         if summary.dropped:
             text += f'; {summary.dropped} were dropped: {writer.drop_reason}'
         return text

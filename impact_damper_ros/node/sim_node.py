@@ -54,7 +54,7 @@ from impact_damper_ros.rig.parameters_file import YamlError, check_yaml
 from impact_damper_ros.rig.quoting import printable, shown
 
 from .diagnostics import Diagnostics
-from .engine import Engine, Ticket
+from .engine import Engine, EngineCallbacks, EngineSettings, Ticket
 from .motion_report import MotionMonitor
 from .pacing import SWITCH_INTERVAL_S, EndRequest, Scheduling, priority_of_others
 from .parameters import (
@@ -239,15 +239,16 @@ class SimNode(Node):
             parameters.rig,
             parameters.initial,
             self._topic_publishers,
-            state_rate=parameters.state_rate,
-            real_time_factor=parameters.real_time_factor,
-            publish_clock=parameters.simulated_time,
-            alive=self.context.ok,
-            on_failure=self.wake,
-            control=parameters.control,
-            on_course=self._predictor.ask,
-            on_trouble=self._warn_of_trouble,
-            real_time_priority=priority,
+            EngineSettings(
+                parameters.state_rate,
+                parameters.real_time_factor,
+                parameters.simulated_time,
+                priority,
+            ),
+            EngineCallbacks(
+                self.context.ok, self.wake, self._predictor.ask, self._warn_of_trouble
+            ),
+            parameters.control,
         )
         self._monitor = MotionMonitor(self.engine.trace, self._predictor, parameters.state_rate)
         broken = self.create_guard_condition(self._end_broken_recording)
@@ -297,7 +298,7 @@ class SimNode(Node):
             self._looking.cancel()
 
     def wake(self) -> None:
-        """Wake the executor, from any thread, to check whether it should go on."""
+        """Wake the executor, from any thread, to check whether it should continue."""
         self._woken.trigger()
 
     def finish(self) -> str:

@@ -1,5 +1,5 @@
 """
-Periodic motions of the rig: found, followed, judged for stability and viability.
+Periodic motions of the rig: search, continuation, stability and viability.
 
 Importable without ROS. A module is imported when one of its names is first used, so that the
 node, which only recognises periodic motion, does not wait for the solvers.
@@ -12,6 +12,7 @@ from impact_damper_ros.lazy_names import lazy_names
 if TYPE_CHECKING:
     from .continuation import (
         Branch,
+        Continuation,
         SpecialKind,
         SpecialPoint,
         continue_orbit,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     'Branch',
+    'Continuation',
     'ImpactEquations',
     'OptimalGap',
     'OrbitError',
@@ -53,7 +55,7 @@ __getattr__ = lazy_names(
     __name__,
     {
         'continuation': (
-            *('Branch', 'SpecialKind', 'SpecialPoint'),
+            *('Branch', 'Continuation', 'SpecialKind', 'SpecialPoint'),
             *('continue_orbit', 'grow_branch', 'switch_branch', 'value_of'),
         ),
         'equations': ('ImpactEquations', 'OrbitError', 'plausible_stops'),

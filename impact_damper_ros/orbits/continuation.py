@@ -1,15 +1,18 @@
 """
 Continuation of periodic motions in a parameter, by pseudo-arclength.
 
-- fold: the parameter's share of the branch's direction;
-- period doubling: the product of all (1 + multiplier), a multiplier passing -1;
-- Neimark-Sacker: the product of all (1 - product of two multipliers), a pair on the unit circle;
-- branch point: the product of all (1 - multiplier) where the parameter does not turn, such as the
-  loss of symmetry;
-- grazing: the motion ceases to be viable, or to have the same impacts, reversals and rests.
+Special points are zeros of test functions along the branch:
 
-Where an impact loses its speed a multiplier has a pole. The products change sign there too; what
-is found there is recognised by its multipliers and left out.
+- fold: the component of the tangent along the parameter;
+- period doubling: the product of all (1 + multiplier); a multiplier passes -1;
+- Neimark-Sacker: the product of all (1 - product of two multipliers); a pair passes the unit
+  circle;
+- branch point: the product of all (1 - multiplier), where the parameter does not turn back, as at
+  a loss of symmetry;
+- grazing: the motion ceases to be viable, or changes its sequence of impacts, reversals and rests.
+
+Where the velocity of an impact vanishes, a multiplier has a pole. The products change sign there
+too; such points are detected by their multipliers and discarded.
 
 A branch is followed around its folds, since its arclength grows where the parameter turns. Keller
 (1977), in Applications of Bifurcation Theory; Doedel, Keller and Kernevez, Int. J. Bifurcation
@@ -55,15 +58,19 @@ _VARIABLE = [
 ]
 
 
-def value_of(parameters: RigParameters, name: str) -> float:
-    """Return the value of a parameter that a continuation can vary."""
-    if name == BOTH_RESTITUTIONS:
-        return parameters.restitution_1
-    if not isinstance(name, str) or name not in _VARIABLE:
+def _check_name(name: str) -> None:
+    if not isinstance(name, str) or name not in (*_VARIABLE, BOTH_RESTITUTIONS):
         raise OrbitError(
             f'{shown(name)} cannot be varied: give one of {", ".join(_VARIABLE)}, or '
             f'{BOTH_RESTITUTIONS}'
         )
+
+
+def value_of(parameters: RigParameters, name: str) -> float:
+    """Return the value of a parameter that a continuation can vary."""
+    _check_name(name)
+    if name == BOTH_RESTITUTIONS:
+        return parameters.restitution_1
     value = getattr(parameters, name)
     return float(value[0] if isinstance(value, tuple) else value)
 
@@ -84,6 +91,66 @@ def _limits_of(name: str) -> tuple[float, float]:
     assert spec.low is not None
     assert spec.high is not None
     return spec.low, spec.high
+
+
+#: Widest range of a parameter, and most points of a branch.
+_FARTHEST = 1e15
+_MOST_POINTS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """
+    Options of a continuation.
+
+    Parameters
+    ----------
+    name : str
+        The parameter that varies: a number of `RigParameters`, the first entry of an array, or
+        'restitution' for both coefficients.
+    low, high : float
+        Range of the parameter. The branch may turn within it.
+    largest_step : float, optional
+        Longest step, relative to the displacements, phases and the parameter.
+    most_points : int, optional
+        Largest number of points on the branch.
+
+    Raises
+    ------
+    OrbitError
+        If the parameter cannot be varied, or a number is out of range.
+    """
+
+    name: str
+    low: float
+    high: float
+    largest_step: float = 0.05
+    most_points: int = 400
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        _check_name(self.name)
+        low = checked_number(f'the low end of {self.name}', self.low, -_FARTHEST, _FARTHEST)
+        high = checked_number(f'the high end of {self.name}', self.high, -_FARTHEST, _FARTHEST)
+        if not low < high:
+            raise OrbitError(
+                f'{self.name} from {low:.9g} to {high:.9g} is no range: give the low end first'
+            )
+        checked_number('largest_step', self.largest_step, 1e-9, 1.0)
+        checked_whole('most_points', self.most_points, 1, _MOST_POINTS)
+
+    def check_start(self, parameters: RigParameters) -> None:
+        """Raise OrbitError if the rig is outside the range."""
+        value = value_of(parameters, self.name)
+        if not self.low <= value <= self.high:
+            raise OrbitError(
+                f'{self.name} is {value:.9g} where the branch begins: give a range around that, '
+                f'not {self.low:.9g} to {self.high:.9g}'
+            )
+
+    def holds(self, value: float) -> bool:
+        """Return whether a value is within the range."""
+        return self.low <= value <= self.high
 
 
 class _Family(Protocol):
@@ -115,7 +182,7 @@ class _EquationFamily:
         self.stops = stops
         self.cycles = cycles
         self.length = ImpactEquations(parameters, stops, cycles).length
-        # Of the value asked for last: they are needed up to three times in turn
+        # Cache of the last value, which is needed up to three times in a row
         self._last: tuple[float, ImpactEquations] | None = None
 
     def _equations(self, value: float) -> ImpactEquations:
@@ -161,7 +228,7 @@ class _ShootingFamily:
     Motions with reversals, sticking or rest, as fixed points of the event map.
 
     The unknowns are the free coordinates of the state where the period begins; the period is
-    that of the motion given, so many times.
+    a multiple of that of the given motion.
     """
 
     def __init__(self, orbit: PeriodicOrbit, name: str, times: int = 1) -> None:
@@ -227,7 +294,7 @@ RESIDUAL_TOLERANCE = 1e-11
 _ROUND_OFF = 1e-12
 
 
-# The residual where there is no motion, and one that is small enough
+# The residual returned where there is no motion, and one that is small enough
 _NOWHERE = 1e9
 _ENOUGH = 1e-15
 _CORRECTOR = {'xtol': 1e-14, 'ftol': 1e-16, 'gtol': 0.0, 'maxiter': 40}
@@ -298,7 +365,7 @@ class _Curve:
             except (ArithmeticError, ParameterError):
                 matrix = np.full(1, np.nan)
             if not np.isfinite(matrix).all():
-                # A step to where there is no motion is taken back
+                # The solver then rejects the step
                 return np.full(len(place), _NOWHERE), np.eye(len(place))
             history.append(float(np.abs(residual).max()))
             missing = np.append(residual, normal @ (place - guess))
@@ -307,7 +374,7 @@ class _Curve:
             return missing, np.vstack([matrix, normal])
 
         try:
-            # At a branch point the matrix is singular, which MINPACK's method stands
+            # At a branch point the matrix is singular, which MINPACK's method tolerates
             place: Array = root(in_plane, guess, jac=True, method='lm', options=_CORRECTOR).x
         except _CorrectedError:
             assert last is not None
@@ -339,7 +406,7 @@ _GUESSED = 0.2
 
 
 class SpecialKind(Enum):
-    """What happens at a special point; the value says it in words."""
+    """Kind of a special point."""
 
     FOLD = 'fold'
     PERIOD_DOUBLING = 'period doubling'
@@ -364,9 +431,9 @@ class SpecialPoint:
     bracket : tuple of float
         The parameter on either side of it; at a fold both are on the same side of its value.
     converged : bool
-        Whether it is located to round-off of the method; otherwise it is a guess.
+        Whether it is located to the tolerance; otherwise it is an estimate.
     reason : str
-        At a grazing, what is different just beyond; else empty.
+        At a grazing, the change just beyond it; else empty.
     """
 
     kind: SpecialKind
@@ -415,7 +482,7 @@ def _events(orbit: PeriodicOrbit) -> Counter[str]:
 
 
 def _likeness(start: _Point) -> _Test:
-    """Return a predicate: whether a motion is of the same kind as the first one."""
+    """Return a test that is positive where a motion is of the same kind as the first one."""
     kind = (start.orbit.viable, _events(start.orbit))
 
     def alike(point: _Point) -> float:
@@ -435,7 +502,7 @@ def _difference(here: PeriodicOrbit, there: PeriodicOrbit) -> str:
 
 
 def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
-    """Return whether the multipliers at a located point are where they should be."""
+    """Return whether the multipliers at a located point are those of its kind."""
     values = orbit.multipliers
     if kind is SpecialKind.PERIOD_DOUBLING:
         return min(abs(m + 1.0) for m in values) < near
@@ -494,7 +561,7 @@ def _locate(
 
 
 def _special_points(curve: _Curve, start: _Point, end: _Point, step: float) -> list[SpecialPoint]:
-    """Locate what happens between two neighbouring points of a branch."""
+    """Locate the special points between two neighbouring points of a branch."""
     turns = _fold(start) * _fold(end) < 0.0
     tests: tuple[tuple[SpecialKind, _Test], ...] = (
         (SpecialKind.FOLD, _fold),
@@ -516,6 +583,8 @@ def _special_points(curve: _Curve, start: _Point, end: _Point, step: float) -> l
 
 _SHARPEST_TURN = 0.95
 _GROWTH = 1.4
+#: The first step, as a share of the largest one.
+_FIRST_STEP = 0.1
 _LEAST_STEP = 1e-7
 
 
@@ -549,8 +618,8 @@ def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | No
     """
     Return the curve with another beginning of the period, and the point on it.
 
-    Along the branch a reversal or an impact may have moved to the instant at which the period of
-    the event map begins.
+    Along the branch a reversal or an impact may have moved to the instant at which the period
+    begins.
     """
     if not isinstance(curve.family, _ShootingFamily):
         return None
@@ -563,12 +632,12 @@ def _begun_elsewhere(curve: _Curve, point: _Point) -> tuple[_Curve, _Point] | No
     return None if again is None else (fresh, again)
 
 
-def _edge(curve: _Curve, here: _Point, step: float, bounds: tuple[float, float]) -> _Point | None:
+def _edge(curve: _Curve, here: _Point, step: float, along: Continuation) -> _Point | None:
     """Return the point on the bound that the next step would cross, if any."""
     ahead = curve.value(here.place + step * here.tangent)
-    if bounds[0] <= ahead <= bounds[1]:
+    if along.holds(ahead):
         return None
-    bound = bounds[0] if ahead < bounds[0] else bounds[1]
+    bound = along.low if ahead < along.low else along.high
     share = (bound / curve.scale - here.place[-1]) / here.tangent[-1]
     guess = here.place + share * here.tangent
     guess[-1] = bound / curve.scale
@@ -580,36 +649,27 @@ def _edge(curve: _Curve, here: _Point, step: float, bounds: tuple[float, float])
     return last
 
 
-def _leapt(
-    curve: _Curve, here: _Point, largest_step: float, bounds: tuple[float, float]
-) -> tuple[_Point, float] | None:
+def _leapt(curve: _Curve, here: _Point, along: Continuation) -> tuple[_Point, float] | None:
     """
     Return a point beyond a change of the kind of motion, and the step to it.
 
-    Where the relative velocity comes to touch zero, or an impact to graze, the derivatives are
+    Where the relative velocity touches zero, or an impact is grazing, the derivatives are
     unbounded on one side, and small steps fail.
     """
     for share in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0):
-        step = share * largest_step
+        step = share * along.largest_step
         there = curve.ahead(here, step)
-        if there is None or not bounds[0] <= curve.value(there.place) <= bounds[1]:
+        if there is None or not along.holds(curve.value(there.place)):
             continue
         same = there.orbit.stops == here.orbit.stops
-        if same and there.orbit.differs(here.orbit) < 4.0 * largest_step:
+        if same and there.orbit.differs(here.orbit) < 4.0 * along.largest_step:
             return there, step
     return None
 
 
-def _follow(
-    curve: _Curve,
-    point: _Point,
-    bounds: tuple[float, float],
-    first_step: float,
-    largest_step: float,
-    most_points: int,
-) -> Iterator[Branch]:
+def _follow(curve: _Curve, point: _Point, along: Continuation) -> Iterator[Branch]:
     """Step along a branch until it leaves the bounds, ends or closes; see `grow_branch`."""
-    name = curve.family.name
+    name, largest_step, most_points = along.name, along.largest_step, along.most_points
     points = [point]
     # Between neighbouring points: curve, both, and the step
     between: list[tuple[_Curve, _Point, _Point, float]] = []
@@ -624,31 +684,31 @@ def _follow(
         )
 
     yield branch()
-    step = first_step
+    step = first_step = _FIRST_STEP * largest_step
     fresh_tried: _Point | None = None
     moved = False
     ended = f'{most_points} points'
     while len(points) < most_points:
         here = points[-1]
-        last = _edge(curve, here, step, bounds)
+        last = _edge(curve, here, step, along)
         if last is not None:
             span = float((last.place - here.place) @ here.tangent)
             between.append((curve, here, last, span))
             points.append(last)
-            bound = min(bounds, key=lambda b: abs(b - curve.value(last.place)))
+            bound = min(along.low, along.high, key=lambda b: abs(b - curve.value(last.place)))
             ended = f'{name} = {bound:g}, the end of the range'
             break
         there = curve.ahead(here, step)
         if (
             there is None
             or float(there.tangent @ here.tangent) < _SHARPEST_TURN
-            or not bounds[0] <= curve.value(there.place) <= bounds[1]
+            or not along.holds(curve.value(there.place))
         ):
             step *= 0.5
             if step >= _LEAST_STEP * largest_step:
                 continue
             fresh = _begun_elsewhere(curve, here) if fresh_tried is not here else None
-            leap = None if fresh else _leapt(curve, here, largest_step, bounds)
+            leap = None if fresh else _leapt(curve, here, along)
             if leap is not None:
                 there, step = leap
                 between.append((curve, here, there, step))
@@ -672,47 +732,13 @@ def _follow(
             break
         yield branch()
         step = min(largest_step, _GROWTH * step)
-    # They take as long as all the rest.
+    # The special points take as long as all the rest.
     yield branch(ended)
     special = [found for pair in between for found in _special_points(*pair)]
     yield branch(ended, tuple(special))
 
 
-#: Widest range of a parameter, and most points of a branch.
-_FARTHEST = 1e15
-_MOST_POINTS = 1_000_000
-
-
-def check_range(name: str, low: float, high: float, value: float | None = None) -> None:
-    """Check the range in which a parameter is varied, and that it holds its value if given."""
-    low = checked_number(f'the low end of {name}', low, -_FARTHEST, _FARTHEST)
-    high = checked_number(f'the high end of {name}', high, -_FARTHEST, _FARTHEST)
-    if not low < high:
-        raise OrbitError(
-            f'{name} from {low:.9g} to {high:.9g} is no range: give the low end first'
-        )
-    if value is not None and not low <= value <= high:
-        raise OrbitError(
-            f'{name} is {value:.9g} where the branch begins: give a range around that, not '
-            f'{low:.9g} to {high:.9g}'
-        )
-
-
-def _check_steps(largest_step: float, most_points: int) -> None:
-    checked_number('largest_step', largest_step, 1e-9, 1.0)
-    checked_whole('most_points', most_points, 1, _MOST_POINTS)
-
-
-def continue_orbit(
-    orbit: PeriodicOrbit,
-    name: str,
-    low: float,
-    high: float,
-    *,
-    upwards: bool = True,
-    largest_step: float = 0.05,
-    most_points: int = 400,
-) -> Branch:
+def continue_orbit(orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True) -> Branch:
     """
     Follow a periodic motion while a parameter of the rig varies.
 
@@ -720,17 +746,10 @@ def continue_orbit(
     ----------
     orbit : PeriodicOrbit
         The motion to begin with.
-    name : str
-        The parameter: a number of `RigParameters`, the first entry of an array, or 'restitution'
-        for both coefficients.
-    low, high : float
-        Range of the parameter; the branch may turn within it.
+    along : Continuation
+        The parameter, its range and the steps.
     upwards : bool, optional
         Whether the parameter rises at first.
-    largest_step : float, optional
-        Longest step, relative to the displacements, phases and the parameter.
-    most_points : int, optional
-        Most points on the branch.
 
     Returns
     -------
@@ -740,60 +759,48 @@ def continue_orbit(
     Raises
     ------
     OrbitError
-        If the parameter cannot be varied, or not in this range.
+        If the motion is outside the range.
 
     Examples
     --------
     >>> from impact_damper_ros.orbits import find_orbits
     >>> from impact_damper_ros.rig import RigParameters
     >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2)).orbits[0]
-    >>> branch = continue_orbit(orbit, 'gap', 20.0, 40.0)
+    >>> branch = continue_orbit(orbit, Continuation('gap', 20.0, 40.0))
     >>> branch.ended
     'gap = 40, the end of the range'
     """
-    *_, branch = grow_branch(
-        *(orbit, name, low, high),
-        upwards=upwards,
-        largest_step=largest_step,
-        most_points=most_points,
-    )
+    *_, branch = grow_branch(orbit, along, upwards=upwards)
     return branch
 
 
 def grow_branch(
-    orbit: PeriodicOrbit,
-    name: str,
-    low: float,
-    high: float,
-    *,
-    upwards: bool = True,
-    largest_step: float = 0.05,
-    most_points: int = 400,
+    orbit: PeriodicOrbit, along: Continuation, *, upwards: bool = True
 ) -> Iterator[Branch]:
     """
-    Follow a periodic motion as `continue_orbit` does, to be seen as it grows.
+    Follow a periodic motion as `continue_orbit` does, point by point.
 
     Parameters
     ----------
-    orbit, name, low, high, upwards, largest_step, most_points
+    orbit, along, upwards
         As in `continue_orbit`.
 
     Yields
     ------
     Branch
         The branch so far, after each point. The last but one is complete except for its special
-        points (`ended` says why it ended), the last one has these, too.
+        points (`ended` is why it ended); the last one includes them.
 
     Raises
     ------
     OrbitError
-        If the parameter cannot be varied.
+        If the motion is outside the range.
     """
+    along.check_start(orbit.parameters)
+    name = along.name
     value = value_of(orbit.parameters, name)
-    check_range(name, low, high, value)
-    _check_steps(largest_step, most_points)
     family = _family_of(orbit, name)
-    curve = _Curve(family, abs(value) or max(abs(low), abs(high)) or 1.0)
+    curve = _Curve(family, abs(value) or max(abs(along.low), abs(along.high)) or 1.0)
     place = np.append(family.start(orbit), value / curve.scale)
     normal = np.zeros_like(place)
     normal[-1] = 1.0 if upwards else -1.0
@@ -801,7 +808,7 @@ def grow_branch(
     if point is None:
         yield Branch(name=name, values=(), orbits=(), special=(), ended='no motion to begin with')
         return
-    yield from _follow(curve, point, (low, high), 0.1 * largest_step, largest_step, most_points)
+    yield from _follow(curve, point, along)
 
 
 def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[_Family, Array]:
@@ -818,16 +825,7 @@ def _repeated(orbit: PeriodicOrbit, name: str, times: int) -> tuple[_Family, Arr
     return longer, np.concatenate([x, (unknowns[n:] + turns[:, None]).ravel()])
 
 
-def switch_branch(
-    special: SpecialPoint,
-    name: str,
-    low: float,
-    high: float,
-    *,
-    largest_step: float = 0.05,
-    most_points: int = 400,
-    mirrored: bool = False,
-) -> Branch:
+def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool = False) -> Branch:
     """
     Follow the branch that leaves another one at a period doubling or a branch point.
 
@@ -835,16 +833,10 @@ def switch_branch(
     ----------
     special : SpecialPoint
         Where it leaves.
-    name : str
-        The parameter varied, as in `continue_orbit`.
-    low, high : float
-        Range of the parameter.
-    largest_step : float, optional
-        Longest step, as in `continue_orbit`.
-    most_points : int, optional
-        Most points on the branch.
+    along : Continuation
+        The parameter, its range and the steps.
     mirrored : bool, optional
-        Begin in the opposite direction.
+        Whether to begin in the opposite direction.
 
     Returns
     -------
@@ -854,23 +846,21 @@ def switch_branch(
     Raises
     ------
     ValueError
-        If the point is of another kind, or the parameter cannot be varied in this range.
+        If the point is of another kind.
     """
-    check_range(name, low, high)
-    _check_steps(largest_step, most_points)
     orbit = special.orbit
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')
     times = 2 if special.kind is SpecialKind.PERIOD_DOUBLING else 1
-    family, unknowns = _repeated(orbit, name, times)
+    family, unknowns = _repeated(orbit, along.name, times)
     curve = _Curve(family, abs(special.value) or 1.0)
     place = np.append(unknowns, special.value / curve.scale)
     by_unknowns = family.residual(unknowns, special.value)[1]
     direction = np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)
     direction = -direction if mirrored else direction
-    step = 0.1 * largest_step
+    step = _FIRST_STEP * along.largest_step
     point = curve.correct(place + step * direction, direction)
     if point is None:
-        return Branch(name=name, values=(), orbits=(), special=(), ended='no branch found')
-    *_, branch = _follow(curve, point, (low, high), step, largest_step, most_points)
+        return Branch(name=along.name, values=(), orbits=(), special=(), ended='no branch found')
+    *_, branch = _follow(curve, point, along)
     return branch

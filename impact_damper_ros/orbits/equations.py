@@ -1,7 +1,7 @@
 """
 The equations of N impacts in k force cycles, and the error that the periodic solvers raise.
 
-Bapat (1995), equations (3)-(15), derived anew. Between impacts the damper mass has constant
+Bapat (1995), equations (3)-(15), derived again. Between impacts the damper mass has constant
 acceleration, so that the displacements X_i and instants t_i of the impacts give its velocities;
 momentum and restitution then give those of the primary mass before and after each impact; and
 its closed-form flight must lead from each impact to the next. These are 2N equations. For fixed
@@ -369,7 +369,7 @@ class ImpactEquations:
         return rows
 
     def _by_x(self, lasts: Array, unit: Array, impulse: Array, slope: Array) -> Array:
-        """Return the columns of `linear_system` for X_1 .. X_N, given `_free`."""
+        """Return the columns of `linear_system` for X_1 .. X_N, given the free response."""
         n = self.impacts
         mean = self._mean_velocity(lasts)
         after = mean * self._after_from_after[:, None]

@@ -1,10 +1,10 @@
 """
 The event map: the state one period later, by the simulator's own events, with its derivative.
 
-Each flight carries deviations by its free vibration, each event by its saltation matrix: impacts,
-reversals of friction, and the beginnings of sticking and rest, where a deviation across is lost.
-A release leaves them as they are, since the relative acceleration is zero there. The infinitely
-many impacts that end a chatter act together as one plastic impact.
+A flight propagates deviations by its free vibration. An event propagates them by its saltation
+matrix: an impact, a reversal of friction, or the beginning of sticking or rest, where the relative
+deviation is lost. A release leaves deviations unchanged, since the relative acceleration is zero
+there. The infinitely many impacts that end a chatter act as one plastic impact.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ from impact_damper_ros.rig.transition import moving_mode, resolve
 from .equations import Array
 from .multipliers import event_matrices, flight_matrices
 
-#: More events in one period than any motion that is sought.
+#: Largest number of events that are followed in one trajectory.
 MOST_EVENTS = 2000
 
 _STOP_OF = {REST_1: 1, REST_2: 2}
 
 
 class FlightPart(NamedTuple):
-    """One flight within a period, since whose beginning times are counted, s."""
+    """One flight of a trajectory, with its start from the beginning of that, s."""
 
     start: float
     duration: float
@@ -60,16 +60,16 @@ class FlightPart(NamedTuple):
 
 
 class TrajectoryEvent(NamedTuple):
-    """One event within a period, since whose beginning its time is counted, s."""
+    """An event as in `Event`, with its time from the beginning of the trajectory, s."""
 
     time: float
     kind: EventKind
     stop: int
     x: float
-    velocity_before: float
-    velocity_after: float
-    relative_before: float
-    relative_after: float
+    primary_velocity_before: float
+    primary_velocity_after: float
+    damper_velocity_before: float
+    damper_velocity_after: float
 
 
 @dataclass(frozen=True)
@@ -239,34 +239,20 @@ def follow_trajectory(
         origin = transition.origin
         ending, flight = flight, launch(machine, origin)
         if differentiate:
-            before = _rates(motion_at(ending, span), ending)
-            crossings.add(kind, origin, before, _rates(starting_motion(flight), flight))
+            rates = _rates(motion_at(ending, span), ending)
+            crossings.add(kind, origin, rates, _rates(starting_motion(flight), flight))
         elapsed += span
         stop = _STOP_OF.get(origin.mode) or _STOP_OF.get(mode) or transition.stop
         reported = _kind_of(kind, origin.mode)
         if kind == NO_EVENT and reported is not EventKind.REST:
             continue
-        events.append(
-            TrajectoryEvent(
-                elapsed,
-                reported,
-                stop,
-                origin.x,
-                transition.velocity_before,
-                transition.velocity_after,
-                transition.relative_velocity_before,
-                transition.relative_velocity_after,
-            )
+        before, after = transition.velocity_before, transition.velocity_after
+        damper_before = before + transition.relative_velocity_before
+        damper_after = after + transition.relative_velocity_after
+        event = TrajectoryEvent(
+            elapsed, reported, stop, origin.x, before, after, damper_before, damper_after
         )
+        events.append(event)
         if kind in (CONTACT_1, CONTACT_2) and origin.mode in (REST_1, REST_2):
-            events.append(
-                TrajectoryEvent(
-                    elapsed,
-                    EventKind.REST,
-                    stop,
-                    origin.x,
-                    *(transition.velocity_after,) * 2,
-                    *(0.0, 0.0),
-                )
-            )
+            events.append(TrajectoryEvent(elapsed, EventKind.REST, stop, origin.x, *(after,) * 4))
     return None

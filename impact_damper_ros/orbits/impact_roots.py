@@ -64,7 +64,7 @@ def approach_roots(
     damping = np.full(len(x), 1e-2)
     identity = np.eye(2 * n)
     for _ in range(steps):
-        # A start that runs into two impacts at once has blown up, and is left.
+        # A start that has diverged, to two impacts at once, is dropped.
         active = (cost > 1e-24) & (cost < 1e12) & (damping < 1e12)
         if not active.any():
             break
@@ -95,7 +95,7 @@ def polish(equations: ImpactEquations, x: Array, instants: Array) -> Root | None
     """
     Run Newton's method from a good start until the residual no longer falls.
 
-    Most candidates of a scan are no roots, and this gives them up sooner than
+    Most candidates of a scan are not roots. This method rejects them sooner than
     `scipy.optimize.root`, with which a scan takes twice as long (90 to 170 ms for three
     cycles). Returns None if the residual does not fall below `RESIDUAL_TOLERANCE`.
     """
@@ -140,7 +140,7 @@ def _plane_meets_cone(basis: Array) -> Iterator[Array]:
     angle = 0.5 * math.atan2(2.0 * form[0, 1], form[0, 0] - form[1, 1])
     mean = 0.5 * (form[0, 0] + form[1, 1])
     reach = math.hypot(0.5 * (form[0, 0] - form[1, 1]), form[0, 1])
-    # mean + reach cos 2(t - angle) = 0; a near miss is taken for touching, Newton decides.
+    # mean + reach cos 2(t - angle) = 0; a near miss counts as touching, Newton decides.
     if reach == 0.0 or abs(mean) > 1.0001 * reach:
         return
     opening = 0.5 * math.acos(min(1.0, max(-1.0, -mean / reach)))

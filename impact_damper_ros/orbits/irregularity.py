@@ -71,7 +71,7 @@ class Indications:
         return grown < BOUNDED_GROWTH and abs(self.exponent) <= DOUBTFUL_ERRORS * self.error
 
     def kind(self) -> MotionKind:
-        """Return what the motion is: chaotic or quasi-periodic if both tests say so."""
+        """Return the kind of the motion: chaotic or quasi-periodic only if both tests agree."""
         # Of too few values nothing is known but the exponent
         if self.grows and not self.spread <= IRREGULAR_SPREAD:
             return MotionKind.CHAOTIC

@@ -4,15 +4,15 @@ The largest Lyapunov exponent of a run, and the multipliers of a motion under co
 Without control, `multipliers` gives a matrix for every flight and event of a run [1]_, and the
 exponent is the mean growth of a deviation that is normalised again and again [2]_.
 
-These matrices do not hold what a control does with a deviation: samples, estimates, places of
-the stops, commands that wait. Under control two whole rigs are run that differ by a little in
-the motion. Their decisions (whether a stop is sent off now or at the next sample) are not
-differentiable; a finite, small separation is therefore taken anew at the same instant of each
-cycle [3]_. Two rigs that have decided differently are neighbours no longer: such cycles are left
-out, and another neighbour is taken. The smaller the separation, the fewer such cycles there are,
-so that the exponent exists in spite of the jumps [4]_; where they are many, none is given. [5]_
-compares such methods. Stops that stand, as they do within the dead band of the control, do not
-deviate and have no part in the exponent.
+These matrices do not include the response of a control to a deviation: samples, estimates,
+positions of the stops, pending commands. Under control two whole rigs are therefore run, with a
+small separation of their motions. Their decisions (whether a stop is moved now or at the next
+sample) are not differentiable, so the separation is finite and is renormalised at the same instant
+of each cycle [3]_. Two rigs that have decided differently are no longer neighbours: such a cycle
+is left out, and a new neighbour is started. The smaller the separation, the fewer such cycles
+there are, so that the exponent exists in spite of the jumps [4]_; if they are many, none is given.
+[5]_ compares such methods. Stops at rest, as within the dead band of the control, do not deviate
+and do not contribute to the exponent.
 
 References
 ----------
@@ -49,7 +49,7 @@ _STUDENT = 2.093
 
 @dataclass(frozen=True)
 class Deviations:
-    """The matrices that carry deviations of (X, X', Z, Z') through a stretch of a run."""
+    """The matrices that propagate deviations of (X, X', Z, Z') through a part of a run."""
 
     start: float  # s
     end: float
@@ -273,8 +273,8 @@ class _Period:
 
         A deviation is carried through the period, made orthogonal to those before, and carried
         through it again (Arnoldi, Quart. Appl. Math. 9, 1951), until nothing new comes or the
-        largest multiplier stays as it is. The error is what is left then, and what the round-
-        off of a deviation makes of a multiplier, its root if that is double.
+        largest multiplier no longer changes. The error combines the rest and the effect of the
+        round-off of a deviation on a multiplier, its root if that is double.
         """
         if self.reached.places != self.begun.places:
             return math.nan, math.nan
@@ -285,7 +285,7 @@ class _Period:
             if image is None:
                 return math.nan, math.nan
             size = max(1.0, float(np.linalg.norm(image)))
-            # Twice, since once leaves a part of the order of round-off over what is left
+            # Twice, since the rest of the first pass is of the order of round-off
             for _ in range(2):
                 parts = np.array([float(one @ image) for one in basis])
                 matrix[: k + 1, k] += parts

@@ -1,5 +1,5 @@
 """
-How deviations of (X, X', Z, Z') grow: through flights, through events, over a period.
+Propagation of deviations of (X, X', Z, Z') through flights, through events, over a period.
 
 A flight carries deviations at a fixed instant by its free vibration. An event at a surface h = 0
 carries them by its saltation matrix

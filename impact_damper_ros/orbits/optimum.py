@@ -1,11 +1,10 @@
 """
-The gap with which the primary mass swings least.
+The gap with the least motion of the primary mass.
 
 Bapat (1995), Figure 5. The largest |X| of the stable, viable motions is followed over the gap.
-It need not be smooth: motions begin and end at folds, lose stability, or meet another impact.
-Each of these is a jump upwards, to another motion or to none at all. The search for the minimum
-is therefore one by comparison only, a golden section, which ends at such an edge as well as in a
-smooth minimum.
+This function is not smooth: motions begin and end at folds, lose stability, or gain an impact. At
+each of these it jumps upwards, to another motion or to none. The minimum is therefore found by a
+golden section search, which converges to such an edge as well as to a smooth minimum.
 """
 
 from __future__ import annotations
@@ -35,12 +34,12 @@ _SAME_BRANCH = 0.02
 #: A pair of multipliers this close to 1 and -1 in angle counts as real, rad.
 _REAL_ANGLE = 1e-6
 
-#: Most gaps at which a search begins.
+#: Largest number of gaps of the initial grid.
 _MOST_POINTS = 100_000
 
 
 class Limit(Enum):
-    """What limits the best gap; the value says it in words."""
+    """What limits the best gap."""
 
     MINIMUM = 'interior minimum'
     STABILITY = 'edge of stability'
@@ -65,10 +64,10 @@ class OptimalGap:
     limit : Limit
         Whether it is a minimum, or what ends the motion just beyond.
     beyond : str
-        What happens just beyond, with numbers; empty for a minimum.
+        The change just beyond the gap, with numbers; empty for a minimum.
     coexisting : str
-        What else the same rig can do, with numbers: stable, viable motions with the same stops,
-        and the one without impacts of a level rig; empty if nothing of that is known.
+        Other stable motions of the same rig, with numbers: viable ones with the same stops, and
+        the one without impacts of a level rig; empty if none is known.
     evaluations : int
         Number of gaps at which the motions were found.
     """
@@ -88,7 +87,7 @@ class OptimalGap:
 
 
 def _gap_scale(rig: RigParameters) -> float:
-    """Return a gap beyond which M, swinging no more than without impacts, drives no motion."""
+    """Return a gap above which no motion with impacts can be driven."""
     amplitude = rig.response_amplitude
     restitution = min(max(rig.restitution_1, rig.restitution_2), 0.95)
     return amplitude * (
@@ -105,17 +104,6 @@ def gap_range(rig: RigParameters) -> tuple[float, float]:
             'look at, as gaps=(low, high)'
         )
     return _LEAST_SHARE * scale, scale
-
-
-def _motions(
-    rig: RigParameters, stops: Sequence[int], cycles: int, simulate: bool
-) -> tuple[PeriodicOrbit, ...]:
-    return find_orbits(rig, stops, cycles, simulate=simulate).orbits
-
-
-def _smallest(orbits: Sequence[PeriodicOrbit]) -> PeriodicOrbit | None:
-    fit = [orbit for orbit in orbits if orbit.stable and orbit.viable]
-    return min(fit, key=lambda orbit: orbit.x_max, default=None)
 
 
 def _narrowing(
@@ -139,7 +127,7 @@ def _narrowing(
             low = trial
 
 
-class _Search:
+class _GapSearch:
     """The smallest stable, viable motion as a function of the gap."""
 
     def __init__(
@@ -151,15 +139,20 @@ class _Search:
         self.simulate = simulate
         self.known: dict[float, tuple[PeriodicOrbit, ...]] = {}
 
+    def motions(self, gap: float) -> tuple[PeriodicOrbit, ...]:
+        """Return the motions at a gap."""
+        rig = self.rig.replace(gap=gap)
+        return find_orbits(rig, self.stops, self.cycles, simulate=self.simulate).orbits
+
     def viable(self, gap: float) -> tuple[PeriodicOrbit, ...]:
         """Return the viable motions at a gap."""
         if gap not in self.known:
-            found = _motions(self.rig.replace(gap=gap), self.stops, self.cycles, self.simulate)
-            self.known[gap] = tuple(orbit for orbit in found if orbit.viable)
+            self.known[gap] = tuple(orbit for orbit in self.motions(gap) if orbit.viable)
         return self.known[gap]
 
     def motion(self, gap: float) -> PeriodicOrbit | None:
-        return _smallest(self.viable(gap))
+        stable = [orbit for orbit in self.viable(gap) if orbit.stable]
+        return min(stable, key=lambda orbit: orbit.x_max, default=None)
 
     def modulus(self, gap: float) -> float:
         """Return the least modulus of the largest multiplier among the motions at a gap."""
@@ -199,9 +192,7 @@ class _Search:
 
     def verdict(self, orbit: PeriodicOrbit, beyond: float) -> tuple[Limit, str]:
         """Describe the motion just beyond an edge."""
-        rig = self.rig.replace(gap=beyond)
-        found = _motions(rig, self.stops, self.cycles, self.simulate)
-        same = min(found, key=orbit.differs, default=None)
+        same = min(self.motions(beyond), key=orbit.differs, default=None)
         if same is None or orbit.differs(same) > _SAME_BRANCH:
             return Limit.FOLD, f'no such motion at a gap of {beyond:.9g} m'
         if not same.viable:
@@ -270,21 +261,21 @@ def optimal_gap(
     rig : RigParameters
         The rig, two-sided and driven by one harmonic; its gap does not matter.
     gaps : tuple of float, optional
-        Least and largest gap to look at, m; `gap_range(rig)` if not given.
+        Range of gaps to search, m; `gap_range(rig)` if not given.
     stops : sequence of int, optional
         Stops hit in one period; two alternating impacts if not given.
     cycles : int, optional
         Period in cycles of the force.
     points : int, optional
-        Number of gaps, in geometric progression, at which the search begins. Where a motion is
-        stable over less than one step, it is found by its largest multiplier, which dips there;
-        one that is also viable over less than a step may be missed.
+        Number of gaps of the initial grid, in geometric progression. A motion that is stable over
+        less than one step is found by the minimum of its largest multiplier; one that is also
+        viable over less than a step may be missed.
     tolerance : float, optional
         Width of the bracket at the end, relative to the gap. Below 1e-8 a smooth minimum is
         lost in round-off.
     simulate : bool, optional
-        Whether motions in which m reverses, sticks or rests are looked for as well, from
-        simulated starts; far slower.
+        Whether to search also for motions in which m reverses, sticks or rests, from simulated
+        starts; much slower.
 
     Returns
     -------
@@ -319,7 +310,7 @@ def optimal_gap(
             f'at least 3 points, a whole number up to {_MOST_POINTS}'
         )
     points, tolerance = int(count), checked_number('tolerance', tolerance, 0.0, 1.0)
-    search = _Search(rig, stops, cycles, simulate)
+    search = _GapSearch(rig, stops, cycles, simulate)
     grid = search.refined([float(gap) for gap in np.geomspace(low, high, points)])
     swings = [search.swing(gap) for gap in grid]
     best = min(range(len(grid)), key=swings.__getitem__)
@@ -357,7 +348,7 @@ def optimal_gap(
 
 
 def _limit(
-    search: _Search,
+    search: _GapSearch,
     orbit: PeriodicOrbit,
     bracket: Sequence[float],
     ends: tuple[float, float],

@@ -1,4 +1,4 @@
-"""A periodic motion of the rig, with all that is known about it."""
+"""A periodic motion of the rig, with its stability and viability."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class PeriodicOrbit:
     stable : bool
         Whether all of them are inside the unit circle.
     viable : bool
-        Whether the rig can move so: m stays between the stops, hits them from within at these
+        Whether the rig can perform it: m stays between the stops, hits them from within at these
         instants only, and friction is as assumed.
     reason : str
         Why it is not viable; empty if it is.
@@ -136,7 +136,7 @@ class PeriodicOrbit:
         return self.x_max / amplitude if amplitude > 0.0 else math.inf
 
     def begun_at(self, impact: int) -> PeriodicOrbit:
-        """Return the same motion, counted from another of its impacts, given by its index."""
+        """Return the same motion beginning at another of its impacts, given by index."""
         whole = math.floor(self.phases[impact])
 
         def turned(name: str) -> tuple[Any, ...]:
@@ -151,7 +151,7 @@ class PeriodicOrbit:
         return replace(self, **changed)
 
     def turned_to(self, stops: tuple[int, ...]) -> Iterator[PeriodicOrbit]:
-        """Yield the same motion, counted in each way that gives a sequence of stops."""
+        """Yield the same motion from each impact from which it has a sequence of stops."""
         for shift in range(self.impacts):
             if self.stops[shift:] + self.stops[:shift] == stops:
                 yield self.begun_at(shift)
@@ -163,7 +163,7 @@ class PeriodicOrbit:
 
     def differs(self, other: PeriodicOrbit, *, whole_period: bool = False) -> float:
         """
-        Return how far two motions with the same stops are apart, impact by impact.
+        Return the distance of two motions with the same stops, impact by impact.
 
         The largest difference of the displacements, relative to the largest |X|, and of the
         durations and phases, relative to the force's cycle; without regard to whole cycles.

@@ -24,8 +24,8 @@ from impact_damper_ros.rig import Event
 
 Array = NDArray[np.float64]
 
-#: Longest period looked for in a recording or a run that settles, and in a running rig, in cycles
-#: of the force.
+#: Longest period that is recognised in a recording or a run that settles, and in a running rig,
+#: in cycles of the force.
 LONGEST_PERIOD = 16
 LONGEST_RHYTHM = 8
 #: A recorded motion nearer to its limit than this, relative to its size, is called settled.
@@ -39,13 +39,13 @@ SETTLED_DRIFT = 1e-4
 # doubling, k cycles repeat badly on the way to a motion that repeats after k.
 _BETTER = 1e-2
 _DRIFT_ROUND_OFF = 1e-9
-# Periods that are compared for an approach: so many, half of them at least, while so much alike.
+# Periods compared for convergence: most, least of one half, and their largest distance.
 _LOOKED_BACK, _FEW_PERIODS, _ALIKE = 18, 6, 0.1
 # A stamp is rounded to the nanosecond; so are both of a difference.
 _STAMP_S = 1.5e-9
 _FLOORS = 10.0
 _ROUND_OFF = 1e-12
-# Farther apart than this, two impacts are not the same one a period later.
+# Largest distance of an impact from the corresponding one a period later.
 _SAME = 0.3
 _APPROACHING = 0.3
 _NEAR = 0.1
@@ -54,7 +54,7 @@ _SHRINKS = 0.7
 
 
 class MotionKind(Enum):
-    """What a motion is, as measured."""
+    """The kind of a motion, as measured."""
 
     AT_REST = 'at rest'
     #: M moves, m hits no stop.
@@ -65,7 +65,7 @@ class MotionKind(Enum):
     #: These two by the thresholds of `irregularity`.
     QUASI_PERIODIC = 'quasi-periodic'
     CHAOTIC = 'chaotic'
-    #: What is known does not decide.
+    #: The evidence does not determine the kind.
     UNDECIDED = 'undecided'
     #: Under a force, or a control, that never repeats.
     NOT_PERIODICALLY_DRIVEN = 'not periodically driven'
@@ -77,7 +77,7 @@ class ImpactTable:
 
     phase: Array  # instants in cycles of the force, from any zero, shape (n,)
     stop: NDArray[Any]  # shape (n,)
-    states: Array  # what is compared besides, such as X, X' after and Z' after, shape (n, m)
+    states: Array  # further quantities compared, such as X, X' after and Z' after, shape (n, m)
     scale: float = 1.0  # what differences of states are divided by
     floor: float = 0.0  # distance that the rounding of stamps alone makes
     #: What displacements (m) and velocities (m/s) have been divided by in `states`.
@@ -236,7 +236,7 @@ def find_recurrence(table: ImpactTable, most_cycles: int = LONGEST_PERIOD) -> Re
             continue
         if period.at_floor and _kept(period):
             return period
-        if period.shrinks and _approaches(period):
+        if period.shrinks and _converges(period):
             return period
         steady = period.distance[-4:]
         if close is None and len(steady) == 4 and steady.max() < SETTLED:
@@ -244,7 +244,7 @@ def find_recurrence(table: ImpactTable, most_cycles: int = LONGEST_PERIOD) -> Re
     return close
 
 
-def _approaches(period: Recurrence) -> bool:
+def _converges(period: Recurrence) -> bool:
     """Return whether a shrinking sequence of distances is one that leads to a periodic motion."""
     count = len(period.distance)
     recent = float(period.distance[-6:].max())
@@ -254,19 +254,19 @@ def _approaches(period: Recurrence) -> bool:
 
 
 def _kept(period: Recurrence) -> bool:
-    """Return whether the two periods before the last one agreed, too, at least nearly."""
+    """Return whether the two periods before the last one agree nearly."""
     return len(period.distance) >= 2 and float(period.distance[-2:].max()) < SETTLED
 
 
 class Apart(NamedTuple):
-    """How far two rhythms with the same stops and period are apart."""
+    """Distance of two rhythms with the same stops and period."""
 
     phase: float  # largest difference of the instants of the impacts, in cycles of the force
     x: float  # largest difference of X at the impacts, relative to the largest |X|
 
 
 class _Counted(Protocol):
-    """A periodic motion counted from one of its impacts, such as a `PeriodicOrbit`."""
+    """A periodic motion as a sequence of impacts, such as a `PeriodicOrbit`."""
 
     @property
     def stops(self) -> tuple[int, ...]: ...
@@ -282,7 +282,7 @@ class _Counted(Protocol):
 
 @dataclass(frozen=True)
 class Rhythm:
-    """Impacts that repeat."""
+    """A repeating sequence of impacts."""
 
     stops: tuple[int, ...]  # stops hit in one period, in order
     cycles: int  # the period k, in cycles of the force
@@ -336,7 +336,7 @@ class Rhythm:
         return self.drift < SETTLED_DRIFT
 
     def turns(self) -> Iterator[Self]:
-        """Yield the same rhythm counted from each of its impacts."""
+        """Yield the same rhythm beginning at each of its impacts."""
         for i in range(self.impacts):
             whole = math.floor(self.phases[i])
             phases = self.phases[i:] + self.phases[:i]
@@ -350,10 +350,10 @@ class Rhythm:
 
     def turned_to(self, other: Rhythm) -> tuple[Self, Apart] | None:
         """
-        Return this rhythm counted as another one is, and how far it is from it.
+        Return this rhythm beginning at the same impact as another one, and their distance.
 
-        Of the ways to count it that have the other's stops, the nearest one; None if it has
-        other stops or another period.
+        Of several impacts that match the stops, the one with the least distance; None if stops or
+        period differ.
         """
         if self.cycles != other.cycles or self.impacts != other.impacts:
             return None
@@ -376,7 +376,7 @@ def _apart(one: Rhythm, other: Rhythm) -> Apart:
 
 def last_period(stops: Sequence[int] | NDArray[Any], count: int) -> int:
     """
-    Return where the last whole period of so many impacts begins.
+    Return the index at which the last whole period, of `count` impacts, begins.
 
     On stop 1 after stop 2, if there is such an impact in the last two periods.
     """
@@ -396,7 +396,7 @@ def rhythm_of(
     most_cycles: int = LONGEST_RHYTHM,
 ) -> Rhythm | None:
     """
-    Recognise a rhythm at the end of a run that goes on.
+    Recognise a rhythm at the end of a run that continues.
 
     Given are the instants of all impacts in a row, in cycles of the force since its zero angle,
     the stops and X of each, and the largest |X|, m. Returned is the shortest period that has

@@ -52,17 +52,16 @@ _NUMBERS = [name for name, spec in PARAMETER_SPECS.items() if spec.kind == 'doub
 @dataclass(frozen=True, kw_only=True)
 class StartReport:
     """
-    How the search for motions of one stop sequence went.
+    Statistics of the search for motions of one stop sequence.
 
     Attributes
     ----------
     stops : tuple of int
         The sequence.
     method : str
-        'scan': every motion of the impact equations was found, whatever it starts from; there
-        are no starts to count. 'starts': the impact equations were solved from systematic
-        starts. 'shooting': the event map was solved from motions of a simpler rig, without
-        friction or with one harmonic.
+        'scan': every motion of the impact equations was found, without starts to count.
+        'starts': the impact equations were solved from systematic starts. 'shooting': the event
+        map was solved from motions of a simpler rig, without friction or with one harmonic.
     starts, converged : int
         Systematic starts, or motions of the simpler rig, and how many led to a motion.
     simulated, simulated_converged : int
@@ -81,7 +80,7 @@ class StartReport:
 
     @property
     def complete(self) -> bool:
-        """Whether all motions are certain to be found, but for roots closer than the scan."""
+        """Whether all motions are found, up to roots closer together than the scan."""
         return self.method == 'scan'
 
     @property
@@ -102,7 +101,7 @@ class StartReport:
 @dataclass(frozen=True)
 class OrbitSearch:
     """
-    What a search found, and how it went.
+    The result of a search.
 
     Attributes
     ----------
@@ -110,7 +109,7 @@ class OrbitSearch:
         All different motions: stable and viable ones first, then viable, then the others; the
         smallest swing first within each.
     report : StartReport
-        How complete the search is.
+        How the search went, and whether it is complete.
     """
 
     orbits: tuple[PeriodicOrbit, ...]
@@ -127,10 +126,9 @@ def _hits(equations: ImpactEquations, root: Root) -> bool:
 
 def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
     """
-    Return a motion counted so that it has the given stops; None if it has others.
+    Return a motion with its impacts in the order of the given stops; None if it has others.
 
-    If several ways of counting do, the one whose first impact is earliest in the force's
-    cycle.
+    If several orders match, the one whose first impact is earliest in the cycle of the force.
     """
     return min(orbit.turned_to(stops), key=lambda orbit: orbit.phases[0], default=None)
 
@@ -356,25 +354,25 @@ def find_orbits(
         Number of systematic starts of the impact equations for three and more impacts; 200 for
         each unknown instant, if not given.
     simulate : bool, optional
-        Whether simulated motion gives starts too.
+        Whether to use simulated motion as starts, too.
 
     Returns
     -------
     OrbitSearch
-        Stable and unstable, viable and other motions. For one and two impacts these are all
-        there are; for more, the report says which share of the starts converged.
+        Stable and unstable, viable and other motions. For one and two impacts the list is
+        complete; for more, the report gives the share of the starts that converged.
 
     Notes
     -----
-    Flights that return to the same stop against friction, and a force of several harmonics, are
-    beyond the impact equations; the shooting solver then starts from simulated motion and from
-    the motions of the rig without friction or with the first harmonic only. With `simulate` it
-    also looks for motions in which m reverses, sticks or rests between alternating impacts.
+    The impact equations cover neither flights that return to the same stop against friction nor a
+    force of several harmonics. The shooting solver then starts from simulated motion and from the
+    motions of the rig without friction or with the first harmonic only. With `simulate` it also
+    searches for motions in which m reverses, sticks or rests between alternating impacts.
 
     Raises
     ------
     OrbitError
-        If the rig has no such motions to ask for; the text holds the remedy.
+        If the search does not apply to the rig or to the arguments.
 
     Examples
     --------

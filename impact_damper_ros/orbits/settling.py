@@ -1,4 +1,4 @@
-"""A rig on its way into a steady state: where it starts, and how it is run until it repeats."""
+"""Runs into a steady state: initial conditions, and detection that the motion repeats."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 
 from .recognition import LONGEST_PERIOD, Array, section_distance
 
-# Far more events than the motions sought have; a rig that chatters all the time is left early.
+# Far more events than the motions sought have; a rig that always chatters is given up early.
 _EVENTS_PER_CYCLE = 60
-# More than any motion has, and for how many cycles a rig may have as many at the beginning.
+# More events than any motion has, and the cycles at the start in which more are tolerated.
 _ENDLESS_PER_CYCLE, _BUSY_CYCLES = 500, 20
 #: Cycles between two looks at whether the motion repeats.
 CYCLES_BETWEEN_LOOKS = 50
 #: For how many cycles at least the states must come back.
 _LEAST_REPEATS = 10
-#: How many times the tolerance the states may be apart for a period to be in question still.
+#: Distance of the states, in tolerances, up to which a period is still considered.
 _NEARLY = 1e3
 
 
@@ -74,7 +74,7 @@ def starting_points(parameters: RigParameters) -> Iterator[InitialConditions]:
 
 
 class Look(NamedTuple):
-    """What a rig has done between two looks at it."""
+    """The events of a rig between two checks."""
 
     cycles: int  # cycles of the force run so far
     events: list[Event]  # since the last look
@@ -100,9 +100,9 @@ def run_by_cycles(
     """
     Run a rig by cycles of its force, and yield its events after every few cycles.
 
-    The last look is at the end. Cycles are counted from the instant `base` (s) and `first`
+    The last `Look` is at the end. Cycles are counted from the instant `base` (s) and `first`
     cycles after it; each is run in some parts. A rig that has more events in a cycle on average
-    is stopped at one of them, and the last look then counts whole cycles only.
+    is stopped at one of them; the last `Look` then counts whole cycles only.
     """
     cycle = math.tau / rig.parameters.force_frequencies[0]
     events: list[Event] = []
@@ -138,7 +138,7 @@ def settled_impacts(
     """
     Return the impacts in the last `watched` of some cycles of a run.
 
-    A rig that has more events in a cycle on average is given up, without impacts.
+    The list is empty if the rig has more events per cycle on average.
     """
     kept: list[Event] = []
     rig = Simulator(parameters, initial)
@@ -153,7 +153,7 @@ def settled_impacts(
 @dataclass(frozen=True)
 class Settling:
     """
-    How long a rig may take to settle, and how closely it is watched.
+    Limits and tolerances of the detection of a steady state.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def _samples_alike(control: GapControlParameters, cycle: float) -> bool:
     return any(abs(count - round(count)) < 1e-9 * max(count, 1.0) for count in counts)
 
 
-def section_of(samples: NDArray[np.void]) -> Array:
+def relative_states(samples: NDArray[np.void]) -> Array:
     """Return X, X', Y and Y' of samples."""
     x, velocity = samples['x'], samples['primary_velocity']
     return np.stack(
@@ -222,7 +222,7 @@ class SettlingRig:
     """
     A rig that is run by whole cycles of its force.
 
-    `run` is at the beginning of a cycle of its force, and goes on.
+    `run` must be at the beginning of a cycle of its force.
     """
 
     def __init__(self, run: LongRun | ControlledRun, settling: Settling) -> None:
@@ -257,7 +257,7 @@ class SettlingRig:
         return Scales(self._size or 1.0, self._rate)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what the rig's future depends on."""
+        """Return the snapshot of the rig."""
         return self._run.snapshot()
 
     def state(self) -> tuple[int, int]:
@@ -269,7 +269,7 @@ class SettlingRig:
         return cycles * self.cycle + self._start
 
     def run(self, cycles: int, looks: int = 1) -> RunResult:
-        """Go on for some cycles, with some looks in each, the first one at once."""
+        """Run for some cycles, with some samples in each, the first one at once."""
         grid = np.arange(cycles * looks + 1) / looks + self.cycles
         grid *= self.cycle
         grid += self._start
@@ -282,10 +282,10 @@ class SettlingRig:
         return result
 
     def settle(self) -> Events:
-        """Go on until the next look at whether the motion repeats; return the events."""
+        """Run until the next check whether the motion repeats; return the events."""
         left = max(1, self.settling.cycles - self.cycles)
         result = self.run(min(CYCLES_BETWEEN_LOOKS, left))
-        section = section_of(result.samples[1:])
+        section = relative_states(result.samples[1:])
         size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
         # A rig without force has settled once next to nothing of its start is left
         self._size = size if self.forced else max(size, self._size)
@@ -298,16 +298,16 @@ class SettlingRig:
         return result.events
 
     def forget(self) -> None:
-        """Forget the states so far: they no longer count for whether the motion repeats."""
+        """Discard the states so far, so that the detection of a period starts again."""
         self._recent = np.empty((0, 6 if self.controlled else 4))
 
     def period(self) -> int:
         """
-        Return the number of cycles after which the last states came back, or 0.
+        Return the number of cycles after which the last states repeat, or 0.
 
-        On the way to a motion of one cycle, several may come back first, if a free vibration
-        takes that many. A longer period therefore counts only if no shorter one does nearly as
-        well, or there is no time left to wait.
+        On the way to a motion of one cycle, the states may repeat after several cycles first, if
+        a free vibration takes that many. A longer period therefore counts only if no shorter one
+        fits nearly as well, or at the end of the run.
         """
         if not self.repeating or not self._size or len(self._recent) < 2:
             return 0

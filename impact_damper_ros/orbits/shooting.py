@@ -1,10 +1,10 @@
 """
 Shooting: periodic motions as fixed points of the event map.
 
-For what the impact equations leave out: flights that return to the stop they came from against
-friction, where friction reverses within the flight, and motions with sticking or rest. The period
-begins at a fixed phase of the force, inside a flight; or inside a phase of sticking or rest,
-where there is one, since the state has fewer dimensions there: (X, X', Y) where m sticks in the
+This solver covers what the impact equations do not: flights that return to the same stop against
+friction, in which friction reverses, and motions with sticking or rest. The period begins at a
+fixed phase of the force, within a flight, or within a phase of sticking or rest if there is one,
+since the state has fewer dimensions there: (X, X', Y) where m sticks in the
 gap and (X, X') where it rests on a stop, instead of (X, X', Y, Y').
 """
 
@@ -226,9 +226,9 @@ def shoot(
     Returns
     -------
     orbit : PeriodicOrbit
-        The motion; it is viable, being the simulator's own.
+        The motion; it is viable, since it is computed by the simulator.
     section : Section
-        Its state where the period begins. None stands for both if the method does not converge.
+        Its state where the period begins. The result is None if the method does not converge.
 
     Raises
     ------
@@ -306,10 +306,10 @@ def _orbit(
         cycles=cycles,
         phases=tuple(phase(i.time) for i in impacts),
         x=tuple(i.x for i in impacts),
-        primary_velocity_before=tuple(i.velocity_before for i in impacts),
-        primary_velocity_after=tuple(i.velocity_after for i in impacts),
-        damper_velocity_before=tuple(i.velocity_before + i.relative_before for i in impacts),
-        damper_velocity_after=tuple(i.velocity_after + i.relative_after for i in impacts),
+        primary_velocity_before=tuple(i.primary_velocity_before for i in impacts),
+        primary_velocity_after=tuple(i.primary_velocity_after for i in impacts),
+        damper_velocity_before=tuple(i.damper_velocity_before for i in impacts),
+        damper_velocity_after=tuple(i.damper_velocity_after for i in impacts),
         x_max=largest_displacement(
             (part.flight for part in flights), (part.duration for part in flights)
         ),
@@ -331,7 +331,7 @@ def orbit_near(
     parameters: RigParameters, impact: Event, phase: float, cycles: int
 ) -> PeriodicOrbit | None:
     """
-    Shoot for a periodic motion from the state just after an impact.
+    Find a periodic motion by shooting from the state just after an impact.
 
     Parameters
     ----------
@@ -342,12 +342,12 @@ def orbit_near(
     phase : float
         Its instant in cycles of the force since its zero angle.
     cycles : int
-        Period looked for, in cycles of the force.
+        Period in cycles of the force.
 
     Returns
     -------
     PeriodicOrbit or None
-        The motion that Newton's method leads to; None if it does not converge.
+        The motion to which Newton's method converges; None if it does not.
     """
     cycle = math.tau / parameters.force_frequencies[0]
     section = _section_after(

@@ -1,8 +1,8 @@
 """
 Viability: whether the rig can perform a solution of the impact equations.
 
-The equations hold at the impacts only. Here each flight between them is followed in closed form:
-by the simulator's own first event, and, to say by how much it fails, by its exact extremes.
+The equations hold at the impacts only. Here the flights between them are checked in closed form:
+by the first event of the simulator and, to quantify a violation, by the exact extremes.
 """
 
 from __future__ import annotations
@@ -93,22 +93,13 @@ def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[
         tau += step
 
 
-def _extremes(flight: Flight, duration: float, relative: bool) -> Extremes:
+def extremes(flight: Flight, duration: float, *, relative: bool) -> Extremes:
+    """Return the least and largest X of a flight or, if `relative`, of Y - Y(origin)."""
     points = [0.0, duration, *_turning_times(flight, duration, relative)]
     motions = [(motion_at(flight, tau), tau) for tau in points]
     values = [(m.travel if relative else m.x, tau) for m, tau in motions]
     (low, low_time), (high, high_time) = min(values), max(values)
     return Extremes(low, low_time, high, high_time)
-
-
-def swing_extremes(flight: Flight, duration: float) -> Extremes:
-    """Return the least and largest X of a flight."""
-    return _extremes(flight, duration, relative=False)
-
-
-def relative_extremes(flight: Flight, duration: float) -> Extremes:
-    """Return the least and largest Y - Y(origin) of a flight."""
-    return _extremes(flight, duration, relative=True)
 
 
 #: How much earlier than assumed, as a share of the period, an impact counts as another one.
@@ -145,7 +136,7 @@ def largest_displacement(flights: Iterable[Flight], durations: Iterable[float]) 
     """Return the largest |X| over flights, from their turning points, m."""
     largest = 0.0
     for flight, duration in zip(flights, durations, strict=True):
-        swing = swing_extremes(flight, float(duration))
+        swing = extremes(flight, float(duration), relative=False)
         largest = max(largest, -swing.low, swing.high)
     return largest
 
@@ -180,11 +171,11 @@ def _in_flight(
         return ''
     route = f'between the impacts on stop {start} and stop {end}'
     when = f'{tau:.6g} s after the former'
-    extremes = relative_extremes(flight, duration)
+    travel = extremes(flight, duration, relative=True)
     across = 2.0 * machine.stop
     # Distance beyond stop 1 and stop 2
-    beyond_1 = extremes.high - (0.0 if start == 1 else across)
-    beyond_2 = -extremes.low - (across if start == 1 else 0.0)
+    beyond_1 = travel.high - (0.0 if start == 1 else across)
+    beyond_2 = -travel.low - (across if start == 1 else 0.0)
     if kind == REVERSAL:
         return (
             f'm turns back {route}, {when} and {abs(motion_at(flight, tau).travel):.4g} m from '

@@ -1,4 +1,4 @@
-"""A process of this package that is asked by lines of JSON, and answers by lines."""
+"""A child process of this package: requests are lines of JSON, answers are lines."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ def environment() -> dict[str, str]:
 
 class Child:
     """
-    A running process; it ends when it is closed.
+    A running child process, which ends when it is closed.
 
     Parameters
     ----------
     command : sequence of str
-        What starts it.
+        The command line.
     take : callable
-        Takes each line.
+        Called with each line of the output.
     on_end : callable, optional
-        Called if it ends by itself.
+        Called if the process ends by itself.
     """
 
     def __init__(
@@ -52,11 +52,11 @@ class Child:
 
     @property
     def ended(self) -> bool:
-        """Whether it has ended."""
+        """Whether the process has ended."""
         return self._task.done()
 
     def send(self, request: Any) -> None:
-        """Send a request; of several before it has started, the last one."""
+        """Send a request; of those made before the process has started, only the last one."""
         if self._process is None or self._process.stdin is None:
             self._unsent = request
             return
@@ -76,7 +76,7 @@ class Child:
         if self._unsent is not None:
             self.send(self._unsent)
         try:
-            # A line beyond all measure is a ValueError.
+            # A line longer than the limit raises ValueError.
             with contextlib.suppress(ValueError):
                 while line := await process.stdout.readline():
                     self._take(line)
@@ -90,6 +90,6 @@ class Child:
             await process.wait()
 
     async def close(self) -> None:
-        """End it."""
+        """End the process."""
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)

@@ -1,5 +1,5 @@
 """
-Display frames: what is new of a motion, decimated to what a screen shows.
+Display frames: the new part of a motion, decimated to the resolution of a screen.
 
 The layout is little endian: a header of 36 bytes (kind, flags, counts of columns, impacts and
 samples, of a ghost's columns and samples; end, start of the columns, wall time), then float32: the
@@ -15,7 +15,7 @@ import struct
 import numpy as np
 
 from .measures import state_at
-from .motion import Motion, Rows
+from .motion import MotionHistory, Rows
 
 PAUSED, GHOST, REPLACE, REPLACE_GHOST = 1, 2, 4, 8
 _HEADER = struct.Struct('<BBHHHHHddd')
@@ -28,13 +28,13 @@ _MOST_COLUMNS = 4096
 _MOST_IMPACTS = 4096
 #: Samples for the phase portrait in a frame, and at first.
 _SAMPLES, _FIRST_SAMPLES = 64, 512
-#: How long after its last sample the state of a ghost is taken for known, s.
+#: Time after its last sample for which the state of a ghost is still shown, s.
 _GHOST_HELD = 0.1
 
 
 class _Trace:
     """
-    How much of a motion a page has.
+    The part of a motion that a page has already.
 
     Parameters
     ----------
@@ -50,15 +50,15 @@ class _Trace:
         self.sent = math.nan
 
     def begin(self, start: float) -> None:
-        """Begin anew with the first whole column."""
+        """Start again with the first whole column."""
         self._next = math.floor(start / self._column) + 1
         self.sent = start
 
-    def take(self, motion: Motion, until: float, *, behind: bool) -> tuple[Rows, Rows]:
+    def take(self, motion: MotionHistory, until: float, *, behind: bool) -> tuple[Rows, Rows]:
         """
         Return the columns and some samples that are new up to an instant.
 
-        A page that is behind has the newest samples, else they are evenly thinned out.
+        For a page that is `behind` these are the newest samples, otherwise evenly spaced ones.
         """
         # The last column is complete with the first sample after it.
         last = math.floor(until / self._column)
@@ -68,7 +68,7 @@ class _Trace:
         self._next, self.sent = max(self._next, last), until
         return columns, samples[:, [0, 1, 2, 3, 4, 10]]
 
-    def _columns(self, motion: Motion, last: int, until: float) -> Rows:
+    def _columns(self, motion: MotionHistory, last: int, until: float) -> Rows:
         """Return the columns up to one, with the extremes of X and Z."""
         rows = motion.samples_between((self._next - 1) * self._column, until)
         numbers = np.floor(rows[:, 0] / self._column)
@@ -92,7 +92,7 @@ class _Trace:
 
 class View:
     """
-    What one page shows of a motion, and how much of it the page has already.
+    The window that one page shows of a motion, and the part of it that the page has already.
 
     Parameters
     ----------
@@ -107,36 +107,36 @@ class View:
         column = self.window / min(max(width, 16), _MOST_COLUMNS)
         self._trace, self._ghost_trace = _Trace(column), _Trace(column)
         # The ghost of the last frame
-        self._ghost: Motion | None = None
+        self._ghost: MotionHistory | None = None
         # The last impact sent: one may come after the sample that follows it.
         self._hit = math.nan
 
     def begin_again(self) -> None:
-        """Let the next frame replace all that the page has."""
+        """Let the next frame replace everything that the page has."""
         self._trace.sent = math.nan
 
-    def wants(self, end: float, ghost: Motion | None = None) -> bool:
-        """Return whether a frame up to an instant has anything new."""
+    def wants(self, end: float, ghost: MotionHistory | None = None) -> bool:
+        """Return whether a frame up to an instant would contain anything new."""
         if self._trace.sent != end or ghost is not self._ghost:
             return True
-        # A ghost may come to be known while nothing moves.
+        # A ghost may be computed while the motion is paused.
         return ghost is not None and min(ghost.end, end) > self._ghost_trace.sent
 
     def frame(
         self,
-        motion: Motion,
+        motion: MotionHistory,
         end: float,
         epoch: float,
         flags: int = 0,
-        ghost: Motion | None = None,
+        ghost: MotionHistory | None = None,
         state: Rows | None = None,
     ) -> bytes:
         """
-        Return what the page lacks up to an instant.
+        Return a frame with everything new up to an instant.
 
         Parameters
         ----------
-        motion : Motion
+        motion : MotionHistory
             The motion; it has a sample at or before that instant.
         end : float
             The instant, s.
@@ -144,8 +144,8 @@ class View:
             Wall time of it, s.
         flags : int, optional
             `PAUSED`, if it is.
-        ghost : Motion, optional
-            That of another rig, as far as it is known.
+        ghost : MotionHistory, optional
+            The motion of a second rig, as far as it is known.
         state : ndarray, optional
             State of this one, as in `SAMPLE_COLUMNS` without the time; the last sample, if it is
             not given.
@@ -199,6 +199,6 @@ def _since(rows: Rows, end: float, *columns: int) -> Rows:
 
 
 def _thinned(samples: Rows) -> Rows:
-    """Return samples, evenly thinned out to as many as a frame may have."""
+    """Return evenly spaced samples, as many as a frame may have."""
     step = -(-len(samples) // _SAMPLES) or 1
     return samples[::-step][::-1]

@@ -1,5 +1,5 @@
 """
-Who may use the server: Host, Origin and token.
+Access control of the server: Host, Origin and token.
 
 A page of a foreign site can make a browser connect to a server of this machine. It cannot forge
 the Host and Origin that the browser sends: a name that an attacker lets point to this machine (DNS
@@ -20,7 +20,7 @@ _LOOPBACK_NAMES = ('localhost', '127.0.0.1', '::1')
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether an address to listen on is reached from this machine only."""
+    """Return whether an address can be reached from this machine only."""
     if host == 'localhost':
         return True
     try:
@@ -30,7 +30,7 @@ def is_loopback(host: str) -> bool:
 
 
 def _split(netloc: str) -> tuple[str, int | None] | None:
-    """Return host and port of what a Host header holds; None if it is malformed."""
+    """Return host and port of a Host header; None if it is malformed."""
     if not netloc or any(sign in netloc for sign in '/\\@?# \t'):
         return None
     try:
@@ -43,17 +43,17 @@ def _split(netloc: str) -> tuple[str, int | None] | None:
 @dataclass
 class Gate:
     """
-    What a request must bring.
+    The checks that a request must pass.
 
     Parameters
     ----------
     host : str
         The address that the server listens on.
     names : sequence of str, optional
-        Further names under which it may be reached.
+        Further host names of the server.
     token : str, optional
-        The token to ask for; a new one, if the address is not of the loopback interface, and none
-        there.
+        The token to require. By default there is none on the loopback interface, and a new one on
+        any other address.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Gate:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie; cookies do not tell ports apart."""
+        """Name of the cookie, with the port, since cookies are shared between ports."""
         return f'rig_page_{self.port}'
 
     def accepts_host(self, netloc: str) -> bool:
@@ -94,13 +94,13 @@ class Gate:
         return True
 
     def accepts_origin(self, origin: str, netloc: str) -> bool:
-        """Return whether an Origin is the page that this server has sent to that Host."""
+        """Return whether an Origin is that of the pages of this server at that Host."""
         scheme, _, rest = origin.partition('://')
         own = _split(rest) == _split(netloc)
         return scheme in ('http', 'https') and own and self.accepts_host(rest)
 
     def accepts_token(self, *given: str | None) -> bool:
-        """Return whether the token is among what is given, or none is needed."""
+        """Return whether one of the given values is the token, or none is required."""
         if not self.token:
             return True
         return any(hmac.compare_digest(self.token.encode(), (g or '').encode()) for g in given)

@@ -1,4 +1,4 @@
-"""The what-if beside a recording: another rig on the same history, from a process of its own."""
+"""The what-if beside a recording: a second rig with the same history, from a child process."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .child import Child
-from .motion import IMPACT_COLUMNS, SAMPLE_COLUMNS, Motion
+from .motion import IMPACT_COLUMNS, SAMPLE_COLUMNS, MotionHistory
 from .recorded import MOST_IMPACTS, MOST_SAMPLES
 
 _PROCESS = 'impact_damper_ros.page.what_if_process'
@@ -21,7 +21,7 @@ _PROCESS = 'impact_damper_ros.page.what_if_process'
 
 class Ghost:
     """
-    Another rig.
+    A second rig.
 
     Parameters
     ----------
@@ -30,13 +30,13 @@ class Ghost:
     values : mapping
         The parameters that are held.
     tell : callable
-        Takes the messages for the page.
+        Called with each message for the page.
     """
 
     def __init__(
         self, path: Path, values: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]
     ) -> None:
-        self.motion = Motion(MOST_SAMPLES, MOST_IMPACTS)
+        self.motion = MotionHistory(MOST_SAMPLES, MOST_IMPACTS)
         self._values = dict(values)
         self._tell = tell
         self._done = False
@@ -77,7 +77,7 @@ class Ghost:
 
     def _end(self) -> None:
         if not self._done:
-            self._say('the what-if has ended before its end: try it again', on=False, done=True)
+            self._say('the process of the what-if ended early: try it again', on=False, done=True)
 
     async def close(self) -> None:
         """End the process."""

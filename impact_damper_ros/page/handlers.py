@@ -1,4 +1,4 @@
-"""The requests to the server: what each must bring, and how it is answered."""
+"""The HTTP and WebSocket handlers of the server."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from urllib.parse import unquote
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketHandler
 
-from .session import LONGEST_MESSAGE, Refusal, Session
+from .session import LONGEST_MESSAGE, RequestError, Session
 
 if TYPE_CHECKING:
     from .server import PageServer
@@ -32,7 +32,7 @@ _PIECE = 256 * 1024
 
 
 class _Guarded(RequestHandler):
-    """A request that the gate has let in, answered with headers that keep foreign things out."""
+    """A request that passes the gate, answered with restrictive security headers."""
 
     policy = _POLICY
 
@@ -185,15 +185,15 @@ class _Socket(_Guarded, WebSocketHandler):
         connection = self.ws_connection
         stream = getattr(connection, 'stream', None)
         if stream is not None and stream.socket is not None:
-            # What the kernel holds of a page that does not read is old when it reads again.
+            # A small buffer: what it holds for a page that does not read is outdated afterwards.
             stream.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         rig, bag = (self.get_query_argument(name, '') for name in ('rig', 'bag'))
         try:
             self.session = await self.server.open(self, rig, bag)
-        except Refusal as refusal:
-            text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(refusal)[:2000]})
+        except RequestError as error:
+            text = json.dumps({'type': 'status', 'state': 'gone', 'text': str(error)[:2000]})
             await self.write_message(text)
-            self.close(4404, 'there is no such thing')
+            self.close(4404, 'not found')
         else:
             if self.ws_connection is None or self.ws_connection.is_closing():
                 self.on_close()
@@ -208,7 +208,7 @@ class _Socket(_Guarded, WebSocketHandler):
 
 
 def application(server: PageServer) -> Application:
-    """Return all addresses of a server."""
+    """Return the application with all addresses of a server."""
     own = {'server': server}
     return Application(
         [

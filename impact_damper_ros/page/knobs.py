@@ -11,7 +11,7 @@ from typing import Any, Self
 from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS, ParameterSpec
 
-#: What matters first, in this order.
+#: The most important parameters, in this order.
 _FIRST = (
     *('gap', 'force_frequencies', 'force_amplitudes', 'angle', 'friction'),
     *('restitution_1', 'restitution_2', 'gap_control'),
@@ -34,7 +34,7 @@ class Knob:
     read_only : bool
         Whether it cannot be set while the node runs.
     choices : tuple of str
-        What a text may be; empty for any.
+        Admissible texts; empty for any.
     value : Any
         Its value.
     """
@@ -75,7 +75,7 @@ class Knob:
 
     @property
     def group(self) -> str:
-        """Where the page shows it."""
+        """Group of knobs in which the page shows it."""
         if self.name in _FIRST:
             return 'first'
         if self.name in GAP_CONTROL_SPECS:
@@ -85,7 +85,7 @@ class Knob:
         return 'rig' if self.name in PARAMETER_SPECS else 'run'
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as what JSON can hold."""
+        """Return the parameter for JSON."""
         return {
             'name': self.name,
             'type': self.kind,

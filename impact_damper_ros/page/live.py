@@ -1,4 +1,4 @@
-"""One rig of the ROS network, followed for all pages that show it; without ROS itself."""
+"""One rig of the ROS network, as its messages describe it; without ROS imports."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from impact_damper_ros.rig.simulator import Snapshot
 from .frames import PAUSED
 from .knobs import Knob, as_json
 from .measures import RigNumbers
-from .motion import ForcePhase, Motion, Rows, impact_rows
+from .motion import ForcePhase, MotionHistory, Rows, impact_rows
 from .presets import preset_with
 
 #: Samples and impacts that are kept for the traces.
 _MOST_SAMPLES, _MOST_IMPACTS = 60_000, 20_000
-#: Without any message for so long a node is gone, s; its diagnostics come each second.
+#: Time without messages after which a node counts as gone, s; diagnostics come every second.
 GONE_S = 3.5
 _STATUS_PERIOD_S = 1.0
-#: A node that was killed is known to the network for some 20 s.
+#: Time for which several nodes of a name are tolerated, s: a killed one stays listed for 20 s.
 _NAMESAKE_S = 30.0
 _LEVELS = ('ok', 'warn', 'error')
-#: Stamps this near to the clock are those of the clock, s.
+#: Largest difference from the system time of stamps that count from it, s.
 _WALL_S = 3600.0
-#: Reasons of snapshots: of those after which stamps count from another instant, and of those after
-#: which the rig moves on as before.
+#: Reasons of snapshots after which stamps count from another instant, and of those after which the
+#: motion of the rig is the same.
 _MOVING = ('slip', 'resume')
 _SAME_COURSE = (*_MOVING, 'record')
 
@@ -49,12 +49,12 @@ class Messages(Protocol):
 
 
 class Link(Protocol):
-    """What connects to the node; see `ros_client.RigLink`."""
+    """The connection to a node; see `ros_client.RigLink`."""
 
     name: str
 
     def poll(self) -> Messages:
-        """Take what has come in."""
+        """Return the messages since the last call."""
 
     def count(self) -> int:
         """Return how many nodes have the name."""
@@ -63,20 +63,20 @@ class Link(Protocol):
         """Return all parameters."""
 
     async def set(self, values: Mapping[str, Any]) -> str:
-        """Set parameters; return why not."""
+        """Set parameters; return why they are rejected, or an empty text."""
 
     async def pause(self, hold: bool) -> tuple[bool, str]:
-        """Hold the rig."""
+        """Pause the rig, or resume it."""
 
     async def trigger(self, service: str) -> tuple[bool, str]:
         """Call `reset`, `step` or `step_to_impact`."""
 
     def close(self) -> None:
-        """Leave it."""
+        """Close the connection."""
 
 
 class _Era(NamedTuple):
-    """From a snapshot on: how stamps and positions count."""
+    """The rig from a snapshot on, and the origins of its stamps and positions."""
 
     stamp_ns: int
     offset_ns: int
@@ -87,18 +87,18 @@ class _Era(NamedTuple):
 
 class LiveRig:
     """
-    A rig as its messages show it.
+    The state of a rig, reconstructed from its messages.
 
     Parameters
     ----------
     link : Link
-        Takes its messages.
+        The connection to its node.
     tell : callable
-        Takes each message for the pages.
+        Called with each message for the pages.
 
     Attributes
     ----------
-    motion : Motion
+    motion : MotionHistory
         The last minutes.
     knobs : list of Knob
         Its parameters; empty until they are known.
@@ -124,12 +124,12 @@ class LiveRig:
         self._namesakes_since = 0.0
         #: Called when the rig has other parameters, or is another one.
         self.on_course: Callable[[], None] = lambda: None
-        #: Called when the parameters have to be asked for (anew).
+        #: Called when the parameters have to be requested.
         self.on_restart: Callable[[], None] = lambda: None
 
     def _forget(self) -> None:
-        """Begin anew: the node was started anew."""
-        self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
+        """Discard all messages: the node was restarted."""
+        self.motion = MotionHistory(_MOST_SAMPLES, _MOST_IMPACTS)
         self._states, self._impacts = JointStateDecoder(), JointStateDecoder()
         self._eras: list[_Era] = []
         self._paused = False
@@ -153,7 +153,7 @@ class LiveRig:
     # Messages
 
     def look(self) -> None:
-        """Take what has come in since the last look."""
+        """Process the messages that have come since the last call."""
         messages = self.link.poll()
         # /diagnostics are of all nodes; see below.
         if messages.states or messages.snapshots or messages.impacts:
@@ -202,7 +202,7 @@ class LiveRig:
 
     def _is_another_run(self, reason: str, offset_ns: int, time_: float) -> bool:
         """
-        Return whether a snapshot is that of a node started anew.
+        Return whether a snapshot is from a restarted node.
 
         Its first snapshot may be lost: only the last one is latched. Within a run, only a slip
         and the end of a pause, or of being held, change the stamp of rig time 0; it is 0 for all
@@ -217,7 +217,7 @@ class LiveRig:
         )
 
     def _note(self, values: Mapping[str, Any], time_: float | None, kind: str = 'change') -> None:
-        """Take note of values, and say which of them are new, or that the rig was reset."""
+        """Store values, and report those that have changed, or a reset."""
         plain = {name: as_json(value) for name, value in values.items()}
         changed = {
             name: value
@@ -237,7 +237,7 @@ class LiveRig:
             )
 
     def _era(self, stamp_ns: int) -> _Era:
-        """Return how a message counts; a change comes with the snapshot of its instant."""
+        """Return the era of a message; a change comes with the snapshot of its instant."""
         first, last = self._eras[0], self._eras[-1]
         return last if stamp_ns >= last.stamp_ns else first
 
@@ -272,7 +272,7 @@ class LiveRig:
             self.motion.add_samples(self._completed(np.array(rows), groups))
 
     def _completed(self, rows: Rows, eras: list[_Era]) -> Rows:
-        """Return samples with the phase of the force, later than those there are."""
+        """Return samples with the phase of the force, later than the last known one."""
         for era in {id(era): era for era in eras}.values():
             own = np.array([other is era for other in eras])
             rows[own, -1] = era.phase.at(rows[own, 0])
@@ -315,7 +315,7 @@ class LiveRig:
             )
 
     def _take_event(self, content: bytes) -> None:
-        """Take parameters that no snapshot holds: settings of the node."""
+        """Process parameters that no snapshot holds: settings of the node."""
         try:
             event = decode('rcl_interfaces/msg/ParameterEvent', content)
         except CdrError:
@@ -372,7 +372,7 @@ class LiveRig:
         }
 
     def numbers(self) -> RigNumbers:
-        """Return the numbers that people ask for first, as far as they are measured."""
+        """Return the key numbers, as far as they are measured."""
         report = self.reports.get('measured motion')
         values = dict(report.values) if report is not None else {}
         return RigNumbers(
@@ -423,7 +423,7 @@ class LiveRig:
 
     def _say_status(self) -> None:
         now, judged = time.monotonic(), self._judged()
-        # The seconds of silence are no news.
+        # A longer silence alone is not reported again.
         news = judged[0] != self._said[0] or (judged[0] != 'gone' and judged != self._said)
         if news or now >= self._said_at + _STATUS_PERIOD_S:
             self._said, self._said_at = judged, now

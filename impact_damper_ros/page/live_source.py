@@ -13,7 +13,7 @@ from .knobs import as_json
 from .live import Link, LiveRig
 from .measures import slow_motion
 from .presets import Preset
-from .session import Refusal, Session, given
+from .session import RequestError, Session, given
 from .theorist import Theorist
 
 _TRIGGERS = ('reset', 'step', 'step_to_impact')
@@ -29,11 +29,11 @@ class LiveSource:
     link : Link
         To the node.
     no_answer : type of Exception
-        What its requests raise if the node does not answer.
+        The exception that its requests raise if the node does not answer.
     presets : list of Preset
-        Rigs that can be chosen.
+        The presets to offer.
     common : callable
-        Returns what every hello has: rigs and recordings.
+        Returns the rigs and recordings, which are part of every first message.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class LiveSource:
         self.rig.link.close()
 
     def tick(self) -> None:
-        """Look at the rig, and show it."""
+        """Take the messages of the rig, and send frames to the pages."""
         self.rig.look()
         if self._course_asked and self.sessions:
             self._course_asked = False
@@ -99,7 +99,7 @@ class LiveSource:
         }
 
     def greet(self, session: Session) -> None:
-        """Say how things are to a new page."""
+        """Send the present state to a new page."""
         for message in (
             self.rig.status(),
             self.rig.diagnostics(),
@@ -109,7 +109,7 @@ class LiveSource:
             session.outbox.put(message)
 
     def frame(self, view: View) -> bytes | None:
-        """Return what is new."""
+        """Return a frame with what is new; None if nothing is."""
         end = self.rig.motion.end
         if end != end or not view.wants(end):
             return None
@@ -143,7 +143,7 @@ class LiveSource:
             self._asking = asyncio.ensure_future(self._ask())
 
     async def _ask(self) -> None:
-        """Ask for the parameters until they are known; then greet the pages."""
+        """Request the parameters until they are known; then send them to the pages."""
         while not self.rig.knobs:
             try:
                 knobs = await self.rig.link.knobs()
@@ -157,7 +157,7 @@ class LiveSource:
             self.greet(session)
 
     async def handle(self, message: dict[str, Any], session: Session) -> dict[str, Any] | None:
-        """Carry out a request."""
+        """Process a request."""
         kind = message['type']
         link = self.rig.link
         try:
@@ -170,7 +170,7 @@ class LiveSource:
             if kind == 'service':
                 return await self._serve(given(message, 'name', str))
         except self._no_answer as error:
-            raise Refusal(str(error)) from error
+            raise RequestError(str(error)) from error
         if kind == 'slow_motion':
             count = given(message, 'impacts', int, 5)
             motion = self.rig.motion
@@ -181,7 +181,7 @@ class LiveSource:
                 given(message, 'orbit', bool, True), given(message, 'curve', bool, True)
             )
             return None
-        raise Refusal(f'{kind} is nothing that a live rig can do')
+        raise RequestError(f'{kind[:80]} is not a request for a live rig')
 
     async def _serve(self, name: str) -> dict[str, Any]:
         if name == 'pause':
@@ -190,16 +190,16 @@ class LiveSource:
         elif name in _TRIGGERS:
             ok, text = await self.rig.link.trigger(name)
         else:
-            raise Refusal(f'{name} is no service of a rig')
+            raise RequestError(f'{name[:80]} is not a service of a rig')
         return {'ok': ok, 'reason': text}
 
     async def _take_preset(self, name: str) -> dict[str, Any]:
-        """Set the parameters of a preset, all at once, and begin from its start."""
+        """Set the parameters of a preset, all at once, and reset the rig."""
         if name not in self._presets:
-            raise Refusal(f'there is no preset {name[:80]}')
+            raise RequestError(f'there is no preset {name[:80]}')
         known = {knob.name for knob in self.rig.knobs if not knob.read_only}
         if not known:
-            raise Refusal('the parameters of the rig are not known yet')
+            raise RequestError('the parameters of the rig are not known yet')
         values = {n: v for n, v in self._presets[name].all_values().items() if n in known}
         if reason := await self.rig.link.set(values):
             return {'ok': False, 'reason': reason}

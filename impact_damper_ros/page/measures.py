@@ -1,4 +1,4 @@
-"""The numbers that people ask for first: of the rig, and of its motion in the last seconds."""
+"""The key numbers of a rig, and of its motion in the last seconds."""
 
 from __future__ import annotations
 
@@ -11,41 +11,41 @@ import numpy as np
 from impact_damper_ros.rig import RigParameters
 
 from .knobs import as_json
-from .motion import Motion, Rows
+from .motion import MotionHistory, Rows
 
 #: Cycles of the force over which energy is counted.
 _CYCLES = 20
 #: Coefficients of restitution that count as equal.
 _EQUAL = 1e-3
-#: Share of its velocity that m may lose or win on its way through the gap.
+#: Largest relative change of the velocity of m on its way through the gap.
 _SMALL = 0.25
 #: Samples per second of a replay at 1/20 of the speed, on a screen with 60 frames per second.
 _SLOW_RATE = 1200.0
-#: A film lasts a minute at most.
+#: Largest number of samples (a minute) and impacts of a replay.
 _MOST_SLOW, _MOST_SLOW_IMPACTS = 3600, 50
 
 
 @dataclass(frozen=True)
 class RigNumbers:
     """
-    A rig, and what is measured of it.
+    A rig, and the numbers measured on it.
 
     Attributes
     ----------
     rig : RigParameters or None
         The rig, if it is known.
-    motion : Motion
+    motion : MotionHistory
         Its motion.
     end : float
         Rig time now, s.
     x_max : float or None
-        Largest |X| measured, m; of the last cycles of the force, if it is None.
+        Largest |X| measured, m; taken from the last cycles of the force, if it is None.
     impacts_per_cycle : float or None
-        As measured; the same.
+        As measured; counted over the last cycles, if it is None.
     """
 
     rig: RigParameters | None
-    motion: Motion
+    motion: MotionHistory
     end: float
     x_max: float | None = None
     impacts_per_cycle: float | None = None
@@ -54,9 +54,9 @@ class RigNumbers:
         self, predicted: float | None, optimum: float | None, basis: str = 'curve'
     ) -> dict[str, Any]:
         """
-        Return the message; Xmax/A and the best gap as theory has them.
+        Return the message, with Xmax/A and the best gap predicted by theory.
 
-        `basis` says where the best gap is from: the ``'curve'``, ``'part of the curve'``, or the
+        `basis` is the source of the best gap: the ``'curve'``, ``'part of the curve'``, or the
         ``'formula'`` for the resonance; see `estimated_optimum`.
         """
         rig = self.rig
@@ -113,10 +113,10 @@ class RigNumbers:
 
 def estimated_optimum(rig: RigParameters) -> float | None:
     """
-    Return about the best gap by an energy balance, m; None where it does not apply.
+    Estimate the best gap by an energy balance, m; None where that does not apply.
 
-    It is that of two impacts per cycle at the resonance, where M passes its equilibrium, with
-    equal stops, and m at a constant velocity in between. Theory finds the best gap itself, later.
+    The estimate is for two impacts per cycle at resonance, where M passes its equilibrium, with
+    equal stops and a constant velocity of m in between. Theory finds the best gap itself, later.
     """
     restitution, mu = 0.5 * (rig.restitution_1 + rig.restitution_2), rig.mass_ratio
     single = rig.sweep_mode == 'off' and not rig.multisine_level
@@ -139,9 +139,9 @@ def estimated_optimum(rig: RigParameters) -> float | None:
     return gap if 0.0 < gap < math.inf and pull * half < _SMALL * gap / half else None
 
 
-def slow_motion(motion: Motion, count: int, end: float) -> dict[str, Any]:
+def slow_motion(motion: MotionHistory, count: int, end: float) -> dict[str, Any]:
     """
-    Return the last impacts closely sampled, to be shown slowly.
+    Return the last impacts, closely sampled, for slow motion.
 
     Between samples and impacts the motion is drawn by cubics through places and velocities, with
     the velocity after an impact different from that before it.
@@ -174,7 +174,7 @@ def slow_motion(motion: Motion, count: int, end: float) -> dict[str, Any]:
     }
 
 
-def state_at(motion: Motion, time: float) -> Rows:
+def state_at(motion: MotionHistory, time: float) -> Rows:
     """Return the state at an instant, as `SAMPLE_COLUMNS` without the time."""
     samples = motion.samples
     place = int(np.searchsorted(samples[:, 0], time, side='right')) - 1

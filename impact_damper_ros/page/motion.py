@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,11 +86,6 @@ class ForcePhase:
         phases: NDArray[np.float64] = np.remainder(cycles, 1.0)
         return phases
 
-    @classmethod
-    def of_state(cls, state: Mapping[str, Any]) -> Self:
-        """Return the phase after the state of a snapshot message."""
-        return cls(Snapshot.from_dict(dict(state)))
-
 
 class _Table:
     """Rows in rising order of their first column, of which the last ones are kept."""
@@ -120,7 +113,7 @@ class _Table:
         self._begin = max(self._begin, self._end - self._most)
 
 
-class Motion:
+class MotionHistory:
     """
     Samples and impacts of a rig in the order of their instants.
 
@@ -151,11 +144,11 @@ class Motion:
         return float(rows[-1, 0]) if len(rows) else math.nan
 
     def add_samples(self, rows: Rows) -> None:
-        """Take samples later than those there are."""
+        """Append samples, which must be later than the last one."""
         self._samples.add(rows)
 
     def add_impacts(self, rows: Rows) -> None:
-        """Take impacts later than those there are."""
+        """Append impacts, which must not be earlier than the last one."""
         self._impacts.add(rows)
 
     def samples_between(self, start: float, end: float) -> Rows:

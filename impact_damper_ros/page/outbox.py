@@ -1,8 +1,8 @@
 """
-What waits to be sent to one page: bounded, whatever the page does.
+The queue of messages to one page, of bounded length.
 
-At most one write is under way. A frame is made when the one before has left, of all that came
-since; of a message that only states how things are, the newest one is kept.
+At most one write is under way. A frame is made when the previous one has been sent, with all that
+came since. Of messages that describe a state, only the newest one is kept.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-#: Messages each of which takes the place of the one before.
+#: Messages that replace the previous one of their type.
 _STATES = frozenset(
     (
         *('status', 'diagnostics', 'numbers', 'orbit', 'gap_curve', 'theory_failed'),
         *('rigs', 'recordings', 'what_if', 'slow_motion'),
     )
 )
-#: Most other messages that wait; a page that takes no more is let go, also after so long, s.
+#: Most other messages that wait, and the longest write, s; beyond these the page is closed.
 _MOST_WAITING = 256
 STALLED_S = 60.0
 
@@ -29,7 +29,7 @@ class Sink(Protocol):
     """A WebSocket."""
 
     def write_message(self, message: str | bytes, binary: bool = False) -> Any:
-        """Write a message; the result is done when it has left."""
+        """Write a message; the result is done when it has been sent."""
 
     def close(self) -> None:
         """End the connection."""
@@ -54,7 +54,7 @@ class Outbox:
         self.closed = False
 
     def put(self, message: dict[str, Any]) -> None:
-        """Let a message wait."""
+        """Queue a message."""
         if self.closed:
             return
         kind = message['type']
@@ -67,7 +67,7 @@ class Outbox:
             self.close()
 
     def pump(self, frame: Callable[[], bytes | None]) -> None:
-        """Send what waits, and a frame, unless the last write is still under way."""
+        """Send the queued messages and a frame, unless the last write is still under way."""
         if self.closed:
             return
         if self._last is not None and not self._last.done():
@@ -97,7 +97,7 @@ class Outbox:
             self.close()
 
     def close(self) -> None:
-        """Let the page go; it may connect again."""
+        """Close the connection; the page may connect again."""
         if not self.closed:
             self.closed = True
             self._waiting.clear()

@@ -1,4 +1,4 @@
-"""A recording as the source of one page: where it is, and how fast it goes on."""
+"""A recording as the source of one page: its position and its speed."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .ghost import Ghost
 from .knobs import knobs_of
 from .measures import RigNumbers, slow_motion, state_at
 from .presets import preset_with
-from .recorded import Recorded
-from .session import Refusal, Session, given
+from .recorded import Recording
+from .session import RequestError, Session, given
 from .theorist import Theorist
 
 _SLOWEST, _FASTEST = 0.01, 100.0
 _STATUS_PERIOD_S = 1.0
-_NO_KNOB = 'this is a recording: ask what if, or turn the knob on a live rig'
-#: What the services of a live rig are in a recording.
+_NO_KNOB = 'this is a recording: run a what-if, or change the parameter of a live rig'
+#: The jumps that correspond to services of a live rig.
 _STEPS = {'step': 'sample', 'step_to_impact': 'impact'}
 _KINDS = {'stretch': ('stretch', 'change', 'reset'), 'change': ('change',)}
 
@@ -36,17 +36,17 @@ class Player:
     Parameters
     ----------
     name : str
-        Of the recording.
+        Name of the recording.
     path : Path
-        Where it is.
-    recorded : Recorded
-        What it holds.
+        The bag.
+    recorded : Recording
+        Its content.
     common : callable
-        Returns what every hello has.
+        Returns the rigs and recordings, which are part of every first message.
     """
 
     def __init__(
-        self, name: str, path: Path, recorded: Recorded, common: Callable[[], dict[str, Any]]
+        self, name: str, path: Path, recorded: Recording, common: Callable[[], dict[str, Any]]
     ) -> None:
         self._name = name
         self._path = path
@@ -65,14 +65,14 @@ class Player:
         self._theorist = Theorist(self._tell_theory)
 
     def begin(self, session: Session) -> None:
-        """Begin to play to a page."""
+        """Start playing to a page."""
         self._tell = session.outbox.put
         self._theorist.ask(self._recorded.eras[self._era].state)
         self._say_status()
         self._tell(self._numbers())
 
     async def close(self) -> None:
-        """End what works for the page."""
+        """End the child processes."""
         await self._theorist.close()
         if self._ghost is not None:
             await self._ghost.close()
@@ -108,7 +108,7 @@ class Player:
         return min(self._from + self._speed * (time.monotonic() - self._since), self._end)
 
     def frame(self, view: View) -> bytes | None:
-        """Return what is new."""
+        """Return a frame with what is new; None if nothing is."""
         now = self.time
         if self._playing and now >= self._end:
             self._go_to(self._end, playing=False)
@@ -121,7 +121,7 @@ class Player:
         return view.frame(self._recorded.motion, now, now, flags, ghost, state)
 
     def _look(self, now: float) -> None:
-        """Say what has changed."""
+        """Report a change of parameters, and the state at intervals."""
         era = self._recorded.era(now)
         if era != self._era:
             before, after = self._recorded.eras[self._era], self._recorded.eras[era]
@@ -169,7 +169,7 @@ class Player:
     # From the page
 
     async def handle(self, message: dict[str, Any], session: Session) -> dict[str, Any] | None:
-        """Carry out a request."""
+        """Process a request."""
         kind = message['type']
         if kind == 'seek':
             self._go_to(given(message, 'time', float))
@@ -195,7 +195,7 @@ class Player:
                 self._play(0.0 if self._playing else self._speed)
             return {'ok': True, 'reason': ''}
         else:
-            raise Refusal(_NO_KNOB)
+            raise RequestError(_NO_KNOB)
         return None
 
     def _go_to(self, instant: float, *, playing: bool | None = None) -> None:
@@ -209,12 +209,12 @@ class Player:
         now = self.time
         if speed > 0.0:
             self._speed = min(max(speed, _SLOWEST), _FASTEST)
-            # From the end it begins again.
+            # At the end playing starts again from the beginning.
             now = self._start if now >= self._end else now
         self._go_to(now, playing=speed > 0.0)
 
     def _jump(self, to: str, direction: int) -> None:
-        """Go to the next thing, or the one before, and stop there."""
+        """Go to the next or the previous sample, impact or change, and pause there."""
         if to == 'sample':
             times = self._recorded.motion.samples[:, 0]
         elif to == 'impact':
@@ -223,7 +223,7 @@ class Player:
             changes = [c['time'] for c in self._recorded.changes if c['kind'] in _KINDS[to]]
             times = np.array(changes, dtype=float)
         else:
-            raise Refusal(f'there is no jump to {to[:80]}')
+            raise RequestError(f'a recording has no {to[:80]} to jump to')
         times = times[(times >= self._start) & (times <= self._end)]
         now = self.time
         if direction < 0:

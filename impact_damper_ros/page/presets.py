@@ -1,4 +1,4 @@
-"""Rigs that show something, by name: `presets.yaml`."""
+"""The presets, example rigs by name: `presets.yaml`."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class Preset:
     Attributes
     ----------
     name, title, description : str
-        For people; the name for links, too.
+        Texts for the user; the name is also used in links.
     rig : RigParameters
         The rig.
     control : GapControlParameters
         Its control.
     initial : InitialConditions
-        Where it starts.
+        Its initial conditions.
     """
 
     name: str
@@ -65,7 +65,7 @@ def load_presets(path: Path = _FILE) -> tuple[Preset, ...]:
     Raises
     ------
     ValueError
-        If one is not a rig.
+        If the parameters of one are not admissible.
     """
     found = []
     for name, entry in yaml.safe_load(path.read_text(encoding='utf-8')).items():
@@ -86,7 +86,7 @@ def load_presets(path: Path = _FILE) -> tuple[Preset, ...]:
 
 
 def preset_with(values: Mapping[str, Any]) -> str:
-    """Return the title of the preset that a rig and its control are; empty if there is none."""
+    """Return the title of the preset with these parameters of rig and control; empty if none."""
     for preset in load_presets():
         own = {n: as_json(v) for p in (preset.rig, preset.control) for n, v in p.as_dict().items()}
         if all(values.get(name) == value for name, value in own.items()):

@@ -1,4 +1,4 @@
-"""A recording as arrays, read once: its motion, and what was done to the rig."""
+"""A recording as arrays, read once: its motion, and the changes of the rig."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from impact_damper_ros.rig import INITIAL_SPECS, RigParameters
 from impact_damper_ros.rig.simulator import Snapshot
 
 from .knobs import as_json
-from .motion import ForcePhase, Motion, impact_rows
+from .motion import ForcePhase, MotionHistory, impact_rows
 from .presets import preset_with
 
-#: Most samples and impacts that are kept of a recording, the first ones.
+#: Largest number of samples and impacts that are read of a recording.
 MOST_SAMPLES, MOST_IMPACTS = 2_000_000, 1_000_000
 _BATCH = 16_384
 _MOST_CHANGES = 2000
@@ -28,18 +28,18 @@ _MOST_CHANGES = 2000
 @dataclass(frozen=True)
 class Era:
     """
-    The rig from an instant on.
+    The rig from one change to the next.
 
     Attributes
     ----------
     time : float
-        Rig time, s.
+        Rig time at which it begins, s.
     rig : RigParameters
         The rig.
     values : dict
-        All its parameters, those of its control, and of its start as far as they are known.
+        Parameters of the rig and of its control, and the initial conditions as far as known.
     state : dict
-        Of the snapshot.
+        State of its snapshot.
     """
 
     time: float
@@ -49,24 +49,23 @@ class Era:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class Recording:
     """
     A recording.
 
     Attributes
     ----------
-    motion : Motion
-        All of it.
+    motion : MotionHistory
+        The whole motion.
     eras : list of Era
-        What the rig was.
+        The rigs, in order.
     changes : list of dict
-        Where something was done to it: time, kind, values that are new, and the preset that the
-        rig is from there on.
+        The changes and resets: time, kind, new values, and the preset that the rig then matches.
     remark : str
-        What is missing; empty if nothing is.
+        What is missing from the recording; empty if nothing is.
     """
 
-    motion: Motion
+    motion: MotionHistory
     eras: list[Era]
     changes: list[dict[str, Any]]
     remark: str
@@ -83,13 +82,13 @@ class Recorded:
 
 
 class _Reading:
-    """Puts together what a bag holds."""
+    """Collects the content of a bag."""
 
     def __init__(self, recorded: RecordedRun) -> None:
         self._topics = recorded.topics
         count = recorded.reader.topics[recorded.topics.joint_states].message_count
-        # What does not fit in is dropped below, at its end.
-        self.motion = Motion(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
+        # Surplus samples are dropped below, at the end.
+        self.motion = MotionHistory(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
         self._columns = {
             recorded.topics.joint_states: JointStateColumns((JOINTS, AXIS_JOINTS), (4, 4, 0)),
             recorded.topics.impacts: JointStateColumns((IMPACT_JOINTS,), (2, 2, 2)),
@@ -182,7 +181,7 @@ class _Reading:
         self.motion.add_impacts(impact_rows(rows, self._rig, phases, self._rest))
 
 
-def load_recording(path: Path) -> Recorded:
+def load_recording(path: Path) -> Recording:
     """
     Read a recording.
 
@@ -193,7 +192,7 @@ def load_recording(path: Path) -> Recorded:
 
     Returns
     -------
-    Recorded
+    Recording
         The recording.
 
     Raises
@@ -216,4 +215,4 @@ def load_recording(path: Path) -> Recorded:
         raise ValueError(f'{path.name} holds no joint states of a rig')
     if not recorded.reader.complete:
         remarks.append('the recording was cut short')
-    return Recorded(reading.motion, reading.eras, reading.changes, '; '.join(remarks))
+    return Recording(reading.motion, reading.eras, reading.changes, '; '.join(remarks))

@@ -1,7 +1,7 @@
 """
-The recordings that the page lists, plays, hands out and compares.
+The recordings that the page lists, plays, downloads and compares.
 
-Only bags directly in one directory are known, by their names in it: no request names a path.
+Only the bags directly in one directory are accessible, by name; no request contains a path.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Recordings:
     Parameters
     ----------
     place : Path
-        A directory of bags, a bag, or a file of one; the last two are then the only one.
+        A directory of bags, or a single bag or file.
     """
 
     def __init__(self, place: Path) -> None:
@@ -64,12 +64,12 @@ class Recordings:
 
     def path(self, name: str) -> Path:
         """
-        Return where a bag is.
+        Return the path of a bag.
 
         Raises
         ------
         LookupError
-            If there is none of that name.
+            If there is no bag of that name.
         """
         if name not in self.names():
             raise LookupError(f'there is no recording {printable(name[:200])}')
@@ -77,7 +77,7 @@ class Recordings:
 
     def file(self, name: str) -> Path:
         """
-        Return the file to hand out: the only one of a bag.
+        Return the file to download: the only one of a bag.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class Recordings:
         return files[0]
 
     def list(self) -> list[dict[str, Any]]:
-        """Return what is to be said of each."""
+        """Return name, start, duration and size of each recording."""
         names = self.names()
         found = []
         for name in names:
@@ -110,7 +110,7 @@ class Recordings:
         return found
 
     def _files(self, name: str) -> object:
-        """Return what differs when a bag has changed."""
+        """Return names, sizes and times of the files of a bag, to detect changes."""
         path = self._place / name
         with contextlib.suppress(OSError):
             files = sorted(path.iterdir()) if path.is_dir() else [path]
@@ -158,7 +158,7 @@ class Recordings:
         return path
 
     def start_comparison(self, name: str) -> bool:
-        """Return whether a comparison may start: each bag is compared once at a time."""
+        """Return whether a comparison may start: a bag is compared only once at a time."""
         self.path(name)
         if name in self._comparing or len(self._comparing) > 1:
             return False
@@ -166,7 +166,7 @@ class Recordings:
         return True
 
     async def compare(self, name: str) -> dict[str, Any]:
-        """Compare a bag with theory, in a process of its own; return the message for the pages."""
+        """Compare a bag with theory in a child process; return the message for the pages."""
         try:
             ok, text = await self._compare(self.path(name))
         finally:

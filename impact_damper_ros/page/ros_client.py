@@ -1,9 +1,9 @@
 """
 The rigs of the ROS network, as a client without an executor.
 
-Everything is polled: the server looks at its subscriptions and at the answers to its requests just
-before each display frame. An executor would wake up for each joint state, which costs several
-times the processor time of taking them in one go, and hand them over to another thread.
+Everything is polled: the server takes messages and answers just before each display frame. An
+executor would wake up for each joint state, which costs several times the processor time of taking
+them together, and pass them to another thread.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from .knobs import Knob
 
-#: A request is repeated after this time, for its answer may have been lost while node and client
-#: were finding one another, and given up after the second.
+#: Time after which a request is repeated, since its answer may have been lost during discovery,
+#: and time after which it fails, s.
 ASK_AGAIN_S, PATIENCE_S = 1.0, 6.0
 _PAUSE, _RESET = '/pause', '/reset'
 _TYPES = {
@@ -52,7 +52,7 @@ _ROS_TYPES = {
     'string': Parameter.Type.STRING,
     'double_array': Parameter.Type.DOUBLE_ARRAY,
 }
-#: Messages that are taken of a topic at once.
+#: Most messages of a topic that are taken at once.
 _MOST_TAKEN = 2000
 
 
@@ -62,7 +62,7 @@ class NoAnswerError(Exception):
 
 @dataclass
 class Polled:
-    """What has come in since the last look, still serialised."""
+    """The messages since the last call, still serialised."""
 
     states: list[bytes] = field(default_factory=list)
     impacts: list[bytes] = field(default_factory=list)
@@ -133,7 +133,7 @@ class RigLink:
         self.name = name
         self._node = node
         latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        # The writer of reliable joint states would have to wait for, and hear of, each reader.
+        # With reliable joint states the writer would have to wait for each reader.
         loose = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._subscriptions = {
             field: node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
@@ -161,11 +161,11 @@ class RigLink:
         self._kinds: dict[str, str] = {}
 
     def poll(self) -> Polled:
-        """Take what has come in, and hand on the answers."""
+        """Return new messages, and complete the requests that were answered."""
         for service in self._services.values():
             service.poll()
         polled = Polled()
-        # Snapshots last: what was published after one, and has come, must not be without it.
+        # Snapshots last: no message published after a snapshot may be processed without it.
         for name, subscription in self._subscriptions.items():
             messages = getattr(polled, name)
             with subscription.handle:
@@ -218,7 +218,7 @@ class RigLink:
         return '' if answer.result.successful else str(answer.result.reason)
 
     async def pause(self, hold: bool) -> tuple[bool, str]:
-        """Hold the rig, or let it run on."""
+        """Pause the rig, or resume it."""
         answer = await self._services['pause'].call(SetBool.Request(data=hold))
         return bool(answer.success), str(answer.message)
 
@@ -228,7 +228,7 @@ class RigLink:
         return bool(answer.success), str(answer.message)
 
     def close(self) -> None:
-        """Leave the topics and services."""
+        """Destroy the subscriptions and clients."""
         for subscription in self._subscriptions.values():
             subscription.destroy()
         for service in self._services.values():
@@ -262,7 +262,7 @@ def _knob(descriptor: Any, value: Any) -> Knob:
 
 
 class RosClient:
-    """A node in the ROS network, which sees the rigs there."""
+    """A node that finds the rigs of the ROS network."""
 
     def __init__(self) -> None:
         self._context = Context()

@@ -1,4 +1,4 @@
-"""The server: which pages show what, and the tick that shows it."""
+"""The server: the pages, their sources, and the tick that sends frames."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from tornado.netutil import bind_sockets
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.run_reader import bag_files
+from impact_damper_ros.wording import counted
 
 from .frames import View
 from .gate import Gate
@@ -24,19 +25,19 @@ from .live import Link
 from .live_source import LiveSource
 from .player import Player
 from .presets import load_presets
-from .recorded import Recorded, load_recording
+from .recorded import Recording, load_recording
 from .recordings import Recordings
-from .session import LONGEST_MESSAGE, Refusal, Session
+from .session import LONGEST_MESSAGE, RequestError, Session
 
 _FRAMES_PER_SECOND = 60.0
-#: With nobody to show anything to, the network is looked at this often.
+#: Period of the tick while no page is open, s.
 _IDLE_PERIOD_S = 0.25
 _LOOK_PERIOD_S = 1.0
-#: A rig that nobody looks at is left after this time, s: who loads the page anew finds the traces.
+#: Time for which a rig without pages is kept, s, so that a reloaded page has its traces.
 _KEPT_S = 30.0
 _LIST_PERIOD_S = 2.0
 _COMPLAINT_PERIOD_S = 10.0
-#: More pages than this would keep one another waiting.
+#: Largest number of pages; more would slow one another down.
 _MOST_PAGES = 100
 
 
@@ -54,7 +55,7 @@ class Network(Protocol):
 
 
 class _NoRig:
-    """Shown until there is a rig."""
+    """The source of a page while there is no rig."""
 
     def __init__(self, common: Callable[[], dict[str, Any]]) -> None:
         self._common = common
@@ -82,7 +83,7 @@ class _NoRig:
         del session
         if message['type'] == 'theory':
             return None
-        raise Refusal('there is no rig in the network')
+        raise RequestError('there is no rig on the network')
 
 
 class PageServer:
@@ -92,13 +93,13 @@ class PageServer:
     Parameters
     ----------
     gate : Gate
-        Who may use it.
+        Access control.
     recordings : Recordings
-        What it plays and hands out.
+        The recordings to play and to download.
     network : Network, optional
-        The ROS network; without it recordings are played only.
+        The ROS network; without it only recordings can be shown.
     no_answer : type of Exception, optional
-        What links raise if a node does not answer.
+        The exception that links raise if a node does not answer.
     node : str, optional
         The rig to show first.
 
@@ -134,7 +135,7 @@ class PageServer:
         # These are not cancelled: processes end meanwhile.
         self._endings: set[asyncio.Task[Any]] = set()
         self._http: HTTPServer | None = None
-        self._read_last: tuple[object, Recorded] | None = None
+        self._read_last: tuple[object, Recording] | None = None
 
     # Start and end
 
@@ -155,7 +156,7 @@ class PageServer:
         self._spawn(self._run())
 
     async def close(self) -> None:
-        """End all."""
+        """Stop the server, and leave the network."""
         if self._http is not None:
             self._http.stop()
         for task in list(self._tasks):
@@ -191,7 +192,7 @@ class PageServer:
             await asyncio.sleep(due - now)
             try:
                 self._tick()
-            except Exception:  # what one message holds must not stop the others
+            except Exception:  # a bad message must not stop the others
                 if now > self._failed + _COMPLAINT_PERIOD_S:
                     self._failed = now
                     traceback.print_exc()
@@ -233,8 +234,8 @@ class PageServer:
                 self._left_at.pop(name, None)
 
     async def list_recordings(self) -> list[dict[str, Any]]:
-        """Return the recordings, and say so to the pages if there are others."""
-        # By a thread: a slow disk must not hold up the frames.
+        """Return the recordings, and send the list to the pages if it has changed."""
+        # In a thread: a slow disk must not delay the frames.
         loop = asyncio.get_running_loop()
         self._list = await loop.run_in_executor(None, self.recordings.list)
         listed = json.dumps(self._list)
@@ -269,15 +270,17 @@ class PageServer:
 
     async def open(self, socket: Any, rig: str, bag: str) -> Session:
         """
-        Begin to show something to a page.
+        Open a session that shows a rig or a recording.
 
         Raises
         ------
-        Refusal
-            If there is no such thing.
+        RequestError
+            If it does not exist, or too many pages are open.
         """
         if len(self._sessions) >= _MOST_PAGES:
-            raise Refusal(f'{_MOST_PAGES} pages are open here: close some, and load this one anew')
+            raise RequestError(
+                f'{counted(_MOST_PAGES, "page")} open already: close one, and reload this one'
+            )
         await self.list_recordings()
         if not bag and self._network is None:
             # The newest
@@ -285,10 +288,10 @@ class PageServer:
         if bag:
             return await self._play(socket, bag)
         if self._network is None:
-            raise Refusal('there is no recording here, and no ROS')
+            raise RequestError('there is no recording to play, and the page runs without ROS')
         rig = rig or self._node or (self._rigs[0] if self._rigs else '')
         if rig and rig not in self._rigs and rig not in (self._node, *self._sources):
-            raise Refusal(f'there is no rig {rig[:200]}')
+            raise RequestError(f'there is no rig {rig[:200]}')
         source: Any = self._source(rig) if rig else _NoRig(self._common)
         session = Session(socket, source)
         self._sessions.add(session)
@@ -300,22 +303,22 @@ class PageServer:
         return session
 
     async def _play(self, socket: Any, bag: str) -> Session:
-        """Begin to play a recording to a page."""
+        """Open a session that plays a recording."""
         loop = asyncio.get_running_loop()
         try:
             path = self.recordings.path(bag)
-            # Read by a thread; the frames of the others go on.
+            # In a thread: the frames of the other pages go on.
             recorded = await loop.run_in_executor(None, self._read, path)
         except (LookupError, RecordingError, ValueError) as error:
-            raise Refusal(str(error)) from error
+            raise RequestError(str(error)) from error
         player = Player(bag, path, recorded, self._common)
         session = Session(socket, player)
         self._sessions.add(session)
         player.begin(session)
         return session
 
-    def _read(self, path: Path) -> Recorded:
-        """Read a recording, unless it has just been read and is as it was."""
+    def _read(self, path: Path) -> Recording:
+        """Read a recording; the last one is cached while its files do not change."""
         files = bag_files(path)
         key = path, tuple((f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files)
         if self._read_last is None or self._read_last[0] != key:
@@ -323,7 +326,7 @@ class PageServer:
         return self._read_last[1]
 
     def leave(self, session: Session) -> None:
-        """Forget a page."""
+        """Close the session of a page."""
         if session in self._sessions and isinstance(session.source, Player):
             self._end(session.source)
         self._sessions.discard(session)
@@ -331,7 +334,7 @@ class PageServer:
             session.source.sessions.discard(session)
 
     def compare(self, name: str) -> bool:
-        """Start a comparison, whose end all pages hear of."""
+        """Start a comparison, whose result is sent to all pages; return whether it began."""
         if not self.recordings.start_comparison(name):
             return False
 
@@ -347,6 +350,6 @@ class PageServer:
 
 
 def _keep(task: asyncio.Task[Any], tasks: set[asyncio.Task[Any]]) -> None:
-    """Keep a task until it is done."""
+    """Hold a reference to a task until it is done."""
     tasks.add(task)
     task.add_done_callback(tasks.discard)

@@ -1,4 +1,4 @@
-"""One page: what it asks for, and what it is shown."""
+"""The connection to one page: its requests, and what it is shown."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from .outbox import Outbox, Sink
 #: Longest message of a page, bytes; Tornado closes the connection at longer ones.
 LONGEST_MESSAGE = 65_536
 _MOST_RATE = 60.0
-#: Messages of one page that are carried out at once, and then per second: a knob that is dragged
-#: sends some 60. What is beyond waits in the connection, and holds up nobody else.
+#: Messages of one page that are processed at once, and then per second; dragging a knob sends
+#: some 60 per second. Further ones wait in the connection, without delaying other pages.
 _BURST, _MESSAGES_PER_S = 100.0, 100.0
 
 
 def _refuse(name: str) -> float:
-    raise ValueError(f'{name} is no number of JSON')
+    raise ValueError(f'{name} is not a number in JSON')
 
 
-class Refusal(Exception):  # noqa: N818
-    """Why a request of a page is not carried out, in words for its user."""
+class RequestError(Exception):
+    """A request of a page that is rejected; the message is for its user."""
 
 
 _KINDS = {
@@ -38,7 +38,7 @@ _KINDS = {
     str: 'a text',
 }
 _T = TypeVar('_T')
-#: Longest text with which a page may number its requests.
+#: Longest identifier of a request.
 _LONGEST_ID = 80
 
 
@@ -48,7 +48,7 @@ def given(message: dict[str, Any], name: str, kind: type[_T], default: _T | None
 
     Raises
     ------
-    Refusal
+    RequestError
         If the field is missing or of another type.
     """
     value = message.get(name, default)
@@ -59,21 +59,21 @@ def given(message: dict[str, Any], name: str, kind: type[_T], default: _T | None
             value = int(value)
     if type(value) is not kind or (isinstance(value, float) and not math.isfinite(value)):
         said = shown(value) if name in message else 'missing'
-        raise Refusal(f'{message["type"]}: {name} is {said}: give {_KINDS[kind]}')
+        raise RequestError(f'{message["type"]}: {name} is {said}: give {_KINDS[kind]}')
     return value
 
 
 class Source(Protocol):
-    """What a page shows: a live rig, or a recording."""
+    """The source of what a page shows: a live rig, or a recording."""
 
     def hello(self) -> dict[str, Any]:
         """Return the first message."""
 
     def frame(self, view: View) -> bytes | None:
-        """Return what is new, if anything is."""
+        """Return a frame with what is new; None if nothing is."""
 
     async def handle(self, message: dict[str, Any], session: Session) -> dict[str, Any] | None:
-        """Carry out a request; return the answer."""
+        """Process a request; return the answer."""
 
 
 class Session:
@@ -85,7 +85,7 @@ class Session:
     sink : Sink
         The WebSocket.
     source : Source
-        What is shown.
+        The rig or recording that is shown.
     """
 
     def __init__(self, sink: Sink, source: Source) -> None:
@@ -98,12 +98,12 @@ class Session:
         self.outbox.put(source.hello())
 
     def greet(self) -> None:
-        """Say anew what is shown: it has become another one."""
+        """Send the first message again: another source is shown."""
         self.view.begin_again()
         self.outbox.put(self.source.hello())
 
     def pump(self) -> None:
-        """Send what there is."""
+        """Send the waiting messages, and a frame."""
         self.outbox.pump(self._frame)
 
     def _frame(self) -> bytes | None:
@@ -115,14 +115,14 @@ class Session:
         return self.source.frame(self.view)
 
     async def take(self, text: str | bytes) -> None:
-        """Carry out a message of the page; whatever it holds, only that page hears of it."""
+        """Process a message of the page; errors in it are reported to that page only."""
         await self._take_turn()
         identity: Any = None
         kind = 'set_result'
         try:
             message = json.loads(text, parse_constant=_refuse) if isinstance(text, str) else None
             if not isinstance(message, dict) or not isinstance(message.get('type'), str):
-                raise Refusal('a message is an object with a type')
+                raise RequestError('a message must be a JSON object with a type')
             identity = message.get('id')
             if not isinstance(identity, int | str) or len(str(identity)) > _LONGEST_ID:
                 identity = None
@@ -130,13 +130,13 @@ class Session:
             answer = await self._carry_out(message)
         except (ArithmeticError, KeyError, RecursionError, TypeError, ValueError) as error:
             answer = {'ok': False, 'reason': f'the message cannot be read: {error}'[:500]}
-        except Refusal as refusal:
-            answer = {'ok': False, 'reason': str(refusal)[:2000]}
+        except RequestError as error:
+            answer = {'ok': False, 'reason': str(error)[:2000]}
         if answer is not None:
             self.outbox.put({'type': kind, 'id': identity, **answer})
 
     async def _take_turn(self) -> None:
-        """Wait after too many messages; the next one is not read before this one is done."""
+        """Wait after too many messages; the next one is read only after this one is processed."""
         now = time.monotonic()
         earned = _MESSAGES_PER_S * (now - self._counted)
         self._credit, self._counted = min(_BURST, self._credit + earned) - 1.0, now

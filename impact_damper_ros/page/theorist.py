@@ -1,4 +1,4 @@
-"""Theory for the pages: a process that is asked at each change, and what it has found."""
+"""Theory for the pages: a child process that computes it, and its results so far."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from .child import Child
 from .measures import estimated_optimum
 
 _PROCESS = 'impact_damper_ros.page.theory_process'
-#: A process that has ended is started again by a request, but not sooner than this, s.
+#: Least time between two starts of the process, s; a request restarts one that has ended.
 _BACK_OFF_S = 2.0
 
 
 class Theorist:
     """
-    What theory says of the present rig.
+    Predictions of the theory for the present rig.
 
     Parameters
     ----------
     tell : callable
-        Takes each message.
+        Called with each message.
     command : sequence of str, optional
-        What starts the process.
+        Command line of the process.
 
     Attributes
     ----------
     predicted, optimum : float or None
-        Xmax/A of the predicted motion, and the gap with the least; None if they are not known.
+        Xmax/A of the predicted motion, and the gap with the least Xmax/A; None if not known.
     complete : bool
-        Whether the curve over the gap is complete, so that the optimum is that of all of it.
+        Whether the curve over the gap is complete, so that the optimum is final.
     failed : bool
-        Whether there is no theory for the rig.
+        Whether the theory does not apply to the rig.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Theorist:
         self.complete = self.failed = False
 
     def best_gap(self, rig: RigParameters | None) -> tuple[float | None, str]:
-        """Return the best gap as far as it is known, and what it is from."""
+        """Return the best gap found so far, and its source."""
         if self.optimum is not None:
             return self.optimum, 'curve' if self.complete else 'part of the curve'
         if rig is None or self.complete or self.failed:
@@ -65,7 +65,7 @@ class Theorist:
         return estimated_optimum(rig), 'formula'
 
     def ask(self, state: dict[str, Any]) -> None:
-        """Begin to work on a rig, and forget the one before."""
+        """Request the theory of a rig, and discard that of the one before."""
         self.forget()
         self._state = state
         self._number += 1
@@ -75,7 +75,7 @@ class Theorist:
             self._child.send(request)
 
     def start(self) -> None:
-        """Start the process, which takes a while, unless it runs."""
+        """Start the process, unless it is running."""
         now = time.monotonic()
         ended = self._child is None or self._child.ended
         if ended and now >= self._began + _BACK_OFF_S:
@@ -83,7 +83,7 @@ class Theorist:
             self._child = Child(self._command, self._take)
 
     def want(self, orbit: bool, curve: bool) -> None:
-        """Say what is wanted."""
+        """Choose what is computed."""
         wanted = {'orbit': orbit, 'curve': curve}
         if wanted != self._wanted:
             self._wanted = wanted
@@ -91,7 +91,7 @@ class Theorist:
                 self.ask(self._state)
 
     def forget(self) -> None:
-        """Forget what is known: the rig is another one."""
+        """Discard all results: the rig has changed."""
         self._known.clear()
         self.predicted = self.optimum = None
         self.complete = self.failed = False

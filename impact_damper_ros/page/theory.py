@@ -1,8 +1,8 @@
 """
-What theory says of a rig, part by part: the predicted orbit, and the curve of Xmax/A over the gap.
+Predictions for a rig: the expected periodic motion, and the curve of Xmax/A over the gap.
 
-A generator, worked through in a process of its own (`theory_process`): each message is the best
-that is known by then, the first ones after some tens of milliseconds.
+`theory` is a generator that runs in a process of its own (`theory_process`). Each message holds
+the best results so far; the first ones come after some tens of milliseconds.
 """
 
 from __future__ import annotations
@@ -24,37 +24,39 @@ from impact_damper_ros.compare import (
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import (
     Branch,
+    Continuation,
     OrbitError,
     PeriodicOrbit,
     SpecialPoint,
     grow_branch,
 )
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.wording import counted
 
 from .knobs import as_json
 
-#: Gaps that are followed, as shares of the present one.
+#: Factor from the present gap to the ends of the range that is followed.
 _SPAN = 4.0
 _PREVIEW_POINTS, _MOST_POINTS = 16, 150
-#: Other branches that are followed.
+#: Largest number of branches that are followed.
 _MOST_BRANCHES = 4
-#: A motion is on a branch that is nearer than this in Xmax/A.
+#: Largest distance in Xmax/A of a motion that is on a branch.
 _ON_BRANCH = 2e-3
 _MOST_ROWS = 1500
-#: A curve that grows is sent this often, s.
+#: Period with which a growing curve is sent, s.
 _MESSAGE_PERIOD_S = 0.1
 
 
 def theory(state: Mapping[str, Any], *, orbit: bool, curve: bool) -> Iterator[dict[str, Any]]:
     """
-    Work out theory for a rig.
+    Compute the predictions for a rig.
 
     Parameters
     ----------
     state : mapping
-        Of a snapshot.
+        State of a snapshot.
     orbit, curve : bool
-        What is wanted.
+        Which of the two to compute.
 
     Yields
     ------
@@ -67,19 +69,19 @@ def theory(state: Mapping[str, Any], *, orbit: bool, curve: bool) -> Iterator[di
     rig = ControlledRig.restore(dict(state))
     clock = LoggedRig.of_snapshot(state).clock
     curve = curve and not rig.parameters.one_sided
-    gap_curve = GapCurve(rig.parameters)
+    gap_curve = GapContinuation(rig.parameters)
     last = Prediction()
     for number, last in enumerate(predictions(rig)):
         if orbit:
             yield orbit_message(clock, last, rig.time)
         start = gap_curve.here = last.expected
         if curve and start is not None and not last.complete:
-            # After the first answer it may yet turn out to be another one.
+            # The first answer may be replaced by another motion.
             yield from gap_curve.followed(start, _MOST_POINTS if number else _PREVIEW_POINTS)
     if not last.applies:
         yield {'type': 'theory_failed', 'text': last.reason}
     elif curve:
-        # First all that there is to say about the motion of the rig
+        # First the whole branch of the rig's own motion
         own = [last.expected] if last.expected else []
         for starts in (own, gap_curve.starts, last.orbits):
             for start in starts:
@@ -87,12 +89,12 @@ def theory(state: Mapping[str, Any], *, orbit: bool, curve: bool) -> Iterator[di
             yield from gap_curve.marked()
         yield gap_curve.message(done=True)
     elif wanted:
-        text = 'a one-sided rig has no gap to choose'
+        text = 'a one-sided rig has no gap'
         yield {**gap_curve.message(done=True), 'text': text}
 
 
 def orbit_message(clock: ForceClock | None, prediction: Prediction, time: float) -> dict[str, Any]:
-    """Return what is predicted, with one period of the motion."""
+    """Return the message of the predicted motion, with one period of it."""
     expected = prediction.expected
     message: dict[str, Any] = {
         'type': 'orbit',
@@ -158,16 +160,12 @@ def _summary(orbit: PeriodicOrbit) -> dict[str, Any]:
 
 
 def _label(orbit: PeriodicOrbit) -> str:
-    impacts, cycles = len(orbit.stops), orbit.cycles
-    return (
-        f'{impacts} impact{"s" if impacts > 1 else ""} in {cycles} '
-        f'cycle{"s" if cycles > 1 else ""}'
-    )
+    return f'{counted(len(orbit.stops), "impact")} in {counted(orbit.cycles, "cycle")}'
 
 
-class _Motion:
+class _GrowingBranch:
     """
-    A periodic motion with its branch, followed from the present gap in both directions.
+    A branch of periodic motions, followed from the present gap in both directions.
 
     Parameters
     ----------
@@ -178,18 +176,14 @@ class _Motion:
     def __init__(self, start: PeriodicOrbit) -> None:
         self.start = start
         gap = start.parameters.gap
-        self._ways = [
-            grow_branch(
-                *(start, 'gap', gap / _SPAN, gap * _SPAN), upwards=up, most_points=_MOST_POINTS
-            )
-            for up in (False, True)
-        ]
+        along = Continuation('gap', gap / _SPAN, gap * _SPAN, most_points=_MOST_POINTS)
+        self._ways = [grow_branch(start, along, upwards=up) for up in (False, True)]
         self._parts: list[Branch | None] = [None, None]
         self.branch = _joined(start, None, None)
         self._marked = False
 
     def _grow(self, way: int) -> bool:
-        """Add a point at one end; return whether there was anything left to do."""
+        """Add a point at one end; return whether that was possible."""
         try:
             branch = next(self._ways[way])
         except (StopIteration, OrbitError, ValueError, ArithmeticError):
@@ -199,13 +193,13 @@ class _Motion:
         return True
 
     def _far(self, points: int) -> list[bool]:
-        """Return which ways have so many points, or their end."""
+        """Return which directions have reached a number of points, or their end."""
         # The last point that there may be is followed by the end.
         most = points if points < _MOST_POINTS else _MOST_POINTS + 1
         return [p is not None and (bool(p.ended) or len(p.orbits) >= most) for p in self._parts]
 
     def grown(self, points: int) -> Iterator[None]:
-        """Follow it to so many points in both ways, or to its ends; yield between two points."""
+        """Follow both directions to a number of points, or their ends; yield after each step."""
         ways = [way for way, far in enumerate(self._far(points)) if not far]
         while ways:
             ways = [way for way in ways if self._grow(way) and not self._far(points)[way]]
@@ -213,7 +207,7 @@ class _Motion:
             yield
 
     def marked(self) -> bool:
-        """Find the special points of a motion that is followed to its ends, if any, once."""
+        """Locate the special points once both ends are reached; return whether any are new."""
         if self.open_ends:
             return False
         for way in (0, 1):
@@ -241,22 +235,22 @@ class _Motion:
 
     @property
     def open_ends(self) -> tuple[int, ...]:
-        """At which of its points it is still to be followed."""
+        """Indices of the end points from which the branch is still to be followed."""
         over = [part is None or bool(part.ended) for part in self._parts]
         return tuple(end for end, done in zip((0, -1), over, strict=True) if not done)
 
     @property
     def special(self) -> Iterator[SpecialPoint]:
-        """The special points with motions that the rig can have."""
+        """The special points with viable motions."""
         for part in self._parts:
             for special in part.special if part is not None else ():
                 if special.orbit.viable:
                     yield special
 
 
-class GapCurve:
+class GapContinuation:
     """
-    Xmax/A over the gap, as far as it is known.
+    Continuation in the gap: the branches of Xmax/A found so far.
 
     Parameters
     ----------
@@ -268,20 +262,20 @@ class GapCurve:
         self._rig = rig
         #: The motion of the rig.
         self.here: PeriodicOrbit | None = None
-        self._motions: list[_Motion] = []
+        self._motions: list[_GrowingBranch] = []
 
     @property
     def starts(self) -> list[PeriodicOrbit]:
-        """The motions that have been followed so far."""
+        """The motions from which branches have been followed so far."""
         return [motion.start for motion in self._motions]
 
     def followed(self, start: PeriodicOrbit, points: int) -> Iterator[dict[str, Any]]:
-        """Follow a motion by up to `points` points each way; extend its branch if it is known."""
+        """Follow a motion by up to `points` points in each direction, or extend its branch."""
         motion = next((motion for motion in self._motions if motion.holds(start)), None)
         if motion is None:
             if len(self._motions) >= _MOST_BRANCHES:
                 return
-            motion = _Motion(start)
+            motion = _GrowingBranch(start)
             self._motions.append(motion)
         due = monotonic() + _MESSAGE_PERIOD_S
         news = False
@@ -294,16 +288,16 @@ class GapCurve:
             yield self.message()
 
     def marked(self) -> Iterator[dict[str, Any]]:
-        """Find the special points, motion by motion."""
+        """Locate the special points, branch by branch."""
         for motion in self._motions:
             if motion.marked():
                 yield self.message()
 
     def _best(self) -> tuple[float, float] | None:
         """
-        Return the gap with the least Xmax/A of a stable motion, and that; None if there is none.
+        Return the gap with the least Xmax/A of a stable motion, and that ratio; None without any.
 
-        The open end of a branch that is still being followed is none: it goes on from there.
+        The open end of a branch that is still being followed does not count.
         """
         lowest = (_lowest(motion.branch, motion.open_ends) for motion in self._motions)
         best = min(filter(None, lowest), key=lambda found: found[1], default=None)
@@ -315,7 +309,7 @@ class GapCurve:
         return best
 
     def message(self, *, done: bool = False) -> dict[str, Any]:
-        """Return all that is known."""
+        """Return the message of the curve."""
         best = self._best()
         return {
             'type': 'gap_curve',
@@ -363,7 +357,7 @@ def _vertex(gaps: Sequence[float], ratios: Sequence[float]) -> tuple[float, floa
 
 
 def _joined(start: PeriodicOrbit, down: Branch | None, up: Branch | None) -> dict[str, Any]:
-    """Return both ways from a motion as one branch."""
+    """Return both directions from a motion as one branch."""
     lower = list(down.orbits[::-1]) if down is not None else []
     upper = list(up.orbits[1 if lower else 0 :]) if up is not None else []
     orbits = [o for o in [*lower, *upper] if math.isfinite(o.amplitude_ratio)]

@@ -1,10 +1,10 @@
 """
-The process that works out theory for the page.
+The process that computes theory for the page.
 
 It reads requests from its standard input and writes messages to its standard output, one JSON
-object in a line each. Only the newest request counts: each is worked on by a fork of this process,
-which has all modules loaded, and ended by killing it. A line that was cut off by that is left
-unfinished; so each one begins with the end of another. All ends with the input.
+object per line. Only the newest request counts: each is processed by a fork of this process, which
+has all modules loaded, and is killed when the next one arrives. A line that this cuts off stays
+unfinished, so each line begins with a line break. The process ends with its input.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ import time
 import warnings
 from typing import NoReturn
 
-# Loaded here once: the solvers import it where it is first needed, which would be in each fork.
+# Loaded here once; the solvers import it on first use, which would be in each fork.
 import scipy.linalg
 import scipy.optimize  # noqa: F401
 
 from .theory import theory
 
 NICENESS = 5
-#: Somebody who turns a knob sets off a request at each step; the last one is worked on.
+#: Delay of the work, s: turning a knob makes a request at each step, and only the last counts.
 _QUIET_S = 0.04
-#: Longest work, s of computing: on a busy machine it takes longer.
+#: Longest processor time of a request, s.
 _PATIENCE_S = 60
 _BLOCK = 65_536
 _PR_SET_PDEATHSIG = 1
@@ -42,11 +42,11 @@ def _write(message: dict[str, object]) -> None:
 
 
 def _end_of_patience(*_: object) -> NoReturn:
-    raise TimeoutError(f'not done within {_PATIENCE_S} s of computing')
+    raise TimeoutError(f'not finished within {_PATIENCE_S} s of computing')
 
 
 def _work(line: bytes) -> NoReturn:
-    """Work on a request, in a fork."""
+    """Process a request, in a fork."""
     code = 0
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGPROF, _end_of_patience)

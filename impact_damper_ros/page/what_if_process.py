@@ -2,8 +2,8 @@
 The process that runs another rig on the history of a recorded one.
 
 It reads one request from its standard input, a JSON object with the path of the bag and the values
-that are held, and writes the motion as it is computed: lines of base64, each some rows of float64,
-after an ``I`` impacts, after an ``S`` samples; last a line of JSON that says how it ended.
+that are held. It writes the motion as it is computed: lines of base64, each some rows of float64,
+with ``I`` before impacts and ``S`` before samples. The last line is a JSON object with the result.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ def _write(line: str) -> None:
 
 
 class _Rows:
-    """Rows that wait to be written."""
+    """Buffer of rows, written at intervals."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, list[tuple[float, ...]]] = {'I': [], 'S': []}
         self._due = time.monotonic() + _PERIOD_S
 
     def add(self, events: list[Event], sample: tuple[float, ...]) -> None:
-        """Take a sample, and the events before it."""
+        """Add a sample, and the events before it."""
         self._waiting['I'] += [_impact(e) for e in events if e.kind is EventKind.IMPACT]
         self._waiting['S'].append(sample)
         if time.monotonic() > self._due:
             self.write()
 
     def write(self) -> None:
-        # A sample must not be known without the impacts before it.
+        # The impacts before a sample must arrive before it.
         for kind, rows in self._waiting.items():
             if rows:
                 _write(kind + base64.b64encode(np.array(rows).tobytes()).decode())
@@ -69,7 +69,7 @@ def _impact(event: Event) -> tuple[float, ...]:
 
 
 def _run(path: Path, values: dict[str, Any]) -> str:
-    """Run the rig; return how it started."""
+    """Run the rig; return a text on how it started."""
     replay = Replay(RecordedRun(path), adopt=True)
     known = setting_of(replay.recorded.start.state).as_dict()
     strange = [name for name in values if name not in known and name not in INITIAL_SPECS]
@@ -105,7 +105,7 @@ def _run(path: Path, values: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Run what is asked for."""
+    """Process the request."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICENESS)
     request = json.loads(sys.stdin.readline())

@@ -2,7 +2,7 @@
 Recorded against replayed messages: joint states, impacts, acts of the gap control.
 
 Impacts pair one to one. Otherwise, an exact match a few impacts further on shows that some are
-missing on one side; without such a match the two are taken for the same impact, altered.
+missing on one side; without such a match the two count as the same impact, altered.
 """
 
 from __future__ import annotations

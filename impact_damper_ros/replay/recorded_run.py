@@ -22,7 +22,7 @@ from impact_damper_ros.bag import (
     Message,
     Parameter,
     ParameterEvent,
-    Record,
+    RecordedMessage,
     RecordingError,
     RunReader,
     String,
@@ -45,7 +45,7 @@ from .recorded_snapshot import RecordedSnapshot, parsed, read_snapshot
 _RIG_PARAMETERS = frozenset(PARAMETER_SPECS) | {'gap_control'}
 #: Parameters that the walk reports.
 _REPORTED = {*PARAMETER_SPECS, *INITIAL_SPECS, *GAP_CONTROL_SPECS, 'state_rate', 'record'}
-#: Messages of the rig that are handed out together, at most.
+#: Largest number of messages of the rig that are yielded together.
 _MOST_AT_ONCE = 8192
 #: Messages within which topics may overtake each other on their way to a recorder.
 _OVERTAKING = 2000
@@ -66,7 +66,7 @@ class RecordedChange(NamedTuple):
 
 #: What a walk yields: joint states, impacts and acts of the gap control in a row, a change of
 #: parameters, or a snapshot.
-Item = list[Record] | RecordedChange | RecordedSnapshot
+Item = list[RecordedMessage] | RecordedChange | RecordedSnapshot
 
 
 @dataclass
@@ -203,13 +203,13 @@ class RecordedRun:
             for topic, count in counts.items()
         ]
         if self.damage is not None:
-            found.append(f'{self.damage}; what follows was not compared')
+            found.append(f'{self.damage}; the remainder was not compared')
         found += self.reader.faults()
         if not self.reader.complete:
             cut = self.reader.unusable
             cause = self.reader.missing or (
-                'its recording was cut short, or a file is missing (recover_run makes a whole bag '
-                'of what is there)'
+                'its recording was cut short, or a file is missing (recover_run makes a complete '
+                'bag of the rest)'
             )
             found.append(
                 f'the bag is not complete: {cause}'
@@ -230,7 +230,7 @@ class RecordedRun:
 
         Yields
         ------
-        list of Record
+        list of RecordedMessage
             Consecutive joint states, impacts and acts of the gap control: the run has no change
             and no snapshot between them. Of a bag stamped with times of arrival, their
             `stamp_ns` is that of their header.
@@ -240,10 +240,10 @@ class RecordedRun:
             A snapshot of the rig.
         """
         began = early
-        waiting: list[Record] = []
+        waiting: list[RecordedMessage] = []
         items = self._items()
         for item in items if self.stamped else _in_order(items):
-            if isinstance(item, Record):
+            if isinstance(item, RecordedMessage):
                 if not began:
                     self.early += 1
                     continue
@@ -253,7 +253,7 @@ class RecordedRun:
             if waiting:
                 yield waiting
                 waiting = []
-            if not isinstance(item, Record):
+            if not isinstance(item, RecordedMessage):
                 began = began or isinstance(item, RecordedSnapshot)
                 yield item
         if waiting:
@@ -305,7 +305,7 @@ class RecordedRun:
         if self.stamped and within_ns != stamp_ns:
             self.disorder.note(self.disorder.misdated, topic, stamp_ns)
 
-    def _change(self, record: Record, now_ns: int) -> RecordedChange | None:
+    def _change(self, record: RecordedMessage, now_ns: int) -> RecordedChange | None:
         """Return a parameter event of the rig; None for one of another node."""
         event = decode(PARAMETER_EVENT, record.content)
         assert isinstance(event, ParameterEvent)
@@ -326,7 +326,7 @@ class RecordedRun:
         return RecordedChange(event.stamp_ns if exact else now_ns, values, exact, dump)
 
 
-_Single = Record | RecordedChange | RecordedSnapshot
+_Single = RecordedMessage | RecordedChange | RecordedSnapshot
 
 
 def _in_order(items: Iterator[_Single]) -> Iterator[_Single]:
@@ -334,7 +334,7 @@ def _in_order(items: Iterator[_Single]) -> Iterator[_Single]:
     pending: list[tuple[int, bool, int, _Single]] = []
     for number, item in enumerate(items):
         # At one instant the cause comes before its effects.
-        entry = (item.stamp_ns, isinstance(item, Record), number, item)
+        entry = (item.stamp_ns, isinstance(item, RecordedMessage), number, item)
         if len(pending) < _OVERTAKING:
             heapq.heappush(pending, entry)
         else:

@@ -13,7 +13,7 @@ from math import inf, isfinite, nextafter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from impact_damper_ros.bag import Record, RecordingError, String
+from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
 from impact_damper_ros.bag.rig_topics import FORMAT, FORMATS
 from impact_damper_ros.control import ControlledRig, completed
@@ -75,7 +75,7 @@ class RecordedSnapshot(NamedTuple):
     version: int = FORMAT  # format of its messages; see `bag.rig_topics.FORMAT`
 
 
-def read_snapshot(record: Record, path: Path, purpose: str) -> RecordedSnapshot:
+def read_snapshot(record: RecordedMessage, path: Path, purpose: str) -> RecordedSnapshot:
     """Decode and check the snapshot of a bag at `path`, which is read for a purpose."""
     where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
     try:

@@ -1,5 +1,5 @@
 """
-The replay of a run from its log: every recorded sample and impact is computed anew and compared.
+The replay of a run from its log: every recorded sample and impact is computed again and compared.
 
 The rig is restored from the first snapshot, and all changes and resets are repeated at the same
 instants. The simulator's motion does not depend on how it is divided, so that every message must
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.bag import Record, RecordingError
+from impact_damper_ros.bag import RecordedMessage, RecordingError
 from impact_damper_ros.bag.messages import CdrError, JointStateColumns
 from impact_damper_ros.bag.rig_topics import (
     IMPACT_JOINTS,
@@ -56,8 +56,8 @@ class BatchReplay:
         self,
         state: Snapshot,
         offset_ns: int,
-        states: Sequence[Record],
-        impacts: Sequence[Record] | None,
+        states: Sequence[RecordedMessage],
+        impacts: Sequence[RecordedMessage] | None,
     ) -> Simulator | None:
         """Return the rig after recorded messages; None if it does not reproduce every bit."""
         stamps_ns = np.array([record.stamp_ns for record in states], dtype=np.int64)
@@ -82,7 +82,7 @@ class BatchReplay:
         return run.simulator()
 
     def _same_impacts(
-        self, rows: Events, impacts: Sequence[Record], offset_ns: int, rest: float
+        self, rows: Events, impacts: Sequence[RecordedMessage], offset_ns: int, rest: float
     ) -> bool:
         """Return whether the impacts are those recorded."""
         events = [_event(row) for row in rows]
@@ -107,7 +107,7 @@ def _event(row: np.void) -> Event:
 
 def _all_equal(
     columns: JointStateColumns,
-    recorded: Sequence[Record],
+    recorded: Sequence[RecordedMessage],
     frames: Sequence[str],
     stamps_ns: _Ints,
     numbers: NDArray[np.float64],
@@ -123,7 +123,7 @@ def _all_equal(
     return np.array_equal(table.numbers.view(np.int64), numbers.view(np.int64))
 
 
-#: A longer time without samples is taken for a wrong stamp.
+#: A longer time without samples counts as a wrong stamp.
 _LONGEST_GAP_NS = 6 * 3600 * 10**9
 #: The same after the snapshot that a recorder gets when it joins.
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
@@ -273,7 +273,7 @@ class Replay:
         self._finish()
         return self.findings
 
-    def _take(self, record: Record) -> Tick | None:
+    def _take(self, record: RecordedMessage) -> Tick | None:
         try:
             if (matcher := self._matchers.get(record.topic)) is not None:
                 matcher.take(record.content)
@@ -289,7 +289,7 @@ class Replay:
         else:
             self._take_snapshot(item)
 
-    def _take_many(self, records: list[Record]) -> None:
+    def _take_many(self, records: list[RecordedMessage]) -> None:
         """Take messages of the rig, all at once if they are reproduced bit for bit."""
         topic, place = self.recorded.topics.joint_states, 0
         # One by one where something is to be decided first
@@ -309,7 +309,7 @@ class Replay:
         for record in records[place:]:
             self._take(record)
 
-    def _all_as_replayed(self, records: list[Record]) -> bool:
+    def _all_as_replayed(self, records: list[RecordedMessage]) -> bool:
         findings, topics = self.findings, self.recorded.topics
         state = self.replayed.rig.plain
         if state is None or self._pending:
@@ -366,7 +366,7 @@ class Replay:
         self._time_ns = time_ns
         return True
 
-    def _look(self, record: Record) -> Tick:
+    def _look(self, record: RecordedMessage) -> Tick:
         """Compare a sample."""
         stamp_ns, content, time_ns = record.stamp_ns, record.content, self._time_ns
         positions, velocities, *_ = self._check.numbers(content)
@@ -450,7 +450,7 @@ class Replay:
         for record in records if topics.gap_control else ():
             self._control.expect_record(offset_ns + round(record.time * 1e9), record)
 
-    def _note_unreadable(self, record: Record, error: CdrError) -> None:
+    def _note_unreadable(self, record: RecordedMessage, error: CdrError) -> None:
         topics = self.recorded.topics
         topic = record.topic
         if not self.findings.samples and topic == topics.joint_states:
@@ -629,13 +629,13 @@ class Replay:
         for topic, matcher in self._matchers.items():
             if matcher.before_recorder:
                 findings.remark(
-                    f'{matcher.before_recorder} messages of {topic} are from before the first one '
-                    'that the recorder got'
+                    f'{matcher.before_recorder} messages of {topic} precede the first one that '
+                    'the recorder received'
                 )
         period_ns = self._spacing.period_ns
         if not recorded.stamped or not period_ns or findings.start_ns is None:
             return
-        # Before the first sample, and after the last one while impacts go on
+        # Before the first sample, and after the last one if impacts follow
         head_ns = findings.start_ns - recorded.start.time_ns
         tail_ns = max(matcher.last_ns for matcher in self._matchers.values()) - end_ns
         lost = findings.missing_samples + int(max(0, tail_ns) // period_ns)

@@ -79,15 +79,15 @@ class WhatIf:
         if rig is None:
             if self._held_initial:
                 raise ValueError(
-                    f'{", ".join(self._held_initial)} cannot be set: the bag does not begin where '
-                    'the run began, the state there is what was recorded; set rig parameters only'
+                    f'{", ".join(self._held_initial)} cannot be set: the bag begins in the middle '
+                    'of the run, at a recorded state; set rig parameters only'
                 )
             rig = ControlledRig.restore(start.state)
             self.early_events += rig.change(*setting)
         self.rig = rig
 
     def copied(self) -> WhatIf:
-        """Return a copy, which goes on from here."""
+        """Return a copy that continues from here."""
         other = copy.copy(self)
         other.rig = ControlledRig.restore(self.rig.snapshot())
         other._budget = copy.copy(self._budget)
@@ -261,7 +261,7 @@ class Ending:
             self._steps.popleft()
 
     def traces(self, points: int) -> tuple[Trace, Trace]:
-        """Return recorded rig and what-if, each at so many instants."""
+        """Return the motion of recorded rig and what-if at a number of instants."""
         if not self._kept:
             return Trace((), ()), Trace((), ())
         from_ns, rig, other = self._kept[0]

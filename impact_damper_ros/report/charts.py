@@ -65,7 +65,7 @@ class _Chart:
         self.legend: list[tuple[str, str, str]] = []
 
     def _place(self, rows: int) -> tuple[float, float, float, float]:
-        """Return where the axes are below a legend of so many rows, as shares of the figure."""
+        """Return the place of the axes below a legend, as shares of the figure."""
         width, height = self.figure.get_size_inches()
         inside = (width - _LEFT - _RIGHT, height - _TOP - rows * _ROW - _BOTTOM)
         return _LEFT / width, _BOTTOM / height, inside[0] / width, inside[1] / height
@@ -108,7 +108,7 @@ class _Chart:
         marker: str = 'o',
         **style: Any,
     ) -> None:
-        """Draw open circles, which do not hide what they surround."""
+        """Draw open circles, which do not hide what is inside."""
         style = {'markeredgewidth': 1.3, 'clip_on': False, 'zorder': 4, **style}
         self.axes.plot(
             x,
@@ -187,7 +187,7 @@ def _cycles(stretch: StretchComparison) -> float:
 
 
 def _outline(stretch: StretchComparison, envelope: SwingEnvelope, most: float) -> Array:
-    """Return the outline of an envelope of at most so many pieces, rows of time and X."""
+    """Return the outline of an envelope with a largest number of pieces, rows of time and X."""
     size = max(1, math.ceil(len(envelope.time) / most))
     starts = np.arange(0, len(envelope.time), size)
     low, high = np.fmin.reduceat(envelope.low, starts), np.fmax.reduceat(envelope.high, starts)
@@ -401,7 +401,7 @@ _LEAST = 0.05
 _MOST_MARKS = 300
 #: Points closer than the width of the axes by this are one.
 _RASTER = 700.0
-#: Colours that stand out on a light and on a dark page, for what is drawn as pixels.
+#: Colours for pixels, visible on a light and on a dark page.
 _BOTH = {'primary': '#2b83c4', 'damper': '#d0661c'}
 
 
@@ -503,7 +503,7 @@ def _slopes(chart: _Chart, curve: Convergence) -> None:
         (curve.predicted, 'theory', 'dashed', 'predicted'),
     ):
         if math.isfinite(factor) and factor > 0.0:
-            # Through the middle of the points: the slope is what is to be seen
+            # Through the middle of the points, so that the slopes can be compared
             begin = np.mean(np.log(distance[used]) - count[used] * math.log(factor))
             slope = np.exp(begin + count * math.log(factor))
             slope = np.where((slope >= low) & (slope <= high), slope, np.nan)
@@ -521,7 +521,7 @@ def _draw_convergence(stretch: StretchComparison) -> Picture | None:
         return None
     above = np.flatnonzero(shown & (curve.distance > curve.floor))
     if len(above):
-        # How it goes on at the floor says nothing more
+        # Distances at the floor carry no information
         shown[above[-1] + 1 + max(_TAIL, len(above) // 2) :] = False
     chart = _Chart('rig time [s]', 'relative distance')
     low, high = float(curve.distance[shown].min()), float(curve.distance[shown].max())
@@ -536,7 +536,7 @@ def _draw_convergence(stretch: StretchComparison) -> Picture | None:
         chart.entry('patch', 'stop', 'below the resolution of the log')
     _slopes(chart, curve)
     chart.axes.set_xlim(*_finite_range(time, margin=0.02))
-    caption = 'How far the impacts of each period are from those of the periodic motion. The '
+    caption = 'Distance of the impacts of each period from those of the periodic motion. The '
     caption += 'slope is the decay per period; the prediction is the largest multiplier.'
     return chart.picture('Convergence', caption, columns=2)
 
@@ -637,7 +637,7 @@ def _draw_gap_curve(stretch: StretchComparison) -> Picture | None:
     chart.axes.set_ylim(0.0, top)
     caption = _gap_caption(curve, unit.factor, unit.name)
     if (np.isfinite(curve.ratio) & ~inside).any():
-        caption += f' What is not viable is left out above {number(top, 2)}.'
+        caption += f' Motions that are not viable are not drawn above {number(top, 2)}.'
     return chart.picture('Largest |X| over the gap', caption, columns=3)
 
 

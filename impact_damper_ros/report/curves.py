@@ -13,7 +13,7 @@ from impact_damper_ros.compare.result import Array, MotionCurve, PredictedCurve,
 _FINE = 100
 #: Into how many parts each interval is cut otherwise.
 _PARTS = 3
-#: Intervals so many times longer than usual are left as they are: something is missing there.
+#: Intervals longer than usual by this factor are not divided: samples are missing there.
 _LONGEST = 3.0
 
 
@@ -41,7 +41,7 @@ def filled_motion(stretch: StretchComparison) -> MotionCurve | None:
         return motion
     x, velocity = _between(motion.time, motion.x, motion.velocity)
     y, relative = _between(motion.time, motion.y, motion.relative_velocity)
-    # A part of an interval that stays as it is comes to lie on its beginning.
+    # The parts of an interval that is not divided coincide with its beginning.
     time, _ = _between(motion.time, motion.time, np.ones_like(motion.time))
 
     def joined(inner: Array, knots: Array) -> Array:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # Of Okabe and Ito: distinguished with any kind of colour vision
 BLUE, ORANGE, GREEN, PURPLE = '#0072b2', '#d55e00', '#009e73', '#aa4499'
 
-#: Colours by what they stand for. The page has a variable of each name, with another value in a
+#: Colours by their use. The page has a variable of each name, with another value in a
 #: dark scheme. The theory is in ink, over the measurement.
 COLORS = {
     'ink': '#1b1f24',
@@ -117,7 +117,7 @@ def finish_panel(axes: Any, panel: str, x_label: str, y_label: str) -> None:
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **look: Any) -> None:
-    """Put a legend below the panels of a figure, in at most so many columns as fit into it."""
+    """Put a legend below the panels of a figure, in as many columns as fit into it."""
     for count in range(columns, 0, -1):
         legend = figure.legend(
             handles=handles, loc='outside lower center', ncols=count, frameon=False, **look

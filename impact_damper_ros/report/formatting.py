@@ -46,13 +46,6 @@ def unit_for(name: str, *values: ArrayLike) -> Unit:
     return Unit(_PREFIXES[-1][0], _PREFIXES[-1][1] + name)
 
 
-def counted(count: int, noun: str) -> str:
-    """Return a count with its noun, as in 1 stretch, 2 stretches."""
-    if count == 1:
-        return f'{count} {noun}'
-    return f'{count} {noun}{"es" if noun.endswith(("ch", "s")) else "s"}'
-
-
 def setting(value: Any) -> str:
     """Return a value as it is written for a parameter: [1, 2], true, 0.5 or timed."""
     if isinstance(value, tuple | list):
@@ -89,7 +82,7 @@ def worded(text: str) -> str:
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """Return a number with so many significant digits, or a dash if there is none."""
+    """Return a number with significant digits, or a dash if there is none."""
     if value is None or math.isnan(value):
         return NONE
     if math.isinf(value):

@@ -21,10 +21,11 @@ from string import Template
 from impact_damper_ros.compare import RunComparison, StretchComparison, Verdict
 from impact_damper_ros.compare.periodic_motion import GapCurves
 from impact_damper_ros.outputs import write_texts
+from impact_damper_ros.wording import counted
 
 from .charts import PICTURES, Picture, draw_history, draw_run
 from .drawing import page_style
-from .formatting import counted, instant, number, quantity
+from .formatting import instant, number, quantity
 from .glossary import glossary_html, linked
 from .html import Html, element, joined, listed, safe
 from .html_tables import (
@@ -87,7 +88,7 @@ def _figure(picture: Picture, key: str, where: str, narrow: Picture | None = Non
 def _tiles(stretch: StretchComparison) -> Html:
     """Return the key numbers."""
     measured, orbit, decay = stretch.measured, stretch.predicted, stretch.decay
-    what = f'{stretch.impacts} impacts'
+    what = counted(stretch.impacts, 'impact')
     if stretch.stops:
         what = f'stops {", ".join(map(str, stretch.stops))}'
     tiles = [('Motion', motion_of(stretch), what)]
@@ -97,7 +98,7 @@ def _tiles(stretch: StretchComparison) -> Html:
             theory = f'predicted {quantity(orbit.x_max, "m", 5, measured.x_max)}'
         tiles.append(('Largest |X|', quantity(measured.x_max, 'm', 5), theory))
         amplitude = stretch.parameters.response_amplitude
-        without = 'no single harmonic drives it'
+        without = 'the force is not a single harmonic'
         if amplitude > 0.0:
             without = f'A = {quantity(amplitude, "m", 4)} without impacts'
         tiles.append(('Xmax / A', number(measured.amplitude_ratio, 4), without))
@@ -131,7 +132,8 @@ def _findings(stretch: StretchComparison) -> Html:
     if left > 0:
         texts.append(f'{left} more, see report.json')
     if stretch.missing_samples:
-        texts.append(f'{stretch.missing_samples} samples are missing in the log')
+        missing = counted(stretch.missing_samples, 'sample')
+        texts.append(f'missing in the log: {missing}')
     return _notes('h3', 'Findings', texts)
 
 
@@ -153,7 +155,7 @@ def _pictures(stretch: StretchComparison) -> Html:
         elif name in _NEEDED:
             missing.append(_NEEDED[name])
     if not shown:
-        return element('p', 'Of this stretch too little was recorded to draw anything.')
+        return element('p', 'Too little of this stretch was recorded to draw anything.')
     plots = element('div', *shown, class_='plots')
     return joined(plots, _judged(f'Not drawn: {"; ".join(missing)}.') if missing else '')
 
@@ -170,7 +172,7 @@ def _stretch_section(stretch: StretchComparison, before: StretchComparison | Non
     evidence = '' if stretch.evidence in stretch.sentence else stretch.evidence
     reasons = (('Kind of motion', evidence), ('Prediction', stretch.solver))
     time = f'{instant(stretch.start)} s to {instant(stretch.end)} s of rig time, '
-    time += f'{stretch.samples} samples, {stretch.impacts} impacts'
+    time += f'{counted(stretch.samples, "sample")}, {counted(stretch.impacts, "impact")}'
     verdict = joined(linked_badge(stretch.verdict), linked(stretch.sentence))
     title = f'Stretch {stretch.number}: {cause_of(stretch)}'
     key = f'stretch-{stretch.number}'
@@ -191,7 +193,7 @@ def _stretch_section(stretch: StretchComparison, before: StretchComparison | Non
 
 
 def _summary(comparison: RunComparison) -> Html:
-    """Return the verdicts on the whole run, and what is wrong with the recording."""
+    """Return the verdicts on the whole run, and the faults of the recording."""
     counts = [
         (verdict, sum(s.verdict is verdict for s in comparison.stretches)) for verdict in Verdict
     ]
@@ -216,7 +218,7 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
     stretches = comparison.stretches
     content: list[str] = [element('h2', 'Overview', id='overview')]
     if not stretches:
-        content.append(element('p', 'The recording has nothing to compare.'))
+        content.append(element('p', 'The recording holds nothing to compare.'))
     else:
         rows = shown_stretches(stretches, MOST_LISTED)
         note = left_out = ''
@@ -224,7 +226,7 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
             note = f'{len(detailed)} of {len(stretches)} are shown in detail: those that differ '
             note += 'or have findings, then the longest. '
         if len(rows) < len(stretches):
-            left_out = f'{len(stretches) - len(rows)} are left out here; report.json has all.'
+            left_out = f'{len(stretches) - len(rows)} are not listed here; report.json has all.'
         picture, narrow = draw_run(stretches), draw_run(stretches, wide=False)
         drawn = '' if picture is None else _figure(picture, 'run', 'all stretches', narrow)
         numbers = {stretch.number for stretch in detailed}
@@ -263,8 +265,8 @@ def _origin(comparison: RunComparison, command: str) -> Html:
     words = (
         'What is measured is taken from the recording alone: samples, impacts and parameters as '
         'logged. What is predicted is the exact periodic motion for these parameters. '
-        'report.json beside this page has all numbers, also those of the stretches without a '
-        'section here.'
+        'report.json beside this page contains all numbers, including those of the stretches '
+        'without a section here.'
     )
     return element(
         'section',
@@ -347,7 +349,7 @@ def write_report(
     Raises
     ------
     OSError
-        If it cannot be written; its `filename` says what.
+        If a file cannot be written; its `filename` is the file.
     """
     page = report_page(_with_gap_curves(comparison), command=command, drawn=drawn)
     numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'

@@ -11,8 +11,9 @@ from typing import Any
 from impact_damper_ros.compare import Overall, StretchComparison, Verdict
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import ALL_SPECS
+from impact_damper_ros.wording import counted
 
-from .formatting import NONE, aligned, counted, difference, instant, number, unit_for, worded
+from .formatting import NONE, aligned, difference, instant, number, unit_for, worded
 from .glossary import linked
 from .html import Column, Html, element, table
 
@@ -67,7 +68,7 @@ def cause_of(stretch: StretchComparison) -> str:
     changes = _CHANGES.split(cause)
     if len(changes) <= _MOST_CHANGES:
         return cause
-    # What comes or goes along with another change says least
+    # Changes from or to none accompany another change, and matter least
     changes.sort(key=lambda change: 'none' in change)
     left = len(changes) - _MOST_CHANGES
     return f'{", ".join(changes[:_MOST_CHANGES])} and {left} more changes'
@@ -153,7 +154,7 @@ def overall_table(
     text = 'Over whole stretches, transients included; between the samples, X follows cubics '
     text += f'through positions and velocities, accurate to about {number(overall.accuracy, 1)}. '
     if overall.covered < _COVERED * overall.duration:
-        text += f'Samples are missing: rms and work go over {instant(overall.covered)} s of '
+        text += f'Samples are missing: rms and work cover {instant(overall.covered)} s of '
         text += f'{instant(overall.duration)} s. '
     heads = (Column(linked('stretch'), 'text'), *columns)
     groups = [('', rows[: len(known)]), ('', rows[len(known) :])]
@@ -173,7 +174,7 @@ def _pair(
 
 
 def comparison_table(stretch: StretchComparison) -> Html:
-    """Return what was measured beside what is predicted; empty if nothing was measured."""
+    """Return the table of measured and predicted values; empty if nothing was measured."""
     measured, orbit = stretch.measured, stretch.predicted
     if measured is None:
         return Html()
@@ -241,7 +242,7 @@ def energy_table(stretch: StretchComparison) -> Html:
         ('dashpot', energy.dashpot),
         ('friction', energy.friction),
         ('impacts', energy.impacts),
-        ('change of what is stored', energy.stored),
+        ('change of stored energy', energy.stored),
         ('unexplained', energy.residual),
     ]
     values = [value / periods for _, value in given + taken]
@@ -269,9 +270,9 @@ def energy_table(stretch: StretchComparison) -> Html:
     )
     tolerance = number(unit.factor * energy.tolerance / periods, 2)
     note = f'Mean of {energy.periods} {span}s from {instant(energy.start)} to '
-    note += f'{instant(energy.end)} s, from the log alone; between the samples the balance is '
-    note += f'known to {tolerance} {unit.name}.'
-    groups = [('Put in', rows[: len(given)]), ('Taken out', rows[len(given) :])]
+    note += f'{instant(energy.end)} s, from the log alone; interpolation between the samples '
+    note += f'accounts for up to {tolerance} {unit.name}.'
+    groups = [('Input', rows[: len(given)]), ('Output', rows[len(given) :])]
     return table('Energy balance', columns, groups, note=linked(note))
 
 
@@ -316,5 +317,5 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     note = 'As logged.'
     if changed:
         columns.append(Column('before'))
-        note += ' Highlighted: what differs from the stretch before.'
+        note += ' Highlighted: changed since the previous stretch.'
     return table('Parameters', columns, [('', rows)], note=note, marked=changed)

@@ -8,8 +8,7 @@ from typing import Any
 from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.rig.quoting import as_line
-
-from .formatting import counted
+from impact_damper_ros.wording import counted
 
 _VERDICTS = {
     ReplayVerdict.IDENTICAL: 'identical: the run is reproduced bit for bit from its log',
@@ -50,7 +49,7 @@ def _divergence_lines(findings: Findings) -> list[str]:
     ]
     end = (findings.end_ns or 0) / 1e9
     if divergence.last < end:
-        lines.append('            after that, all samples are as recorded again')
+        lines.append('            after that, all samples agree again')
     if len(divergence.marks) > 1:
         lines.append('growth      sample   rig time [s]     X [m]       Z [m]')
         lines += [
@@ -66,7 +65,7 @@ def _divergence_lines(findings: Findings) -> list[str]:
 
 
 def findings_text(findings: Findings, recorded: RecordedRun) -> str:
-    """Return what was compared, what was found, and the verdict."""
+    """Return the findings of a replay and the verdict as text."""
     start, end = (findings.start_ns or 0) / 1e9, (findings.end_ns or 0) / 1e9
     node = recorded.topics.name
     impacts = counted(findings.impacts, 'impact')
@@ -88,7 +87,7 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
         lines.append(
             f'missing     {counted(findings.missing_samples, "sample")} in '
             f'{counted(findings.gap_count, "gap")}, the first after {gap.time:.9g} s: the '
-            'recorder did not get them'
+            'recorder did not receive them'
         )
     if findings.missing_impacts:
         lines.append(

@@ -36,7 +36,7 @@ _MOST_LABELS = 6
 
 
 @dataclass(frozen=True)
-class Motion:
+class SampledMotion:
     """Sampled motion and impacts of a run."""
 
     #: Time since the start of the run, s; positions of M, m and the stops along the axis, m.
@@ -72,11 +72,17 @@ class Side(NamedTuple):
     time: Array
     low: Array
     high: Array
-    closeup: Motion
+    closeup: SampledMotion
 
 
 def _draw_closeup(
-    axes: Any, motion: Motion, start: float, end: float, unit: Unit, primary: str, damper: str
+    axes: Any,
+    motion: SampledMotion,
+    start: float,
+    end: float,
+    unit: Unit,
+    primary: str,
+    damper: str,
 ) -> None:
     """Draw both masses, stops and impacts from `start` to before `end`."""
     inside = (motion.time >= start) & (motion.time < end)
@@ -137,7 +143,7 @@ def _legend(figure: Figure, lines: Sequence[tuple[str, str, str]], *, band: bool
 
 
 def draw_motion(
-    motion: Motion,
+    motion: SampledMotion,
     closeups: Sequence[Closeup],
     changes: Sequence[tuple[float, str]] = (),
     title: str = '',

@@ -16,8 +16,7 @@ from impact_damper_ros.compare import (
 )
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig.quoting import as_line
-
-from .formatting import counted
+from impact_damper_ros.wording import counted
 
 _MOST_IMPACTS, _MOST_FINDINGS, _MOST_STOPS = 8, 6, 12
 _HEAD = (

@@ -24,9 +24,10 @@ from impact_damper_ros.rig import (
 )
 from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.swing import Swing
+from impact_damper_ros.wording import counted
 
 from .formatting import setting, unit_for
-from .run_figures import Motion, Side, draw_what_if
+from .run_figures import SampledMotion, Side, draw_what_if
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -99,7 +100,8 @@ class RunTotals:
         """Return the totals in a line, for a figure."""
         unit = unit_for('m', self.largest)
         return (
-            f'{self.impacts} impacts, largest |X| {unit.factor * self.largest:.4g} {unit.name}, '
+            f'{counted(self.impacts, "impact")}, '
+            f'largest |X| {unit.factor * self.largest:.4g} {unit.name}, '
             f'rms {unit.factor * self.rms:.4g} {unit.name}'
         )
 
@@ -116,7 +118,7 @@ def lost_energy(event: Event) -> float:
 
 
 class _Envelope:
-    """Least and greatest values of a long signal, in pieces of so many samples."""
+    """Least and greatest values of a long signal, in pieces of `size` samples."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -300,9 +302,9 @@ def _with_unit(value: Any, name: str) -> str:
     return f'{setting(value)} {ALL_SPECS[name].unit}'.rstrip()
 
 
-def _motion(trace: Trace) -> Motion:
+def _motion(trace: Trace) -> SampledMotion:
     samples = np.array(trace.samples).reshape(-1, len(Sample._fields))
     impacts = np.array([(e.time, e.x + e.y, e.stop) for e in trace.impacts], dtype=float)
     time, x, _, z, _, stop_1, stop_2, *_ = samples.T
     hit, where, stop = impacts.reshape(-1, 3).T
-    return Motion(time, x, z, stop_1, stop_2, hit, where, stop.astype(np.int64))
+    return SampledMotion(time, x, z, stop_1, stop_2, hit, where, stop.astype(np.int64))

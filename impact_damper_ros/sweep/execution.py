@@ -1,7 +1,7 @@
 """
-The execution of a sweep: rigs in blocks, run in this process, in local processes, or on Dask.
+The execution of a sweep: rigs in tasks, run in this process, in local processes, or on Dask.
 
-A block holds rigs that one worker runs one after another. The rows do not depend on the workers,
+A task holds rigs that one worker runs one after another. The rows do not depend on the workers,
 their number, or the order in which they finish.
 """
 
@@ -38,7 +38,7 @@ _State = dict[str, Any]
 
 
 def _continued(state: _State, parameters: RigParameters) -> LongRun:
-    """Return a rig that takes over the state of another one; its time begins anew."""
+    """Return a rig that continues from the state of another one, with its time from 0."""
     run = LongRun.restore(state)
     run.change(parameters)
     snapshot = run.snapshot()
@@ -87,7 +87,7 @@ class _WrongVersionError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Block:
+class Task:
     """Rigs that one worker runs one after another."""
 
     #: Version of the package that planned it.
@@ -99,21 +99,21 @@ class Block:
     seconds: float  # after this time, s, no further rig is begun
 
 
-def run_block(block: Block) -> list[Done]:
+def run_task(task: Task) -> list[Done]:
     """Run rigs until all are done or the time is up; at least one."""
-    if block.version != impact_damper_ros.__version__:
+    if task.version != impact_damper_ros.__version__:
         raise _WrongVersionError(
             f'a worker has version {impact_damper_ros.__version__} of impact_damper_ros, the '
-            f'sweep is of version {block.version}: install the same version everywhere'
+            f'sweep is of version {task.version}: install the same version everywhere'
         )
-    until = time.monotonic() + block.seconds
+    until = time.monotonic() + task.seconds
     done: list[Done] = []
-    state = block.state
-    for point, settings in block.rigs:
-        row, last = rig_row(block.setup, settings, state)
-        if block.followed and last is not None:
+    state = task.state
+    for point, settings in task.rigs:
+        row, last = rig_row(task.setup, settings, state)
+        if task.followed and last is not None:
             state = last
-        done.append(Done(point, row, state if block.followed else None))
+        done.append(Done(point, row, state if task.followed else None))
         if time.monotonic() >= until:
             break
     return done
@@ -173,7 +173,7 @@ class ProcessPool(ProcessPoolExecutor):
         self.shutdown(wait=True, cancel_futures=True)
 
 
-#: Blocks under way for each worker, so that none waits for the next one.
+#: Tasks under way for each worker, so that none waits for the next one.
 _AHEAD = 2
 #: Time allowed for the scheduler, and then for one of its workers, to answer.
 _CONNECT_SECONDS = 15.0
@@ -181,7 +181,7 @@ _WORKERS_SECONDS = 15.0
 
 
 class WorkersError(RuntimeError):
-    """The workers cannot do the work; the message says why."""
+    """The workers cannot do the work, for the reason in the message."""
 
 
 class SweepExecutor(Protocol):
@@ -196,7 +196,7 @@ class Here:
 
     #: What a future raises if its worker died.
     losses: tuple[type[BaseException], ...] = ()
-    #: Number of blocks to have under way.
+    #: Number of tasks to have under way.
     at_once = 1
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
@@ -238,7 +238,7 @@ class LocalWorkers:
 
     @property
     def at_once(self) -> int:
-        """Number of blocks to have under way."""
+        """Number of tasks to have under way."""
         return _AHEAD * self._jobs
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
@@ -302,11 +302,11 @@ class DaskWorkers:
 
     @property
     def at_once(self) -> int:
-        """Number of blocks to have under way; 0 while there are no workers."""
+        """Number of tasks to have under way; 0 while there are no workers."""
         try:
             threads: dict[str, int] = self._client.nthreads()
         except OSError as error:
-            raise WorkersError(f'the scheduler cannot be reached any more ({error})') from error
+            raise WorkersError(f'the connection to the scheduler is lost ({error})') from error
         return _AHEAD * sum(threads.values())
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
@@ -325,10 +325,10 @@ class DaskWorkers:
 #: Any of the kinds of workers that the command offers.
 Workers = Here | LocalWorkers | DaskWorkers
 
-#: Most rigs in one block, and the time after which a worker begins no other one of it, s.
+#: Most rigs in one task, and the time after which a worker begins no other one of it, s.
 _MOST_RIGS = 256
 _SECONDS = 0.25
-#: Workers that may die with one block.
+#: Workers that may die with one task.
 _TRIES = 5
 #: Time after which a sweep without workers ends, s.
 _PATIENCE = 120.0
@@ -345,9 +345,9 @@ class _Chain:
 
 @dataclass
 class _Sent:
-    """A block that a worker has."""
+    """A task that a worker has."""
 
-    block: Block
+    task: Task
     chain: _Chain | None
     tries: int = 1
 
@@ -367,27 +367,27 @@ class _Queue:
             for place, row in enumerate(rows, 1):
                 if row not in journal.points:
                     break
-                # A chain can go on only from a rig whose last state is in the journal
+                # A chain can continue only from a rig whose last state is in the journal
                 if row in journal.states:
                     chain.place, chain.state = place, journal.states[row]
             if any(row not in journal.points for row in rows[chain.place :]):
                 self._chains.append(chain)
 
     def take(self, at_once: int) -> _Sent | None:
-        """Return a block to hand out, if one is ready."""
+        """Return the next task, if one is ready."""
         if self._chains:
             chain = self._chains.popleft()
             rows = chain.rows[chain.place : chain.place + _MOST_RIGS]
-            return _Sent(self._block(rows, chain), chain)
+            return _Sent(self._task(rows, chain), chain)
         left = len(self._independent)
         count = min(_MOST_RIGS, max(1, left // (4 * at_once)), left)
         if not count:
             return None
-        return _Sent(self._block([self._independent.popleft() for _ in range(count)], None), None)
+        return _Sent(self._task([self._independent.popleft() for _ in range(count)], None), None)
 
-    def _block(self, rows: Sequence[int], chain: _Chain | None) -> Block:
+    def _task(self, rows: Sequence[int], chain: _Chain | None) -> Task:
         plan = self.plan
-        return Block(
+        return Task(
             version=impact_damper_ros.__version__,
             setup=plan.setup,
             rigs=tuple((row, tuple(plan.settings(plan.point(row).values))) for row in rows),
@@ -400,7 +400,7 @@ class _Queue:
         """Take back the rigs that a worker has not begun."""
         chain = sent.chain
         if chain is None:
-            self._independent.extendleft(row for row, _ in reversed(sent.block.rigs[len(done) :]))
+            self._independent.extendleft(row for row, _ in reversed(sent.task.rigs[len(done) :]))
             return
         chain.place += len(done)
         chain.state = done[-1].state
@@ -430,7 +430,7 @@ def run_sweep(
         The executor that runs the rigs: any with the `submit` of `concurrent.futures` whose
         workers can import this package. It is not shut down.
     at_once : int or callable, optional
-        Number of blocks of rigs to have under way, now; 0 means that there are no workers.
+        Number of tasks to have under way, now; 0 means that there are no workers.
     losses : tuple of exception types, optional
         Exceptions of a future whose worker died; its rigs are then run again.
     progress : callable, optional
@@ -453,7 +453,7 @@ def run_sweep(
     finished: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
 
     def hand_out(sent: _Sent) -> None:
-        future = executor.submit(run_block, sent.block)
+        future = executor.submit(run_task, sent.task)
         under_way[future] = sent
         future.add_done_callback(finished.put)
 
@@ -474,7 +474,7 @@ def run_sweep(
                 future = finished.get(timeout=_PATIENCE)
             except queue.Empty:
                 if most() == 0:
-                    raise WorkersError('all workers have gone') from None
+                    raise WorkersError('all workers have disconnected') from None
                 continue
             sent = under_way.pop(future)
             try:
@@ -499,12 +499,12 @@ def run_sweep(
 
 
 def _again(sent: _Sent, error: BaseException) -> _Sent:
-    """Return a block to be run again after its worker died."""
+    """Return a task to be run again after its worker died."""
     if sent.tries >= _TRIES:
-        first, last = sent.block.rigs[0][0], sent.block.rigs[-1][0]
+        first, last = sent.task.rigs[0][0], sent.task.rigs[-1][0]
         raise WorkersError(
             f'{sent.tries} workers in a row died while they ran some of the rigs {first} to '
             f'{last} ({type(error).__name__}: {error}): is there enough memory? Give fewer --jobs'
         ) from error
     # One rig at a time, so that one that kills its worker does not take others with it
-    return replace(sent, tries=sent.tries + 1, block=replace(sent.block, seconds=0.0))
+    return replace(sent, tries=sent.tries + 1, task=replace(sent.task, seconds=0.0))

@@ -1,5 +1,5 @@
 """
-The journal of a sweep: the rows that are done, so that an interrupted sweep can go on.
+The journal of a sweep: the rows that are done, so that an interrupted sweep can continue.
 
 A text file with one JSON object per line: the inputs of the sweep first, then one rig each. Lines
 are only appended. A line that a power cut or a full disk has left unfinished is dropped, and its
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Self
 
 from .table import Row
 
-#: Seconds between two orders to the disk to keep what was written.
+#: Period of forced writes to the disk, s.
 _SYNC = 2.0
 
 
@@ -32,7 +32,7 @@ class Done(NamedTuple):
 
 
 class JournalError(ValueError):
-    """A journal from which this sweep cannot go on; the message says why, and the remedy."""
+    """A journal from which this sweep cannot continue; the message gives reason and remedy."""
 
 
 def journal_path(output: Path) -> Path:
@@ -180,7 +180,7 @@ class Journal:
         """
         entries: list[dict[str, Any]] = [{'point': one.point, 'row': one.row} for one in done]
         if done and done[-1].state is not None:
-            # A worker stops after any rig; only from the last one another worker goes on
+            # A worker may stop after any rig; another worker continues from the last one only
             entries[-1]['state'] = done[-1].state
             self.states[done[-1].point] = done[-1].state
         offsets = self._write(entries)

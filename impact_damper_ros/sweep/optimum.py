@@ -29,7 +29,7 @@ _State = dict[str, Any]
 #: measures scatter.
 _FINEST, _FINEST_SCATTERED = 1e-4, 1.0 / 32.0
 _MOST_TRIALS = 400
-#: Times that a measure that scatters is taken again.
+#: Number of further runs for a measure that scatters.
 _REPETITIONS = 4
 #: Relative accuracy of the measures of a motion that repeats.
 _EXACT = 1e-9
@@ -104,9 +104,9 @@ class Optimum:
         Rigs run by the search.
     edges : tuple of Nearby
         The nearest rig on each side along each axis whose motion is different and whose measure is
-        worse by half or more, continued from the motion of the best rig or started anew. The
-        search extends to the next value of the grid or 5 % of the value; without a search, and
-        under gap control, only the next value is considered.
+        worse by half or more, continued from the motion of the best rig or started from the
+        initial conditions. The search extends to the next value of the grid or 5 % of the value;
+        without a search, and under gap control, only the next value is considered.
     coexisting : tuple of Nearby
         Motions of the best rig with a different measure: from its initial conditions, from the
         other direction, or back from beyond an edge.
@@ -190,7 +190,7 @@ def find_optimum(
     sign = 1.0 if best is Best.LEAST else -1.0
     row = int(np.nanargmin(sign * measures))
     at, value = plan.point(row).values, float(measures[row])
-    search = _Search(plan, at, measure, sign, settled=bool(table.flags('settled')[row]))
+    search = _PatternSearch(plan, at, measure, sign, settled=bool(table.flags('settled')[row]))
     search.progress = progress
     found, reached = at, value
     if refine and any(search.steps) and search.begin(table, row):
@@ -274,7 +274,7 @@ def _on_grid(
     return tuple(edges[::-1]), tuple(others)
 
 
-class _Search:
+class _PatternSearch:
     """A pattern search along the axes, on one motion."""
 
     def __init__(
@@ -340,7 +340,7 @@ class _Search:
         return done
 
     def measure_scatter(self, at: tuple[float, ...], value: float) -> None:
-        """Measure how much the measure scatters, as the rig goes on."""
+        """Measure the scatter of the measure as the rig continues."""
         if self.settled:
             return
         begun = self.state

@@ -322,7 +322,7 @@ class Follow(Enum):
         return ('up', 'down') if self is Follow.BOTH else (self.value,)
 
 
-class GridPoint(NamedTuple):
+class SweepPoint(NamedTuple):
     """The place of one rig in a sweep."""
 
     row: int  # its row in the table, from 0
@@ -439,11 +439,11 @@ class SweepPlan:
         """Number of rigs, one row each."""
         return len(self.follow.directions) * math.prod(self.shape)
 
-    def point(self, row: int) -> GridPoint:
+    def point(self, row: int) -> SweepPoint:
         """Return the place of a row: directions outermost, then the axes, the last one fastest."""
         turn, *places = np.unravel_index(row, (len(self.follow.directions), *self.shape))
         values = tuple(axis.values[i] for axis, i in zip(self.axes, places, strict=True))
-        return GridPoint(row, self.follow.directions[turn], values)
+        return SweepPoint(row, self.follow.directions[turn], values)
 
     def settings(self, values: Sequence[float]) -> list[tuple[SweptParameter, float]]:
         """Return the value of each varied parameter, given a value on each axis."""

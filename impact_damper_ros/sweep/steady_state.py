@@ -1,4 +1,4 @@
-"""The steady state of a rig: run until the motion repeats or the time is up, then measured."""
+"""The steady state of a rig: run until the motion repeats, or to a limit, and measured."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from impact_damper_ros.orbits.lyapunov import (
 )
 from impact_damper_ros.orbits.multipliers import multipliers_of
 from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import Settling, SettlingRig, section_of
+from impact_damper_ros.orbits.settling import Settling, SettlingRig, relative_states
 from impact_damper_ros.rig import EventKind, Mode
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, RunResult
 
@@ -108,7 +108,7 @@ _GROWS = 1.001
 
 @dataclass(frozen=True)
 class TimeShares:
-    """Shares of the time, 0 to 1, in which m does something."""
+    """Shares of the time, 0 to 1, in chatter, sticking and at rest."""
 
     stick: float  # it is held by friction inside the gap
     rest: float  # it rests on a stop
@@ -246,7 +246,7 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     spread = math.nan
     if not period:
         quiet = quiet_phase((impacts['time'] - rig.time_after(0)) / cycle)
-        spread = average_spread(section_of(result.samples[int(quiet * looks) : -1 : looks]))
+        spread = average_spread(relative_states(result.samples[int(quiet * looks) : -1 : looks]))
     phases = (hits['time'] - rig.time_after(0)) / cycle % 1.0
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
     return SteadyState(
@@ -264,7 +264,7 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
         exponent=exponent,
         multiplier=multiplier,
         shares=_shares(result, around, start, end),
-        section=section_of(result.samples[looks::looks][-kept:]),
+        section=relative_states(result.samples[looks::looks][-kept:]),
         hits=np.stack([hits['stop'], phases, np.abs(approach)], axis=-1),
         events=rig.events,
     )

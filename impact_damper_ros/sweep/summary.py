@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.report.formatting import counted
+from impact_damper_ros.wording import counted
 
 from .optimum import Nearby, Optimum
 from .table import FAILED, SweepTable

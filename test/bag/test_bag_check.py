@@ -106,7 +106,7 @@ def test_a_chunk_removed(bag, tmp_path, number, listing, capsys):
     assert compare_run([str(cut)]) == 3
     text = capsys.readouterr().out
     assert 'the bag is not whole: its statistics count 601 messages on /joint_states' in text
-    assert 'its summary names a chunk at byte' in text
+    assert 'its summary lists a chunk at byte' in text
     if listing:
         assert 'metadata.yaml counts 601 messages on /joint_states' in text
 
@@ -119,13 +119,13 @@ def test_a_chunk_removed(bag, tmp_path, number, listing, capsys):
         (edited(Opcode.STATISTICS, 26, '<Q', 5), 'its statistics give stamps from 5 to '),
         (edited(Opcode.STATISTICS, 48, '<Q', 4444), 'its statistics count 4,444 messages on '),
         (edited(Opcode.STATISTICS, 14, '<I', 3), 'its statistics count 3 attachments'),
-        (edited(Opcode.CHUNK_INDEX, 0, '<Q', 5, 2), 'its summary says of the chunk at byte'),
-        (edited(Opcode.CHUNK_INDEX, 16, '<Q', 5, 2), 'its summary names a chunk at byte 5'),
-        (edited(Opcode.CHUNK_INDEX, 24, '<Q', 5, 2), 'its summary says of the chunk at byte'),
+        (edited(Opcode.CHUNK_INDEX, 0, '<Q', 5, 2), 'its summary describes the chunk at byte'),
+        (edited(Opcode.CHUNK_INDEX, 16, '<Q', 5, 2), 'its summary lists a chunk at byte 5'),
+        (edited(Opcode.CHUNK_INDEX, 24, '<Q', 5, 2), 'its summary describes the chunk at byte'),
         (edited(Opcode.CHUNK_INDEX, 38, '<Q', 5, 2), 'are not where it names them'),
         (edited(Opcode.MESSAGE_INDEX, 6, '<Q', 5, 4), 'and its index lists others'),
-        (edited(Opcode.CHUNK, 0, '<Q', 5, 2), 'says that its stamps are 5 to'),
-        (edited(Opcode.FOOTER, 0, '<Q', 99), 'its summary should begin at byte 99'),
+        (edited(Opcode.CHUNK, 0, '<Q', 5, 2), 'declares stamps from 5 to'),
+        (edited(Opcode.FOOTER, 0, '<Q', 99), 'its footer places the summary at byte 99'),
         (edited(Opcode.FOOTER, 16, '<I', 99), 'the checksum of its summary does not match'),
         (edited(Opcode.DATA_END, 0, '<I', 99), 'the checksum of its data does not match'),
     ],

@@ -196,7 +196,7 @@ def test_other_things_that_expand_to_gigabytes(tmp_path, messages, what):
     if what == 'file':
         path.mkdir()
         (path / 'bag_0.mcap.zstd').write_bytes(zeros(3_900_000_000))
-        words = 'what is compressed in it is no file of a bag'
+        words = 'its compressed content is not a file of a bag'
     else:
         changed = list(messages)
         at = next(i for i, m in enumerate(messages) if m[0] == '/joint_states')

@@ -96,7 +96,7 @@ def test_topics_joined_one_after_the_other(tmp_path, messages, first):
     if first == '/joint_states':
         unheard = sum(t == '/impacts' and begun <= s < later for t, _, s in messages)
         (remark,) = findings.remarks
-        assert remark.startswith(f'{unheard} messages of /impacts are from before the first one')
+        assert remark.startswith(f'{unheard} messages of /impacts precede the first one')
 
 
 @pytest.mark.parametrize('lost', [1, 30, 500])

@@ -368,7 +368,7 @@ def test_a_name_that_is_taken_ends_the_recording(tmp_path):
         record(writer)
     summary = writer.close()
     assert (told, summary.complete) == ([1], False)
-    assert str(summary.error).startswith(f"cannot go on recording to '{bag}/bag_2.mcap': ")
+    assert str(summary.error).startswith(f"cannot continue recording to '{bag}/bag_2.mcap': ")
     assert 'it exists already' in str(summary.error)
     # What was written is whole, and the file in the way is as it was.
     assert [len(contents(bag / f'bag_{n}.mcap')) for n in (0, 1)] == [101, 100]

@@ -91,7 +91,7 @@ def test_the_budget_is_in_the_help(capsys):
             command(['--help'])
         help_text = ' '.join(capsys.readouterr().out.split())
         assert '--most-events N end the run after N events' in help_text
-        assert 'more than 100 in a period of the rig [200000]' in help_text
+        assert 'more than 100 per period of the rig [200000]' in help_text
 
 
 def test_a_what_if_ends_where_its_events_do(tmp_path, capsys):

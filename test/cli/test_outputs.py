@@ -147,6 +147,5 @@ def test_a_present_directory_that_is_gone(tmp_path, monkeypatch, capsys):
         said = capsys.readouterr().err
         assert (
             said
-            == 'simulate_rig: the present directory does not exist any more: change to '
-            + ('one that does\n')
+            == 'simulate_rig: the current directory no longer exists: change to one that does\n'
         )

@@ -234,6 +234,6 @@ def test_a_long_search_says_that_it_goes_on(monkeypatch, capsys):
     assert 'still searching' not in capsys.readouterr().err
     assert main(words) in (0, 3, 4)
     assert (
-        'solve_periodic: still searching, the longer the more impacts and cycles there are, and '
-        'the faster M is than the force: here 10 times; Ctrl-C ends it'
+        'solve_periodic: still searching; the time grows with the impacts, the cycles and the '
+        'ratio of the natural frequency to that of the force, here 10; Ctrl-C ends the search'
     ) in capsys.readouterr().err

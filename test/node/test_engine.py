@@ -15,7 +15,7 @@ from std_msgs.msg import String
 
 from impact_damper_ros.bag import RunWriter
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME, recorded_topics
-from impact_damper_ros.node.engine import LOG_BACKLOG, Engine
+from impact_damper_ros.node.engine import LOG_BACKLOG, Engine, EngineCallbacks, EngineSettings
 from impact_damper_ros.node.motion_ahead import ticks_ahead
 from impact_damper_ros.node.pacing import CATCH_UP_NS
 from impact_damper_ros.node.publishing import TopicPublisher
@@ -43,6 +43,7 @@ class Bench:
     ):
         self.sent = []
         self.failed = threading.Event()
+        self.troubles = []
         self.alive = True
         publishers = {
             {'states': 'joint_states', 'events': 'parameter_events'}.get(name, name): (
@@ -54,12 +55,8 @@ class Bench:
             parameters,
             initial or InitialConditions(),
             publishers,
-            state_rate=rate,
-            real_time_factor=factor,
-            publish_clock=clock,
-            alive=lambda: self.alive,
-            on_failure=self.failed.set,
-            real_time_priority=priority,
+            EngineSettings(rate, factor, clock, priority),
+            EngineCallbacks(lambda: self.alive, self.failed.set, on_trouble=self.troubles.append),
         )
 
     def _publisher(self, name):
@@ -70,6 +67,10 @@ class Bench:
 
     def __exit__(self, *_):
         self.engine.stop()
+
+    def started(self):
+        self.engine.start()
+        return self
 
     def messages(self, name):
         return [deserialize_message(d, TYPES[name]) for n, d in list(self.sent) if n == name]
@@ -87,6 +88,12 @@ class Bench:
         self.engine.start()
         until(lambda: self.engine.stamp_ns() >= seconds * 1e9 or self.failed.is_set())
         self.engine.stop()
+
+
+def done(ticket):
+    """Wait until a request is carried out or rejected; return its ticket."""
+    assert ticket.wait(DEADLINE_S)
+    return ticket
 
 
 class KeptLog:
@@ -184,8 +191,7 @@ def test_a_change_takes_effect_at_the_instant_recorded():
         bench.engine.start()
         until(lambda: bench.engine.stamp_ns() > 2e9)
         changed = LIVELY.replace(gap=0.5, angle=0.3)
-        ticket = bench.engine.change(changed, event_bytes('/change'))
-        assert ticket.wait(DEADLINE_S)
+        ticket = done(bench.engine.change(changed, event_bytes('/change')))
         until(lambda: bench.engine.stamp_ns() > ticket.time_ns + 2e9)
     topics = [topic for topic, _, _ in log.messages]
     assert topics[:2] == ['snapshot', 'events']
@@ -244,12 +250,10 @@ def test_what_is_recorded_is_what_is_published():
 
 def test_nothing_is_recorded_after_recording_has_stopped():
     log = KeptLog()
-    with Bench(factor=1.0) as bench:
-        bench.engine.start()
+    with Bench(factor=1.0).started() as bench:
         bench.engine.record_to(log, event_bytes())
         until(lambda: len(log.messages) > 10)
-        ticket = bench.engine.stop_recording()
-        assert ticket.wait(DEADLINE_S)
+        ticket = done(bench.engine.stop_recording())
         assert ticket.result is log
         # Up to and including the joint states of the tick at which it stopped.
         topic, _, stamp = log.messages[-1]
@@ -278,12 +282,10 @@ def test_a_free_running_rig_waits_for_its_recording():
 
 
 def test_reset_puts_the_rig_back_and_time_goes_on():
-    with Bench(factor=50.0) as bench:
-        bench.engine.start()
+    with Bench(factor=50.0).started() as bench:
         until(lambda: bench.engine.stamp_ns() > 1e9)
         initial = InitialConditions(initial_primary_position=2.0, initial_damper_offset=-0.25)
-        ticket = bench.engine.reset(initial)
-        assert ticket.wait(DEADLINE_S)
+        ticket = done(bench.engine.reset(initial))
         assert ticket.error is None
         until(lambda: bench.engine.stamp_ns() > ticket.time_ns + 1e9)
     states = bench.messages('states')
@@ -295,10 +297,8 @@ def test_reset_puts_the_rig_back_and_time_goes_on():
 
 
 def test_a_reset_to_outside_the_gap_is_refused_and_harmless():
-    with Bench(factor=1.0) as bench:
-        bench.engine.start()
-        ticket = bench.engine.reset(InitialConditions(initial_damper_offset=5.0))
-        assert ticket.wait(DEADLINE_S)
+    with Bench(factor=1.0).started() as bench:
+        ticket = done(bench.engine.reset(InitialConditions(initial_damper_offset=5.0)))
         assert 'between the stops' in str(ticket.error)
         reached = bench.engine.stamp_ns()
         until(lambda: bench.engine.stamp_ns() > reached)
@@ -312,26 +312,23 @@ def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
         bench.engine.record_to(log, event_bytes())
         bench.engine.start()
         until(lambda: len(bench.samples()) > 3)
-        ticket = bench.engine.pause(True)
-        assert ticket.wait(DEADLINE_S)
+        ticket = done(bench.engine.pause(True))
         assert ticket.result is True
         held, stamp = bench.engine.status().time_ns, bench.engine.stamp_ns()
         # A request is served before the states of its tick go out.
         until(lambda: stamp_ns(bench.samples()[-1].header.stamp) == stamp)
         count = len(bench.samples())
         ticks = len(bench.messages('clock'))
-        again = bench.engine.pause(True)
-        assert again.wait(DEADLINE_S)
+        again = done(bench.engine.pause(True))
         assert again.result is False
         time.sleep(0.3)
         # /clock and joint states go on, and a change is possible, where the rig is held.
         until(lambda: len(bench.messages('clock')) > ticks or not clock)
         until(lambda: len(bench.paused()) > 1)
-        change = bench.engine.change(LIVELY.replace(gap=2.0), event_bytes())
-        assert change.wait(DEADLINE_S)
+        change = done(bench.engine.change(LIVELY.replace(gap=2.0), event_bytes()))
         assert change.time_ns == held == bench.engine.status().time_ns
         assert len(bench.samples()) == count
-        assert bench.engine.pause(False).wait(DEADLINE_S)
+        done(bench.engine.pause(False))
         until(lambda: len(bench.samples()) > count + 3)
     stamps = [stamp_ns(m.header.stamp) for m in bench.samples()]
     steps = [b - a for a, b in pairwise(stamps)]
@@ -360,8 +357,7 @@ def test_a_pause_stops_rig_time_and_moves_wall_stamps_on(clock):
 
 def stepped(bench, *, to_impact=False):
     """Make a step; return the rig time that it ends at, ns."""
-    ticket = bench.engine.step(to_impact=to_impact)
-    assert ticket.wait(DEADLINE_S)
+    ticket = done(bench.engine.step(to_impact=to_impact))
     assert ticket.error is None
     assert ticket.result.wait(DEADLINE_S)
     assert ticket.result.error is None
@@ -380,10 +376,9 @@ def as_others_record(bench, place):
 @pytest.mark.parametrize('clock', [True, False])
 def test_single_steps_of_a_paused_rig(clock, tmp_path):
     """A step is one sample, or ends after the next impact; nothing of the motion depends on it."""
-    with Bench(factor=1.0, clock=clock) as bench:
-        bench.engine.start()
+    with Bench(factor=1.0, clock=clock).started() as bench:
         until(lambda: len(bench.samples()) > 3)
-        assert bench.engine.pause(True).wait(DEADLINE_S)
+        done(bench.engine.pause(True))
         held = bench.engine.status().time_ns
         for count in range(1, 6):
             assert stepped(bench) == held + count * 10_000_000
@@ -400,7 +395,7 @@ def test_single_steps_of_a_paused_rig(clock, tmp_path):
         hit = stamp_ns(bench.messages('impacts')[impacts].header.stamp)
         assert stamps[0] < hit <= stamps[1] == bench.engine.stamp_ns()
         assert len(bench.samples()) == count + (end - held) // 10_000_000 - 5
-        assert bench.engine.pause(False).wait(DEADLINE_S)
+        done(bench.engine.pause(False))
         count = len(bench.samples())
         until(lambda: len(bench.samples()) > count + 30)
     samples = bench.samples()
@@ -419,42 +414,35 @@ def test_single_steps_of_a_paused_rig(clock, tmp_path):
 
 def test_steps_that_are_refused_or_ended():
     still = RigParameters(gap=1e6, force_amplitudes=(0.0,), gravity=0.0)
-    with Bench(still, factor=1.0) as bench:
-        bench.engine.start()
-        refused = bench.engine.step()
-        assert refused.wait(DEADLINE_S)
+    with Bench(still, factor=1.0).started() as bench:
+        refused = done(bench.engine.step())
         assert 'pause it first' in str(refused.error)
         for hold in (True, False):
-            assert bench.engine.pause(True).wait(DEADLINE_S)
-            step = bench.engine.step(to_impact=True)
-            assert step.wait(DEADLINE_S)
+            done(bench.engine.pause(True))
+            step = done(bench.engine.step(to_impact=True))
             # m never comes to a stop; the rig runs on as long as it is let.
             reached = bench.engine.stamp_ns()
             until(lambda reached=reached: bench.engine.stamp_ns() > reached + 100_000_000)
-            again = bench.engine.step()
-            assert again.wait(DEADLINE_S)
+            again = done(bench.engine.step())
             assert 'under way' in str(again.error)
-            end = bench.engine.pause(hold)
-            assert end.wait(DEADLINE_S)
+            end = done(bench.engine.pause(hold))
             assert end.result is True
             assert step.result.wait(DEADLINE_S)
             assert 'ended' in str(step.result.error)
             assert bench.engine.status().paused is hold
-        assert bench.engine.pause(True).wait(DEADLINE_S)
-        step = bench.engine.step(to_impact=True)
-        assert step.wait(DEADLINE_S)
+        done(bench.engine.pause(True))
+        step = done(bench.engine.step(to_impact=True))
     assert step.result.wait(DEADLINE_S)
     assert 'shutting down' in str(step.result.error)
 
 
 @pytest.mark.parametrize('clock', [True, False])
 def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
-    with Bench(factor=1.0, clock=clock) as bench:
-        bench.engine.start()
+    with Bench(factor=1.0, clock=clock).started() as bench:
         until(lambda: len(bench.samples()) > 30)
-        assert bench.engine.pause(True).wait(DEADLINE_S)
+        done(bench.engine.pause(True))
         until(lambda: len(bench.paused()) > 2)
-        assert bench.engine.pause(False).wait(DEADLINE_S)
+        done(bench.engine.pause(False))
         count = len(bench.samples())
         until(lambda: len(bench.samples()) > count + 30)
     as_others_record(bench, tmp_path / 'bag')
@@ -465,13 +453,12 @@ def test_what_others_record_of_a_pause_is_replayed(clock, tmp_path):
 
 def test_several_pauses_do_not_add_up_to_a_delay():
     """Each pause falls somewhere between two ticks; stamps are not late by that part of it."""
-    with Bench(factor=1.0, rate=2.0, clock=False) as bench:
-        bench.engine.start()
+    with Bench(factor=1.0, rate=2.0, clock=False).started() as bench:
         began_ns = time.time_ns()
         for _ in range(8):
-            assert bench.engine.pause(True).wait(DEADLINE_S)
+            done(bench.engine.pause(True))
             time.sleep(0.05)
-            assert bench.engine.pause(False).wait(DEADLINE_S)
+            done(bench.engine.pause(False))
         (stamp, time_ns) = [(s['stamp_offset_ns'], s['time_ns']) for s in bench.snapshots()][-1]
         assert abs(stamp + time_ns - time.time_ns()) < 0.25 * (time.time_ns() - began_ns)
 
@@ -479,9 +466,7 @@ def test_several_pauses_do_not_add_up_to_a_delay():
 @pytest.mark.parametrize('clock', [True, False])
 def test_a_slip_moves_wall_stamps_on(clock):
     """The engine's thread stands still for twice the time that is made up for."""
-    troubles = []
     with Bench(factor=1.0, clock=clock) as bench:
-        bench.engine._on_trouble = troubles.append
         bench.engine.start()
         until(lambda: len(bench.samples()) > 3)
         before_ns = bench.engine._stamps.offset_ns
@@ -497,11 +482,11 @@ def test_a_slip_moves_wall_stamps_on(clock):
     slipped = [s for s in bench.snapshots() if s['reason'] == 'slip']
     if clock:
         assert {b - a for a, b in pairwise(stamps)} == {10_000_000}
-        assert (slipped, troubles, after_ns) == ([], [], before_ns)
+        assert (slipped, bench.troubles, after_ns) == ([], [], before_ns)
         return
     assert late_ns < CATCH_UP_NS or slips > 1
     assert len(slipped) >= 1
-    assert 'its stamps are moved on' in troubles[0]
+    assert 'its stamps are moved on' in bench.troubles[0]
     first = slipped[0]
     assert first['stamp_offset_ns'] - before_ns >= CATCH_UP_NS
     at = stamps.index(first['stamp_offset_ns'] + first['time_ns'])
@@ -511,8 +496,7 @@ def test_a_slip_moves_wall_stamps_on(clock):
 
 def test_a_priority_comes_back_once_the_pace_has_held(monkeypatch):
     monkeypatch.setattr('impact_damper_ros.node.engine.STEADY_AGAIN_NS', 100_000_000)
-    with Bench(factor=1.0, priority=2) as bench:
-        bench.engine.start()
+    with Bench(factor=1.0, priority=2).started() as bench:
         until(lambda: len(bench.samples()) > 3)
         first = bench.engine.status().scheduling
         if 'SCHED_FIFO' in first and 'no permission' not in first:
@@ -602,34 +586,31 @@ def test_a_rig_that_takes_ever_so_long_answers_and_ends(name, tmp_path):
 
 def test_a_rig_that_cannot_go_on_is_held_until_it_is_changed():
     values, initial = SLOW['runaway']
-    troubles = []
     rig = LIVELY.replace(**values)
     with Bench(rig, InitialConditions(**initial), factor=1.0, clock=False) as bench:
-        bench.engine._on_trouble = troubles.append
         bench.engine.start()
         until(lambda: bench.engine.status().held)
         status = bench.engine.status()
         assert 'give a wider gap' in status.held
-        assert 'it waits for a change or a reset' in troubles[0]
+        assert 'it waits for a change or a reset' in bench.troubles[0]
         until(lambda: len(bench.paused()) > 1)
         assert not bench.failed.is_set()
         # A pause on top, and a change that leaves the rig as it is, do not set it going.
-        assert bench.engine.pause(True).wait(DEADLINE_S)
-        assert bench.engine.pause(False).wait(DEADLINE_S)
-        assert bench.engine.change(None, event_bytes()).wait(DEADLINE_S)
+        done(bench.engine.pause(True))
+        done(bench.engine.pause(False))
+        done(bench.engine.change(None, event_bytes()))
         assert bench.engine.status().held
         # Nor is there a step to be made.
-        assert bench.engine.pause(True).wait(DEADLINE_S)
-        step = bench.engine.step()
-        assert step.wait(DEADLINE_S)
+        done(bench.engine.pause(True))
+        step = done(bench.engine.step())
         assert 'give a wider gap' in str(step.error)
-        assert bench.engine.pause(False).wait(DEADLINE_S)
+        done(bench.engine.pause(False))
         # A reset to the same end
-        count = len(troubles)
-        assert bench.engine.reset(InitialConditions(**initial)).wait(DEADLINE_S)
-        until(lambda: len(troubles) > count)
+        count = len(bench.troubles)
+        done(bench.engine.reset(InitialConditions(**initial)))
+        until(lambda: len(bench.troubles) > count)
         held = bench.engine.status().time_ns
-        assert bench.engine.reset(InitialConditions()).wait(DEADLINE_S)
+        done(bench.engine.reset(InitialConditions()))
         until(lambda: bench.engine.status().time_ns > held + 100_000_000)
         assert bench.engine.status().held == ''
     stamps = [stamp_ns(m.header.stamp) for m in bench.messages('states')]
@@ -639,28 +620,23 @@ def test_a_rig_that_cannot_go_on_is_held_until_it_is_changed():
 
 def test_a_step_of_a_rig_that_cannot_go_on_ends_in_a_pause():
     values, initial = SLOW['runaway']
-    with Bench(factor=1.0) as bench:
-        bench.engine.start()
-        assert bench.engine.pause(True).wait(DEADLINE_S)
-        change = bench.engine.change(LIVELY.replace(**values), event_bytes())
-        assert change.wait(DEADLINE_S)
-        assert bench.engine.reset(InitialConditions(**initial)).wait(DEADLINE_S)
-        step = bench.engine.step()
-        assert step.wait(DEADLINE_S)
+    with Bench(factor=1.0).started() as bench:
+        done(bench.engine.pause(True))
+        done(bench.engine.change(LIVELY.replace(**values), event_bytes()))
+        done(bench.engine.reset(InitialConditions(**initial)))
+        step = done(bench.engine.step())
         assert step.result.wait(DEADLINE_S)
         assert 'give a wider gap' in str(step.result.error)
         # What sets a held rig going again leaves a paused one where it is.
-        assert bench.engine.change(LIVELY, event_bytes()).wait(DEADLINE_S)
+        done(bench.engine.change(LIVELY, event_bytes()))
         status = bench.engine.status()
         assert (status.held, status.paused) == ('', True)
 
 
 def test_a_request_between_two_far_ticks_is_answered_at_once():
-    with Bench(factor=0.001, rate=1.0) as bench:
-        bench.engine.start()
+    with Bench(factor=0.001, rate=1.0).started() as bench:
         # The next one is a quarter of an hour away.
-        ticket = bench.engine.change(LIVELY.replace(gap=2.0), event_bytes())
-        assert ticket.wait(DEADLINE_S)
+        ticket = done(bench.engine.change(LIVELY.replace(gap=2.0), event_bytes()))
         assert ticket.time_ns == 0
         bench.engine.stop(DEADLINE_S)
         assert not bench.engine._thread.is_alive()
@@ -676,8 +652,7 @@ def test_a_failure_is_reported_and_requests_are_turned_away(monkeypatch):
         bench.engine.start()
         assert bench.failed.wait(DEADLINE_S)
         assert isinstance(bench.engine.failure, RuntimeError)
-        ticket = bench.engine.pause(True)
-        assert ticket.wait(DEADLINE_S)
+        ticket = done(bench.engine.pause(True))
         assert 'shutting down' in str(ticket.error)
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from impact_damper_ros.node.motion_ahead import KEPT, MotionTrace
 from impact_damper_ros.node.motion_report import (
-    MeasuredMotion,
     MotionMonitor,
+    RecentMotion,
     compare,
     measure,
     measured_report,
@@ -150,7 +150,7 @@ PREDICTED = PredictedMotion(
 )
 OTHER = PredictedMotion(Rhythm((1, 2), 1, (0.6, 0.1), (1.0, -1.0), 2.0), 0.1, 1.2, False, True, '')
 ANSWER = Answer(1, (PREDICTED, OTHER), PREDICTED, 'run ahead', '', True, 0.25)
-MEASURED = MeasuredMotion(MotionKind.PERIODIC, 200.0, 2.0, Rhythm.of(ORBIT), x_max=ORBIT.x_max)
+MEASURED = RecentMotion(MotionKind.PERIODIC, 200.0, 2.0, Rhythm.of(ORBIT), x_max=ORBIT.x_max)
 
 
 def shifted(phase=0.0, x=0.0, drift=0.0):
@@ -163,7 +163,7 @@ def shifted(phase=0.0, x=0.0, drift=0.0):
         ORBIT.x_max,
         drift,
     )
-    return MeasuredMotion(MotionKind.PERIODIC, 200.0, 2.0, rhythm, x_max=ORBIT.x_max)
+    return RecentMotion(MotionKind.PERIODIC, 200.0, 2.0, rhythm, x_max=ORBIT.x_max)
 
 
 @pytest.mark.parametrize(
@@ -187,10 +187,10 @@ def test_the_agreement_allows_for_what_is_left_of_the_transient(measured, verdic
 
 def test_the_motion_of_the_same_kind_that_is_nearest_is_chosen():
     rhythm = Rhythm((1, 2), 1, (0.601, 0.101), (1.0, -1.0), 2.0)
-    agreement = compare(MeasuredMotion(MotionKind.PERIODIC, rhythm=rhythm), ANSWER)
+    agreement = compare(RecentMotion(MotionKind.PERIODIC, rhythm=rhythm), ANSWER)
     assert agreement.motion.largest_multiplier == 1.2
     kind = Rhythm((1, 1, 2), 1, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0), 2.0)
-    agreement = compare(MeasuredMotion(MotionKind.PERIODIC, rhythm=kind), ANSWER)
+    agreement = compare(RecentMotion(MotionKind.PERIODIC, rhythm=kind), ANSWER)
     assert (agreement.verdict, agreement.motion) == ('disagrees', PREDICTED)
 
 
@@ -204,7 +204,7 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
     [
         (MEASURED, ANSWER, {}, 'found', False, 'stable; the measured motion agrees'),
         (shifted(phase=0.01), ANSWER, {}, 'found', True, 'the measured motion disagrees'),
-        (MeasuredMotion(MotionKind.TRANSIENT), ANSWER, {}, 'found', False, '2 impacts in 1 cycle'),
+        (RecentMotion(MotionKind.TRANSIENT), ANSWER, {}, 'found', False, '2 impacts in 1 cycle'),
         (MEASURED, Answer(), {}, 'computing', False, 'computing'),
         (MEASURED, Answer(), {'enabled': False}, 'off', False, 'predict_motion'),
         (MEASURED, Answer(), {'trouble': 'it ended'}, 'unavailable', True, 'it ended'),
@@ -212,7 +212,7 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
         (MEASURED, ANSWER, {'trouble': 'it ended'}, 'found', True, 'agrees; it ended'),
         (MEASURED, Answer(1, error='no memory'), {}, 'unavailable', True, 'no memory'),
         (
-            MeasuredMotion(MotionKind.UNDECIDED),
+            RecentMotion(MotionKind.UNDECIDED),
             Answer(1, (OTHER,), OTHER, 'listed', 'it does not repeat', True),
             {},
             'found',
@@ -220,14 +220,14 @@ def reported(measured=MEASURED, answer=ANSWER, **status):
             'unstable; it does not repeat',
         ),
         (
-            MeasuredMotion(MotionKind.UNDECIDED),
+            RecentMotion(MotionKind.UNDECIDED),
             Answer(1, reason='two incommensurate harmonics', complete=True),
             {},
             'none',
             False,
             'two incommensurate harmonics',
         ),
-        (MEASURED, Answer(1, complete=True), {}, 'none', True, 'theory has none like it'),
+        (MEASURED, Answer(1, complete=True), {}, 'none', True, 'theory finds no such motion'),
         (
             MEASURED,
             Answer(1, reason='gap_control is timed', complete=True, applies=False),
@@ -249,11 +249,11 @@ def test_what_is_reported_and_when_it_is_a_warning(
 
 def test_the_keys_are_the_same_whatever_is_known():
     full = reported()
-    for other in (reported(answer=Answer()), reported(MeasuredMotion(MotionKind.TRANSIENT))):
+    for other in (reported(answer=Answer()), reported(RecentMotion(MotionKind.TRANSIENT))):
         assert list(other.values) == list(full.values)
     full = measured_report(MEASURED)
     for kind in (MotionKind.TRANSIENT, MotionKind.NOT_PERIODICALLY_DRIVEN):
-        assert list(measured_report(MeasuredMotion(kind)).values) == list(full.values)
+        assert list(measured_report(RecentMotion(kind)).values) == list(full.values)
 
 
 def test_values_are_written_for_machines():

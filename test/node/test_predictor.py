@@ -143,7 +143,7 @@ def test_a_killed_process_is_followed_by_another_one(start, monkeypatch):
     assert asked.status.restarts == 1
     assert asked.status.trouble == ''
     (warning,) = asked.warnings
-    assert 'ended by signal 9; it is started anew after 0.05 s' in warning
+    assert 'ended by signal 9; it is restarted after 0.05 s' in warning
     # The answer holds; a new course is answered by the new process.
     assert asked.status.answer == first
     asked.predictor.ask(snapshot(THREE))

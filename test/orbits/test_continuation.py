@@ -8,6 +8,7 @@ from rigs import FRICTION, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.orbits.continuation import (
+    Continuation,
     SpecialKind,
     continue_orbit,
     grow_branch,
@@ -34,21 +35,23 @@ def of_kind(branch, kind):
 @pytest.fixture(scope='module')
 def narrowing():
     """Follow the level rig's symmetric motion towards small gaps."""
-    return continue_orbit(stable_orbit(OFF_RESONANCE, (1, 2)), 'gap', 10.0, 60.0, upwards=False)
+    return continue_orbit(
+        stable_orbit(OFF_RESONANCE, (1, 2)), Continuation('gap', 10.0, 60.0), upwards=False
+    )
 
 
 @pytest.fixture(scope='module')
 def quieter():
     """Follow the vertical rig's motion towards weak forces and around the fold."""
     orbit = stable_orbit(VERTICAL, (1,))
-    return continue_orbit(orbit, 'force_amplitudes', 0.2, 2.0, upwards=False)
+    return continue_orbit(orbit, Continuation('force_amplitudes', 0.2, 2.0), upwards=False)
 
 
 @pytest.fixture(scope='module')
 def louder():
     """Follow the same motion towards strong forces."""
     orbit = stable_orbit(VERTICAL, (1,))
-    return continue_orbit(orbit, 'force_amplitudes', 0.2, 2.0)
+    return continue_orbit(orbit, Continuation('force_amplitudes', 0.2, 2.0))
 
 
 @pytest.mark.parametrize(
@@ -69,7 +72,9 @@ def louder():
 @pytest.mark.parametrize('upwards', [True, False])
 def test_every_point_is_a_motion_of_its_rig(name, low, high, upwards):
     branch = continue_orbit(
-        stable_orbit(FRICTION, (1, 2)), name, low, high, upwards=upwards, most_points=60
+        stable_orbit(FRICTION, (1, 2)),
+        Continuation(name, low, high, most_points=60),
+        upwards=upwards,
     )
     assert 'corrector' not in branch.ended
     assert all(low <= value <= high for value in branch.values)
@@ -86,7 +91,7 @@ def test_every_point_is_a_motion_of_its_rig(name, low, high, upwards):
 
 def test_a_branch_grows_point_by_point(narrowing):
     orbit = stable_orbit(OFF_RESONANCE, (1, 2))
-    *parts, last = grow_branch(orbit, 'gap', 10.0, 60.0, upwards=False)
+    *parts, last = grow_branch(orbit, Continuation('gap', 10.0, 60.0), upwards=False)
     assert last == narrowing
     counts = [len(part.orbits) for part in parts]
     assert counts == [*range(1, len(last.orbits) + 1)]
@@ -131,7 +136,7 @@ def test_period_doubling_of_the_vertical_rig(louder):
 
 def test_branch_of_twice_the_period(louder):
     (doubling,) = of_kind(louder, SpecialKind.PERIOD_DOUBLING)
-    branch = switch_branch(doubling, 'force_amplitudes', 0.2, 1.3)
+    branch = switch_branch(doubling, Continuation('force_amplitudes', 0.2, 1.3))
     assert branch.values[0] == pytest.approx(doubling.value, rel=1e-4)
     orbit = branch.orbits[len(branch.orbits) // 3]
     assert (orbit.stops, orbit.cycles) == ((1, 1), 2)
@@ -157,7 +162,9 @@ def test_branch_of_twice_the_period(louder):
 def test_twice_the_period_with_reversals():
     """The event map twice, where the motion is beyond the impact equations."""
     orbit = continue_orbit(
-        stable_orbit(FRICTION.replace(gap=16.0), (1, 1, 2)), 'gap', 12.9, 16.0, upwards=False
+        stable_orbit(FRICTION.replace(gap=16.0), (1, 1, 2)),
+        Continuation('gap', 12.9, 16.0),
+        upwards=False,
     )
     (sticking,) = of_kind(orbit, SpecialKind.GRAZING)
     assert sticking.value == pytest.approx(13.5309, abs=1e-4)
@@ -165,7 +172,7 @@ def test_twice_the_period_with_reversals():
     (doubling,) = of_kind(orbit, SpecialKind.PERIOD_DOUBLING)
     assert doubling.converged
     assert doubling.value == pytest.approx(13.1245463, abs=1e-6)
-    branch = switch_branch(doubling, 'gap', 12.5, 14.0, most_points=25)
+    branch = switch_branch(doubling, Continuation('gap', 12.5, 14.0, most_points=25))
     twice = branch.orbits[-1]
     assert sorted(twice.stops) == [1, 1, 1, 1, 2, 2]
     assert twice.cycles == 2
@@ -182,8 +189,8 @@ def test_loss_of_symmetry(narrowing):
     assert point.value == pytest.approx(24.2826432, abs=1e-6)
     assert min(abs(m - 1.0) for m in point.orbit.multipliers) < 1e-6
     # Motions that are each other's mirror image leave it
-    first = switch_branch(point, 'gap', 20.0, 60.0)
-    second = switch_branch(point, 'gap', 20.0, 60.0, mirrored=True)
+    first = switch_branch(point, Continuation('gap', 20.0, 60.0))
+    second = switch_branch(point, Continuation('gap', 20.0, 60.0), mirrored=True)
     for branch in (first, second):
         assert branch.values[-1] == pytest.approx(20.0)
         assert branch.orbits[10].stable
@@ -198,7 +205,7 @@ def test_loss_of_symmetry(narrowing):
 
 def test_neimark_sacker():
     orbit = stable_orbit(OFF_RESONANCE, (1, 2))
-    branch = continue_orbit(orbit, 'gap', 10.0, 60.0)
+    branch = continue_orbit(orbit, Continuation('gap', 10.0, 60.0))
     (point,) = of_kind(branch, SpecialKind.NEIMARK_SACKER)
     assert point.converged
     assert point.value == pytest.approx(56.9469910, abs=1e-6)
@@ -212,7 +219,9 @@ def test_neimark_sacker():
 
 
 def test_loss_of_viability():
-    branch = continue_orbit(stable_orbit(FRICTION, (1, 2)), 'gap', 20.0, 60.0, upwards=False)
+    branch = continue_orbit(
+        stable_orbit(FRICTION, (1, 2)), Continuation('gap', 20.0, 60.0), upwards=False
+    )
     (point,) = of_kind(branch, SpecialKind.GRAZING)
     assert point.converged
     assert point.orbit.viable
@@ -228,11 +237,11 @@ def test_loss_of_viability():
 def test_motions_with_reversals_are_followed():
     rig = FRICTION.replace(gap=16.0)
     orbit = stable_orbit(rig, (1, 1, 2))
-    branch = continue_orbit(orbit, 'friction', 0.0, 0.5, upwards=False)
+    branch = continue_orbit(orbit, Continuation('friction', 0.0, 0.5), upwards=False)
     assert branch.ended == 'friction = 0, the end of the range'
     level = stable_orbit(rig.replace(friction=0.0), (1, 1, 2))
     assert branch.orbits[-1].x_max == pytest.approx(level.x_max, rel=1e-9)
-    wider = continue_orbit(orbit, 'gap', 16.0, 20.6)
+    wider = continue_orbit(orbit, Continuation('gap', 16.0, 20.6))
     (point,) = of_kind(wider, SpecialKind.NEIMARK_SACKER)
     assert point.value == pytest.approx(20.3677203, abs=1e-6)
     for gap, stable in ((point.value - 1e-3, True), (point.value + 1e-3, False)):
@@ -245,7 +254,7 @@ def test_impacts_that_lose_their_speed_are_no_special_points():
     """A multiplier runs through infinity there, and changes the sign of every product."""
     orbit = find_orbits(FRICTION, (1, 2)).orbits[-1]
     assert not orbit.viable
-    branch = continue_orbit(orbit, 'force_frequencies', 1.0, 1.04)
+    branch = continue_orbit(orbit, Continuation('force_frequencies', 1.0, 1.04))
     speeds = [
         min(
             (b - a) * (1.0 if stop == 1 else -1.0)
@@ -266,7 +275,7 @@ def test_motions_under_several_harmonics_are_followed():
         force_amplitudes=(1.0, 0.05), force_frequencies=(1.02, 2.04), force_phases=(0.0, 1.0)
     )
     orbit = find_orbits(rig, (1, 2), simulate=False).orbits[0]
-    branch = continue_orbit(orbit, 'gap', 35.0, 40.0)
+    branch = continue_orbit(orbit, Continuation('gap', 35.0, 40.0))
     assert branch.ended == 'gap = 40, the end of the range'
     again = find_orbits(rig.replace(gap=40.0), (1, 2), simulate=False).orbits[0]
     assert branch.orbits[-1].differs(again) < 1e-9
@@ -276,13 +285,13 @@ def test_what_cannot_be_varied():
     orbit = stable_orbit(FRICTION, (1, 2))
     for name in ('one_sided', 'colour'):
         with pytest.raises(OrbitError, match='cannot be varied'):
-            continue_orbit(orbit, name, 0.0, 1.0)
+            continue_orbit(orbit, Continuation(name, 0.0, 1.0))
 
 
 def test_no_branch_leaves_a_fold(quieter):
     (fold,) = of_kind(quieter, SpecialKind.FOLD)
     with pytest.raises(ValueError, match='no branch leaves at a fold'):
-        switch_branch(fold, 'force_amplitudes', 0.2, 1.0)
+        switch_branch(fold, Continuation('force_amplitudes', 0.2, 1.0))
 
 
 def test_values_of_parameters():

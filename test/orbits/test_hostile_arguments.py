@@ -9,6 +9,7 @@ import pytest
 
 from impact_damper_ros.cli import solve_periodic
 from impact_damper_ros.orbits import (
+    Continuation,
     OrbitError,
     continue_orbit,
     find_orbits,
@@ -85,7 +86,7 @@ def test_states_that_are_no_numbers(orbit, number, place):
 def test_ends_of_a_range(orbit, end):
     for low, high in ((end, 40.0), (30.0, end)):
         with pytest.raises(OrbitError, match=r'end of gap is .*: give a number from -1e'):
-            continue_orbit(orbit, 'gap', low, high)
+            continue_orbit(orbit, Continuation('gap', low, high))
 
 
 @pytest.mark.parametrize(
@@ -99,26 +100,26 @@ def test_ends_of_a_range(orbit, end):
 def test_ranges_without_the_motion(orbit, low, high, words):
     """Such a range once ended in a message of a root finder, or at an end that was not reached."""
     with pytest.raises(OrbitError, match=words):
-        continue_orbit(orbit, 'gap', low, high)
+        continue_orbit(orbit, Continuation('gap', low, high))
 
 
 @pytest.mark.parametrize('step', [None, 'x', math.nan, math.inf, -1, 0, 2.0, []])
 def test_steps_of_a_branch(orbit, step):
     with pytest.raises(OrbitError, match=r'largest_step is .*: give a number from 1e-09 to 1'):
-        continue_orbit(orbit, 'gap', 30.0, 40.0, largest_step=step)
+        continue_orbit(orbit, Continuation('gap', 30.0, 40.0, largest_step=step))
 
 
 @pytest.mark.parametrize('points', NO_NUMBERS)
 def test_points_of_a_branch(orbit, points):
     with pytest.raises(OrbitError, match=r'most_points is .*: give a whole number from 1 to'):
-        continue_orbit(orbit, 'gap', 30.0, 40.0, most_points=points)
+        continue_orbit(orbit, Continuation('gap', 30.0, 40.0, most_points=points))
 
 
 @pytest.mark.parametrize('name', [None, 'x', 5, [], np.array(1), 'one_sided', 'multisine_lines'])
 def test_names_of_what_varies(orbit, name):
     for varied in (
         lambda: value_of(LEVEL, name),
-        lambda: continue_orbit(orbit, name, 30.0, 40.0),
+        lambda: continue_orbit(orbit, Continuation(name, 30.0, 40.0)),
     ):
         with pytest.raises(OrbitError, match='cannot be varied: give one of primary_mass'):
             varied()
@@ -126,7 +127,7 @@ def test_names_of_what_varies(orbit, name):
 
 def test_a_branch_that_leaves_in_no_range():
     with pytest.raises(OrbitError, match='gap from 2 to 1 is no range'):
-        switch_branch(None, 'gap', 2.0, 1.0)
+        switch_branch(None, Continuation('gap', 2.0, 1.0))
 
 
 @pytest.mark.parametrize(

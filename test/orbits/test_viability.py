@@ -8,7 +8,7 @@ import pytest
 from rigs import INCLINED
 
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
-from impact_damper_ros.orbits.viability import assumed_flights, relative_extremes, swing_extremes
+from impact_damper_ros.orbits.viability import assumed_flights, extremes
 from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
 from impact_damper_ros.rig.flight import motion_at
 
@@ -130,8 +130,8 @@ def test_turning_points_against_a_dense_look():
         flight = assumed_flights(equations, x, instants, equations.velocities(x, instants))[0]
         duration = float(rng.uniform(1.0, 20.0))
         motions = [motion_at(flight, tau) for tau in np.linspace(0.0, duration, 5001)]
-        swing = swing_extremes(flight, duration)
-        relative = relative_extremes(flight, duration)
+        swing = extremes(flight, duration, relative=False)
+        relative = extremes(flight, duration, relative=True)
         for exact, seen in (
             (swing, [m.x for m in motions]),
             (relative, [m.travel for m in motions]),

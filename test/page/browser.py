@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import json
 import struct
 from dataclasses import dataclass
@@ -14,9 +15,21 @@ from impact_damper_ros.page.gate import Gate
 from impact_damper_ros.page.recordings import Recordings
 from impact_damper_ros.page.server import PageServer
 
-from .fake_rig import NoAnswerError
+from .fake_rig import FakeLink, FakeNetwork, NoAnswerError
 
 DEADLINE_S = 300.0
+
+
+def in_loop(test):
+    """Run a test that is a coroutine in an event loop."""
+
+    @functools.wraps(test)
+    def run(*args, **kwargs):
+        asyncio.run(test(*args, **kwargs))
+
+    return run
+
+
 HEADER = struct.Struct('<BBHHHHHddd')
 
 
@@ -165,3 +178,17 @@ async def opened(server, path='/ws', headers=None):
         yield page
     finally:
         await page.close()
+
+
+def started(link):
+    """Return the link to a rig that has run for a while."""
+    link.run(20.0)
+    return link
+
+
+@contextlib.asynccontextmanager
+async def live_page(directory, link=None):
+    """Show a rig that has run for a while to a page; yield its link and the page."""
+    link = started(link or FakeLink())
+    async with serving(directory, FakeNetwork(link)) as server, opened(server) as page:
+        yield link, page

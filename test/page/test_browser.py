@@ -34,7 +34,7 @@ FULL = (
 #: What a chaotic rig is said to do.
 LONG_WORDS = (
     'Measured: undecided, 1.98 impacts per cycle',
-    'Theory: 2 impacts in 1 cycle (stops 1,2), unstable; run ahead from where it is, the rig does '
+    'Theory: 2 impacts in 1 cycle (stops 1,2), unstable; run ahead from its state, the rig does '
     'not repeat within 1500 cycles of the force; chaotic: Lyapunov exponent +0.342 ± 0.023 per '
     'cycle over 1125 cycles more',
 )

@@ -7,19 +7,24 @@ import pytest
 
 from impact_damper_ros.page.frames import GHOST, PAUSED, REPLACE, REPLACE_GHOST, View
 from impact_damper_ros.page.measures import RigNumbers, slow_motion, state_at
-from impact_damper_ros.page.motion import ForcePhase, Motion, impact_rows
+from impact_damper_ros.page.motion import ForcePhase, MotionHistory, impact_rows
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+from impact_damper_ros.rig.simulator import Snapshot
 
 from .browser import taken_apart
 
 RATE = 200.0
 
 
+def force_phase(simulator):
+    return ForcePhase(Snapshot.from_dict(simulator.snapshot()))
+
+
 def recorded(rig, seconds, rate=RATE):
     """Return the motion of a rig from rest, as a recording of it would hold it."""
     simulator = Simulator(rig)
-    phase = ForcePhase.of_state(simulator.snapshot())
-    motion = Motion(100_000, 10_000)
+    phase = force_phase(simulator)
+    motion = MotionHistory(100_000, 10_000)
     samples, impacts = [], []
     for k in range(round(seconds * rate) + 1):
         events = simulator.advance(k / rate)
@@ -110,7 +115,7 @@ def test_columns_lie_within_the_window_and_stops_ride_on_the_mass(motion, rig):
 
 def test_an_impact_that_comes_late_is_sent(motion):
     """Its topic may be slower than that of the samples."""
-    late, view = Motion(10_000, 100), View(window=2.0)
+    late, view = MotionHistory(10_000, 100), View(window=2.0)
     late.add_samples(motion.samples[:1000])
     end = float(motion.samples[900, 0])
     view.frame(late, end, 0.0)
@@ -143,7 +148,7 @@ def test_a_ghost_that_comes_to_be_known(motion, rig):
     """Its columns and samples are those of its own motion, each once, as far as it is known."""
     whole = recorded(rig.replace(gap=0.006), 12.0)
     alone = taken_apart(View(window=5.0, width=300).frame(whole, 9.0, 0.0))
-    ghost, view = Motion(10_000, 1), View(window=5.0, width=300)
+    ghost, view = MotionHistory(10_000, 1), View(window=5.0, width=300)
     view.frame(motion, 9.0, 0.0)
     assert not view.wants(9.0)
     # While nothing moves it is computed.
@@ -200,7 +205,7 @@ def test_fast_samples_are_thinned_out(rig):
 
 
 def test_the_newest_rows_are_kept():
-    motion = Motion(1000, 10)
+    motion = MotionHistory(1000, 10)
     for k in range(300):
         rows = np.zeros((37, 11))
         rows[:, 0] = 37 * k + np.arange(37)
@@ -214,14 +219,14 @@ def test_the_newest_rows_are_kept():
         assert (np.diff(motion.samples[:, 0]) == 1.0).all()
         assert len(motion.samples) == 1000
         assert motion.end == rows[-1, 0]
-    assert math.isnan(Motion(10, 10).end)
+    assert math.isnan(MotionHistory(10, 10).end)
 
 
 def test_phase_of_the_force(rig):
-    phase = ForcePhase.of_state(Simulator(rig.replace(force_phases=(0.3,))).snapshot())
+    phase = force_phase(Simulator(rig.replace(force_phases=(0.3,))))
     time = np.array([0.0, 0.1, 7.3])
     assert phase.at(time) == pytest.approx((31.6 * time + 0.3) / math.tau % 1.0)
-    still = ForcePhase.of_state(Simulator(rig.replace(force_amplitudes=(0.0,))).snapshot())
+    still = force_phase(Simulator(rig.replace(force_amplitudes=(0.0,))))
     assert np.isnan(still.at(time)).all()
 
 
@@ -231,10 +236,10 @@ def test_phase_of_a_stepped_sine_is_that_of_the_rig(rig):
         sweep_mode='up_down', sweep_low=20.0, sweep_high=22.0, sweep_step=0.7, sweep_dwell=0.9
     )
     simulator = Simulator(swept)
-    phase = ForcePhase.of_state(simulator.snapshot())
+    phase = force_phase(simulator)
     for time in (0.5, 1.0, 2.5, 4.1, 9.0):
         simulator.advance(time)
-        later = ForcePhase.of_state(simulator.snapshot())
+        later = force_phase(simulator)
         one, other = (float(p.at(np.array([time]))[0]) for p in (phase, later))
         assert math.remainder(one - other, 1.0) == pytest.approx(0.0, abs=1e-9)
 
@@ -257,7 +262,7 @@ def test_slow_motion_goes_through_the_impacts(rig, motion):
     assert np.diff(t).max() < 1 / 1000
     gap = np.array(slow['stop_1']) - np.array(slow['stop_2'])
     assert gap == pytest.approx(rig.gap)
-    assert slow_motion(Motion(10, 10), 5, 1.0)['t'] == []
+    assert slow_motion(MotionHistory(10, 10), 5, 1.0)['t'] == []
 
 
 def test_state_between_samples(rig, motion):

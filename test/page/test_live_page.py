@@ -16,7 +16,7 @@ from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess, 
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.page.child import environment
 
-from .browser import opened, serving
+from .browser import in_loop, opened, serving
 
 pytest.importorskip('rclpy')
 
@@ -48,67 +48,65 @@ def with_knobs(page):
 
 
 @pytest.mark.usefixtures('node')
-def test_a_knob_turned_in_the_page_turns_that_of_the_node(tmp_path):
-    async def test():
-        async with page_of(tmp_path, node='/sim_node') as (server, page):
-            await page.until(lambda: with_knobs(page), 'no parameters')
-            knobs = {k['name']: k for k in with_knobs(page)[-1]['parameters']}
-            assert knobs['gap']['value'] == 0.01
-            assert (knobs['gap']['unit'], knobs['gap']['max']) == ('m', 1e9)
-            assert knobs['gap_control']['choices'] == ['off', 'amplitude', 'timed', 'predictive']
-            assert knobs['state_rate']['read_only']
-            assert with_knobs(page)[-1]['can_record']
-            # The motion comes, with its impacts, in order.
-            await page.until(lambda: sum(len(f.impacts) for f in page.frames) > 10)
-            ends = [frame.end for frame in page.frames]
-            assert ends == sorted(ends)
-            taken = server._sources['/sim_node'].rig.motion.samples[:, 0]
-            assert np.median(np.diff(taken)) == pytest.approx(0.005)
-            # All or nothing, in the words of the node
-            refused = await page.ask(type='set', values={'gap': 0.02, 'friction': -1.0})
-            assert refused['reason'].startswith('friction is -1.0')
-            assert (await page.ask(type='set', values={'gap': 0.02}))['ok']
-            turned = await page.next('parameters', values={'gap': 0.02})
-            assert turned['time'] > 0.0
-            await page.until(
-                lambda: (
-                    page.frames[-1].state[4] - page.frames[-1].state[0]
-                    == pytest.approx(0.01, rel=1e-4)
-                )
+@in_loop
+async def test_a_knob_turned_in_the_page_turns_that_of_the_node(tmp_path):
+    async with page_of(tmp_path, node='/sim_node') as (server, page):
+        await page.until(lambda: with_knobs(page), 'no parameters')
+        knobs = {k['name']: k for k in with_knobs(page)[-1]['parameters']}
+        assert knobs['gap']['value'] == 0.01
+        assert (knobs['gap']['unit'], knobs['gap']['max']) == ('m', 1e9)
+        assert knobs['gap_control']['choices'] == ['off', 'amplitude', 'timed', 'predictive']
+        assert knobs['state_rate']['read_only']
+        assert with_knobs(page)[-1]['can_record']
+        # The motion comes, with its impacts, in order.
+        await page.until(lambda: sum(len(f.impacts) for f in page.frames) > 10)
+        ends = [frame.end for frame in page.frames]
+        assert ends == sorted(ends)
+        taken = server._sources['/sim_node'].rig.motion.samples[:, 0]
+        assert np.median(np.diff(taken)) == pytest.approx(0.005)
+        # All or nothing, in the words of the node
+        refused = await page.ask(type='set', values={'gap': 0.02, 'friction': -1.0})
+        assert refused['reason'].startswith('friction is -1.0')
+        assert (await page.ask(type='set', values={'gap': 0.02}))['ok']
+        turned = await page.next('parameters', values={'gap': 0.02})
+        assert turned['time'] > 0.0
+        await page.until(
+            lambda: (
+                page.frames[-1].state[4] - page.frames[-1].state[0]
+                == pytest.approx(0.01, rel=1e-4)
             )
-            unknown = await page.ask(type='set', values={'nonsense': 1.0})
-            assert 'not a parameter' in unknown['reason']
-            async with opened(server) as other:
-                await other.until(lambda: with_knobs(other))
-                values = {k['name']: k['value'] for k in with_knobs(other)[-1]['parameters']}
-                assert values['gap'] == 0.02
-                # Turned by the other page, and by somebody else on the network
-                assert (await other.ask(type='preset', name='bench'))['ok']
-                for one in (page, other):
-                    await one.until(
-                        lambda one=one: [
-                            m for m in one.of('parameters') if m['values'].get('stiffness')
-                        ]
-                    )
-                seen = len(page.of('parameters'))
-                await asyncio.to_thread(turn, 'friction', 0.3)
-                turned = {'friction': 0.3}
-                await page.until(
-                    lambda: [m for m in page.of('parameters')[seen:] if m['values'] == turned]
+        )
+        unknown = await page.ask(type='set', values={'nonsense': 1.0})
+        assert 'not a parameter' in unknown['reason']
+        async with opened(server) as other:
+            await other.until(lambda: with_knobs(other))
+            values = {k['name']: k['value'] for k in with_knobs(other)[-1]['parameters']}
+            assert values['gap'] == 0.02
+            # Turned by the other page, and by somebody else on the network
+            assert (await other.ask(type='preset', name='bench'))['ok']
+            for one in (page, other):
+                await one.until(
+                    lambda one=one: [
+                        m for m in one.of('parameters') if m['values'].get('stiffness')
+                    ]
                 )
-            wanted = {'pacing', 'rig', 'recording', 'measured motion', 'predicted motion'}
+            seen = len(page.of('parameters'))
+            await asyncio.to_thread(turn, 'friction', 0.3)
+            turned = {'friction': 0.3}
             await page.until(
-                lambda: [
-                    m
-                    for m in page.of('diagnostics')
-                    if m['verdict']
-                    and m['message']
-                    and wanted <= {status['task'] for status in m['statuses']}
-                ]
+                lambda: [m for m in page.of('parameters')[seen:] if m['values'] == turned]
             )
-            assert (await page.next('orbit'))['found'] in (True, False)
-
-    asyncio.run(test())
+        wanted = {'pacing', 'rig', 'recording', 'measured motion', 'predicted motion'}
+        await page.until(
+            lambda: [
+                m
+                for m in page.of('diagnostics')
+                if m['verdict']
+                and m['message']
+                and wanted <= {status['task'] for status in m['statuses']}
+            ]
+        )
+        assert (await page.next('orbit'))['found'] in (True, False)
 
 
 def turn(name, value):
@@ -116,82 +114,77 @@ def turn(name, value):
         assert RigParametersClient(client).set(**{name: value}) == ''
 
 
-def test_pause_reset_and_record(node, tmp_path):
-    async def test():
-        async with page_of(tmp_path / 'runs', node='/sim_node') as (_, page):
-            await page.until(lambda: page.frames and with_knobs(page))
-            assert (await page.ask(type='record', on=True))['ok']
-            await page.next('parameters', values={'record': True})
-            hellos, seen = len(page.of('hello')), len(page.frames)
-            assert (await page.ask(type='service', name='pause'))['ok']
-            await page.next('status', state='paused')
-            await page.until(lambda: page.of('status')[-1]['state'] == 'paused')
-            assert (await page.ask(type='service', name='pause'))['ok']
-            await page.until(lambda: page.of('status')[-1]['state'] != 'paused')
-            count = len(page.frames)
-            await page.until(lambda: len(page.frames) > count + 5)
-            # The rig is still the same one, with the traces of before.
-            assert len(page.of('hello')) == hellos
-            assert not [f for f in page.frames[seen + 1 :] if f.flags & 4]
-            refused = await page.ask(type='service', name='step')
-            assert (refused['ok'], 'pause it first' in refused['reason']) == (False, True)
-            assert (await page.ask(type='service', name='pause'))['ok']
-            await page.until(lambda: page.of('status')[-1]['state'] == 'paused')
-            ends = [page.frames[-1].end]
-            for _ in range(3):
-                step = await page.ask(type='service', name='step')
-                assert (step['ok'], step['reason'][:19]) == (True, 'paused after a step')
-                await page.until(lambda: page.frames[-1].end > ends[-1])
-                ends.append(page.frames[-1].end)
-            assert np.diff(ends) == pytest.approx([0.005] * 3, abs=1e-6)
-            known = sum(len(frame.impacts) for frame in page.frames)
-            assert (await page.ask(type='service', name='step_to_impact'))['ok']
-            await page.until(lambda: sum(len(f.impacts) for f in page.frames) > known)
-            await page.until(lambda: page.frames[-1].flags & 1)
-            assert 0.0 <= -page.frames[-1].impacts[-1, 0] <= 0.005 + 1e-6
-            assert (await page.ask(type='service', name='pause'))['ok']
-            reset = await page.ask(type='service', name='reset')
-            assert reset['reason'].startswith('reset to primary at 0 m')
-            assert (await page.ask(type='record', on=False))['ok']
-            listed = await page.until(
-                lambda: [m for m in page.of('recordings') if any(r['whole'] for r in m['list'])]
-            )
-            assert re.fullmatch(r'run_\d+_\d+(_\d+)?', listed[-1]['list'][0]['name'])
-
+@in_loop
+async def test_pause_reset_and_record(node, tmp_path):
     (tmp_path / 'runs').mkdir()
-    asyncio.run(test())
+    async with page_of(tmp_path / 'runs', node='/sim_node') as (_, page):
+        await page.until(lambda: page.frames and with_knobs(page))
+        assert (await page.ask(type='record', on=True))['ok']
+        await page.next('parameters', values={'record': True})
+        hellos, seen = len(page.of('hello')), len(page.frames)
+        assert (await page.ask(type='service', name='pause'))['ok']
+        await page.next('status', state='paused')
+        await page.until(lambda: page.of('status')[-1]['state'] == 'paused')
+        assert (await page.ask(type='service', name='pause'))['ok']
+        await page.until(lambda: page.of('status')[-1]['state'] != 'paused')
+        count = len(page.frames)
+        await page.until(lambda: len(page.frames) > count + 5)
+        # The rig is still the same one, with the traces of before.
+        assert len(page.of('hello')) == hellos
+        assert not [f for f in page.frames[seen + 1 :] if f.flags & 4]
+        refused = await page.ask(type='service', name='step')
+        assert (refused['ok'], 'pause it first' in refused['reason']) == (False, True)
+        assert (await page.ask(type='service', name='pause'))['ok']
+        await page.until(lambda: page.of('status')[-1]['state'] == 'paused')
+        ends = [page.frames[-1].end]
+        for _ in range(3):
+            step = await page.ask(type='service', name='step')
+            assert (step['ok'], step['reason'][:19]) == (True, 'paused after a step')
+            await page.until(lambda: page.frames[-1].end > ends[-1])
+            ends.append(page.frames[-1].end)
+        assert np.diff(ends) == pytest.approx([0.005] * 3, abs=1e-6)
+        known = sum(len(frame.impacts) for frame in page.frames)
+        assert (await page.ask(type='service', name='step_to_impact'))['ok']
+        await page.until(lambda: sum(len(f.impacts) for f in page.frames) > known)
+        await page.until(lambda: page.frames[-1].flags & 1)
+        assert 0.0 <= -page.frames[-1].impacts[-1, 0] <= 0.005 + 1e-6
+        assert (await page.ask(type='service', name='pause'))['ok']
+        reset = await page.ask(type='service', name='reset')
+        assert reset['reason'].startswith('reset to primary at 0 m')
+        assert (await page.ask(type='record', on=False))['ok']
+        listed = await page.until(
+            lambda: [m for m in page.of('recordings') if any(r['whole'] for r in m['list'])]
+        )
+        assert re.fullmatch(r'run_\d+_\d+(_\d+)?', listed[-1]['list'][0]['name'])
     assert node.running()
 
 
-def test_the_node_is_killed_and_started_anew(node, tmp_path, monkeypatch):
+@in_loop
+async def test_the_node_is_killed_and_started_anew(node, tmp_path, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 1.5)
-
-    async def test():
-        async with page_of(tmp_path, node='/sim_node') as (_, page):
-            await page.until(lambda: page.frames and with_knobs(page))
-            seen = len(page.of('hello'))
-            node.kill()
-            gone = await page.next('status', state='gone')
-            assert 'no message from /sim_node' in gone['text']
-            answer = asyncio.ensure_future(page.ask(type='set', values={'gap': 0.02}))
-            again = SimProcess(tmp_path / 'again', **{**LIVELY, 'gap': 0.03})
-            try:
-                hello = await page.until(
-                    lambda: [
-                        m
-                        for m in page.of('hello')[seen:]
-                        if {k['name']: k['value'] for k in m['parameters']}.get('gap')
-                    ]
-                )
-                count = len(page.frames)
-                await page.until(lambda: len(page.frames) > count)
-                # It was asked while nobody was there: refused, or done by the new one.
-                assert (await answer)['type'] == 'set_result'
-                assert hello
-            finally:
-                await asyncio.to_thread(again.stop)
-
-    asyncio.run(test())
+    async with page_of(tmp_path, node='/sim_node') as (_, page):
+        await page.until(lambda: page.frames and with_knobs(page))
+        seen = len(page.of('hello'))
+        node.kill()
+        gone = await page.next('status', state='gone')
+        assert 'no message from /sim_node' in gone['text']
+        answer = asyncio.ensure_future(page.ask(type='set', values={'gap': 0.02}))
+        again = SimProcess(tmp_path / 'again', **{**LIVELY, 'gap': 0.03})
+        try:
+            hello = await page.until(
+                lambda: [
+                    m
+                    for m in page.of('hello')[seen:]
+                    if {k['name']: k['value'] for k in m['parameters']}.get('gap')
+                ]
+            )
+            count = len(page.frames)
+            await page.until(lambda: len(page.frames) > count)
+            # It was asked while nobody was there: refused, or done by the new one.
+            assert (await answer)['type'] == 'set_result'
+            assert hello
+        finally:
+            await asyncio.to_thread(again.stop)
 
 
 def test_several_rigs_can_be_chosen_from(tmp_path):

@@ -1,6 +1,5 @@
 """Recordings: played to their end, cut ones too, with jumps and another rig beside."""
 
-import asyncio
 import base64
 import json
 import math
@@ -20,7 +19,7 @@ from impact_damper_ros.page.recordings import Recordings
 from impact_damper_ros.rig import EventKind, RigParameters, Simulator, load_parameters
 from impact_damper_ros.rig.parameters_file import presets
 
-from .browser import get, opened, serving, url
+from .browser import get, in_loop, opened, serving, url
 
 SECONDS = 12.0
 
@@ -103,173 +102,159 @@ def test_what_is_no_recording_is_refused(tmp_path):
         load_recording(tmp_path / 'broken_0.mcap')
 
 
-def test_a_recording_is_played_to_its_end(runs):
-    async def test():
-        async with serving(runs / 'run') as server, opened(server) as page:
-            hello = await page.next('hello', mode='player', bag='run')
-            assert hello['duration'] == pytest.approx(SECONDS, abs=0.01)
-            assert len(hello['changes']) == 3
-            assert {k['name']: k['value'] for k in hello['parameters']}['gap'] == 0.024
-            await page.send(type='play', speed=100)
-            await page.next('status', state='ended')
-            gap = await page.next('parameters', values={'gap': 0.03})
-            assert gap['kind'] == 'change'
-            await page.next('parameters', values={'angle': 0.1})
-            assert page.frames[-1].end == pytest.approx(SECONDS)
-            columns = np.concatenate([f.columns[:, 6] + f.end for f in page.frames])
-            assert (np.diff(columns) > 0.0).all()
-            impacts = sum(len(f.impacts) for f in page.frames)
-            assert impacts == len(load_recording(runs / 'run').motion.impacts)
-            # From the end it begins again.
-            await page.send(type='play', speed=0.01)
-            await page.until(lambda: page.frames[-1].end < 1.0)
-            assert page.frames[-1].flags & 4 or page.frames[-2].flags & 4
-
-    asyncio.run(test())
+@in_loop
+async def test_a_recording_is_played_to_its_end(runs):
+    async with serving(runs / 'run') as server, opened(server) as page:
+        hello = await page.next('hello', mode='player', bag='run')
+        assert hello['duration'] == pytest.approx(SECONDS, abs=0.01)
+        assert len(hello['changes']) == 3
+        assert {k['name']: k['value'] for k in hello['parameters']}['gap'] == 0.024
+        await page.send(type='play', speed=100)
+        await page.next('status', state='ended')
+        gap = await page.next('parameters', values={'gap': 0.03})
+        assert gap['kind'] == 'change'
+        await page.next('parameters', values={'angle': 0.1})
+        assert page.frames[-1].end == pytest.approx(SECONDS)
+        columns = np.concatenate([f.columns[:, 6] + f.end for f in page.frames])
+        assert (np.diff(columns) > 0.0).all()
+        impacts = sum(len(f.impacts) for f in page.frames)
+        assert impacts == len(load_recording(runs / 'run').motion.impacts)
+        # From the end it begins again.
+        await page.send(type='play', speed=0.01)
+        await page.until(lambda: page.frames[-1].end < 1.0)
+        assert page.frames[-1].flags & 4 or page.frames[-2].flags & 4
 
 
-def test_scrub_and_jumps(runs, recorded):
-    async def test():
-        async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
-            await page.next('hello', mode='player')
-            await page.send(type='play', speed=0)
-            await page.next('status', state='paused')
-            times = []
-            for message in (
-                {'type': 'seek', 'time': 6.0},
-                {'type': 'jump', 'to': 'impact', 'direction': 1},
-                {'type': 'jump', 'to': 'impact', 'direction': 1},
-                {'type': 'jump', 'to': 'impact', 'direction': -1},
-                {'type': 'jump', 'to': 'change', 'direction': 1},
-                {'type': 'jump', 'to': 'change', 'direction': -1},
-                {'type': 'jump', 'to': 'stretch', 'direction': -1},
-                {'type': 'jump', 'to': 'change', 'direction': -1},
-                {'type': 'seek', 'time': 1e9},
-            ):
-                await page.send(**message)
-                times.append((await page.next('seek_done', after=len(times)))['time'])
-            impacts = recorded.motion.impacts[:, 0]
-            after = impacts[impacts > 6.0]
-            assert times[:4] == pytest.approx([6.0, after[0], after[1], after[0]])
-            assert times[4:6] == pytest.approx([8.0, 4.0])
-            assert times[6:] == pytest.approx([recorded.start, recorded.start, SECONDS], abs=0.006)
-            # Steps go to the next impact or sample, as on a live rig.
-            await page.send(type='seek', time=6.0)
-            assert (await page.ask(type='service', name='step_to_impact'))['ok']
-            await page.until(lambda: page.frames[-1].end == pytest.approx(after[0], abs=1e-9))
-            samples = recorded.motion.samples[:, 0]
-            first = samples[samples > after[0]][0]
-            assert (await page.ask(type='service', name='step'))['ok']
-            await page.until(lambda: page.frames[-1].end == pytest.approx(first, abs=1e-9))
-            count = len(page.of('seek_done'))
-            await page.send(type='jump', to='sample', direction=-1)
-            back = (await page.next('seek_done', after=count))['time']
-            assert back == samples[samples < first][-1] < after[0]
-            assert 'recording' in (await page.ask(type='set', values={'gap': 1.0}))['reason']
-            for wrong in ({'to': 'moon'}, {'to': 'impact', 'direction': 'up'}):
-                answer = await page.ask(type='jump', **wrong)
-                assert not answer['ok']
-
-    asyncio.run(test())
+@in_loop
+async def test_scrub_and_jumps(runs, recorded):
+    async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+        await page.next('hello', mode='player')
+        await page.send(type='play', speed=0)
+        await page.next('status', state='paused')
+        times = []
+        for message in (
+            {'type': 'seek', 'time': 6.0},
+            {'type': 'jump', 'to': 'impact', 'direction': 1},
+            {'type': 'jump', 'to': 'impact', 'direction': 1},
+            {'type': 'jump', 'to': 'impact', 'direction': -1},
+            {'type': 'jump', 'to': 'change', 'direction': 1},
+            {'type': 'jump', 'to': 'change', 'direction': -1},
+            {'type': 'jump', 'to': 'stretch', 'direction': -1},
+            {'type': 'jump', 'to': 'change', 'direction': -1},
+            {'type': 'seek', 'time': 1e9},
+        ):
+            await page.send(**message)
+            times.append((await page.next('seek_done', after=len(times)))['time'])
+        impacts = recorded.motion.impacts[:, 0]
+        after = impacts[impacts > 6.0]
+        assert times[:4] == pytest.approx([6.0, after[0], after[1], after[0]])
+        assert times[4:6] == pytest.approx([8.0, 4.0])
+        assert times[6:] == pytest.approx([recorded.start, recorded.start, SECONDS], abs=0.006)
+        # Steps go to the next impact or sample, as on a live rig.
+        await page.send(type='seek', time=6.0)
+        assert (await page.ask(type='service', name='step_to_impact'))['ok']
+        await page.until(lambda: page.frames[-1].end == pytest.approx(after[0], abs=1e-9))
+        samples = recorded.motion.samples[:, 0]
+        first = samples[samples > after[0]][0]
+        assert (await page.ask(type='service', name='step'))['ok']
+        await page.until(lambda: page.frames[-1].end == pytest.approx(first, abs=1e-9))
+        count = len(page.of('seek_done'))
+        await page.send(type='jump', to='sample', direction=-1)
+        back = (await page.next('seek_done', after=count))['time']
+        assert back == samples[samples < first][-1] < after[0]
+        assert 'recording' in (await page.ask(type='set', values={'gap': 1.0}))['reason']
+        for wrong in ({'to': 'moon'}, {'to': 'impact', 'direction': 'up'}):
+            answer = await page.ask(type='jump', **wrong)
+            assert not answer['ok']
 
 
-def test_what_if_shows_another_rig(runs, recorded):
-    async def test():
-        async with serving(runs / 'run') as server, opened(server) as page:
-            await page.next('hello', mode='player')
-            await page.send(type='play', speed=0)
-            await page.send(type='what_if', values={'gap': 0.02})
-            end = await page.next('what_if', done=True)
-            assert end['on']
-            assert end['until'] == pytest.approx(SECONDS)
-            assert end['text'] == 'computed from its initial conditions'
-            await page.send(type='seek', time=3.0)
-            frame = (
-                await page.until(
-                    lambda: [f for f in page.frames if f.end == 3.0 and f.ghost is not None]
-                )
-            )[-1]
-            rig, _, _ = load_parameters(presets()['bench_rig'])
-            other = Simulator(rig.replace(gap=0.02))
-            other.advance(3.0)
-            assert frame.ghost[[0, 2]] == pytest.approx(
-                [other.sample().x, other.sample().z], rel=1e-5
+@in_loop
+async def test_what_if_shows_another_rig(runs, recorded):
+    async with serving(runs / 'run') as server, opened(server) as page:
+        await page.next('hello', mode='player')
+        await page.send(type='play', speed=0)
+        await page.send(type='what_if', values={'gap': 0.02})
+        end = await page.next('what_if', done=True)
+        assert end['on']
+        assert end['until'] == pytest.approx(SECONDS)
+        assert end['text'] == 'computed from its initial conditions'
+        await page.send(type='seek', time=3.0)
+        frame = (
+            await page.until(
+                lambda: [f for f in page.frames if f.end == 3.0 and f.ghost is not None]
             )
-            assert frame.ghost[4] - frame.ghost[0] == pytest.approx(0.01, rel=1e-4)
-            # Between two samples too, also where there is an impact
-            hits = [e for e in other.advance(4.0) if e.kind is EventKind.IMPACT]
-            for instant in (3.0023, hits[0].time - 1e-4, hits[0].time + 1e-4):
-                await page.send(type='seek', time=instant)
-                between = await page.until(
-                    lambda instant=instant: [
-                        f for f in page.frames if f.end == instant and f.ghost is not None
-                    ]
-                )
-                fine = Simulator(rig.replace(gap=0.02))
-                fine.advance(instant)
-                exact = fine.sample()
-                assert between[-1].ghost[:4] == pytest.approx(
-                    [exact.x, exact.primary_velocity, exact.z, exact.damper_velocity],
-                    rel=1e-3,
-                    abs=1e-5,
-                )
-            # Its traces, beside those of the recording: the same columns of another motion
-            traces = [f for f in page.frames if f.end == 3.0 and len(f.ghost_columns)][-1]
-            assert np.array_equal(traces.ghost_columns[:, 6:], traces.columns[:, 6:])
-            starts, lows, highs = traces.ghost_columns[-40:, [6, 0, 1]].T
-            for start, low, high in zip(starts, lows, highs, strict=True):
-                # The first sample of a column lies within its extremes.
-                later = Simulator(rig.replace(gap=0.02))
-                later.advance(math.ceil(200.0 * (3.0 + start) - 0.01) / 200.0)
-                assert low - 1e-6 <= later.sample().x <= high + 1e-6
-            place = np.searchsorted(recorded.motion.samples[:, 0], 3.0)
-            assert frame.state[0] == pytest.approx(recorded.motion.samples[place, 1], rel=1e-4)
-            seen = len(page.of('what_if'))
-            await page.send(type='what_if', values={'gap': -1.0})
-            refused = await page.next('what_if', after=seen, done=True)
-            assert not refused['on']
-            assert 'gap is -1.0 m' in refused['text']
-            seen = len(page.of('what_if'))
-            await page.send(type='what_if', values={'state_rate': 1.0})
-            assert 'not a parameter' in (await page.next('what_if', after=seen, done=True))['text']
-            seen = len(page.of('what_if'))
-            await page.send(type='what_if', values=None)
-            assert (await page.next('what_if', after=seen, on=False))['done']
+        )[-1]
+        rig, _, _ = load_parameters(presets()['bench_rig'])
+        other = Simulator(rig.replace(gap=0.02))
+        other.advance(3.0)
+        assert frame.ghost[[0, 2]] == pytest.approx([other.sample().x, other.sample().z], rel=1e-5)
+        assert frame.ghost[4] - frame.ghost[0] == pytest.approx(0.01, rel=1e-4)
+        # Between two samples too, also where there is an impact
+        hits = [e for e in other.advance(4.0) if e.kind is EventKind.IMPACT]
+        for instant in (3.0023, hits[0].time - 1e-4, hits[0].time + 1e-4):
+            await page.send(type='seek', time=instant)
+            between = await page.until(
+                lambda instant=instant: [
+                    f for f in page.frames if f.end == instant and f.ghost is not None
+                ]
+            )
+            fine = Simulator(rig.replace(gap=0.02))
+            fine.advance(instant)
+            exact = fine.sample()
+            assert between[-1].ghost[:4] == pytest.approx(
+                [exact.x, exact.primary_velocity, exact.z, exact.damper_velocity],
+                rel=1e-3,
+                abs=1e-5,
+            )
+        # Its traces, beside those of the recording: the same columns of another motion
+        traces = [f for f in page.frames if f.end == 3.0 and len(f.ghost_columns)][-1]
+        assert np.array_equal(traces.ghost_columns[:, 6:], traces.columns[:, 6:])
+        starts, lows, highs = traces.ghost_columns[-40:, [6, 0, 1]].T
+        for start, low, high in zip(starts, lows, highs, strict=True):
+            # The first sample of a column lies within its extremes.
+            later = Simulator(rig.replace(gap=0.02))
+            later.advance(math.ceil(200.0 * (3.0 + start) - 0.01) / 200.0)
+            assert low - 1e-6 <= later.sample().x <= high + 1e-6
+        place = np.searchsorted(recorded.motion.samples[:, 0], 3.0)
+        assert frame.state[0] == pytest.approx(recorded.motion.samples[place, 1], rel=1e-4)
+        seen = len(page.of('what_if'))
+        await page.send(type='what_if', values={'gap': -1.0})
+        refused = await page.next('what_if', after=seen, done=True)
+        assert not refused['on']
+        assert 'gap is -1.0 m' in refused['text']
+        seen = len(page.of('what_if'))
+        await page.send(type='what_if', values={'state_rate': 1.0})
+        assert 'not a parameter' in (await page.next('what_if', after=seen, done=True))['text']
+        seen = len(page.of('what_if'))
+        await page.send(type='what_if', values=None)
+        assert (await page.next('what_if', after=seen, on=False))['done']
 
-    asyncio.run(test())
 
-
-def test_a_what_if_whose_process_is_killed_says_so(runs, monkeypatch):
+@in_loop
+async def test_a_what_if_whose_process_is_killed_says_so(runs, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.ghost._PROCESS', 'no_such_module')
-
-    async def test():
-        async with serving(runs / 'run') as server, opened(server) as page:
-            await page.next('hello', mode='player')
-            await page.send(type='what_if', values={'gap': 0.02})
-            end = await page.next('what_if', done=True)
-            assert (end['on'], 'try it again' in end['text']) == (False, True)
-
-    asyncio.run(test())
+    async with serving(runs / 'run') as server, opened(server) as page:
+        await page.next('hello', mode='player')
+        await page.send(type='what_if', values={'gap': 0.02})
+        end = await page.next('what_if', done=True)
+        assert (end['on'], 'try it again' in end['text']) == (False, True)
 
 
-def test_a_bag_that_vanishes_while_it_is_played(runs, tmp_path):
+@in_loop
+async def test_a_bag_that_vanishes_while_it_is_played(runs, tmp_path):
     place = tmp_path / 'runs'
     shutil.copytree(runs, place)
-
-    async def test():
-        async with serving(place) as server, opened(server, '/ws?bag=run') as page:
-            await page.until(lambda: page.frames)
-            shutil.rmtree(place / 'run')
-            seen = page.frames[-1].end
-            await page.until(lambda: page.frames[-1].end > seen)
-            await page.send(type='what_if', values={'gap': 0.02})
-            end = await page.next('what_if', done=True)
-            assert (end['on'], 'no such file' in end['text']) == (False, True)
-            await page.send(type='seek', time=1.0)
-            await page.next('seek_done')
-            assert page.closed is None
-
-    asyncio.run(test())
+    async with serving(place) as server, opened(server, '/ws?bag=run') as page:
+        await page.until(lambda: page.frames)
+        shutil.rmtree(place / 'run')
+        seen = page.frames[-1].end
+        await page.until(lambda: page.frames[-1].end > seen)
+        await page.send(type='what_if', values={'gap': 0.02})
+        end = await page.next('what_if', done=True)
+        assert (end['on'], 'no such file' in end['text']) == (False, True)
+        await page.send(type='seek', time=1.0)
+        await page.next('seek_done')
+        assert page.closed is None
 
 
 def test_the_process_of_the_what_if_alone(runs):
@@ -305,7 +290,8 @@ def test_the_process_of_the_what_if_alone(runs):
     assert isinstance(rig, RigParameters)
 
 
-def test_recordings_are_listed_and_handed_out(runs, tmp_path):
+@in_loop
+async def test_recordings_are_listed_and_handed_out(runs, tmp_path):
     place = tmp_path / 'runs'
     shutil.copytree(runs, place)
     secret = tmp_path / 'secret'
@@ -315,23 +301,19 @@ def test_recordings_are_listed_and_handed_out(runs, tmp_path):
     (place / 'link' / 'link_0.mcap').symlink_to(secret / 'x_0.mcap')
     (place / 'empty').mkdir()
     (place / '.hidden').mkdir()
-
-    async def test():
-        async with serving(place) as server:
-            listed = json.loads((await get(server, '/recordings')).body)
-            assert {entry['name'] for entry in listed} == {'run', 'link'}
-            run = next(entry for entry in listed if entry['name'] == 'run')
-            (file,) = (place / 'run').glob('*.mcap')
-            assert run['whole']
-            assert run['size'] == file.stat().st_size
-            assert run['duration'] == pytest.approx(SECONDS, abs=0.01)
-            answer = await get(server, '/recordings/run/download')
-            assert answer.body == file.read_bytes()
-            assert answer.headers['Content-Disposition'] == f'attachment; filename="{file.name}"'
-            # A link out of the directory is no recording of it.
-            assert (await get(server, '/recordings/link/download')).code == 404
-
-    asyncio.run(test())
+    async with serving(place) as server:
+        listed = json.loads((await get(server, '/recordings')).body)
+        assert {entry['name'] for entry in listed} == {'run', 'link'}
+        run = next(entry for entry in listed if entry['name'] == 'run')
+        (file,) = (place / 'run').glob('*.mcap')
+        assert run['whole']
+        assert run['size'] == file.stat().st_size
+        assert run['duration'] == pytest.approx(SECONDS, abs=0.01)
+        answer = await get(server, '/recordings/run/download')
+        assert answer.body == file.read_bytes()
+        assert answer.headers['Content-Disposition'] == f'attachment; filename="{file.name}"'
+        # A link out of the directory is no recording of it.
+        assert (await get(server, '/recordings/link/download')).code == 404
     only = Recordings(place / 'run')
     assert (only.single, only.names()) == ('run', ['run'])
     with pytest.raises(LookupError):
@@ -357,50 +339,40 @@ def test_bags_that_do_not_change_are_described_once(runs, monkeypatch):
     assert len(read) == 2
 
 
-def test_a_comparison_is_shown_in_the_page(runs):
-    async def test():
-        async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
-            await page.next('hello')
-            own = {'Origin': url(server, '')}
-            answer = await get(
-                server, '/recordings/run/compare', method='POST', body='', headers=own
-            )
-            assert (answer.code, json.loads(answer.body)) == (202, {'started': True})
-            again = await get(
-                server, '/recordings/run/compare', method='POST', body='', headers=own
-            )
-            assert again.code == 409
-            done = await page.next('compare_done')
-            assert done['ok'], done['text']
-            assert done['url'] == '/reports/run/report.html'
-            report = await get(server, done['url'])
-            assert report.headers['Content-Type'].startswith('text/html')
-            policy = report.headers['Content-Security-Policy']
-            assert "default-src 'none'" in policy
-            assert 'sandbox' in policy
-            assert 'script' not in policy
-            assert b'<!doctype html>' in report.body.lower()
-            assert (await get(server, '/reports/run/other.html')).code == 404
-
-    asyncio.run(test())
+@in_loop
+async def test_a_comparison_is_shown_in_the_page(runs):
+    async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+        await page.next('hello')
+        own = {'Origin': url(server, '')}
+        answer = await get(server, '/recordings/run/compare', method='POST', body='', headers=own)
+        assert (answer.code, json.loads(answer.body)) == (202, {'started': True})
+        again = await get(server, '/recordings/run/compare', method='POST', body='', headers=own)
+        assert again.code == 409
+        done = await page.next('compare_done')
+        assert done['ok'], done['text']
+        assert done['url'] == '/reports/run/report.html'
+        report = await get(server, done['url'])
+        assert report.headers['Content-Type'].startswith('text/html')
+        policy = report.headers['Content-Security-Policy']
+        assert "default-src 'none'" in policy
+        assert 'sandbox' in policy
+        assert 'script' not in policy
+        assert b'<!doctype html>' in report.body.lower()
+        assert (await get(server, '/reports/run/other.html')).code == 404
 
 
-def test_a_recording_that_is_not_there(runs, tmp_path):
-    async def test():
-        for place, path, words in (
-            (runs, '/ws?bag=none', 'no recording none'),
-            (tmp_path, '/ws', 'no recording here'),
-        ):
-            async with serving(place) as server, opened(server, path) as page:
-                await page.until(lambda page=page: page.closed == 4404)
-                assert words in page.messages[0]['text']
-
-    asyncio.run(test())
+@in_loop
+async def test_a_recording_that_is_not_there(runs, tmp_path):
+    for place, path, words in (
+        (runs, '/ws?bag=none', 'no recording none'),
+        (tmp_path, '/ws', 'no recording to play'),
+    ):
+        async with serving(place) as server, opened(server, path) as page:
+            await page.until(lambda page=page: page.closed == 4404)
+            assert words in page.messages[0]['text']
 
 
-def test_the_newest_recording_of_a_directory_is_played(runs):
-    async def test():
-        async with serving(runs) as server, opened(server) as page:
-            assert (await page.next('hello'))['bag'] == 'run'
-
-    asyncio.run(test())
+@in_loop
+async def test_the_newest_recording_of_a_directory_is_played(runs):
+    async with serving(runs) as server, opened(server) as page:
+        assert (await page.next('hello'))['bag'] == 'run'

@@ -15,110 +15,96 @@ from impact_damper_ros.page.outbox import Outbox
 from impact_damper_ros.page.session import Session
 from impact_damper_ros.rig import RigParameters
 
-from .browser import get, opened, serving, taken_apart, url
+from .browser import get, in_loop, live_page, opened, serving, started, taken_apart, url
 from .fake_rig import FakeLink, FakeNetwork, diagnostics
 
 MARKUP = '<img src=x onerror=alert(1)>'
 
 
-def run(test):
-    """Run a test in an event loop."""
-    asyncio.run(test)
-
-
 # Requests
 
 
-def test_every_answer_keeps_foreign_things_out(tmp_path):
-    async def test():
-        async with serving(tmp_path, FakeNetwork()) as server:
-            for path in ('/', '/presets', '/recordings', '/nothing', '/static/nothing.js'):
-                answer = await get(server, path)
-                policy = answer.headers['Content-Security-Policy']
-                assert "default-src 'self'" in policy
-                assert 'unsafe' not in policy
-                assert "object-src 'none'" in policy
-                assert answer.headers['X-Content-Type-Options'] == 'nosniff'
-                assert answer.headers['Referrer-Policy'] == 'no-referrer'
-                assert 'Server' not in answer.headers or answer.headers['Server'] == ''
-            assert (await get(server, '/nothing')).code == 404
-
-    run(test())
+@in_loop
+async def test_every_answer_keeps_foreign_things_out(tmp_path):
+    async with serving(tmp_path, FakeNetwork()) as server:
+        for path in ('/', '/presets', '/recordings', '/nothing', '/static/nothing.js'):
+            answer = await get(server, path)
+            policy = answer.headers['Content-Security-Policy']
+            assert "default-src 'self'" in policy
+            assert 'unsafe' not in policy
+            assert "object-src 'none'" in policy
+            assert answer.headers['X-Content-Type-Options'] == 'nosniff'
+            assert answer.headers['Referrer-Policy'] == 'no-referrer'
+            assert 'Server' not in answer.headers or answer.headers['Server'] == ''
+        assert (await get(server, '/nothing')).code == 404
 
 
-def test_foreign_host_is_refused_everywhere(tmp_path):
+@in_loop
+async def test_foreign_host_is_refused_everywhere(tmp_path):
     """DNS rebinding: the name of an attacker, which leads to this machine."""
-
-    async def test():
-        async with serving(tmp_path, FakeNetwork(FakeLink())) as server:
-            port = server.gate.port
-            for path in ('/', '/presets', '/recordings', '/static/app.js', '/ws', '/nothing'):
-                answer = await get(server, path, headers={'Host': f'attacker.example:{port}'})
-                assert answer.code == 421
-                assert b'attacker' not in answer.body
-
-    run(test())
+    async with serving(tmp_path, FakeNetwork(FakeLink())) as server:
+        port = server.gate.port
+        for path in ('/', '/presets', '/recordings', '/static/app.js', '/ws', '/nothing'):
+            answer = await get(server, path, headers={'Host': f'attacker.example:{port}'})
+            assert answer.code == 421
+            assert b'attacker' not in answer.body
 
 
-def test_foreign_origin_is_refused(tmp_path):
-    async def test():
-        async with serving(tmp_path, FakeNetwork(FakeLink())) as server:
-            own = url(server, '')
-            for origin in (
-                'http://attacker.example',
-                'null',
-                f'http://localhost:{server.gate.port}',
-            ):
-                with pytest.raises(HTTPClientError) as refused:
-                    async with opened(server, headers={'Origin': origin}):
-                        pass
-                assert refused.value.code == 403
-                code = (await get(server, '/presets', headers={'Origin': origin})).code
-                assert code == 403
-                answer = await get(
-                    server,
-                    '/recordings/none/compare',
-                    method='POST',
-                    body='',
-                    headers={'Origin': origin},
-                )
-                assert answer.code == 403
-            # Without an Origin nothing is changed; with its own, all goes on.
-            for headers, code in (({}, 403), ({'Origin': own}, 404)):
-                answer = await get(
-                    server, '/recordings/none/compare', method='POST', body='', headers=headers
-                )
-                assert answer.code == code
-            async with opened(server, headers={'Origin': own}) as page:
-                await page.next('hello')
-
-    run(test())
-
-
-def test_open_address_asks_for_its_token(tmp_path):
-    async def test():
-        async with serving(tmp_path, FakeNetwork(FakeLink()), host='0.0.0.0') as server:
-            token, gate = server.gate.token, server.gate
-            for path in ('/', '/presets', '/recordings', '/static/app.js', '/?token=wrong'):
-                assert (await get(server, path)).code == 403
+@in_loop
+async def test_foreign_origin_is_refused(tmp_path):
+    async with serving(tmp_path, FakeNetwork(FakeLink())) as server:
+        own = url(server, '')
+        for origin in (
+            'http://attacker.example',
+            'null',
+            f'http://localhost:{server.gate.port}',
+        ):
             with pytest.raises(HTTPClientError) as refused:
-                async with opened(server):
+                async with opened(server, headers={'Origin': origin}):
                     pass
             assert refused.value.code == 403
-            answer = await get(server, f'/?token={token}')
-            assert (answer.code, answer.headers['Location']) == (302, '/')
-            cookie = answer.headers['Set-Cookie']
-            assert 'HttpOnly' in cookie
-            assert 'SameSite=Strict' in cookie
-            held = {'Cookie': f'{gate.cookie}={token}'}
-            assert (await get(server, '/presets', headers=held)).code == 200
-            async with opened(server, headers=held) as page:
-                await page.next('hello')
-            # The token does not make a foreign name a friend.
-            strange = {**held, 'Host': f'attacker.example:{gate.port}'}
-            assert (await get(server, '/presets', headers=strange)).code == 421
+            code = (await get(server, '/presets', headers={'Origin': origin})).code
+            assert code == 403
+            answer = await get(
+                server,
+                '/recordings/none/compare',
+                method='POST',
+                body='',
+                headers={'Origin': origin},
+            )
+            assert answer.code == 403
+        # Without an Origin nothing is changed; with its own, all goes on.
+        for headers, code in (({}, 403), ({'Origin': own}, 404)):
+            answer = await get(
+                server, '/recordings/none/compare', method='POST', body='', headers=headers
+            )
+            assert answer.code == code
+        async with opened(server, headers={'Origin': own}) as page:
+            await page.next('hello')
 
-    run(test())
+
+@in_loop
+async def test_open_address_asks_for_its_token(tmp_path):
+    async with serving(tmp_path, FakeNetwork(FakeLink()), host='0.0.0.0') as server:
+        token, gate = server.gate.token, server.gate
+        for path in ('/', '/presets', '/recordings', '/static/app.js', '/?token=wrong'):
+            assert (await get(server, path)).code == 403
+        with pytest.raises(HTTPClientError) as refused:
+            async with opened(server):
+                pass
+        assert refused.value.code == 403
+        answer = await get(server, f'/?token={token}')
+        assert (answer.code, answer.headers['Location']) == (302, '/')
+        cookie = answer.headers['Set-Cookie']
+        assert 'HttpOnly' in cookie
+        assert 'SameSite=Strict' in cookie
+        held = {'Cookie': f'{gate.cookie}={token}'}
+        assert (await get(server, '/presets', headers=held)).code == 200
+        async with opened(server, headers=held) as page:
+            await page.next('hello')
+        # The token does not make a foreign name a friend.
+        strange = {**held, 'Host': f'attacker.example:{gate.port}'}
+        assert (await get(server, '/presets', headers=strange)).code == 421
 
 
 @pytest.mark.parametrize(
@@ -131,111 +117,95 @@ def test_open_address_asks_for_its_token(tmp_path):
         *('/reports/..%2f..%2fetc/passwd', '/reports/one/..%2freport.html'),
     ],
 )
-def test_no_path_leads_out(path, tmp_path):
+@in_loop
+async def test_no_path_leads_out(path, tmp_path):
     runs = tmp_path / 'runs'
     runs.mkdir()
     (tmp_path / 'secret').mkdir()
     (tmp_path / 'secret' / 'secret_0.mcap').write_bytes(b'secret')
-
-    async def test():
-        async with serving(runs, FakeNetwork()) as server:
-            # As it is, without the client that tidies it up
-            reader, writer = await asyncio.open_connection('127.0.0.1', server.gate.port)
-            host = f'127.0.0.1:{server.gate.port}'
-            writer.write(
-                f'GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n'.encode()
-            )
-            answer = await reader.read()
-            writer.close()
-            await writer.wait_closed()
-            assert re.match(rb'HTTP/1.1 (400|403|404) ', answer), answer[:80]
-            assert b'secret' not in answer.partition(b'\r\n\r\n')[2]
-            assert b'import' not in answer
-
-    run(test())
+    async with serving(runs, FakeNetwork()) as server:
+        # As it is, without the client that tidies it up
+        reader, writer = await asyncio.open_connection('127.0.0.1', server.gate.port)
+        host = f'127.0.0.1:{server.gate.port}'
+        writer.write(f'GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n'.encode())
+        answer = await reader.read()
+        writer.close()
+        await writer.wait_closed()
+        assert re.match(rb'HTTP/1.1 (400|403|404) ', answer), answer[:80]
+        assert b'secret' not in answer.partition(b'\r\n\r\n')[2]
+        assert b'import' not in answer
 
 
-def test_errors_are_plain_text(tmp_path):
-    async def test():
-        async with serving(tmp_path, FakeNetwork()) as server:
-            answer = await get(server, '/recordings/%3Cscript%3E/download')
-            assert answer.code == 404
-            assert answer.headers['Content-Type'].startswith('text/plain')
-            assert b'<' not in answer.body
-
-    run(test())
+@in_loop
+async def test_errors_are_plain_text(tmp_path):
+    async with serving(tmp_path, FakeNetwork()) as server:
+        answer = await get(server, '/recordings/%3Cscript%3E/download')
+        assert answer.code == 404
+        assert answer.headers['Content-Type'].startswith('text/plain')
+        assert b'<' not in answer.body
 
 
 # Pages
 
 
-def started(link):
-    """Return a page's first words of a rig that has run for a while."""
-    link.run(20.0)
-    return link
-
-
-def test_a_page_is_shown_the_rig(tmp_path):
-    async def test():
-        link = started(FakeLink(rig=RigParameters(gravity=1.0, angle=0.5)))
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-            hello = (await page.next('hello', can_record=False, one_sided=False)) and (
-                await page.until(lambda: [m for m in page.of('hello') if m['parameters']])
-            )[0]
-            assert hello['mode'] == 'live'
-            assert (hello['rig'], hello['rigs']) == ('/sim_node', ['/sim_node'])
-            values = {knob['name']: knob['value'] for knob in hello['parameters']}
-            assert (values['gap'], values['angle']) == (37.0, 0.5)
-            assert hello['static_deflection'] == pytest.approx(0.479425538604)
-            assert {p['name'] for p in hello['presets']} >= {'bench', 'paper', 'chaos'}
-            await page.until(lambda: page.frames)
-            # Positions count from the equilibrium.
-            sample = link.rig.sample()
-            frame = page.frames[-1]
-            assert frame.state[[0, 2]] == pytest.approx([sample.x, sample.z], rel=1e-5)
-            assert frame.state[8] == pytest.approx(0.5)
-            assert frame.end == pytest.approx(20.0)
-            link.change(angle=0.3)
-            link.run(0.5)
-            turned = await page.next('parameters', values={'angle': 0.3})
-            assert turned['time'] == pytest.approx(20.0)
-            assert (turned['kind'], turned['preset']) == ('change', '')
-            await page.until(lambda: page.frames[-1].end > 20.4)
-            assert page.frames[-1].state[0] == pytest.approx(link.rig.sample().x, rel=1e-5)
-
-    run(test())
-
-
-def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
-    async def test():
-        link = started(FakeLink())
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
+@in_loop
+async def test_a_page_is_shown_the_rig(tmp_path):
+    async with live_page(tmp_path, FakeLink(rig=RigParameters(gravity=1.0, angle=0.5))) as (
+        link,
+        page,
+    ):
+        hello = (await page.next('hello', can_record=False, one_sided=False)) and (
             await page.until(lambda: [m for m in page.of('hello') if m['parameters']])
-            assert await page.ask(type='set', values={'gap': 30.0}) == {
-                'type': 'set_result',
-                'id': 1,
-                'ok': True,
-                'reason': '',
-            }
-            assert link.rig.parameters.gap == 30.0
-            refused = await page.ask(type='set', values={'gap': -1.0})
-            assert refused['ok'] is False
-            assert refused['reason'] == 'gap is -1.0 m: give a number from 1e-09 to 1e+09 m'
-            assert (await page.ask(type='service', name='pause'))['reason'] == 'paused'
-            assert (await page.ask(type='service', name='reset'))['ok']
-            for step in ('step', 'step_to_impact'):
-                assert (await page.ask(type='service', name=step))['reason'] == step
-            assert not (await page.ask(type='service', name='shutdown'))['ok']
-            assert (await page.ask(type='preset', name='bench'))['ok']
-            assert link.rig.parameters.gap == 0.024
-            assert link.rig.control.gap_max == 0.3
-            assert link.calls[-1] == ('reset',)
-            assert not (await page.ask(type='preset', name=MARKUP))['ok']
-            link.answers = False
-            answer = await page.ask(type='set', values={'gap': 1.0})
-            assert answer['reason'] == 'the node does not answer'
+        )[0]
+        assert hello['mode'] == 'live'
+        assert (hello['rig'], hello['rigs']) == ('/sim_node', ['/sim_node'])
+        values = {knob['name']: knob['value'] for knob in hello['parameters']}
+        assert (values['gap'], values['angle']) == (37.0, 0.5)
+        assert hello['static_deflection'] == pytest.approx(0.479425538604)
+        assert {p['name'] for p in hello['presets']} >= {'bench', 'paper', 'chaos'}
+        await page.until(lambda: page.frames)
+        # Positions count from the equilibrium.
+        sample = link.rig.sample()
+        frame = page.frames[-1]
+        assert frame.state[[0, 2]] == pytest.approx([sample.x, sample.z], rel=1e-5)
+        assert frame.state[8] == pytest.approx(0.5)
+        assert frame.end == pytest.approx(20.0)
+        link.change(angle=0.3)
+        link.run(0.5)
+        turned = await page.next('parameters', values={'angle': 0.3})
+        assert turned['time'] == pytest.approx(20.0)
+        assert (turned['kind'], turned['preset']) == ('change', '')
+        await page.until(lambda: page.frames[-1].end > 20.4)
+        assert page.frames[-1].state[0] == pytest.approx(link.rig.sample().x, rel=1e-5)
 
-    run(test())
+
+@in_loop
+async def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
+    async with live_page(tmp_path) as (link, page):
+        await page.until(lambda: [m for m in page.of('hello') if m['parameters']])
+        assert await page.ask(type='set', values={'gap': 30.0}) == {
+            'type': 'set_result',
+            'id': 1,
+            'ok': True,
+            'reason': '',
+        }
+        assert link.rig.parameters.gap == 30.0
+        refused = await page.ask(type='set', values={'gap': -1.0})
+        assert refused['ok'] is False
+        assert refused['reason'] == 'gap is -1.0 m: give a number from 1e-09 to 1e+09 m'
+        assert (await page.ask(type='service', name='pause'))['reason'] == 'paused'
+        assert (await page.ask(type='service', name='reset'))['ok']
+        for step in ('step', 'step_to_impact'):
+            assert (await page.ask(type='service', name=step))['reason'] == step
+        assert not (await page.ask(type='service', name='shutdown'))['ok']
+        assert (await page.ask(type='preset', name='bench'))['ok']
+        assert link.rig.parameters.gap == 0.024
+        assert link.rig.control.gap_max == 0.3
+        assert link.calls[-1] == ('reset',)
+        assert not (await page.ask(type='preset', name=MARKUP))['ok']
+        link.answers = False
+        answer = await page.ask(type='set', values={'gap': 1.0})
+        assert answer['reason'] == 'the node does not answer'
 
 
 @pytest.mark.parametrize(
@@ -249,139 +219,118 @@ def test_requests_reach_the_node_and_its_words_come_back(tmp_path):
         *('{"type": "view", "width": true}', '{"type": "service", "name": {}}'),
     ],
 )
-def test_what_cannot_be_read_is_answered_and_does_no_harm(text, tmp_path):
-    async def test():
-        link = started(FakeLink())
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-            await page.until(lambda: page.frames)
-            await page.socket.write_message(text)
-            answer = await page.until(
-                lambda: [m for m in page.messages if m.get('ok') is False], text[:80]
-            )
-            assert answer[0]['reason']
-            seen = len(page.frames)
-            link.run(0.2)
-            await page.until(lambda: len(page.frames) > seen)
-
-    run(test())
+@in_loop
+async def test_what_cannot_be_read_is_answered_and_does_no_harm(text, tmp_path):
+    async with live_page(tmp_path) as (link, page):
+        await page.until(lambda: page.frames)
+        await page.socket.write_message(text)
+        answer = await page.until(
+            lambda: [m for m in page.messages if m.get('ok') is False], text[:80]
+        )
+        assert answer[0]['reason']
+        seen = len(page.frames)
+        link.run(0.2)
+        await page.until(lambda: len(page.frames) > seen)
 
 
-def test_a_page_that_sends_too_much_waits_and_nobody_else(tmp_path, monkeypatch):
+@in_loop
+async def test_a_page_that_sends_too_much_waits_and_nobody_else(tmp_path, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.session._BURST', 5.0)
     monkeypatch.setattr('impact_damper_ros.page.session._MESSAGES_PER_S', 1.0)
-
-    async def test():
-        link = started(FakeLink())
-        async with (
-            serving(tmp_path, FakeNetwork(link)) as server,
-            opened(server) as page,
-            opened(server) as other,
-        ):
-            for number in range(1000):
-                await page.send(type='nonsense', id=number)
-            answers = await page.until(lambda: page.of('service_result'))
-            assert 'nothing that a live rig can do' in answers[0]['reason']
-            assert (await other.ask(type='set', values={'gap': 31.0}))['ok']
-            seen = len(other.frames)
-            link.run(0.2)
-            await other.until(lambda: len(other.frames) > seen)
-            assert 5 <= len(page.of('service_result')) < 100
-
-    run(test())
+    link = started(FakeLink())
+    async with (
+        serving(tmp_path, FakeNetwork(link)) as server,
+        opened(server) as page,
+        opened(server) as other,
+    ):
+        for number in range(1000):
+            await page.send(type='nonsense', id=number)
+        answers = await page.until(lambda: page.of('service_result'))
+        assert 'not a request for a live rig' in answers[0]['reason']
+        assert (await other.ask(type='set', values={'gap': 31.0}))['ok']
+        seen = len(other.frames)
+        link.run(0.2)
+        await other.until(lambda: len(other.frames) > seen)
+        assert 5 <= len(page.of('service_result')) < 100
 
 
-def test_no_more_pages_than_can_be_served(tmp_path, monkeypatch):
+@in_loop
+async def test_no_more_pages_than_can_be_served(tmp_path, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.server._MOST_PAGES', 1)
-
-    async def test():
-        link = started(FakeLink())
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-            await page.until(lambda: page.frames)
-            async with opened(server) as other:
-                await other.until(lambda: other.closed)
-                assert '1 pages are open' in other.messages[0]['text']
-            seen = len(page.frames)
-            link.run(0.2)
-            await page.until(lambda: len(page.frames) > seen)
-
-    run(test())
+    link = started(FakeLink())
+    async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
+        await page.until(lambda: page.frames)
+        async with opened(server) as other:
+            await other.until(lambda: other.closed)
+            assert '1 page open already' in other.messages[0]['text']
+        seen = len(page.frames)
+        link.run(0.2)
+        await page.until(lambda: len(page.frames) > seen)
 
 
-def test_too_long_messages_close_that_page_only(tmp_path):
-    async def test():
-        link = started(FakeLink())
-        async with (
-            serving(tmp_path, FakeNetwork(link)) as server,
-            opened(server) as page,
-            opened(server) as other,
-        ):
-            await page.until(lambda: page.frames)
-            with contextlib.suppress(WebSocketClosedError):
-                await page.socket.write_message('x' * 200_000)
-            await page.until(lambda: page.closed is not None)
-            seen = len(other.frames)
-            link.run(0.2)
-            await other.until(lambda: len(other.frames) > seen)
-
-    run(test())
+@in_loop
+async def test_too_long_messages_close_that_page_only(tmp_path):
+    link = started(FakeLink())
+    async with (
+        serving(tmp_path, FakeNetwork(link)) as server,
+        opened(server) as page,
+        opened(server) as other,
+    ):
+        await page.until(lambda: page.frames)
+        with contextlib.suppress(WebSocketClosedError):
+            await page.socket.write_message('x' * 200_000)
+        await page.until(lambda: page.closed is not None)
+        seen = len(other.frames)
+        link.run(0.2)
+        await other.until(lambda: len(other.frames) > seen)
 
 
-def test_names_and_values_with_markup_come_as_text(tmp_path):
+@in_loop
+async def test_names_and_values_with_markup_come_as_text(tmp_path):
     """In JSON only, of a type that is never shown as a page."""
     bag = tmp_path / f'run_{MARKUP.replace("/", "_")}'
     bag.mkdir()
     (bag / 'x_0.mcap').touch()
-
-    async def test():
-        link = started(FakeLink())
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-            await page.until(lambda: page.frames)
-            link.settings(bag_directory='runs')
-            link.report((2, 'rig', MARKUP, {MARKUP: MARKUP}))
-            report = await page.until(lambda: [m for m in page.of('diagnostics') if m['statuses']])
-            assert report[0]['statuses'][0]['message'] == MARKUP
-            assert report[0]['level'] == 'error'
-            answer = await get(server, '/recordings')
-            assert answer.headers['Content-Type'].startswith('application/json')
-            (listed,) = json.loads(answer.body)
-            assert listed['name'] == bag.name
-            assert listed['whole'] is False
-
-    run(test())
+    link = started(FakeLink())
+    async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
+        await page.until(lambda: page.frames)
+        link.settings(bag_directory='runs')
+        link.report((2, 'rig', MARKUP, {MARKUP: MARKUP}))
+        report = await page.until(lambda: [m for m in page.of('diagnostics') if m['statuses']])
+        assert report[0]['statuses'][0]['message'] == MARKUP
+        assert report[0]['level'] == 'error'
+        answer = await get(server, '/recordings')
+        assert answer.headers['Content-Type'].startswith('application/json')
+        (listed,) = json.loads(answer.body)
+        assert listed['name'] == bag.name
+        assert listed['whole'] is False
 
 
-def test_two_pages_see_the_same(tmp_path):
-    async def test():
-        link = started(FakeLink())
-        async with (
-            serving(tmp_path, FakeNetwork(link)) as server,
-            opened(server) as one,
-            opened(server) as other,
-        ):
-            for page in (one, other):
-                await page.until(
-                    lambda page=page: [m for m in page.of('hello') if m['parameters']]
-                )
-            await one.ask(type='set', values={'friction': 0.25})
-            for page in (one, other):
-                assert (await page.next('parameters'))['values'] == {'friction': 0.25}
-
-    run(test())
+@in_loop
+async def test_two_pages_see_the_same(tmp_path):
+    link = started(FakeLink())
+    async with (
+        serving(tmp_path, FakeNetwork(link)) as server,
+        opened(server) as one,
+        opened(server) as other,
+    ):
+        for page in (one, other):
+            await page.until(lambda page=page: [m for m in page.of('hello') if m['parameters']])
+        await one.ask(type='set', values={'friction': 0.25})
+        for page in (one, other):
+            assert (await page.next('parameters'))['values'] == {'friction': 0.25}
 
 
-def test_views_differ(tmp_path):
-    async def test():
-        link = started(FakeLink())
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-            await page.until(lambda: page.frames)
-            await page.send(type='view', window=4.0, width=40)
-            link.run(0.1)
-            frame = await page.until(
-                lambda: [f for f in page.frames if f.flags & 4 and len(f.columns) < 50]
-            )
-            assert len(frame[0].columns) == pytest.approx(40, abs=1)
-
-    run(test())
+@in_loop
+async def test_views_differ(tmp_path):
+    async with live_page(tmp_path) as (link, page):
+        await page.until(lambda: page.frames)
+        await page.send(type='view', window=4.0, width=40)
+        link.run(0.1)
+        frame = await page.until(
+            lambda: [f for f in page.frames if f.flags & 4 and len(f.columns) < 50]
+        )
+        assert len(frame[0].columns) == pytest.approx(40, abs=1)
 
 
 @pytest.mark.parametrize(
@@ -389,93 +338,77 @@ def test_views_differ(tmp_path):
     [('start', 0), ('change', 9)],
     ids=['from its start', 'its first snapshot is lost'],
 )
-def test_a_node_that_is_started_anew_is_shown_anew(reason, later_s, tmp_path):
-    async def test():
-        link = started(FakeLink())
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-            await page.until(lambda: [m for m in page.of('hello') if m['parameters']])
-            seen = len(page.of('hello'))
-            link.restart(RigParameters(gap=5.0), reason, later_s)
-            link.run(1.0)
-            hello = await page.next('hello', after=seen)
-            assert {k['name']: k['value'] for k in hello['parameters']}['gap'] == 5.0
-            await page.until(lambda: page.frames[-1].end == pytest.approx(1.0))
-            assert page.frames[-1].flags & 4
-
-    run(test())
+@in_loop
+async def test_a_node_that_is_started_anew_is_shown_anew(reason, later_s, tmp_path):
+    async with live_page(tmp_path) as (link, page):
+        await page.until(lambda: [m for m in page.of('hello') if m['parameters']])
+        seen = len(page.of('hello'))
+        link.restart(RigParameters(gap=5.0), reason, later_s)
+        link.run(1.0)
+        hello = await page.next('hello', after=seen)
+        assert {k['name']: k['value'] for k in hello['parameters']}['gap'] == 5.0
+        await page.until(lambda: page.frames[-1].end == pytest.approx(1.0))
+        assert page.frames[-1].flags & 4
 
 
-def test_a_rig_that_comes_later_is_found_and_one_that_is_not_there_is_named(tmp_path):
-    async def test():
-        network = FakeNetwork()
-        async with serving(tmp_path, network) as server, opened(server) as page:
-            hello = await page.next('hello')
-            assert (hello['rig'], hello['rigs']) == ('', [])
-            assert (await page.next('status'))['state'] == 'gone'
-            assert 'no rig' in (await page.ask(type='set', values={'gap': 1.0}))['reason']
-            assert not (await page.ask(type='preset', name='bench'))['ok']
-            link = network.links.setdefault('/left/sim_node', FakeLink('/left/sim_node'))
-            link.run(1.0)
-            assert (await page.next('hello', rig='/left/sim_node'))['rigs'] == ['/left/sim_node']
-            async with opened(server, '/ws?rig=/right/sim_node') as lost:
-                await lost.until(lambda: lost.closed == 4404)
-                assert 'there is no rig /right/sim_node' in lost.messages[0]['text']
-
-    run(test())
+@in_loop
+async def test_a_rig_that_comes_later_is_found_and_one_that_is_not_there_is_named(tmp_path):
+    network = FakeNetwork()
+    async with serving(tmp_path, network) as server, opened(server) as page:
+        hello = await page.next('hello')
+        assert (hello['rig'], hello['rigs']) == ('', [])
+        assert (await page.next('status'))['state'] == 'gone'
+        assert 'no rig' in (await page.ask(type='set', values={'gap': 1.0}))['reason']
+        assert not (await page.ask(type='preset', name='bench'))['ok']
+        link = network.links.setdefault('/left/sim_node', FakeLink('/left/sim_node'))
+        link.run(1.0)
+        assert (await page.next('hello', rig='/left/sim_node'))['rigs'] == ['/left/sim_node']
+        async with opened(server, '/ws?rig=/right/sim_node') as lost:
+            await lost.until(lambda: lost.closed == 4404)
+            assert 'there is no rig /right/sim_node' in lost.messages[0]['text']
 
 
-def test_silence_is_said(tmp_path, monkeypatch):
+@in_loop
+async def test_silence_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 0.2)
-
-    async def test():
-        link = started(FakeLink())
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-            await page.next('status', state='gone')
-            link.run(0.1)
-            link.report((1, 'pacing', 'cannot hold 200 Hz', {'Overruns': '3'}))
-            seen = len(page.of('status'))
-            status = await page.next('status', after=seen, state='lagging')
-            assert status['text'] == 'cannot hold 200 Hz'
-            assert status['overruns'] == 3.0
-
-    run(test())
+    async with live_page(tmp_path) as (link, page):
+        await page.next('status', state='gone')
+        link.run(0.1)
+        link.report((1, 'pacing', 'cannot hold 200 Hz', {'Overruns': '3'}))
+        seen = len(page.of('status'))
+        status = await page.next('status', after=seen, state='lagging')
+        assert status['text'] == 'cannot hold 200 Hz'
+        assert status['overruns'] == 3.0
 
 
-def test_reports_of_another_rig_are_no_sign_of_life(tmp_path, monkeypatch):
+@in_loop
+async def test_reports_of_another_rig_are_no_sign_of_life(tmp_path, monkeypatch):
     """All rigs report on the same topic."""
     monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 0.3)
+    async with live_page(tmp_path, FakeLink('/left/sim_node')) as (link, page):
+        await page.until(lambda: page.frames)
 
-    async def test():
-        link = started(FakeLink('/left/sim_node'))
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-            await page.until(lambda: page.frames)
+        async def others():
+            while True:
+                link.messages.diagnostics.append(
+                    diagnostics((0, 'right/sim_node: pacing', 'holds 200 Hz', {}))
+                )
+                await asyncio.sleep(0.05)
 
-            async def others():
-                while True:
-                    link.messages.diagnostics.append(
-                        diagnostics((0, 'right/sim_node: pacing', 'holds 200 Hz', {}))
-                    )
-                    await asyncio.sleep(0.05)
-
-            task = asyncio.ensure_future(others())
-            await page.next('status', state='gone')
-            task.cancel()
-            assert not page.of('diagnostics')[-1]['statuses']
-
-    run(test())
+        task = asyncio.ensure_future(others())
+        await page.next('status', state='gone')
+        task.cancel()
+        assert not page.of('diagnostics')[-1]['statuses']
 
 
-def test_namesakes_are_named(tmp_path, monkeypatch):
+@in_loop
+async def test_namesakes_are_named(tmp_path, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.live._NAMESAKE_S', 0.0)
-
-    async def test():
-        link = started(FakeLink())
-        link.namesakes = 2
-        async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
-            status = await page.next('status', state='lagging')
-            assert status['text'].startswith('several nodes are called /sim_node')
-
-    run(test())
+    link = started(FakeLink())
+    link.namesakes = 2
+    async with serving(tmp_path, FakeNetwork(link)) as server, opened(server) as page:
+        status = await page.next('status', state='lagging')
+        assert status['text'].startswith('several nodes are called /sim_node')
 
 
 # Slow pages
@@ -498,115 +431,104 @@ class Stalled:
         self.closed = True
 
 
-def test_a_stalled_page_costs_one_frame():
+@in_loop
+async def test_a_stalled_page_costs_one_frame():
     """Whatever happens meanwhile; when it reads again it gets all of the window at once."""
+    link = started(FakeLink())
+    rig = LiveRig(link, lambda _: None)
+    rig.look()
 
-    async def test():
-        link = started(FakeLink())
-        rig = LiveRig(link, lambda _: None)
+    class Source:
+        def hello(self):
+            return {'type': 'hello'}
+
+        def frame(self, view):
+            return view.frame(rig.motion, rig.motion.end, 0.0)
+
+    sink = Stalled()
+    session = Session(sink, Source())
+    session.pump()
+    sent = len(sink.sent)
+    assert sent == 2
+    for k in range(2000):
+        link.run(0.02)
         rig.look()
-
-        class Source:
-            def hello(self):
-                return {'type': 'hello'}
-
-            def frame(self, view):
-                return view.frame(rig.motion, rig.motion.end, 0.0)
-
-        sink = Stalled()
-        session = Session(sink, Source())
+        session.outbox.put({'type': 'status', 'state': 'running', 'time': k})
+        session.outbox.put({'type': 'diagnostics', 'message': 'x' * 1000})
         session.pump()
-        sent = len(sink.sent)
-        assert sent == 2
-        for k in range(2000):
-            link.run(0.02)
-            rig.look()
-            session.outbox.put({'type': 'status', 'state': 'running', 'time': k})
-            session.outbox.put({'type': 'diagnostics', 'message': 'x' * 1000})
-            session.pump()
-        assert len(sink.sent) == sent
-        assert len(session.outbox._waiting) == 2
-        for write in sink.writes:
-            write.set_result(None)
-        session.pump()
-        (*texts, (frame, binary)) = sink.sent[sent:]
-        assert [json.loads(text)['type'] for text, _ in texts] == ['status', 'diagnostics']
-        assert json.loads(texts[0][0])['time'] == 1999
-        assert binary
-        assert taken_apart(frame).end == pytest.approx(60.0)
-        assert len(frame) < 100_000
-        assert not sink.closed
-
-    run(test())
+    assert len(sink.sent) == sent
+    assert len(session.outbox._waiting) == 2
+    for write in sink.writes:
+        write.set_result(None)
+    session.pump()
+    (*texts, (frame, binary)) = sink.sent[sent:]
+    assert [json.loads(text)['type'] for text, _ in texts] == ['status', 'diagnostics']
+    assert json.loads(texts[0][0])['time'] == 1999
+    assert binary
+    assert taken_apart(frame).end == pytest.approx(60.0)
+    assert len(frame) < 100_000
+    assert not sink.closed
 
 
-def test_a_page_that_stalls_for_long_or_floods_is_let_go(monkeypatch):
-    async def test():
-        sink = Stalled()
-        outbox = Outbox(sink)
-        for k in range(300):
-            outbox.put({'type': 'parameters', 'time': k})
-        assert sink.closed
-        assert not outbox._waiting
-        monkeypatch.setattr('impact_damper_ros.page.outbox.STALLED_S', 0.0)
-        sink = Stalled()
-        outbox = Outbox(sink)
-        outbox.put({'type': 'hello'})
-        outbox.pump(lambda: None)
-        await asyncio.sleep(0.01)
-        outbox.pump(lambda: None)
-        assert sink.closed
-
-    run(test())
+@in_loop
+async def test_a_page_that_stalls_for_long_or_floods_is_let_go(monkeypatch):
+    sink = Stalled()
+    outbox = Outbox(sink)
+    for k in range(300):
+        outbox.put({'type': 'parameters', 'time': k})
+    assert sink.closed
+    assert not outbox._waiting
+    monkeypatch.setattr('impact_damper_ros.page.outbox.STALLED_S', 0.0)
+    sink = Stalled()
+    outbox = Outbox(sink)
+    outbox.put({'type': 'hello'})
+    outbox.pump(lambda: None)
+    await asyncio.sleep(0.01)
+    outbox.pump(lambda: None)
+    assert sink.closed
 
 
-def test_a_real_page_that_does_not_read_is_bounded(tmp_path):
+@in_loop
+async def test_a_real_page_that_does_not_read_is_bounded(tmp_path):
     """What waits for it in the server does not grow with what happens."""
-
-    async def test():
-        link = started(FakeLink())
-        async with serving(tmp_path, FakeNetwork(link)) as server:
-            plain = socket.socket()
-            plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            plain.setblocking(False)
-            loop = asyncio.get_running_loop()
-            await loop.sock_connect(plain, ('127.0.0.1', server.gate.port))
-            head = (
-                f'GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{server.gate.port}\r\nUpgrade: websocket\r\n'
-                'Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n'
-                'Sec-WebSocket-Version: 13\r\n\r\n'
-            )
-            await loop.sock_sendall(plain, head.encode())
-            while not server._sessions:
-                await asyncio.sleep(0.01)
-            (session,) = server._sessions
-            buffered = []
-            async with asyncio.timeout(100.0):
-                # Until the buffers of the kernel are full
-                while session.outbox._last is None or session.outbox._last.done():
-                    session.greet()
-                    await asyncio.sleep(0.005)
-                for _ in range(200):
-                    link.run(0.05)
-                    server._tick()
-                    sink = session.outbox._sink
-                    buffered.append(sink.ws_connection.stream._write_buffer._size)
-            assert max(buffered) < 500_000
-            assert buffered[-1] == buffered[0]
-            plain.close()
-
-    run(test())
+    link = started(FakeLink())
+    async with serving(tmp_path, FakeNetwork(link)) as server:
+        plain = socket.socket()
+        plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        plain.setblocking(False)
+        loop = asyncio.get_running_loop()
+        await loop.sock_connect(plain, ('127.0.0.1', server.gate.port))
+        head = (
+            f'GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{server.gate.port}\r\nUpgrade: websocket\r\n'
+            'Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n'
+            'Sec-WebSocket-Version: 13\r\n\r\n'
+        )
+        await loop.sock_sendall(plain, head.encode())
+        while not server._sessions:
+            await asyncio.sleep(0.01)
+        (session,) = server._sessions
+        buffered = []
+        async with asyncio.timeout(100.0):
+            # Until the buffers of the kernel are full
+            while session.outbox._last is None or session.outbox._last.done():
+                session.greet()
+                await asyncio.sleep(0.005)
+            for _ in range(200):
+                link.run(0.05)
+                server._tick()
+                sink = session.outbox._sink
+                buffered.append(sink.ws_connection.stream._write_buffer._size)
+        assert max(buffered) < 500_000
+        assert buffered[-1] == buffered[0]
+        plain.close()
 
 
-def test_the_client_library_keeps_origin_checks_honest(tmp_path):
+@in_loop
+async def test_the_client_library_keeps_origin_checks_honest(tmp_path):
     """A plain client without an Origin is no browser, and may look."""
-
-    async def test():
-        async with serving(tmp_path, FakeNetwork(started(FakeLink()))) as server:
-            socket_ = await websocket_connect(url(server, '/ws', 'ws'))
-            assert json.loads(await socket_.read_message())['type'] == 'hello'
-            socket_.close()
-            while await socket_.read_message() is not None:
-                pass
-
-    run(test())
+    async with serving(tmp_path, FakeNetwork(started(FakeLink()))) as server:
+        socket_ = await websocket_connect(url(server, '/ws', 'ws'))
+        assert json.loads(await socket_.read_message())['type'] == 'hello'
+        socket_.close()
+        while await socket_.read_message() is not None:
+            pass

@@ -17,6 +17,8 @@ from impact_damper_ros.page.theory import theory
 from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
 from impact_damper_ros.rig.parameters_file import preset_file
 
+from .browser import in_loop
+
 INCLINED = RigParameters(angle=0.7853981633974483, gravity=1.0, friction=0.5).replace(
     force_frequencies=(1.02,)
 )
@@ -165,32 +167,30 @@ def test_no_energy_balance_where_it_does_not_hold(changes):
     assert estimated_optimum(RigParameters(gravity=0.0).replace(**changes)) is None
 
 
-def test_the_best_gap_that_is_known_by_now():
-    async def test():
-        theorist = Theorist(lambda _: None, (sys.executable, '-c', 'input()'))
-        rig = RigParameters(gravity=0.0)
-        theorist._number = 1
+@in_loop
+async def test_the_best_gap_that_is_known_by_now():
+    theorist = Theorist(lambda _: None, (sys.executable, '-c', 'input()'))
+    rig = RigParameters(gravity=0.0)
+    theorist._number = 1
 
-        def hear(**message):
-            theorist._take(json.dumps({'for': 1, **message}).encode())
-            return theorist.best_gap(rig)
+    def hear(**message):
+        theorist._take(json.dumps({'for': 1, **message}).encode())
+        return theorist.best_gap(rig)
 
-        first = estimated_optimum(rig), 'formula'
-        assert theorist.best_gap(rig) == first
-        assert theorist.best_gap(None) == (None, '')
-        curve = {'type': 'gap_curve', 'done': False}
-        assert hear(**curve, optimum=None) == first
-        assert hear(**curve, optimum={'gap': 57.0}) == (57.0, 'part of the curve')
-        curve['done'] = True
-        assert hear(**curve, optimum={'gap': 58.0}) == (58.0, 'curve')
-        # Where all of the curve has no best gap, and where there is no theory, there is none.
-        assert hear(**curve, optimum=None) == (None, '')
-        theorist.forget()
-        assert theorist.best_gap(rig) == first
-        assert hear(type='theory_failed', text='') == (None, '')
-        await theorist.close()
-
-    asyncio.run(test())
+    first = estimated_optimum(rig), 'formula'
+    assert theorist.best_gap(rig) == first
+    assert theorist.best_gap(None) == (None, '')
+    curve = {'type': 'gap_curve', 'done': False}
+    assert hear(**curve, optimum=None) == first
+    assert hear(**curve, optimum={'gap': 57.0}) == (57.0, 'part of the curve')
+    curve['done'] = True
+    assert hear(**curve, optimum={'gap': 58.0}) == (58.0, 'curve')
+    # Where all of the curve has no best gap, and where there is no theory, there is none.
+    assert hear(**curve, optimum=None) == (None, '')
+    theorist.forget()
+    assert theorist.best_gap(rig) == first
+    assert hear(type='theory_failed', text='') == (None, '')
+    await theorist.close()
 
 
 def test_optimum_of_the_curve_is_the_optimal_gap(paper):
@@ -230,40 +230,38 @@ def test_what_is_not_wanted_is_not_computed():
     assert messages(INCLINED, orbit=False, curve=False) == []
 
 
-def test_only_the_newest_rig_is_answered():
+@in_loop
+async def test_only_the_newest_rig_is_answered():
     """Also while a rig that takes long is being worked on."""
+    found = []
+    done = asyncio.Event()
 
-    async def test():
-        found = []
-        done = asyncio.Event()
+    def take(message):
+        found.append(message)
+        if message['type'] == 'gap_curve' and message['done']:
+            done.set()
 
-        def take(message):
-            found.append(message)
-            if message['type'] == 'gap_curve' and message['done']:
-                done.set()
-
-        theorist = Theorist(take)
-        slow = ControlledRig(RigParameters(gravity=0.0, gap=8.0)).snapshot()
-        for _ in range(5):
-            theorist.ask(slow)
-            await asyncio.sleep(0.02)
-        while not found:
-            await asyncio.sleep(0.01)
-        number = found[-1]['for']
-        found.clear()
-        theorist.ask(ControlledRig(RigParameters(gravity=0.0)).snapshot())
-        assert theorist.known() == []
-        await asyncio.wait_for(done.wait(), 100.0)
-        await theorist.close()
-        assert {message['for'] for message in found} == {number + 1}
-        assert theorist.predicted == pytest.approx(0.104644, abs=1e-6)
-        assert theorist.optimum == pytest.approx(58.3, rel=0.02)
-        assert {message['type'] for message in theorist.known()} == {'orbit', 'gap_curve'}
-
-    asyncio.run(test())
+    theorist = Theorist(take)
+    slow = ControlledRig(RigParameters(gravity=0.0, gap=8.0)).snapshot()
+    for _ in range(5):
+        theorist.ask(slow)
+        await asyncio.sleep(0.02)
+    while not found:
+        await asyncio.sleep(0.01)
+    number = found[-1]['for']
+    found.clear()
+    theorist.ask(ControlledRig(RigParameters(gravity=0.0)).snapshot())
+    assert theorist.known() == []
+    await asyncio.wait_for(done.wait(), 100.0)
+    await theorist.close()
+    assert {message['for'] for message in found} == {number + 1}
+    assert theorist.predicted == pytest.approx(0.104644, abs=1e-6)
+    assert theorist.optimum == pytest.approx(58.3, rel=0.02)
+    assert {message['type'] for message in theorist.known()} == {'orbit', 'gap_curve'}
 
 
-def test_theory_that_takes_too_long_says_so():
+@in_loop
+async def test_theory_that_takes_too_long_says_so():
     program = (
         'from impact_damper_ros.page import theory_process as process\n'
         'def endless(state, **_):\n'
@@ -272,22 +270,19 @@ def test_theory_that_takes_too_long_says_so():
         'process.theory, process._PATIENCE_S = endless, 0.2\n'
         'process.main()\n'
     )
-
-    async def test():
-        found = []
-        theorist = Theorist(found.append, (sys.executable, '-c', program))
-        theorist.ask({})
-        async with asyncio.timeout(100.0):
-            while len(found) < 2:
-                await asyncio.sleep(0.01)
-        await theorist.close()
-        assert [message['type'] for message in found] == ['orbit', 'theory_failed']
-        assert 'not done within 0.2 s' in found[1]['text']
-
-    asyncio.run(test())
+    found = []
+    theorist = Theorist(found.append, (sys.executable, '-c', program))
+    theorist.ask({})
+    async with asyncio.timeout(100.0):
+        while len(found) < 2:
+            await asyncio.sleep(0.01)
+    await theorist.close()
+    assert [message['type'] for message in found] == ['orbit', 'theory_failed']
+    assert 'not finished within 0.2 s' in found[1]['text']
 
 
-def test_a_process_that_ends_is_started_again(monkeypatch):
+@in_loop
+async def test_a_process_that_ends_is_started_again(monkeypatch):
     monkeypatch.setattr('impact_damper_ros.page.theorist._BACK_OFF_S', 0.0)
     program = (
         'import json, sys\n'
@@ -295,16 +290,12 @@ def test_a_process_that_ends_is_started_again(monkeypatch):
         'print("no JSON")\n'
         'print(json.dumps({"type": "orbit", "found": False, "for": number}))\n'
     )
-
-    async def test():
-        found = []
-        theorist = Theorist(found.append, (sys.executable, '-c', program))
-        for count in (1, 2):
-            async with asyncio.timeout(100.0):
-                theorist.ask({})
-                while len(found) < count or not theorist._child.ended:
-                    await asyncio.sleep(0.01)
-        assert [message['for'] for message in found] == [1, 2]
-        await theorist.close()
-
-    asyncio.run(test())
+    found = []
+    theorist = Theorist(found.append, (sys.executable, '-c', program))
+    for count in (1, 2):
+        async with asyncio.timeout(100.0):
+            theorist.ask({})
+            while len(found) < count or not theorist._child.ended:
+                await asyncio.sleep(0.01)
+    assert [message['for'] for message in found] == [1, 2]
+    await theorist.close()

@@ -23,7 +23,7 @@ from impact_damper_ros.compare.result import (
     SwingEnvelope,
     Verdict,
 )
-from impact_damper_ros.orbits import continue_orbit, find_orbits
+from impact_damper_ros.orbits import Continuation, continue_orbit, find_orbits
 from impact_damper_ros.rig import EventKind, Simulator
 
 
@@ -95,7 +95,8 @@ def example(*, bag='runs/run_20260101_120000', gap_curve=True):
     branch = None
     if gap_curve:
         followed = [
-            continue_orbit(orbit, 'gap', 20.0, 60.0, upwards=upwards) for upwards in (False, True)
+            continue_orbit(orbit, Continuation('gap', 20.0, 60.0), upwards=upwards)
+            for upwards in (False, True)
         ]
         orbits = [*followed[0].orbits[::-1], *followed[1].orbits[1:]]
         special = [s for b in followed for s in b.special]

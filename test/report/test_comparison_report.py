@@ -20,7 +20,6 @@ from impact_damper_ros.compare import Beginning, MotionKind, Verdict
 from impact_damper_ros.orbits.continuation import SpecialKind
 from impact_damper_ros.report.formatting import (
     aligned,
-    counted,
     difference,
     instant,
     number,
@@ -29,6 +28,7 @@ from impact_damper_ros.report.formatting import (
 )
 from impact_damper_ros.report.glossary import TERMS, linked
 from impact_damper_ros.rig import InitialConditions
+from impact_damper_ros.wording import counted
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 
@@ -169,7 +169,7 @@ def test_energy_adds_up_on_the_page(run, page):
     energy = run.stretches[0].energy
     force = energy.force / energy.periods
     assert float(rows['work of the force'][1]) == pytest.approx(force, rel=1e-4)
-    taken = ('dashpot', 'friction', 'impacts', 'change of what is stored', 'unexplained')
+    taken = ('dashpot', 'friction', 'impacts', 'change of stored energy', 'unexplained')
     shares = [float(rows[name][2].replace('−', '-').split()[0]) for name in taken]
     assert sum(shares) == pytest.approx(100.0, abs=0.2)
 
@@ -293,7 +293,7 @@ def test_nothing_known_but_the_stretch(run):
         'verdict': Verdict.TOO_SHORT,
     }
     part = section(parsed(report_page(alone(run, 1, **nothing))), 1)
-    assert 'too little was recorded to draw' in text_of(part)
+    assert 'Too little of this stretch was recorded' in text_of(part)
     assert rows_of(part, 'Parameters')
     bare = parsed(report_page(dataclasses.replace(run, stretches=())))
     assert 'nothing to compare' in text_of(bare)
@@ -340,7 +340,7 @@ def test_many_stretches_stay_readable(run):
     assert len(rows) == MOST_LISTED + 1
     text = text_of(root)
     assert f'{MOST_DETAILED} of 600 are shown in detail' in text
-    assert f'{600 - MOST_LISTED} are left out here' in text
+    assert f'{600 - MOST_LISTED} are not listed here' in text
     assert len(page) < 1_000_000
 
 
@@ -599,7 +599,7 @@ def test_what_is_not_viable_is_shown_or_said_to_be_left_out(run):
     assert max(np.nanmax(y) for _, _, (_, y) in lines_of(whole)) == pytest.approx(0.4)
     top = cut.figure.axes[0].get_ylim()[1]
     assert top < 0.3
-    assert f'What is not viable is left out above {number(top, 2)}.' in cut.caption
+    assert f'Motions that are not viable are not drawn above {number(top, 2)}.' in cut.caption
     assert max(np.nanmax(y) for _, _, (_, y) in lines_of(cut)) <= top
 
 
@@ -671,7 +671,7 @@ def test_numbers_over_the_whole_run(runs, pages):
     gone = dataclasses.replace(part.overall, covered=0.5 * part.overall.duration)
     one = parsed(report_page(alone(runs[1], 1, overall=gone)))
     assert [row[0] for row in rows_of(one, 'Swing, impacts and energy')[1:]] == ['1']
-    assert 'Samples are missing: rms and work go over' in text_of(one)
+    assert 'Samples are missing: rms and work cover' in text_of(one)
     assert 'Swing, impacts and energy' not in text_of(parsed(report_page(alone(runs[0], 3))))
 
 

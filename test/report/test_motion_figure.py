@@ -8,7 +8,7 @@ pytest.importorskip('matplotlib', reason='it draws')
 from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
-from impact_damper_ros.report.run_figures import Closeup, Motion, draw_motion
+from impact_damper_ros.report.run_figures import Closeup, SampledMotion, draw_motion
 
 
 def figure(closeups):
@@ -17,7 +17,7 @@ def figure(closeups):
     edge = np.full(len(time), 0.012)
     hits = np.array([0.5, 1.5, 2.5])
     stops = np.array([1, 2, 1])
-    motion = Motion(time, x, 2.0 * x, x + edge, x - edge, hits, 0.0 * hits, stops)
+    motion = SampledMotion(time, x, 2.0 * x, x + edge, x - edge, hits, 0.0 * hits, stops)
     return draw_motion(motion, closeups)
 
 

@@ -178,7 +178,7 @@ def test_a_sweep_whose_workers_have_all_gone_says_so(cluster, tmp_path, monkeypa
         for process in processes:
             process.kill()
             process.wait()
-        with pytest.raises(WorkersError, match='all workers have gone'):
+        with pytest.raises(WorkersError, match='all workers have disconnected'):
             run_sweep(PLAN, journal, workers, at_once=lambda: workers.at_once)
     with pytest.raises(OSError, match='has no workers: start some'):
         DaskWorkers(address)

@@ -1,4 +1,4 @@
-"""The runs of the gap control study: rigs, their control, and what is measured of them."""
+"""The runs of the gap control study: rigs, their control, and their measurements."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from impact_damper_ros.compare.measured_motion import turning_points
 from impact_damper_ros.control import GapControlParameters, damper_of
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.event_budget import EndlessEventsError
-from impact_damper_ros.rig.swing import turning_point
 
 
 def ideal_amplitude(rig: RigParameters) -> float:
@@ -118,12 +118,13 @@ def _largest(samples: Any, impacts: Any) -> float:
     rate = samples['primary_velocity']
     before = np.concatenate([rate, impacts['primary_velocity_before']])[order]
     after = np.concatenate([rate, impacts['primary_velocity_after']])[order]
-    turns = np.flatnonzero(after[:-1] * before[1:] < 0.0)
-    rows = zip(
-        times[turns], x[turns], after[turns], times[turns + 1], x[turns + 1], before[turns + 1],
-        strict=True,
-    )  # fmt: skip
-    return max(float(np.max(np.abs(x))), *(abs(turning_point(*map(float, row))) for row in rows))
+    step = np.diff(times)
+    apart = step > 0.0
+    turns, out = turning_points(
+        step[apart], np.diff(x)[apart], after[:-1][apart], before[1:][apart]
+    )
+    turned = x[:-1][apart][turns] + out
+    return float(np.abs(np.concatenate([x, turned])).max())
 
 
 class _Meter:

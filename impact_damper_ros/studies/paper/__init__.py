@@ -1,1 +1,1 @@
-"""The figures and claims of Bapat (1995), computed anew."""
+"""The figures and claims of Bapat (1995), computed again."""
