@@ -44,7 +44,7 @@ from impact_damper_ros.sweep import (
 from impact_damper_ros.sweep.execution import MOST_JOBS
 from impact_damper_ros.sweep.journal import differences
 from impact_damper_ros.sweep.plan import axes_from_file
-from impact_damper_ros.sweep.table import FORMATS, need_pyarrow, stored_inputs
+from impact_damper_ros.sweep.table import FORMATS, check_format, stored_inputs
 
 from .command_line import (
     EXIT_FAILED,
@@ -231,6 +231,10 @@ def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
             f'{arguments.output}: give the table a name that ends in .parquet (for pandas and '
             'xarray, with units) or .csv (for a spreadsheet)'
         )
+    try:
+        check_format(arguments.output)
+    except ImportError as error:
+        raise CommandError(str(error)) from error
     outputs = [arguments.output, *figures, *([arguments.json] if arguments.json else [])]
     for path in outputs:
         if str(path) == '-' and path is not arguments.output:
@@ -274,11 +278,13 @@ def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
         return False
     try:
         stored = stored_inputs(output)
+        differing = differences(stored, plan.inputs())
+        if not differing:
+            SweepTable(output)
     except MetadataError as error:
         if overwrite:
             return False
         raise ValueError(f'{error}: give another --output, or --overwrite it') from None
-    differing = differences(stored, plan.inputs())
     if differing and not overwrite:
         raise ValueError(
             f'{output} is the table of a sweep with other inputs:\n  '
@@ -370,10 +376,6 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    try:
-        need_pyarrow()
-    except ImportError as error:
-        raise CommandError(str(error)) from error
     plan = _plan(arguments)
     _check_outputs(arguments, plan)
     if not arguments.quiet:
