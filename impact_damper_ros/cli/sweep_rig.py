@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from impact_damper_ros.control import GapControlParameters
+from impact_damper_ros.control import GapControlParameters, OwnLaw
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.outputs import check_file
@@ -259,7 +259,7 @@ def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
 
 
 def _announce(plan: SweepPlan) -> None:
-    """Print the rig, and a note if its frequencies may have been given in Hz."""
+    """Print the rig, and notes on frequencies that may have been given in Hz and on a slow law."""
     ranges = [
         (float(axis.values[0]), float(axis.values[-1]))
         for axis in plan.axes
@@ -270,6 +270,13 @@ def _announce(plan: SweepPlan) -> None:
         frequencies=ranges[0] if ranges else None,
         law=plan.law,
     )
+    slow = plan.law and not hasattr(OwnLaw.from_text(plan.law).function, 'py_func')
+    if slow and find_spec('numba'):
+        say(
+            'sweep_rig',
+            f'note: the law {plan.law} is plain Python, and so is then the whole run: with '
+            '@numba.njit before its def the sweep takes a fraction of the time',
+        )
 
 
 def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
