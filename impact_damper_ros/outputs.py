@@ -21,6 +21,7 @@ _REMEDIES = {
     errno.EROFS: _PLACE,
     errno.ENOSPC: _ROOM,
     errno.EDQUOT: _ROOM,
+    errno.EFBIG: 'allow larger files (ulimit -f), or give another place',
 }
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from impact_damper_ros.arguments import path_of
 from impact_damper_ros.rig.quoting import as_line
 
 from .bag_file import BagFile
@@ -74,6 +75,9 @@ def recover_run(source: Path | str, output: Path | str | None = None) -> Recover
     RecordingError
         If there is nothing to save, the output exists already or it cannot be written.
     """
+    source = path_of('source', source)
+    if output is not None:
+        output = path_of('output', output)
     source = Path(source).absolute()
     output = (
         Path(output).absolute()

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from impact_damper_ros import __version__
+from impact_damper_ros.arguments import need, need_call, path_of
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.replay.findings import Difference
 from impact_damper_ros.replay.recorded_run import RecordedRun
@@ -185,6 +186,10 @@ def compare_bag(
     RecordingError
         If the bag cannot be read, or holds no rig.
     """
+    path = path_of('path', path)
+    need(str, or_none=True, node=node)
+    need(RigParameters, or_none=True, parameters=parameters)
+    need_call(progress=progress)
     # A wrong number may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
         bag = BagStretches(path, node, parameters)

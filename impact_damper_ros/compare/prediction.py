@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from impact_damper_ros.arguments import need
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits, orbit_near
 from impact_damper_ros.orbits.equations import check_forcing
@@ -232,6 +233,8 @@ def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator
         The first after some 20 ms, the last, which is `complete`, after a few tenths of a second.
         For a rig without a periodic force there is only one, which gives the reason.
     """
+    need((Simulator, ControlledRig), rig=rig)
+    need(ObservedMotion, or_none=True, measured=measured)
     if isinstance(rig, ControlledRig) and rig.control.active:
         reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'
         yield Prediction(reason=reason, complete=True, applies=False)

@@ -28,6 +28,7 @@ from typing import Protocol
 
 import numpy as np
 
+from impact_damper_ros.arguments import need
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.quoting import shown
@@ -57,6 +58,7 @@ _VARIABLE = [
 
 def value_of(parameters: RigParameters, name: str) -> float:
     """Return the value of a parameter that a continuation can vary."""
+    need(RigParameters, parameters=parameters)
     if name == BOTH_RESTITUTIONS:
         return parameters.restitution_1
     if not isinstance(name, str) or name not in _VARIABLE:
@@ -789,6 +791,7 @@ def grow_branch(
     OrbitError
         If the parameter cannot be varied.
     """
+    need(PeriodicOrbit, orbit=orbit)
     value = value_of(orbit.parameters, name)
     check_range(name, low, high, value)
     _check_steps(largest_step, most_points)
@@ -858,6 +861,7 @@ def switch_branch(
     """
     check_range(name, low, high)
     _check_steps(largest_step, most_points)
+    need(SpecialPoint, special=special)
     orbit = special.orbit
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')

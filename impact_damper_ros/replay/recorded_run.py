@@ -17,6 +17,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from impact_damper_ros.arguments import need
 from impact_damper_ros.bag import (
     JointState,
     Message,
@@ -135,6 +136,8 @@ class RecordedRun:
         purpose: str = 'replay',
         snapshot_needed: bool = True,
     ) -> None:
+        need(str, or_none=True, node=node)
+        need(str, purpose=purpose)
         self.reader = RunReader(path)
         self._purpose = purpose
         if not self.reader.message_count:

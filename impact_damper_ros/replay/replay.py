@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.arguments import need
 from impact_damper_ros.bag import Record, RecordingError
 from impact_damper_ros.bag.messages import CdrError, JointStateColumns
 from impact_damper_ros.bag.rig_topics import (
@@ -194,6 +195,7 @@ class Replay:
     """
 
     def __init__(self, recorded: RecordedRun, *, adopt: bool = False) -> None:
+        need(RecordedRun, recorded=recorded)
         self.recorded = recorded
         self._adopts = adopt
         # Whether the parameter events of this node are recorded

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from impact_damper_ros.arguments import need
 from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.rig.quoting import as_line
@@ -67,6 +68,8 @@ def _divergence_lines(findings: Findings) -> list[str]:
 
 def findings_text(findings: Findings, recorded: RecordedRun) -> str:
     """Return what was compared, what was found, and the verdict."""
+    need(Findings, findings=findings)
+    need(RecordedRun, recorded=recorded)
     start, end = (findings.start_ns or 0) / 1e9, (findings.end_ns or 0) / 1e9
     node = recorded.topics.name
     impacts = counted(findings.impacts, 'impact')
@@ -137,6 +140,8 @@ def _difference(difference: Difference) -> dict[str, Any]:
 
 def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
     """Return the findings for JSON; times in s of rig time, stamps in ns."""
+    need(Findings, findings=findings)
+    need(RecordedRun, recorded=recorded)
     divergence, first = findings.divergence, findings.first
     return {
         'bag': str(recorded.reader.path),

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
+from impact_damper_ros.arguments import need
 from impact_damper_ros.compare import (
     EnergyBalance,
     ImpactStates,
@@ -151,6 +152,7 @@ def _stretch_text(stretch: StretchComparison) -> str:
 
 def comparison_text(comparison: RunComparison) -> str:
     """Return the text of a comparison; units are in it, all SI."""
+    need(RunComparison, comparison=comparison)
     lines = [
         f'compared     {comparison.bag}, node {comparison.node} (stamps: {comparison.stamps})',
         f'recorded     {comparison.start:.9g} s to {comparison.end:.9g} s of rig time, '

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.arguments import need
 from impact_damper_ros.replay.replay import Replay, Tick
 from impact_damper_ros.replay.replayed_rig import Step, setting_of
 from impact_damper_ros.replay.what_if import Ending, RecordedValues, Trace, WhatIf
@@ -23,6 +24,7 @@ from impact_damper_ros.rig import (
     Sample,
 )
 from impact_damper_ros.rig.event_budget import EventBudget
+from impact_damper_ros.rig.quoting import shown
 from impact_damper_ros.rig.swing import Swing
 
 from .formatting import setting, unit_for
@@ -183,9 +185,15 @@ class WhatIfReport:
         drawn: bool,
         budget: EventBudget | None = None,
     ) -> None:
+        need(Replay, replay=replay)
+        need(Mapping, held=held, held_initial=held_initial)
+        need(EventBudget, or_none=True, budget=budget)
         start = replay.recorded.start
         logged = setting_of(start.state)
         values = logged.as_dict()
+        for name in held:
+            if name not in values:
+                raise ValueError(f'held has {shown(name)}, which is no parameter of the rig')
         initial = replay.replayed.first_initial
         self._was = {
             **{n: RecordedValues(values[n]) for n in held},

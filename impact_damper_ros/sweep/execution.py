@@ -20,9 +20,10 @@ from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPo
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing import connection, get_context, parent_process
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import impact_damper_ros
+from impact_damper_ros.arguments import need, need_call
 from impact_damper_ros.control import LawError, OwnLaw
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import ParameterError, RigParameters
@@ -220,6 +221,7 @@ class WorkersError(RuntimeError):
     """The workers cannot do the work; the message says why."""
 
 
+@runtime_checkable
 class SweepExecutor(Protocol):
     """What a sweep needs of an executor; those of `concurrent.futures` have it."""
 
@@ -311,6 +313,7 @@ class DaskWorkers:
     """
 
     def __init__(self, address: str) -> None:
+        need(str, address=address)
         try:
             from distributed import Client, KilledWorker
         except ImportError as error:
@@ -484,6 +487,12 @@ def run_sweep(
     -----
     The rows do not depend on the workers, their number, or the order in which they finish.
     """
+    need(SweepPlan, plan=plan)
+    need(Journal, journal=journal)
+    need(SweepExecutor, executor=executor)
+    need_call(or_none=True, progress=progress)
+    if not callable(at_once):
+        at_once = whole_number('at_once', at_once, 0, MOST_JOBS)
     left = _Queue(plan, journal)
     under_way: dict[Future[Any], _Sent] = {}
     finished: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
