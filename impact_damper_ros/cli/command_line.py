@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, in_words, write_text
+from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.quoting import printable
@@ -259,6 +260,24 @@ def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> 
         disable=True if quiet else None,
         bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} ' + unit + ' [{elapsed}<{remaining}]',
     )
+
+
+def work_bar(what: str, total: float) -> tqdm[None]:
+    """Return a progress bar in shares of the work, whose parts may be of any size."""
+    from tqdm import tqdm
+
+    # The mean of all so far: what comes back at once says little of the rest
+    bar = '{l_bar}{bar}| [{elapsed}<{remaining}]'
+    return tqdm(total=total, desc=what, smoothing=0.0, bar_format=bar)
+
+
+def say_how_long(command: str, seconds: float, jobs: int) -> None:
+    """Say how long work in processes takes, from the time that one idle core takes for it, s."""
+    at_once = max(1, min(jobs, len(os.sched_getaffinity(0))))
+    minutes = seconds / at_once / 60.0
+    time = 'less than a minute' if minutes < 0.8 else counted(round(minutes), 'minute')
+    cores = f'{at_once} idle core{"s" if at_once > 1 else ""}'
+    say(command, f'this takes about {time} on {cores}'.replace('about less', 'less'))
 
 
 #: After so long, s, work without a progress bar is said to go on.

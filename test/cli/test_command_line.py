@@ -1,6 +1,7 @@
 """What all commands share: exit codes, messages, the rig that is given, processes that die."""
 
 import logging
+import os
 import re
 import sys
 from concurrent.futures.process import BrokenProcessPool
@@ -134,3 +135,19 @@ def test_messages_are_above_a_progress_bar(capsys):
         command_line.say('sweep_rig', 'compiling')
     # The bar is erased, and drawn again below
     assert re.search(r'rigs[^\n]*\r +\rsweep_rig: compiling\n\rrigs', capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'jobs', 'words'),
+    [
+        (20.0, 1, 'less than a minute on 1 idle core'),
+        (80.0, 1, 'about 1 minute on 1 idle core'),
+        (600.0, 1, 'about 10 minutes on 1 idle core'),
+        (3600.0, 2, 'about 30 minutes on 2 idle cores'),
+        (3600.0, 64, 'about 30 minutes on 2 idle cores'),
+    ],
+)
+def test_how_long_work_takes(seconds, jobs, words, capsys, monkeypatch):
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1})
+    command_line.say_how_long('reproduce_paper', seconds, jobs)
+    assert capsys.readouterr().err == f'reproduce_paper: this takes {words}\n'
