@@ -121,12 +121,12 @@ def replay_log(path: Path, node: str | None, progress: Progress = float) -> LogR
         why = 'no sample could be compared'
     else:
         count = findings.difference_count
-        how = f'replayed, with {count} difference{"" if count == 1 else "s"}'
-        said = f'{how if count else "replayed bit for bit"}: {findings.samples} samples, '
-        said += f'{findings.impacts} impacts'
+        how = f'replayed, with {counted(count, "difference")}'
+        said = f'{how if count else "replayed bit for bit"}: '
+        said += f'{counted(findings.samples, "sample")}, {counted(findings.impacts, "impact")}'
         if findings.control:
-            said += f', {findings.control} acts of the gap control'
-        said += f', {findings.snapshots} snapshots'
+            said += f', {counted(findings.control, "act")} of the gap control'
+        said += f', {counted(findings.snapshots, "snapshot")}'
         check = LogCheck(True, said, count, _unchecked(replay))
         return LogReplay(check, tuple(findings.kept), tuple(findings.faults))
     check = LogCheck(False, f'{_FROM_MOTION}; not bit for bit, since {why}')
@@ -148,6 +148,11 @@ def _unchecked(replay: Replay) -> tuple[str, ...]:
             what += ', initial_* up to the first reset'
         found.append(f'{topics.parameter_events}: {what}')
     return tuple(found)
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a count with its noun."""
+    return f'{count} {noun}{"" if count == 1 else "s"}'
 
 
 def _unseen(_what: str, _span: float) -> Progress:
