@@ -736,7 +736,7 @@ def test_the_report_of_a_comparison_opens_in_the_page(browser, recorded):
     page, row = recorded
     name = page.run(f"document.querySelector('{row}').dataset.name")
     page.click(f'{row} [data-compare]')
-    page.wait(f"document.querySelector('{row} [data-compare]').disabled")
+    page.wait(f"document.querySelector('{row} [data-compare]').textContent.startsWith('Cancel (')")
     page.wait("document.querySelector('#report').open", 4.0 * LONG)
     assert name in page.text('#report-title')
     assert not page.run("document.querySelector('#recordings').open")

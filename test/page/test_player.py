@@ -385,6 +385,25 @@ def test_a_comparison_is_shown_in_the_page(runs):
     asyncio.run(test())
 
 
+def test_a_comparison_is_cancelled(runs):
+    async def test():
+        async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+            await page.next('hello')
+            path, own = '/recordings/run/compare', {'Origin': url(server, '')}
+            assert (await get(server, path, method='DELETE', headers=own)).code == 409
+            assert (await get(server, path, method='DELETE')).code == 403
+            await get(server, path, method='POST', body='', headers=own)
+            while server.recordings._comparing.get('run') is None:
+                await asyncio.sleep(0.01)
+            assert (await get(server, path, method='DELETE', headers=own)).code == 202
+            done = await page.next('compare_done')
+            assert (done['ok'], done['text']) == (False, 'the comparison of run was cancelled')
+            assert (await get(server, path, method='POST', body='', headers=own)).code == 202
+            assert (await page.next('compare_done', after=1))['ok']
+
+    asyncio.run(test())
+
+
 def test_a_recording_that_is_not_there(runs, tmp_path):
     async def test():
         for place, path, words in (
