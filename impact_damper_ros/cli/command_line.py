@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, TextIO
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, in_words, write_text
-from impact_damper_ros.report.formatting import counted
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.quoting import printable
@@ -273,6 +272,8 @@ def work_bar(what: str, total: float) -> tqdm[None]:
 
 def say_how_long(command: str, seconds: float, jobs: int) -> None:
     """Say how long work in processes takes, from the time that one idle core takes for it, s."""
+    from impact_damper_ros.report.formatting import counted
+
     at_once = max(1, min(jobs, len(os.sched_getaffinity(0))))
     minutes = seconds / at_once / 60.0
     time = 'less than a minute' if minutes < 0.8 else counted(round(minutes), 'minute')
