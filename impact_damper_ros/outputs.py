@@ -21,6 +21,7 @@ _REMEDIES = {
     errno.EROFS: _PLACE,
     errno.ENOSPC: _ROOM,
     errno.EDQUOT: _ROOM,
+    errno.EFBIG: 'allow larger files (ulimit -f), or give another place',
 }
 
 
@@ -93,6 +94,14 @@ def check_directory(path: Path) -> None:
     _try(place, path)
 
 
+def draft_of(path: Path) -> Path:
+    """Return the draft that is to take the place of a file; a pipe or a device is its own."""
+    if _is_stream(path):
+        return path
+    file = path.resolve()
+    return file.with_name(f'.{os.getpid()}.{file.name}')
+
+
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """
@@ -113,11 +122,10 @@ def whole(path: Path) -> Iterator[Path]:
     OSError
         If the file cannot be written; its `filename` is that of the file.
     """
-    if _is_stream(path):
+    draft, file = draft_of(path), path.resolve()
+    if draft == path:
         yield path
         return
-    file = path.resolve()
-    draft = file.with_name(f'.{os.getpid()}.{file.name}')
     try:
         yield draft
         _sync(draft)

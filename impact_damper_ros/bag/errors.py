@@ -7,7 +7,7 @@ from pathlib import Path
 
 from impact_damper_ros.rig.quoting import as_line
 
-_SPACE = 'free some space there, or record to another file system (parameter bag_directory)'
+_SPACE = 'free some space there, or record to another file system (bag_directory, --bag, --output)'
 _RIGHTS = 'give yourself write permission there, or choose another directory'
 
 #: Cause and remedy of failures that a user can remove.

@@ -21,8 +21,7 @@ import yaml
 from mcap.opcode import Opcode
 
 from impact_damper_ros.outputs import write_text
-from impact_damper_ros.rig.quoting import shown
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted, shown
 
 from .errors import RecordingError
 from .mcap_scan import Scan, jump_text, open_file
@@ -378,6 +377,8 @@ def listing_faults(
     own: bool,
 ) -> Iterator[str]:
     """Yield the contradictions between ``metadata.yaml`` and the files."""
+    yield from _storage_faults(listing, scans, own=own)
+    yield from _qos_faults(listing, scans)
     topics: dict[str, int] = {}
     for item in _items(listing, 'topics_with_message_count'):
         held = item.get('topic_metadata')
@@ -405,6 +406,58 @@ def listing_faults(
                 there = by_name[name]
                 yield f'metadata.yaml counts {_messages(number)} in {name}, not {there:,}'
     yield from _time_faults(listing, scans, own=own)
+
+
+def _storage_faults(
+    listing: Mapping[str, Any], scans: Sequence[Scan], *, own: bool
+) -> Iterator[str]:
+    version = listing.get('version')
+    whole = isinstance(version, int) and not isinstance(version, bool) and version > 0
+    if (own and version != VERSION) or not whole:
+        yield f'metadata.yaml is said to be of version {shown(version)}' + (
+            f', and has the fields of {VERSION}' if own else ''
+        )
+    # By it rosbag2 chooses what opens the files
+    named = listing.get('storage_identifier')
+    for kind, suffix in (('mcap', '.mcap'), ('sqlite3', '.db3')):
+        if any(suffix in scan.source.suffixes for scan in scans) and named != kind:
+            yield f'metadata.yaml says that {shown(named)} stores the bag, its files are {suffix}'
+
+
+#: What of a quality of service decides which subscriber gets which messages.
+_QOS = ('history', 'depth', 'reliability', 'durability')
+
+
+def qos_profiles(held: object) -> tuple[Mapping[str, Any], ...]:
+    """Return profiles, given as they are or as a YAML text; none if it is not a list of them."""
+    try:
+        profiles = load_yaml(held) if isinstance(held, str) and held else held
+    except yaml.YAMLError:
+        return ()
+    if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
+        return ()
+    return tuple(profiles)
+
+
+def _qos_faults(listing: Mapping[str, Any], scans: Sequence[Scan]) -> Iterator[str]:
+    """Yield the topics that would be played otherwise than they were offered."""
+
+    def deciding(profiles: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+        return [[str(profile.get(name)) for name in _QOS] for profile in profiles]
+
+    in_files: dict[str, list[list[list[str]]]] = {}
+    for scan in scans:
+        for channel in scan.channels.values():
+            if held := qos_profiles(channel.metadata.get('offered_qos_profiles', '')):
+                in_files.setdefault(channel.topic, []).append(deciding(held))
+    for item in _items(listing, 'topics_with_message_count'):
+        about = item.get('topic_metadata')
+        name = about.get('name') if isinstance(about, dict) else None
+        if not isinstance(about, dict) or not isinstance(name, str) or name not in in_files:
+            continue
+        listed = deciding(qos_profiles(about.get('offered_qos_profiles')))
+        if listed and listed not in in_files[name]:
+            yield f'metadata.yaml gives {name} another quality of service than the file'
 
 
 def _time_faults(listing: Mapping[str, Any], scans: Sequence[Scan], *, own: bool) -> Iterator[str]:

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import secrets
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import yaml
-
+from impact_damper_ros.rig.arguments import path_of
 from impact_damper_ros.rig.quoting import as_line
 
 from .bag_file import BagFile
 from .errors import RecordingError
 from .mcap_scan import Scan, open_file, plain_content, read_block
+from .metadata import qos_profiles
 from .run_reader import RecordedTopic, RunReader
-from .topics import Channel, load_yaml
+from .topics import Channel
 
 
 @dataclass(frozen=True)
@@ -74,6 +72,9 @@ def recover_run(source: Path | str, output: Path | str | None = None) -> Recover
     RecordingError
         If there is nothing to save, the output exists already or it cannot be written.
     """
+    source = path_of('source', source)
+    if output is not None:
+        output = path_of('output', output)
     source = Path(source).absolute()
     output = (
         Path(output).absolute()
@@ -188,18 +189,7 @@ def _channel(scan: Scan, number: int) -> Channel:
         type=schema.name if schema else '',
         schema=schema.data if schema else b'',
         type_hash=channel.metadata.get('topic_type_hash', ''),
-        qos_profiles=_qos_profiles(channel.metadata.get('offered_qos_profiles', '')),
+        qos_profiles=qos_profiles(channel.metadata.get('offered_qos_profiles', '')),
         schema_encoding=schema.encoding if schema else '',
         message_encoding=channel.message_encoding,
     )
-
-
-def _qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
-    """Return the profiles of a YAML text; none if it is not a list of them."""
-    try:
-        profiles = load_yaml(text) if text else None
-    except yaml.YAMLError:
-        return ()
-    if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
-        return ()
-    return tuple(profiles)

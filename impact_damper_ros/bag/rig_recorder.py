@@ -12,11 +12,12 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from impact_damper_ros.control import ControlRecord, GapControlParameters
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.description import robot_description
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.state_checks import LATEST
@@ -32,6 +33,7 @@ _NAP = 0.01
 _RATES = 1e-12, 1e9
 
 
+@runtime_checkable
 class RunningRig(Protocol):
     """A rig that can be recorded."""
 
@@ -115,6 +117,9 @@ class RigRecorder:
         max_size: int = 0,
         max_duration: float = 0.0,
     ) -> None:
+        need(RunningRig, rig=rig)
+        need(Mapping, parameters=parameters)
+        need(str, node=node)
         rate = number_between('rate', rate, *_RATES)
         duration = number_between('duration', duration, 0.0, LATEST)
         self._rig = rig

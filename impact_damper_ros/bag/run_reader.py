@@ -25,8 +25,8 @@ import yaml
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from impact_damper_ros.rig.quoting import shown
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.arguments import path_of
+from impact_damper_ros.rig.quoting import counted, shown
 
 from .errors import RecordingError
 from .mcap_scan import LARGEST_CHUNK, MAGIC, Scan, open_file, plain_content, read_block, scan_file
@@ -170,7 +170,7 @@ def _database_channels(
         topic = dict(zip(names, row, strict=True))
         kind = str(topic['type'])
         if kind not in schemas:
-            with suppress(KeyError):
+            with suppress(ValueError):
                 schemas[kind] = writer.register_schema(kind, 'ros2msg', definition(kind).encode())
         if kind not in schemas:
             schemas[kind] = writer.register_schema(kind, '', b'')
@@ -245,7 +245,7 @@ _NOTED = ('joint_states', 'impacts', 'snapshot')
 
 def bag_files(path: Path | str) -> list[Path]:
     """Return the files of a bag, in order: its own path, or those in the directory."""
-    path = Path(path)
+    path = path_of('path', path)
     if not path.is_dir():
         if not path.exists():
             cause = 'there is no such file or directory'
@@ -305,7 +305,7 @@ class RunReader:
     """
 
     def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
+        self.path = path_of('path', path)
         self._unpacked = Unpacked()
         self.scans: list[Scan] = []
         self._empty: list[str] = []

@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from impact_damper_ros.rig.arguments import need, path_of, texts_of
 from impact_damper_ros.rig.parameter_spec import number_between, whole_number
+from impact_damper_ros.rig.quoting import shown
 
 from .bag_file import BagFile, BagSummary
 from .errors import RecordingError
@@ -44,8 +46,12 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
     ------
     RecordingError
         If it cannot be made.
+    TypeError, ValueError
+        If `parent` is no path, or `when` no time from 1970 to 5138.
     """
-    parent = Path(parent)
+    parent = path_of('parent', parent)
+    if when is not None:
+        when = number_between('when', when, 0.0, _LATEST)
     stem = time.strftime('run_%Y%m%d_%H%M%S', time.localtime(when))
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -72,6 +78,8 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
 SMALLEST_FILE = 100_000
 SHORTEST_FILE = 1.0
 LARGEST_FILE, LONGEST_FILE = 10**15, 1e9
+#: Latest time for the name of a run, in the year 5138, s.
+_LATEST = 1e11
 #: Periods of threads, s, and a number of messages that no memory holds.
 _PERIODS = 1e-4, 1e6
 _LONGEST_QUEUE = 10**12
@@ -138,8 +146,9 @@ class RunWriter:
     ValueError
         If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE` and not 0, or more than
         `LARGEST_FILE` or `LONGEST_FILE`; or if a period is not from 1e-4 to 1e6 s.
-    KeyError
-        If no definition of a topic's type is shipped.
+        Also if no definition of a topic's type is shipped.
+    TypeError
+        If an argument is of another kind.
     """
 
     def __init__(
@@ -159,17 +168,24 @@ class RunWriter:
             ('max_size', max_size, SMALLEST_FILE, LARGEST_FILE),
             ('max_duration', max_duration, SHORTEST_FILE, LONGEST_FILE),
         ):
+            if not isinstance(limit, int | float):
+                raise TypeError(f'{name} is {shown(limit)}: give a number')
             if limit and not least <= limit <= most:
                 raise ValueError(
                     f'{name} is {limit}: it must be 0 (no limit) or from {least} to {most:g}'
                 )
+        need(Iterable, topics=topics)
+        for topic in topics:
+            need(Topic, topic=topic)
         if len({topic.name for topic in topics}) < len(topics):
             raise ValueError('two topics have the same name; each may be given once')
         flush_period = number_between('flush_period', flush_period, *_PERIODS)
         sync_period = number_between('sync_period', sync_period, *_PERIODS)
         queue_limit = whole_number('queue_limit', queue_limit, 0, _LONGEST_QUEUE)
         self._file = BagFile(
-            Path(directory), [topic.channel() for topic in topics], dict(custom or {})
+            path_of('directory', directory),
+            [topic.channel() for topic in topics],
+            texts_of('custom', custom),
         )
         self._channels: dict[int | str | _Split, int] = {}
         for index, topic in enumerate(topics):

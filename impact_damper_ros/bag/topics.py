@@ -18,8 +18,14 @@ from typing import Any
 
 import yaml
 
+from impact_damper_ros.rig.arguments import need
+from impact_damper_ros.rig.parameter_spec import whole_number
+from impact_damper_ros.rig.quoting import shown
+
 _DEFINITIONS = files('impact_damper_ros.bag') / 'definitions'
 _SEPARATOR = '=' * 80
+#: Longest history that a quality of service may keep.
+_DEEPEST = 2**31 - 1
 _FIELD = re.compile(r'^\s*([A-Za-z]\w*/)?([A-Z]\w*)(?:\[[^\]]*\])?\s+\w+', re.MULTILINE)
 
 
@@ -36,8 +42,8 @@ def type_hash(interface: str) -> str:
         return type_hashes()[interface]
     except KeyError:
         known = ', '.join(type_hashes())
-        raise KeyError(
-            f'no definition of {interface!r} is shipped; known types: {known}'
+        raise ValueError(
+            f'no definition of {shown(interface)} is shipped; known types: {known}'
         ) from None
 
 
@@ -136,8 +142,7 @@ class QosProfile:
         for name, values in allowed.items():
             if (value := getattr(self, name)) not in values:
                 raise ValueError(f'{name} is {value!r}; it must be one of {", ".join(values)}')
-        if self.depth < 1:
-            raise ValueError(f'depth is {self.depth}; it must be at least 1')
+        whole_number('depth', self.depth, 1, _DEEPEST)
 
     def as_mapping(self) -> dict[str, Any]:
         """Return the profile with all the fields that rosbag2 reads, in its order."""
@@ -177,13 +182,17 @@ class Topic:
     type: str
     qos: QosProfile = field(default_factory=QosProfile)
 
+    def __post_init__(self) -> None:
+        need(str, name=self.name, type=self.type)
+        need(QosProfile, qos=self.qos)
+
     def channel(self) -> Channel:
         """
         Return the topic as an MCAP file describes it.
 
         Raises
         ------
-        KeyError
+        ValueError
             If no definition of the type is shipped with this package.
         """
         return Channel(

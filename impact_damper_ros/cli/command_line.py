@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import signal
 import sys
@@ -46,8 +47,47 @@ class CommandError(Exception):
 
 
 def say(command: str, message: object) -> None:
-    """Print a line about a command to the standard error."""
-    print(printable(f'{command}: {message}'), file=sys.stderr)
+    """Print a line about a command to the standard error, above a progress bar if there is one."""
+    line = printable(f'{command}: {message}')
+    if 'tqdm' in sys.modules:
+        from tqdm import tqdm
+
+        tqdm.write(line, file=sys.stderr)
+    else:
+        print(line, file=sys.stderr)
+
+
+#: How the notice begins that kernels are compiled, and how long that takes.
+_COMPILING = 'compiling the simulator'
+_COMPILING_TAKES = 'some 15 s on an idle core, 25 s under gap control'
+
+
+class _Notices(logging.Handler):
+    """Print what the library logs, in whichever process, as lines of a command; each line once."""
+
+    def __init__(self, command: str) -> None:
+        super().__init__(logging.WARNING)
+        self._command = command
+        self._said: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage()
+        if text.startswith(_COMPILING):
+            text += f' ({_COMPILING_TAKES})'
+        if text not in self._said:
+            self._said.add(text)
+            say(self._command, text)
+
+
+@contextmanager
+def _notices(command: str) -> Iterator[None]:
+    """Print what the library logs while a command runs."""
+    library, handler = logging.getLogger('impact_damper_ros'), _Notices(command)
+    library.addHandler(handler)
+    try:
+        yield
+    finally:
+        library.removeHandler(handler)
 
 
 def discard_output() -> None:
@@ -59,7 +99,8 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
     """Do the work of a command, and return its exit code; report an error in a line."""
     message: object
     try:
-        return work()
+        with _notices(command):
+            return work()
     except CommandError as error:
         message, code = error, error.code
     except (RecordingError, ValueError) as error:
@@ -218,6 +259,25 @@ def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> 
         disable=True if quiet else None,
         bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} ' + unit + ' [{elapsed}<{remaining}]',
     )
+
+
+def work_bar(what: str, total: float) -> tqdm[None]:
+    """Return a progress bar in shares of the work, whose parts may be of any size."""
+    from tqdm import tqdm
+
+    # The mean of all so far: what comes back at once says little of the rest
+    bar = '{l_bar}{bar}| [{elapsed}<{remaining}]'
+    return tqdm(total=total, desc=what, smoothing=0.0, bar_format=bar)
+
+
+def say_how_long(command: str, seconds: float, jobs: int) -> None:
+    """Say how long work in processes takes, from the time that one idle core takes for it, s."""
+    from impact_damper_ros.rig.quoting import counted
+
+    at_once = max(1, min(jobs, len(os.sched_getaffinity(0))))
+    minutes = seconds / at_once / 60.0
+    time = 'less than a minute' if minutes < 0.8 else f'about {counted(round(minutes), "minute")}'
+    say(command, f'this takes {time} on {counted(at_once, "idle core")}')
 
 
 #: Time after which work without a progress bar is reported to continue, s.

@@ -306,7 +306,8 @@ def _demonstrate(directory: Path, duration: float) -> int:
         print('From the recording:\n')
         print(_table(rows, load_parameters(preset)[0].response_amplitude))
         _print_verdicts(report)
-    print(f'\nrecording  {os.path.relpath(bags[-1])}   (ros2 bag play, or any MCAP reader)')
+    readers = '(rig_page --bag, ros2 bag play, or any MCAP reader)'
+    print(f'\nrecording  {os.path.relpath(bags[-1])}   {readers}')
     print(f'picture    {os.path.relpath(picture)}')
     if compared:
         print(f'report     {os.path.relpath(report / "report.html")}   (any browser)')

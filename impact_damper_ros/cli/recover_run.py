@@ -10,8 +10,7 @@ from pathlib import Path
 
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
 from impact_damper_ros.entry_points import run
-from impact_damper_ros.rig.quoting import as_line, printable
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import as_line, counted, printable
 
 from .command_line import EXIT_FAILED, CommandError, add_bag_argument, command_parser, outcome
 

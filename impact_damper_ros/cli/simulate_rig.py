@@ -17,7 +17,7 @@ from impact_damper_ros.bag.rig_recorder import RigRecorder
 from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig, OwnLaw
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
-from impact_damper_ros.report.formatting import markdown_table, setting
+from impact_damper_ros.report.formatting import markdown_table, mode_words, setting
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -261,7 +261,7 @@ class _Watch:
     def summary(self, rig: ControlledRig, spent: float, *, whole: bool) -> str:
         """Return the summary of a run, given its computing time, s, and whether it is complete."""
         parameters, largest = rig.parameters, self.swing.largest
-        mode = rig.mode.name.lower().replace('_', ' ')
+        mode = mode_words(rig.mode.name)
         events = [f'{number} {kind.name.lower()}' for kind, number in self.counts.items()]
         lines = [
             f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',

@@ -24,7 +24,7 @@ from impact_damper_ros.orbits import (
 )
 from impact_damper_ros.outputs import check_file
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted
 
 from .command_line import (
     CommandError,

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from impact_damper_ros.control import GapControlParameters
+from impact_damper_ros.control import GapControlParameters, OwnLaw
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.outputs import check_file
@@ -44,7 +44,7 @@ from impact_damper_ros.sweep import (
 from impact_damper_ros.sweep.execution import MOST_JOBS
 from impact_damper_ros.sweep.journal import differences
 from impact_damper_ros.sweep.plan import axes_from_file
-from impact_damper_ros.sweep.table import FORMATS, need_pyarrow, stored_inputs
+from impact_damper_ros.sweep.table import FORMATS, check_format, stored_inputs
 
 from .command_line import (
     EXIT_FAILED,
@@ -230,6 +230,10 @@ def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
             f'{arguments.output}: give the table a name that ends in .parquet (for pandas and '
             'xarray, with units) or .csv (for a spreadsheet)'
         )
+    try:
+        check_format(arguments.output)
+    except ImportError as error:
+        raise CommandError(str(error)) from error
     outputs = [arguments.output, *figures, *([arguments.json] if arguments.json else [])]
     for path in outputs:
         if str(path) == '-' and path is not arguments.output:
@@ -254,7 +258,7 @@ def _check_outputs(arguments: argparse.Namespace, plan: SweepPlan) -> None:
 
 
 def _announce(plan: SweepPlan) -> None:
-    """Print the rig, and a note if its frequencies may have been given in Hz."""
+    """Print the rig, and notes on frequencies that may have been given in Hz and on a slow law."""
     ranges = [
         (float(axis.values[0]), float(axis.values[-1]))
         for axis in plan.axes
@@ -265,6 +269,13 @@ def _announce(plan: SweepPlan) -> None:
         frequencies=ranges[0] if ranges else None,
         law=plan.law,
     )
+    slow = plan.law and not hasattr(OwnLaw.from_text(plan.law).function, 'py_func')
+    if slow and find_spec('numba'):
+        say(
+            'sweep_rig',
+            f'note: the law {plan.law} is plain Python, and so is then the whole run: with '
+            '@numba.njit before its def the sweep takes a fraction of the time',
+        )
 
 
 def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
@@ -273,11 +284,13 @@ def _is_complete(plan: SweepPlan, output: Path, *, overwrite: bool) -> bool:
         return False
     try:
         stored = stored_inputs(output)
+        differing = differences(stored, plan.inputs())
+        if not differing:
+            SweepTable(output)
     except MetadataError as error:
         if overwrite:
             return False
         raise ValueError(f'{error}: give another --output, or --overwrite it') from None
-    differing = differences(stored, plan.inputs())
     if differing and not overwrite:
         raise ValueError(
             f'{output} is the table of a sweep with other inputs:\n  '
@@ -369,10 +382,6 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    try:
-        need_pyarrow()
-    except ImportError as error:
-        raise CommandError(str(error)) from error
     plan = _plan(arguments)
     _check_outputs(arguments, plan)
     if not arguments.quiet:

@@ -17,8 +17,9 @@ from impact_damper_ros.replay.findings import Difference
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.arguments import need, need_call, path_of
+from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.simulator import ARITHMETIC
-from impact_damper_ros.wording import counted
 
 from .bag_stretches import BagStretches, CheckedStretch
 from .log_findings import with_fitted_clock
@@ -186,6 +187,10 @@ def compare_bag(
     RecordingError
         If the bag cannot be read, or holds no rig.
     """
+    path = path_of('path', path)
+    need(str, or_none=True, node=node)
+    need(RigParameters, or_none=True, parameters=parameters)
+    need_call(progress=progress)
     # A wrong number may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
         bag = BagStretches(path, node, parameters)

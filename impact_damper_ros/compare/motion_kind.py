@@ -40,8 +40,8 @@ from impact_damper_ros.rig.forcing import SteppedSine
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
 from impact_damper_ros.rig.mode import REST_1, REST_2, RigConstants, rig_constants
 from impact_damper_ros.rig.origin import Origin
+from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.simulator import Snapshot
-from impact_damper_ros.wording import counted
 
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from .result import Array

@@ -20,8 +20,9 @@ from impact_damper_ros.orbits.recognition import LONGEST_RHYTHM, Rhythm, rhythm_
 from impact_damper_ros.orbits.search import counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
 from impact_damper_ros.rig import Event, ParameterError, RigParameters, Simulator
+from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event_budget import REMEDY
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted
 
 from .motion_kind import later_motion
 from .recorded_stretch import ForceClock, RecordedImpacts
@@ -233,6 +234,8 @@ def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator
         The first after some 20 ms, the last, which is `complete`, after a few tenths of a second.
         For a rig without a periodic force there is only one, which gives the reason.
     """
+    need((Simulator, ControlledRig), rig=rig)
+    need(ObservedMotion, or_none=True, measured=measured)
     if isinstance(rig, ControlledRig) and rig.control.active:
         reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'
         yield Prediction(reason=reason, complete=True, applies=False)

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from sys import float_info
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.rig import Event, RigParameters
+from impact_damper_ros.rig.arguments import need
+from impact_damper_ros.rig.parameter_spec import number_between
+from impact_damper_ros.rig.state_checks import LATEST
 
 from .result import Array, LoggedStretch, Overall, SwingEnvelope
 
@@ -33,6 +37,15 @@ class ForceClock:
     parameters: RigParameters
     time: float
     angles: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        need(RigParameters, parameters=self.parameters)
+        number_between('time', self.time, -LATEST, LATEST)
+        need(Sequence, angles=self.angles)
+        if not self.angles:
+            raise ValueError('angles is empty: give one for each harmonic')
+        for angle in self.angles:
+            number_between('an entry of angles', angle, -float_info.max, float_info.max)
 
     @property
     def frequency(self) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits
 from impact_damper_ros.orbits.equations import check_forcing
 from impact_damper_ros.orbits.recognition import LONGEST_PERIOD, SETTLED, MotionKind
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted
 
 from .flight_check import FaultSearch
 from .log_findings import log_findings, repaired_impacts

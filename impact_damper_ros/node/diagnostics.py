@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterable
 
 from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
+from impact_damper_ros.report.formatting import mode_words
 
 from .engine import ControlStatus, EngineStatus, Load
 from .motion_report import MotionReport
@@ -150,7 +151,7 @@ class Diagnostics:
 
     def _rig(self, engine: EngineStatus, elapsed: float) -> DiagnosticStatus:
         impacts = engine.impacts - (self._last.impacts if self._last else 0)
-        mode = engine.mode.lower().replace('_', ' ')
+        mode = mode_words(engine.mode)
         return self._status(
             'rig',
             ERROR if engine.held else OK,

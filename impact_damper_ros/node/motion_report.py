@@ -24,7 +24,7 @@ from impact_damper_ros.orbits.recognition import (
     rhythm_of,
 )
 from impact_damper_ros.rig import Event, RigParameters
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted
 
 from .motion_ahead import KEPT, MotionTrace
 from .prediction import Answer, PredictedMotion, Predictor, PredictorStatus

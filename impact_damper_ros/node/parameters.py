@@ -309,7 +309,11 @@ class LiveParameters:
             name = parameter.name
             if not has(name):
                 near = nearest_name(name)
-                hint = f'did you mean {near}?' if near else 'see: ros2 param list'
+                hint = (
+                    f'did you mean {near}?'
+                    if near
+                    else 'see: ros2 param list, or simulate_rig --parameters'
+                )
                 return f'{named(name)} is not a parameter of this node: {hint}'
             if name not in ALL_SPECS:
                 continue

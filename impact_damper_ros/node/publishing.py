@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS, recorded_topics, recording_notes
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted
 
 if TYPE_CHECKING:
     from impact_damper_ros.bag import RecordingError, RunWriter

@@ -137,7 +137,7 @@ def start_message(
         f'services   {node}/reset, {node}/pause, {node}/step, {node}/step_to_impact',
         f'recording  to {recording}'
         if recording
-        else f'recording  off; into {runs} with: ros2 param set {node} record true',
+        else f'recording  off; into {runs} with: ros2 param set {node} record true, or rig_page',
     ]
     if hint := frequency_hint(parameters.rig):
         lines.append(f'note       {hint}')

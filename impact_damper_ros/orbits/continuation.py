@@ -32,6 +32,7 @@ from typing import Protocol
 import numpy as np
 
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
+from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.quoting import shown
 
@@ -796,6 +797,8 @@ def grow_branch(
     OrbitError
         If the motion is outside the range.
     """
+    need(PeriodicOrbit, orbit=orbit)
+    need(Continuation, along=along)
     along.check_start(orbit.parameters)
     name = along.name
     value = value_of(orbit.parameters, name)
@@ -848,6 +851,8 @@ def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool 
     ValueError
         If the point is of another kind.
     """
+    need(SpecialPoint, special=special)
+    need(Continuation, along=along)
     orbit = special.orbit
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')

@@ -18,10 +18,11 @@ from itertools import islice
 import numpy as np
 
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.hybrid_motion import as_float
 from impact_damper_ros.rig.quoting import shown
 
-from .equations import OrbitError, check_forcing, checked_number
+from .equations import OrbitError, check_forcing, check_stops, checked_number
 from .orbit import PeriodicOrbit
 from .search import find_orbits
 
@@ -294,6 +295,7 @@ def optimal_gap(
     >>> best.limit.value
     'interior minimum'
     """
+    need(RigParameters, rig=rig)
     check_forcing(rig)
     if rig.one_sided:
         raise OrbitError('the rig is one-sided, it has no gap to choose: give one_sided: false')
@@ -310,6 +312,7 @@ def optimal_gap(
             f'at least 3 points, a whole number up to {_MOST_POINTS}'
         )
     points, tolerance = int(count), checked_number('tolerance', tolerance, 0.0, 1.0)
+    stops = check_stops(rig, stops, cycles)
     search = _GapSearch(rig, stops, cycles, simulate)
     grid = search.refined([float(gap) for gap in np.geomspace(low, high, points)])
     swings = [search.swing(gap) for gap in grid]

@@ -16,8 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impact_damper_ros.rig import Event, EventKind, RigParameters
+from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, RigConstants, rig_constants
 from impact_damper_ros.rig.origin import Origin
+from impact_damper_ros.rig.parameter_spec import number_between
+from impact_damper_ros.rig.state_checks import LATEST
 
 from .equations import Array, OrbitError, check_cycles, check_forcing
 from .event_map import (
@@ -153,6 +156,7 @@ def section_on(orbit: PeriodicOrbit) -> Section | None:
     Section or None
         None if the simulator cannot follow it.
     """
+    need(PeriodicOrbit, orbit=orbit)
     return _section_after(
         orbit.parameters,
         orbit.period,
@@ -235,6 +239,8 @@ def shoot(
     OrbitError
         If the force does not repeat within the period.
     """
+    need(RigParameters, parameters=parameters)
+    need(Section, section=section)
     cycles = check_cycles(cycles)
     check_forcing(parameters, cycles)
     machine = rig_constants(parameters)
@@ -349,6 +355,11 @@ def orbit_near(
     PeriodicOrbit or None
         The motion to which Newton's method converges; None if it does not.
     """
+    need(RigParameters, parameters=parameters)
+    need(Event, impact=impact)
+    phase = number_between('phase', phase, -LATEST, LATEST)
+    cycles = check_cycles(cycles)
+    check_forcing(parameters, cycles)
     cycle = math.tau / parameters.force_frequencies[0]
     section = _section_after(
         parameters,

@@ -159,6 +159,11 @@ class _Compare(_Guarded):
         self.set_status(202 if started else 409)
         self.answer({'started': started})
 
+    def delete(self, name: str) -> None:
+        ended = self.server.recordings.cancel_comparison(unquote(name))
+        self.set_status(202 if ended else 409)
+        self.answer({'ended': ended})
+
 
 class _Report(_Files):
     policy = _REPORT_POLICY

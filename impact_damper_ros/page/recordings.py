@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import shutil
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -48,7 +49,8 @@ class Recordings:
         if _is_bag(self._place):
             self.single, self._place = self._place.name, self._place.parent
         self._reports: Path | None = None
-        self._comparing: set[str] = set()
+        #: Comparisons that are under way, with their processes once those run
+        self._comparing: dict[str, asyncio.subprocess.Process | None] = {}
         # What has been read of each bag, and the files that it was read of
         self._known: dict[str, tuple[object, dict[str, Any]]] = {}
 
@@ -162,19 +164,27 @@ class Recordings:
         self.path(name)
         if name in self._comparing or len(self._comparing) > 1:
             return False
-        self._comparing.add(name)
+        self._comparing[name] = None
         return True
+
+    def cancel_comparison(self, name: str) -> bool:
+        """End a comparison; return whether there was one."""
+        process = self._comparing.get(name)
+        if process is not None and process.returncode is None:
+            process.terminate()
+        return name in self._comparing
 
     async def compare(self, name: str) -> dict[str, Any]:
         """Compare a bag with theory in a child process; return the message for the pages."""
         try:
-            ok, text = await self._compare(self.path(name))
+            ok, text = await self._compare(name)
         finally:
-            self._comparing.discard(name)
+            self._comparing.pop(name, None)
         url = f'/reports/{quote(name, safe="")}/report.html' if ok else ''
         return {'type': 'compare_done', 'recording': name, 'ok': ok, 'url': url, 'text': text}
 
-    async def _compare(self, path: Path) -> tuple[bool, str]:
+    async def _compare(self, name: str) -> tuple[bool, str]:
+        path = self.path(name)
         if self._reports is None:
             self._reports = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
         directory = self._reports / path.name
@@ -187,12 +197,15 @@ class Recordings:
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
         )
+        self._comparing[name] = process
         try:
             output, _ = await asyncio.wait_for(process.communicate(), _PATIENCE_S)
         except (TimeoutError, asyncio.CancelledError):
             process.kill()
             await process.wait()
             raise
+        if process.returncode in (-signal.SIGTERM, 128 + signal.SIGTERM):
+            return False, f'the comparison of {name} was cancelled'
         text = printable(output.decode(errors='replace'))[-4000:]
         return (directory / 'report.html').is_file(), text
 

@@ -16,7 +16,7 @@ from tornado.netutil import bind_sockets
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.run_reader import bag_files
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted
 
 from .frames import View
 from .gate import Gate

@@ -31,7 +31,7 @@ from impact_damper_ros.orbits import (
     grow_branch,
 )
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted
 
 from .knobs import as_json
 

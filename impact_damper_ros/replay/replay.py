@@ -28,6 +28,7 @@ from impact_damper_ros.bag.rig_topics import (
 )
 from impact_damper_ros.control import ControlRecord
 from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample, Simulator
+from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, has_numba
@@ -194,6 +195,7 @@ class Replay:
     """
 
     def __init__(self, recorded: RecordedRun, *, adopt: bool = False) -> None:
+        need(RecordedRun, recorded=recorded)
         self.recorded = recorded
         self._adopts = adopt
         # Whether the parameter events of this node are recorded

@@ -16,6 +16,7 @@ from typing import Any
 
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.rig import Event, InitialConditions, ParameterError, Sample
+from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event_budget import EventBudget
 
 from .recorded_snapshot import RecordedSnapshot
@@ -68,6 +69,11 @@ class WhatIf:
         held_initial: Mapping[str, Any] | None = None,
         budget: EventBudget | None = None,
     ) -> None:
+        need(RecordedSnapshot, start=start)
+        need(InitialConditions, or_none=True, initial=initial)
+        need(Mapping, held=held)
+        need(Mapping, or_none=True, held_initial=held_initial)
+        need(EventBudget, or_none=True, budget=budget)
         self._budget = budget or EventBudget()
         self._held = dict(held)
         self._held_initial = dict(held_initial or {})

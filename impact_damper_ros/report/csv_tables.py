@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
 
+from impact_damper_ros.outputs import draft_of
 from impact_damper_ros.rig import Event, EventKind
 
 IMPACT_COLUMNS = (
@@ -43,25 +44,43 @@ class Table(Protocol):
 
 
 class _File:
-    """A table in a file; a full disk is reported with its name."""
+    """
+    A table in a file; a full disk is reported with its name.
+
+    An older file is replaced at the end, and kept if the table cannot be written. Without one the
+    table grows in its place, so that as much of it as can be is there whatever happens.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._stream = path.open('w', encoding='utf-8', newline='')
+        self._draft = draft_of(path) if path.exists() else path
+        self._failed = False
+        self._stream = self._draft.open('w', encoding='utf-8', newline='')
 
-    def write(self, rows: str) -> None:
+    @contextmanager
+    def _named(self) -> Iterator[None]:
         try:
-            self._stream.write(rows)
+            yield
         except OSError as error:
             error.filename = str(self._path)
+            self._failed = True
             raise
+
+    def write(self, rows: str) -> None:
+        with self._named():
+            self._stream.write(rows)
 
     def close(self) -> None:
         try:
-            self._stream.close()
-        except OSError as error:
-            error.filename = str(self._path)
-            raise
+            with self._named():
+                self._stream.close()
+        finally:
+            if self._draft != self._path:
+                with suppress(OSError):
+                    if self._failed:
+                        self._draft.unlink()
+                    else:
+                        self._draft.replace(self._path.resolve())
 
 
 def open_table(path: Path | None, columns: Sequence[str], stack: ExitStack) -> Table | None:

@@ -134,9 +134,11 @@ def save_figure(figure: Figure, path: Path) -> None:
     The suffix of the file is its format: png, svg or pdf.
     """
     kind = path.suffix.lower().lstrip('.')
-    dated = {'png': 'Software', 'svg': 'Date', 'pdf': 'CreationDate'}[kind]
+    dated = {'png': 'Software', 'svg': 'Date', 'pdf': 'CreationDate'}
+    if kind not in dated:
+        raise ValueError(f'path is {path}: give a name that ends in .png, .svg or .pdf')
     with whole(path) as draft:
-        figure.savefig(draft, format=kind, metadata={dated: None})
+        figure.savefig(draft, format=kind, metadata={dated[kind]: None})
 
 
 def draw_stop(axes: Any, time: ArrayLike, place: ArrayLike, depth: float) -> None:

@@ -46,6 +46,14 @@ def unit_for(name: str, *values: ArrayLike) -> Unit:
     return Unit(_PREFIXES[-1][0], _PREFIXES[-1][1] + name)
 
 
+_MODES = {'SLIDE_DOWN': 'slide towards stop 1', 'SLIDE_UP': 'slide away from stop 1'}
+
+
+def mode_words(mode: str) -> str:
+    """Return the name of a mode in words that hold at any angle, on the level too."""
+    return _MODES.get(mode, mode.lower().replace('_', ' '))
+
+
 def setting(value: Any) -> str:
     """Return a value as it is written for a parameter: [1, 2], true, 0.5 or timed."""
     if isinstance(value, tuple | list):

@@ -11,7 +11,7 @@ from typing import Any
 from impact_damper_ros.compare import Overall, StretchComparison, Verdict
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.rig import ALL_SPECS
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted
 
 from .formatting import NONE, aligned, difference, instant, number, unit_for, worded
 from .glossary import linked

@@ -22,9 +22,10 @@ from impact_damper_ros.rig import (
     RigParameters,
     Sample,
 )
+from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event_budget import EventBudget
+from impact_damper_ros.rig.quoting import counted, shown
 from impact_damper_ros.rig.swing import Swing
-from impact_damper_ros.wording import counted
 
 from .formatting import setting, unit_for
 from .run_figures import SampledMotion, Side, draw_what_if
@@ -185,9 +186,15 @@ class WhatIfReport:
         drawn: bool,
         budget: EventBudget | None = None,
     ) -> None:
+        need(Replay, replay=replay)
+        need(Mapping, held=held, held_initial=held_initial)
+        need(EventBudget, or_none=True, budget=budget)
         start = replay.recorded.start
         logged = setting_of(start.state)
         values = logged.as_dict()
+        for name in held:
+            if name not in values:
+                raise ValueError(f'held has {shown(name)}, which is no parameter of the rig')
         initial = replay.replayed.first_initial
         self._was = {
             **{n: RecordedValues(values[n]) for n in held},

@@ -1,4 +1,4 @@
-"""Values and texts from outside as messages quote them: short, without control characters."""
+"""Values, counts and texts as messages quote them: short, without control characters."""
 
 from __future__ import annotations
 
@@ -70,3 +70,16 @@ def named(name: object, longest: int = _LONGEST) -> str:
     ('gap', 'two\\nlines')
     """
     return shown(str(name), longest)[1:-1]
+
+
+def counted(count: int, noun: str, form: str = '') -> str:
+    """
+    Return a count, formatted as `form` says, with its noun in singular or plural.
+
+    Examples
+    --------
+    >>> counted(1, 'stretch'), counted(2, 'stretch'), counted(1000, 'message', ',')
+    ('1 stretch', '2 stretches', '1,000 messages')
+    """
+    plural = '' if count == 1 else 'es' if noun.endswith(('ch', 's')) else 's'
+    return f'{count:{form}} {noun}{plural}'

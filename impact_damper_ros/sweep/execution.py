@@ -8,6 +8,7 @@ their number, or the order in which they finish.
 from __future__ import annotations
 
 import json
+import logging
 import os
 import queue
 import signal
@@ -16,14 +17,16 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing import connection, get_context, parent_process
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import impact_damper_ros
 from impact_damper_ros.control import LawError, OwnLaw
 from impact_damper_ros.control.controlled_run import ControlledRun
 from impact_damper_ros.rig import ParameterError, RigParameters
+from impact_damper_ros.rig.arguments import need, need_call
 from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.rig.parameter_spec import whole_number
@@ -119,9 +122,34 @@ def run_task(task: Task) -> list[Done]:
     return done
 
 
-def _begin_worker() -> None:
-    """Leave Ctrl-C to the parent process, and end with it."""
+class _ToParent(logging.Handler):
+    """Send what a worker logs to the parent process, which says it once, beside its progress."""
+
+    def __init__(self, pipe: connection.Connection) -> None:
+        super().__init__()
+        self._pipe = pipe
+
+    def emit(self, record: logging.LogRecord) -> None:
+        # Short enough for the pipe to take it at once, whatever other workers write
+        with suppress(OSError):
+            self._pipe.send((record.name, record.levelno, record.getMessage()[:800]))
+
+
+def _repeat(pipe: connection.Connection) -> None:
+    """Log what workers have logged, each text once, until all of them have ended."""
+    logged = set()
+    with suppress(EOFError, OSError):
+        while True:
+            one = name, level, text = pipe.recv()
+            if one not in logged:
+                logged.add(one)
+                logging.getLogger(name).log(level, '%s', text)
+
+
+def _begin_worker(log: connection.Connection) -> None:
+    """Leave Ctrl-C to the parent process, log there, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    logging.getLogger(impact_damper_ros.__name__).addHandler(_ToParent(log))
     parent = parent_process()
     if parent is not None:
 
@@ -140,6 +168,7 @@ class ProcessPool(ProcessPoolExecutor):
     """
     A pool of processes that ignore Ctrl-C and end with this process.
 
+    What the package logs in them is logged in this process, each text once.
     On leaving its ``with`` block it waits for calls that are under way, except after an exception.
 
     Parameters
@@ -155,7 +184,10 @@ class ProcessPool(ProcessPoolExecutor):
 
     def __init__(self, jobs: int) -> None:
         jobs = whole_number('jobs', jobs, 1, MOST_JOBS)
-        super().__init__(jobs, get_context('spawn'), initializer=_begin_worker)
+        context = get_context('spawn')
+        log, self._log = context.Pipe(duplex=False)
+        super().__init__(jobs, context, initializer=_begin_worker, initargs=(self._log,))
+        threading.Thread(target=_repeat, args=(log,), name='log', daemon=True).start()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **keywords: Any) -> Future[Any]:
         """Call a function in one of the processes."""
@@ -165,6 +197,11 @@ class ProcessPool(ProcessPoolExecutor):
             return super().submit(fn, *args, **keywords)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes."""
+        super().shutdown(wait, cancel_futures=cancel_futures)
+        self._log.close()
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is not None:
@@ -184,6 +221,7 @@ class WorkersError(RuntimeError):
     """The workers cannot do the work, for the reason in the message."""
 
 
+@runtime_checkable
 class SweepExecutor(Protocol):
     """What a sweep needs of an executor; those of `concurrent.futures` have it."""
 
@@ -275,6 +313,7 @@ class DaskWorkers:
     """
 
     def __init__(self, address: str) -> None:
+        need(str, address=address)
         try:
             from distributed import Client, KilledWorker
         except ImportError as error:
@@ -448,6 +487,12 @@ def run_sweep(
     -----
     The rows do not depend on the workers, their number, or the order in which they finish.
     """
+    need(SweepPlan, plan=plan)
+    need(Journal, journal=journal)
+    need(SweepExecutor, executor=executor)
+    need_call(or_none=True, progress=progress)
+    if not callable(at_once):
+        at_once = whole_number('at_once', at_once, 0, MOST_JOBS)
     left = _Queue(plan, journal)
     under_way: dict[Future[Any], _Sent] = {}
     finished: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()

@@ -18,11 +18,12 @@ from impact_damper_ros.report.drawing import (
     legend_below,
     save_figure,
 )
+from impact_damper_ros.rig.arguments import need, path_of
 
 from .optimum import Nearby, Optimum
 from .plan import Axis
 from .summary import attractor_text, attractors_of
-from .table import FAILED, MEASURES, SweepTable
+from .table import FAILED, MEASURES, SweepTable, check_measure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -504,6 +505,10 @@ def draw_sweep(table: SweepTable, measure: str, optimum: Optimum | None, path: P
     OSError
         If the file cannot be written.
     """
+    need(SweepTable, table=table)
+    need(Optimum, or_none=True, optimum=optimum)
+    path = path_of('path', path)
+    check_measure(measure)
     axes = table.plan.axes
     if len(axes) > 2:
         raise ValueError(f'a figure shows one axis or two, not {len(axes)}')

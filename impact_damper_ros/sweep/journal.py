@@ -12,10 +12,12 @@ import fcntl
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple, Self
+
+from impact_damper_ros.rig.arguments import need, path_of
 
 from .table import Row
 
@@ -37,6 +39,7 @@ class JournalError(ValueError):
 
 def journal_path(output: Path) -> Path:
     """Return the name of the journal that belongs to a table."""
+    output = path_of('output', output)
     return output.with_name(output.name + '.part')
 
 
@@ -90,6 +93,8 @@ class Journal:
     """
 
     def __init__(self, path: Path, inputs: dict[str, Any], *, anew: bool = False) -> None:
+        path = path_of('path', path)
+        need(Mapping, inputs=inputs)
         self.path = path
         self.points: dict[int, int] = {}
         self.states: dict[int, dict[str, Any]] = {}

@@ -13,8 +13,8 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Hashable, Iterable, Iterator
-from itertools import islice
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from itertools import dropwhile, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.outputs import whole
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.arguments import need, path_of
+from impact_damper_ros.rig.quoting import shown
 
 from .plan import SweepPlan
 from .steady_state import SteadyState
@@ -133,6 +135,12 @@ _MEASURES = """
 """
 #: Columns that can be drawn and minimised or maximised.
 MEASURES: dict[str, Column] = {name: _BY_NAME[name] for name in _MEASURES.split()}
+
+
+def check_measure(measure: str) -> None:
+    """Raise ValueError if there is no such measure."""
+    if not isinstance(measure, str) or measure not in MEASURES:
+        raise ValueError(f'measure is {shown(measure)}: give one of {", ".join(MEASURES)}')
 
 
 def columns_of(plan: SweepPlan) -> list[Column]:
@@ -284,6 +292,11 @@ def write_table(plan: SweepPlan, journal: Journal, path: Path) -> None:
     OSError
         If it cannot be written; an older file is left as it was.
     """
+    from .journal import Journal
+
+    need(SweepPlan, plan=plan)
+    need(Journal, journal=journal)
+    path = path_of('path', path)
     with whole(path) as draft:
         (_write_csv if _is_csv(path) else _write_parquet)(plan, _rows(plan, journal), draft)
 
@@ -316,32 +329,39 @@ def _write_csv(plan: SweepPlan, rows: Iterable[Row], path: Path) -> None:
         table.writerows([_cell(row.get(name)) for name in names] for row in rows)
 
 
-def _read_csv(plan: SweepPlan, path: Path) -> Any:
-    """Read a table with the types that it has in Parquet."""
-    import pyarrow as pa
-    import pyarrow.csv
+def _value(text: str, kind: Kind) -> Any:
+    """Return what a cell of a CSV table holds; None if it is empty."""
+    if not text:
+        return None
+    if kind == 'bool' and text not in ('true', 'false'):
+        raise ValueError(f'{text!r} is neither true nor false')
+    readers: dict[Kind, Callable[[str], Any]] = {
+        'double': float,
+        'integer': int,
+        'bool': 'true'.__eq__,
+        'text': str,
+        'doubles': json.loads,
+        'integers': json.loads,
+    }
+    return readers[kind](text)
 
-    schema = _schema(plan)
-    listed = {field.name: field.type for field in schema if pa.types.is_list(field.type)}
-    types = {field.name: pa.string() if field.name in listed else field.type for field in schema}
-    with path.open('rb') as stream:
-        head = sum(1 for line in iter(stream.readline, b'') if line.startswith(b'#'))
-    table = pyarrow.csv.read_csv(
-        path,
-        # A row must fit into a block, and the state of rig and control is a long text
-        pyarrow.csv.ReadOptions(skip_rows=head, block_size=1 << 24),
-        pyarrow.csv.ParseOptions(newlines_in_values=True),
-        pyarrow.csv.ConvertOptions(column_types=types, null_values=[''], strings_can_be_null=True),
-    )
-    if table.column_names != schema.names:
-        raise MetadataError(f'{path} does not have the columns of its sweep')
-    arrays = [
-        pa.array([cell and json.loads(cell) for cell in column.to_pylist()], listed[name])
-        if name in listed
-        else column
-        for name, column in zip(table.column_names, table.columns, strict=True)
-    ]
-    return pa.Table.from_arrays(arrays, schema=schema)
+
+def _read_csv(plan: SweepPlan, path: Path) -> dict[str, list[Any]]:
+    """Read a table, column by column, without pyarrow."""
+    columns = columns_of(plan)
+    with path.open(encoding='utf-8', newline='') as stream:
+        # The state of rig and control is a longer text than the csv module expects
+        csv.field_size_limit(max(csv.field_size_limit(), 1 << 24))
+        rows = csv.reader(dropwhile(lambda line: line.startswith('#'), stream))
+        if next(rows, None) != [column.name for column in columns]:
+            raise MetadataError(f'{path} does not have the columns of its sweep')
+        cells = list(rows)
+    if any(len(row) != len(columns) for row in cells):
+        raise ValueError('a row is cut short')
+    return {
+        column.name: [_value(row[place], column.kind) for row in cells]
+        for place, column in enumerate(columns)
+    }
 
 
 def _schema(plan: SweepPlan) -> Any:
@@ -388,14 +408,28 @@ def _write_parquet(plan: SweepPlan, rows: Iterable[Row], path: Path) -> None:
             writer.write_table(pa.Table.from_pylist(some, schema=schema))
 
 
-def need_pyarrow() -> None:
-    """Raise an `ImportError` that says how to install pyarrow, if it is missing."""
+def _read_parquet(path: Path) -> dict[str, list[Any]]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        columns: dict[str, list[Any]] = pq.read_table(path).to_pydict()
+    except pa.ArrowInvalid as error:
+        raise ValueError(error) from error
+    return columns
+
+
+def check_format(path: Path) -> None:
+    """Raise `ImportError` if a table is to be Parquet and pyarrow, which writes it, is missing."""
+    if _is_csv(path):
+        return
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError as error:
         raise ImportError(
-            f'pyarrow, which writes the table, cannot be imported ({error}): install it with '
-            '"pip install pyarrow", or the package with its extra [sweep]'
+            f'pyarrow, which writes Parquet, cannot be imported ({error}): install it with "pip '
+            f'install pyarrow", or give the table a name that ends in .csv, such as '
+            f'{path.with_suffix(".csv")}'
         ) from error
 
 
@@ -414,18 +448,23 @@ def _csv_inputs(path: Path) -> dict[str, Any]:
     raise KeyError(_CSV_INPUTS)
 
 
-def stored_inputs(path: Path) -> dict[str, Any]:
-    """Return the inputs that a table was made from, or raise a `MetadataError`."""
+def _parquet_inputs(path: Path) -> dict[str, Any]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        if _is_csv(path):
-            return _csv_inputs(path)
         inputs: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {})[_INPUTS])
-    except (pa.ArrowInvalid, KeyError, ValueError) as error:
-        raise MetadataError(f'{path} is not the table of a sweep') from error
+    except pa.ArrowInvalid as error:
+        raise ValueError(error) from error
     return inputs
+
+
+def stored_inputs(path: Path) -> dict[str, Any]:
+    """Return the inputs that a table was made from, or raise a `MetadataError`."""
+    try:
+        return _csv_inputs(path) if _is_csv(path) else _parquet_inputs(path)
+    except (KeyError, ValueError) as error:
+        raise MetadataError(f'{path} is not the table of a sweep') from error
 
 
 class SweepTable:
@@ -448,36 +487,38 @@ class SweepTable:
         If the file is not the table of a sweep.
     OSError
         If it cannot be read.
+    ImportError
+        If it is Parquet, and pyarrow is missing.
     """
 
     def __init__(self, path: Path) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
+        path = path_of('path', path)
+        check_format(path)
         self.plan = SweepPlan.from_inputs(stored_inputs(path))
         try:
-            self._table: Any = _read_csv(self.plan, path) if _is_csv(path) else pq.read_table(path)
-        except (pa.ArrowInvalid, json.JSONDecodeError) as error:
+            self._columns = _read_csv(self.plan, path) if _is_csv(path) else _read_parquet(path)
+        except MetadataError:
+            raise
+        except ValueError as error:
             raise MetadataError(f'{path} is not complete: {error}') from error
+        if len(self) != self.plan.size:
+            raise MetadataError(f'{path} is not complete: {len(self)} of {self.plan.size} rows')
 
     def __len__(self) -> int:
-        return int(self._table.num_rows)
+        return len(self._columns['point'])
 
     def numbers(self, name: str) -> Array:
         """Return a column of numbers; NaN where there is none."""
-        column = self._table.column(name).cast('float64')
-        numbers: Array = column.to_numpy(zero_copy_only=False)
-        return numbers
+        return np.array(self._columns[name], dtype=np.float64)
 
     def texts(self, name: str) -> list[str | None]:
         """Return a column of texts."""
-        texts: list[str | None] = self._table.column(name).to_pylist()
-        return texts
+        return self._columns[name]
 
     def flags(self, name: str) -> NDArray[np.bool_]:
         """Return a column of true and false; false where there is none."""
-        return np.array([value is True for value in self._table.column(name).to_pylist()])
+        return np.array([value is True for value in self._columns[name]])
 
     def lists(self, name: str) -> list[list[float]]:
         """Return a column of lists; empty where there is none."""
-        return [value or [] for value in self._table.column(name).to_pylist()]
+        return [value or [] for value in self._columns[name]]

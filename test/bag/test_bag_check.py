@@ -172,6 +172,14 @@ def test_a_file_that_ends_within_the_indexes_of_a_chunk_is_only_cut(bag, tmp_pat
     ('field', 'value', 'words'),
     [
         (('message_count',), 5, 'metadata.yaml counts 5 messages in all'),
+        (('version',), 4, 'is said to be of version 4, and has the fields of 9'),
+        (('version',), 'x', "is said to be of version 'x'"),
+        (('storage_identifier',), 'sqlite3', "'sqlite3' stores the bag, its files are .mcap"),
+        (
+            ('topics_with_message_count', 0, 'topic_metadata', 'offered_qos_profiles'),
+            [{'history': 'keep_last', 'depth': 10, 'reliability': 'best_effort'}],
+            'metadata.yaml gives /joint_states another quality of service than the file',
+        ),
         (('duration', 'nanoseconds'), 5, 'and lasts 5 ns; it begins at'),
         (('starting_time', 'nanoseconds_since_epoch'), 5, 'says that it begins at 5 ns'),
         (('files', 0, 'message_count'), 5, 'metadata.yaml counts 5 messages in run_0.mcap'),

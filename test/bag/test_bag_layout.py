@@ -260,6 +260,6 @@ def test_dependencies_come_depth_first_in_order() -> None:
 
 
 def test_an_unknown_type_is_named(tmp_path: Path) -> None:
-    with pytest.raises(KeyError, match='nav_msgs/msg/Odometry'):
+    with pytest.raises(ValueError, match='nav_msgs/msg/Odometry'):
         RunWriter(tmp_path / 'bag', [Topic('/odom', 'nav_msgs/msg/Odometry')])
     assert not (tmp_path / 'bag').exists()

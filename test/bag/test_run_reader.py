@@ -18,7 +18,9 @@ from rosbags.rosbag2 import Writer as PeerWriter
 
 from impact_damper_ros.bag import (
     DiagnosticArray,
+    DiagnosticStatus,
     JointState,
+    Message,
     ParameterEvent,
     RecordingError,
     RunReader,
@@ -27,7 +29,7 @@ from impact_damper_ros.bag import (
     Topic,
 )
 from impact_damper_ros.bag import topics as interface
-from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode
+from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode, encode
 
 
 @pytest.fixture(scope='module')
@@ -348,3 +350,24 @@ def test_messages_of_the_real_ros_2_decode_to_the_same_values() -> None:
     assert isinstance(decoded, DiagnosticArray)
     assert decoded.status[0].level == 2
     assert decoded.status[0].values == (('k', 'v'),)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'message'),
+    [
+        ('std_msgs/msg/String', String('text')),
+        (samples.JOINT_STATE, JointState(5, 'frame', ('primary',), (1.0,), (2.0,), ())),
+        (
+            samples.DIAGNOSTIC_ARRAY,
+            DiagnosticArray(5, '', (DiagnosticStatus(0, 'a', 'b', 'c', (('d', 'e'),)),)),
+        ),
+        (samples.PARAMETER_EVENT, ParameterEvent(5, '/node', (), (), ())),
+    ],
+)
+def test_bytes_after_a_message(kind: str, message: Message) -> None:
+    """Up to three may fill it up to whole words; more are of something else."""
+    content = encode(message)
+    for padding in (b'', b'\0', 3 * b'\0'):
+        assert decode(kind, content + padding) == message
+    with pytest.raises(CdrError, match='8 bytes follow its last field'):
+        decode(kind, content + 8 * b'\7')

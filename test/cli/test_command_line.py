@@ -1,9 +1,14 @@
 """What all commands share: exit codes, messages, the rig that is given, processes that die."""
 
+import logging
+import os
+import re
+import sys
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
+from tqdm import tqdm
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli import command_line
@@ -100,3 +105,49 @@ def test_misspelt_names(setting, remedy):
         given_rig(Path('paper'), [setting])
     assert str(caught.value).startswith(f'--set {setting}: ')
     assert remedy in str(caught.value)
+
+
+def test_what_the_library_logs_is_said_once(capsys):
+    """With the command's name, on stderr whatever it is, and how long a compilation takes."""
+    logger = logging.getLogger('impact_damper_ros.rig')
+
+    def work():
+        for _ in range(2):
+            logger.warning('compiling the simulator, once')
+        logger.warning('another')
+        return 0
+
+    assert command_line.outcome('simulate_rig', work) == 0
+    said = capsys.readouterr()
+    assert said.out == ''
+    compiling, another = said.err.splitlines()
+    takes = r'\(some \d+ s on an idle core, \d+ s under gap control\)'
+    assert re.fullmatch(rf'simulate_rig: compiling the simulator, once {takes}', compiling)
+    assert another == 'simulate_rig: another'
+    assert logger.parent is not None
+    assert not any(isinstance(h, command_line._Notices) for h in logger.parent.handlers)
+
+
+def test_messages_are_above_a_progress_bar(capsys):
+    with tqdm(total=9, desc='rigs', file=sys.stderr, ascii=True) as bar:
+        bar.update()
+        bar.refresh()
+        command_line.say('sweep_rig', 'compiling')
+    # The bar is erased, and drawn again below
+    assert re.search(r'rigs[^\n]*\r +\rsweep_rig: compiling\n\rrigs', capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'jobs', 'words'),
+    [
+        (20.0, 1, 'less than a minute on 1 idle core'),
+        (80.0, 1, 'about 1 minute on 1 idle core'),
+        (600.0, 1, 'about 10 minutes on 1 idle core'),
+        (3600.0, 2, 'about 30 minutes on 2 idle cores'),
+        (3600.0, 64, 'about 30 minutes on 2 idle cores'),
+    ],
+)
+def test_how_long_work_takes(seconds, jobs, words, capsys, monkeypatch):
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1})
+    command_line.say_how_long('reproduce_paper', seconds, jobs)
+    assert capsys.readouterr().err == f'reproduce_paper: this takes {words}\n'

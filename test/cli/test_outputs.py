@@ -137,6 +137,20 @@ def test_a_table_on_a_full_disk(tmp_path, capsys):
     assert f'simulate_rig: cannot write {table}: No space left on device: free some' in said
 
 
+def test_a_table_that_is_there_is_kept_if_the_new_one_cannot_be_written(tmp_path, capsys):
+    with mounted(tmp_path / 'disk', 64) as disk:
+        table = disk / 'states.csv'
+        words = ['bench_rig', '--states', str(table), '--quiet', '--duration']
+        assert simulate_rig([*words, '0.2']) == 0
+        first = table.read_bytes()
+        assert simulate_rig([*words, '100']) == 1
+        assert 'No space left on device' in capsys.readouterr().err
+        assert table.read_bytes() == first
+        assert simulate_rig([*words, '0.1']) == 0
+        assert first.startswith(table.read_bytes())
+        assert [path.name for path in disk.iterdir()] == ['states.csv']
+
+
 def test_a_present_directory_that_is_gone(tmp_path, monkeypatch, capsys):
     gone = tmp_path / 'gone'
     gone.mkdir()

@@ -7,6 +7,7 @@ import pytest
 
 import impact_damper_ros
 from impact_damper_ros.cli.simulate_rig import main
+from impact_damper_ros.cli.sweep_rig import main as sweep_rig
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 
@@ -53,3 +54,15 @@ def test_what_was_simulated_before_a_law_fails_is_written(capsys):
 def test_a_law_that_is_not_there_is_named(text, capsys):
     assert main(['paper', '--duration', '60', '--law', text]) == 2
     assert f'the law {text}' in capsys.readouterr().err.replace("'", '')
+
+
+@pytest.mark.usefixtures('example')
+def test_a_sweep_says_once_that_a_law_is_slow(capsys):
+    pytest.importorskip('numba')
+    source = Path('my_laws.py').read_text() + '\n\nimport numba\n\nfast = numba.njit(catch)\n'
+    Path('swept_laws.py').write_text(source)
+    brief = '--vary gap=20,30 --set gap_control_rate=5 --cycles 1 --watch 21 --no-search --jobs 1'
+    for law, noted in (('fast', 0), ('catch', 1)):
+        words = ['--law', f'swept_laws:{law}', '-o', f'{law}.csv']
+        assert sweep_rig(['paper', *brief.split(), *words]) == 0
+        assert capsys.readouterr().err.count('with @numba.njit before its def') == noted

@@ -304,11 +304,35 @@ def test_output_in_a_directory_that_is_not_there(tmp_path, capsys):
     assert 'is not a directory: make it' in capsys.readouterr().err
 
 
-def test_without_pyarrow_says_what_to_install(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'pyarrow', None)
-    monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
+def test_without_pyarrow(tmp_path, capsys, monkeypatch):
+    """Parquet says what to install; CSV does not need it, and is the same table."""
+    with_pyarrow, without = tmp_path / 'with.csv', tmp_path / 'without.csv'
+    assert run(*BRIEF, '-o', with_pyarrow, '--json', tmp_path / 'with.json') == 0
+    for name in ('pyarrow', 'pyarrow.parquet'):
+        monkeypatch.setitem(sys.modules, name, None)
     assert run('--vary', 'gap=1,2', '-o', tmp_path / 'a.parquet') == 2
-    assert 'extra [sweep]' in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert '"pip install pyarrow", or give the table a name that ends in .csv' in said
+    for _ in range(2):  # made, and read again
+        assert run(*BRIEF, '-o', without, '--json', tmp_path / 'without.json') == 0
+    assert without.read_bytes() == with_pyarrow.read_bytes()
+    one, other = (json.loads((tmp_path / f'{n}.json').read_text()) for n in ('with', 'without'))
+    assert one == other
+
+
+@pytest.mark.parametrize('name', ['a.csv', 'a.parquet'])
+@pytest.mark.parametrize('lost', [5, 300])
+def test_a_table_that_is_cut_short(tmp_path, capsys, name, lost):
+    words = ('--vary', 'gap=1,2', '-o', tmp_path / name, '--quiet')
+    assert run(*words) == 0
+    whole = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(whole[:-lost])
+    assert run(*words) == 2
+    said = capsys.readouterr().err
+    assert 'is not' in said
+    assert 'give another --output, or --overwrite it' in said
+    assert run(*words, '--overwrite') == 0
+    assert (tmp_path / name).read_bytes() == whole
 
 
 def test_without_distributed_says_what_to_install(tmp_path, capsys, monkeypatch):

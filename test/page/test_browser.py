@@ -174,12 +174,25 @@ def test_a_knob_turned_elsewhere_is_seen(opened, parameters):
     until(lambda: parameters.get('gap') == 0.023, lambda: parameters.get('gap'))
 
 
+def test_a_turned_knob_keeps_its_unit(opened, parameters):
+    """Who has typed millimetres would set metres with the next number."""
+    page = opened()
+    page.type('#knob-gap', '600')
+    until(lambda: parameters.get('gap') == 0.6, lambda: parameters.get('gap'))
+    assert page.run("document.querySelector('#knob-gap').value") == '600'
+    page.type('#knob-gap', '24')
+    until(lambda: parameters.get('gap') == 0.024, lambda: parameters.get('gap'))
+
+
 def test_the_words_of_a_rejection(opened, parameters):
     page = opened()
     page.type('#knob-gap', '-5')
     page.wait("!document.querySelector('#knob-gap-error').hidden", LONG)
     said = page.text('#knob-gap-error')
-    assert said == parameters.set(gap=-0.005)
+    words, own = said.split(' (')
+    assert words == parameters.set(gap=-0.005)
+    # In the unit that was typed, too
+    assert re.fullmatch(r'here in mm: .+ to .+ mm\)', own)
     assert 'give a number from' in said
     assert page.run("document.querySelector('#knob-gap').getAttribute('aria-invalid')") == 'true'
     assert parameters.get('gap') == 0.024
@@ -723,7 +736,7 @@ def test_the_report_of_a_comparison_opens_in_the_page(browser, recorded):
     page, row = recorded
     name = page.run(f"document.querySelector('{row}').dataset.name")
     page.click(f'{row} [data-compare]')
-    page.wait(f"document.querySelector('{row} [data-compare]').disabled")
+    page.wait(f"document.querySelector('{row} [data-compare]').textContent.startsWith('Cancel (')")
     page.wait("document.querySelector('#report').open", 4.0 * LONG)
     assert name in page.text('#report-title')
     assert not page.run("document.querySelector('#recordings').open")

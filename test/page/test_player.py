@@ -1,5 +1,6 @@
 """Recordings: played to their end, cut ones too, with jumps and another rig beside."""
 
+import asyncio
 import base64
 import json
 import math
@@ -359,6 +360,23 @@ async def test_a_comparison_is_shown_in_the_page(runs):
         assert 'script' not in policy
         assert b'<!doctype html>' in report.body.lower()
         assert (await get(server, '/reports/run/other.html')).code == 404
+
+
+@in_loop
+async def test_a_comparison_is_cancelled(runs):
+    async with serving(runs) as server, opened(server, '/ws?bag=run') as page:
+        await page.next('hello')
+        path, own = '/recordings/run/compare', {'Origin': url(server, '')}
+        assert (await get(server, path, method='DELETE', headers=own)).code == 409
+        assert (await get(server, path, method='DELETE')).code == 403
+        await get(server, path, method='POST', body='', headers=own)
+        while server.recordings._comparing.get('run') is None:
+            await asyncio.sleep(0.01)
+        assert (await get(server, path, method='DELETE', headers=own)).code == 202
+        done = await page.next('compare_done')
+        assert (done['ok'], done['text']) == (False, 'the comparison of run was cancelled')
+        assert (await get(server, path, method='POST', body='', headers=own)).code == 202
+        assert (await page.next('compare_done', after=1))['ok']
 
 
 @in_loop

@@ -28,7 +28,7 @@ from impact_damper_ros.report.formatting import (
 )
 from impact_damper_ros.report.glossary import TERMS, linked
 from impact_damper_ros.rig import InitialConditions
-from impact_damper_ros.wording import counted
+from impact_damper_ros.rig.quoting import counted
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 

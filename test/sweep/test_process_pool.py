@@ -1,8 +1,10 @@
 """The processes that compute: Ctrl-C is not for them, and they do not outlive their parent."""
 
+import logging
 import math
 import os
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -30,3 +32,14 @@ def test_numbers_of_processes(make, jobs):
 def test_any_kind_of_whole_number():
     with LocalWorkers(np.int64(2)) as workers:
         assert workers.at_once == 4
+
+
+def test_what_the_processes_log_is_logged_here_once(caplog):
+    warn = logging.getLogger('impact_damper_ros.rig').warning
+    with ProcessPool(2) as pool:
+        for text in (*8 * ['this takes long'], 'the last one'):
+            pool.submit(warn, text).result(60)
+        while 'the last one' not in caplog.text:
+            time.sleep(0.01)
+    said = [record.getMessage() for record in caplog.records]
+    assert said == ['this takes long', 'the last one']

@@ -226,9 +226,17 @@ class Knob {
   /** Show why a value was rejected, in the words of the node. */
   fail(reason) {
     this.error.hidden = !reason;
-    write(this.error, reason ?? '');
+    write(this.error, reason?.includes(': give a number from') ? `${reason}${this.inOwnUnit()}` : reason ?? '');
     this.input.setAttribute('aria-invalid', reason ? 'true' : 'false');
     this.place.classList.toggle('wrong', Boolean(reason));
+  }
+
+  /** The range in the unit of the knob, where the node speaks of another one. */
+  inOwnUnit() {
+    const { min, max } = this.descriptor;
+    const { unit, factor } = this.shown;
+    if (factor === 1 || min === null || min === undefined) return '';
+    return ` (here in ${unit}: ${digits(min * factor, 1)} to ${digits(max * factor, 1)} ${unit})`;
   }
 
   /** Take in a value that the rig has. */
@@ -334,7 +342,9 @@ export class Knobs {
     if ('gap' in values || 'primary_mass' in values || 'stiffness' in values) {
       const find = (name) => this.knobs.find((knob) => knob.descriptor.name === name)?.value;
       const natural = Math.sqrt(find('stiffness') / find('primary_mass')) / TAU || 0;
-      const scale = lengthUnit(find('gap') ?? 1);
+      // A knob that is turned keeps its unit: who has typed millimetres types millimetres next.
+      const many = Object.keys(values).length > 2;
+      const scale = many ? lengthUnit(find('gap') ?? 1) : this.scale;
       const far = Math.abs(Math.log((natural || 1) / (this.natural || 1))) > 0.05;
       anew = scale.unit !== this.scale.unit || far;
       this.natural = natural;

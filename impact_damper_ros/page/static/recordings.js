@@ -1,6 +1,6 @@
 // The recordings: play, download, compare with theory.
 
-import { byId, element, toast, write } from './dom.js';
+import { byId, element, mark, toast, write } from './dom.js';
 import { bytes, clock } from './format.js';
 
 /** Day and time of a recording, from seconds or as it is. */
@@ -17,7 +17,9 @@ function dated(start) {
 export class Recordings {
   constructor(play) {
     this.play = play;
-    this.busy = new Set();
+    // Comparisons under way, and when they began, ms.
+    this.busy = new Map();
+    setInterval(() => { if (this.busy.size) this.show(this.list); }, 1000);
     this.list = [];
     this.rows = new Map();
     byId('recordings-open').addEventListener('click', () => {
@@ -53,8 +55,10 @@ export class Recordings {
     write(row.querySelector('strong'), one.title ?? one.name);
     write(row.querySelector('p'), about.filter((text) => text !== null && text !== undefined && text !== '–').join(' · '));
     const compare = row.querySelector('[data-compare]');
-    compare.disabled = this.busy.has(one.name);
-    write(compare, compare.disabled ? 'Comparing…' : 'Compare');
+    const begun = this.busy.get(one.name);
+    const busy = begun !== undefined;
+    write(compare, busy ? `Cancel (${Math.round((performance.now() - begun) / 1000)} s)` : 'Compare');
+    mark(compare, 'aria-label', busy ? `Cancel the comparison of ${one.name}` : `Compare ${one.name} with theory`);
     return row;
   }
 
@@ -76,7 +80,11 @@ export class Recordings {
   }
 
   async compare(name) {
-    this.busy.add(name);
+    if (this.busy.has(name)) {
+      await fetch(`/recordings/${encodeURIComponent(name)}/compare`, { method: 'DELETE' }).catch(() => {});
+      return;
+    }
+    this.busy.set(name, performance.now());
     this.show(this.list);
     try {
       const answer = await fetch(`/recordings/${encodeURIComponent(name)}/compare`, { method: 'POST' });

@@ -198,6 +198,21 @@ def run_case(case: Case) -> Measured:
     return meter.result(stretches[-1][1] - meter.ticks, peaks)
 
 
+#: What 1000 natural periods take, s of an idle core: at resonance, under broadband excitation, and
+#: how many times as long with the predictive law; and what reading the compiled code takes.
+_SECONDS, _SECONDS_BROADBAND, _PREDICTIVE = 0.05, 0.15, 6.0
+
+
+def cost_of(case: Case) -> float:
+    """Return how long a run takes on an idle core, compiled, s."""
+    periods = case.settle + case.watch
+    if case.intervals:
+        periods = case.intervals[-1] * case.rig.omega / math.tau
+    broadband = case.rig.multisine_level > 0.0
+    cost = 1e-3 * periods * (_SECONDS_BROADBAND if broadband else _SECONDS)
+    return cost * (_PREDICTIVE if case.control.gap_control == 'predictive' else 1.0)
+
+
 #: The best fixed gap at 1 N for each angle, over the optimal gap of the ideal amplitude.
 _Shares = Mapping[int, float]
 

@@ -194,6 +194,17 @@ def figure_of(name: str) -> str:
     return figure
 
 
+#: What a value of a series with two impacts per cycle costs, s of an idle core, all in all; what
+#: one with three or four impacts, or an optimum, costs in such values.
+SECONDS_PER_VALUE = 0.1
+_COST_OF_MANY, COST_OF_OPTIMUM = 8, 8
+
+
+def cost_of(plan: SeriesPlan) -> int:
+    """Return how much work a series is, in values of one with two impacts per cycle."""
+    return len(plan.values) * (_COST_OF_MANY if max(plan.impacts) > 2 else 1)
+
+
 #: Gaps searched, m: all with stable motions of two impacts per cycle at r = 1.
 _GAPS, _GAP_COUNT = (35.0, 62.0), 16
 
