@@ -555,6 +555,32 @@ def _first_in_joint(flight: Flight, tau: float, limit: float, most: int) -> Flig
     return unfinished(NO_EVENT, tau)
 
 
+@kernel
+def _end_on_stop(flight: Flight, kind: int, tau: float) -> FlightEnd:
+    """Return the end of a flight by a contact at a root that certified steps have found."""
+    motion: Motion = motion_at(flight, tau)
+    side = 1.0 if kind == CONTACT_1 else -1.0
+    clearance = flight.clearance_1 if kind == CONTACT_1 else flight.clearance_2
+    opening = side * (flight.stop_velocity_1 if kind == CONTACT_1 else flight.stop_velocity_2)
+    closing = side * motion.relative_velocity - opening
+    # Late in a flight m moves by more than its round-off in the last digit of the time.
+    change = 0.0
+    if closing > 0.0:
+        change = (clearance + opening * tau - side * motion.travel) / closing
+        most = 4.0 * _EPSILON * tau
+        change = min(max(change, -most), most)
+    return FlightEnd(
+        kind,
+        tau,
+        motion.x + change * motion.velocity,
+        motion.velocity + change * motion.x_2,
+        motion.travel + change * motion.relative_velocity,
+        motion.relative_velocity + change * motion.relative_2,
+        -closing,
+        True,
+    )
+
+
 @kernel(inline=True)
 def flight_end(flight: Flight, searched: float, limit: float, most: int = ALL_STEPS) -> FlightEnd:
     """
@@ -582,7 +608,9 @@ def flight_end(flight: Flight, searched: float, limit: float, most: int = ALL_ST
         end = _first_in_motion(flight, searched, until, most)
     if end.tau > flight.deadline:
         end = unfinished(flight.deadline_kind, flight.deadline)
-    if end.kind != NO_EVENT and not end.finished:
+    if end.kind in (CONTACT_1, CONTACT_2) and not (end.finished or flight.joint):
+        end = _end_on_stop(flight, end.kind, end.tau)
+    elif end.kind != NO_EVENT and not end.finished:
         end = end_at(flight, end.kind, end.tau)
     return end
 

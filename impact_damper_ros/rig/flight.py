@@ -416,7 +416,7 @@ def _far_motion(flight: Flight, tau: float) -> Motion:
     b = oscillator.frequency
     omega_squared = oscillator.omega_squared
     constant = flight.constant
-    free: Free = free_response(a, b, oscillator.inverse, tau)
+    free: Free = free_response(oscillator, tau)
     x = flight.x * free.step + flight.velocity * free.impulse
     x += constant / omega_squared * (1.0 - free.step)
     velocity = flight.velocity * free.rate

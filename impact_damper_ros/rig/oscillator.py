@@ -15,8 +15,9 @@ From one point of the grid to the next, X, X' and the drive are multiplied by co
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import Context, Decimal, localcontext
 from functools import lru_cache
-from math import cos, expm1, inf, sin, sqrt
+from math import cos, expm1, frexp, inf, ldexp, sin, sqrt
 from typing import NamedTuple
 
 from .kernels import kernel
@@ -83,36 +84,75 @@ class Harmonic(NamedTuple):
     near_im: float
     far_re: float
     far_im: float
-    push: float = 0.0
-    turn: float = 0.0
-    turn_cosine: float = 1.0
-    turn_sine: float = 0.0
-    x_cosine: float = 0.0
-    x_sine: float = 0.0
-    v_cosine: float = 0.0
-    v_sine: float = 0.0
-
-    def stepped(
-        self, decay: float, frequency: float, omega_squared: float, free: Free, step: float
-    ) -> Harmonic:
-        """Return the harmonic with the constants for one step of the grid."""
-        inverse = 1.0 / frequency
-        response = driven_response(decay, frequency, inverse, omega_squared, self, free, step)
-        return self._replace(
-            push=self.force * step * step,
-            turn=self.frequency * step,
-            turn_cosine=response.turned_cosine,
-            turn_sine=response.turned_sine,
-            x_cosine=self.force * response.sine,
-            x_sine=self.force * response.cosine,
-            v_cosine=self.force * response.rate_sine,
-            v_sine=self.force * response.rate_cosine,
-        )
+    push: float
+    turn: float
+    turn_cosine: float
+    turn_sine: float
+    x_cosine: float
+    x_sine: float
+    v_cosine: float
+    v_sine: float
 
 
-def make_harmonic(decay: float, frequency: float, force: float, circular: float) -> Harmonic:
-    """Return a harmonic without what it does in a step."""
-    detuning = circular - frequency
+_NOTHING = Decimal(0)
+#: Terms of the series of a step: the last one is below 1e-30.
+_TERMS = 32
+_EXACT = Context(prec=30)
+
+
+class ExactStep(NamedTuple):
+    """
+    A step of the grid in decimal arithmetic, for constants that are right to the last digit.
+
+    Errors of these constants act at each step in the same sense, and would grow with their number.
+
+    Attributes
+    ----------
+    span : Decimal
+        The step, s.
+    spring, dashpot : Decimal
+        Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
+    """
+
+    span: Decimal
+    spring: Decimal
+    dashpot: Decimal
+
+    def after(
+        self,
+        x: float = 0.0,
+        velocity: float = 0.0,
+        push: Decimal = _NOTHING,
+        turn: Decimal = _NOTHING,
+        sine: int = 0,
+        cosine: int = 0,
+    ) -> tuple[float, float]:
+        """
+        Return X and X' a step later.
+
+        `push` and `turn` are those of a `Harmonic`, `sine` and `cosine` those of its phase.
+        """
+        last, following = Decimal(x), Decimal(velocity) * self.span
+        even, odd = push * sine, push * turn * cosine
+        total, rate = last + following, following
+        turned = -turn * turn
+        inverse = Decimal(1)
+        for n in range(2, _TERMS):
+            last, following = following, even - self.spring * last - self.dashpot * following
+            even, odd = odd, turned * even
+            inverse /= n
+            part = following * inverse
+            total += part
+            rate += part * n
+        return float(total), float(rate / self.span)
+
+
+def make_harmonic(
+    decay: float, damped: Decimal, force: float, circular: float, step: ExactStep
+) -> Harmonic:
+    """Return a harmonic with what it does in a step of the grid."""
+    frequency = float(damped)
+    detuning = float(Decimal(circular) - damped)
     total = circular + frequency
     if circular > 2.0 * frequency:
         real = decay * decay + frequency * frequency - circular * circular
@@ -123,19 +163,56 @@ def make_harmonic(decay: float, frequency: float, force: float, circular: float)
     if near > 0.0:
         real, imaginary = real / near, imaginary / near
     far = decay * decay + total * total
-    return Harmonic(force, circular, detuning, real, imaginary, decay / far, total / far)
+    push, turn = step.span * step.span * Decimal(force), step.span * Decimal(circular)
+    turn_cosine, turn_sine = cos(turn), sin(turn)
+    if force != 0.0 and circular != 0.0:
+        # A rotation is a vibration without dashpot.
+        turn_cosine, rate = ExactStep(step.span, turn * turn, _NOTHING).after(x=1.0)
+        turn_sine = -rate / circular
+    x_cosine, v_cosine = step.after(push=push, turn=turn, cosine=1)
+    x_sine, v_sine = step.after(push=push, turn=turn, sine=1)
+    return Harmonic(
+        force=force,
+        frequency=circular,
+        detuning=detuning,
+        near_re=real,
+        near_im=imaginary,
+        far_re=decay / far,
+        far_im=total / far,
+        push=float(push),
+        turn=float(turn),
+        turn_cosine=turn_cosine,
+        turn_sine=turn_sine,
+        x_cosine=x_cosine,
+        x_sine=x_sine,
+        v_cosine=v_cosine,
+        v_sine=v_sine,
+    )
+
+
+# Splits a number in two halves, whose products are exact (Dekker 1971)
+_SPLIT = 134217729.0
 
 
 @kernel(inline=True)
-def free_response(decay: float, frequency: float, inverse: float, tau: float) -> Free:
+def free_response(oscillator: Oscillator, tau: float) -> Free:
     """Return the free vibration after a time."""
-    phase = frequency * tau
+    phase = oscillator.frequency * tau
+    # What the phase lacks: after many cycles its last digit is that of many small angles.
+    large = _SPLIT * tau
+    large -= large - tau
+    small = tau - large
+    upper = oscillator.frequency_upper
+    lower = oscillator.frequency - upper
+    left = ((upper * large - phase) + upper * small + lower * large) + lower * small
+    left += oscillator.frequency_low * tau
     sine = sin(phase)
     cosine = cos(phase)
-    less = expm1(-decay * tau)
+    sine, cosine = sine + left * cosine, cosine - left * sine
+    less = expm1(-oscillator.decay * tau)
     envelope = 1.0 + less
-    impulse = envelope * sine * inverse
-    damped = decay * impulse
+    impulse = envelope * sine * oscillator.inverse
+    damped = oscillator.decay * impulse
     return Free(
         sine,
         cosine,
@@ -209,6 +286,8 @@ def driven_response(
 
 #: Length of a step, as a phase of the fastest of spring and harmonics, rad.
 _STEP = 1.2
+#: Binary digits of this length.
+_STEP_DIGITS = 20
 #: Points reached from one base. The bounds grow with their number, round-off with its square root.
 _POINTS = 5
 
@@ -274,25 +353,27 @@ def make_grid(
     omega: float,
     decay: float,
     drive: Sequence[tuple[float, float]],
-    free: Free,
     step: float,
+    exact: ExactStep,
 ) -> Grid:
-    """Return the grid of an oscillator, from its free vibration after a step."""
+    """Return the grid of an oscillator."""
+    x_x, v_x = exact.after(x=1.0)
+    x_v, v_v = exact.after(velocity=1.0)
     bounds = [drive_bound(omega, decay, drive, order, _POINTS * step) for order in (3, 4, 5, 6)]
     return Grid(
         step=step,
         inverse=1.0 / step,
         points=_POINTS,
-        x_x=free.step,
-        v_x=-(omega * omega) * free.impulse,
-        x_v=free.impulse,
-        v_v=free.rate,
+        x_x=x_x,
+        v_x=v_x,
+        x_v=x_v,
+        v_v=v_v,
         bound_3=bounds[0],
         bound_4=bounds[1],
         bound_5=bounds[2],
         bound_6=bounds[3],
-        spring=(omega * step) * (omega * step),
-        dashpot=2.0 * decay * step,
+        spring=float(exact.spring),
+        dashpot=float(exact.dashpot),
     )
 
 
@@ -308,6 +389,8 @@ class Oscillator(NamedTuple):
     ----------
     decay, frequency, inverse, omega_squared : float
         Constants a, b, 1/b and w^2 of the equation of motion.
+    frequency_upper, frequency_low : float
+        The upper half of the digits of `frequency`, and what it lacks to b.
     harmonics : tuple of Harmonic
         The drive.
     fastest : float
@@ -325,6 +408,8 @@ class Oscillator(NamedTuple):
 
     decay: float
     frequency: float
+    frequency_upper: float
+    frequency_low: float
     inverse: float
     omega_squared: float
     harmonics: tuple[Harmonic, ...]
@@ -349,27 +434,37 @@ def make_oscillator(
     omega_squared = stiffness / mass
     omega = sqrt(omega_squared)
     decay = damping / (2.0 * mass)
-    frequency = sqrt((omega - decay) * (omega + decay))
     drive = [(a / mass, w) for a, w in zip(amplitudes, frequencies, strict=True)]
     fastest = max([omega, *(w for f, w in drive if f != 0.0 and w != 0.0)])
     horizon = 2.0 / omega
     bounds = [drive_bound(omega, decay, drive, order, horizon) for order in (3, 4, 5)]
-    step = _STEP / fastest
-    free = free_response(decay, frequency, 1.0 / frequency, step)
-    harmonics = [make_harmonic(decay, frequency, *one) for one in drive]
+    digits, exponent = frexp(_STEP / fastest)
+    # So few digits that the times of the points of the grid are exact
+    step = ldexp(round(digits * 2.0**_STEP_DIGITS), exponent - _STEP_DIGITS)
+    with localcontext(_EXACT):
+        span = Decimal(step)
+        spring, dashpot = Decimal(stiffness) / Decimal(mass), Decimal(damping) / Decimal(mass)
+        exact = ExactStep(span, spring * span * span, dashpot * span)
+        damped = (spring - dashpot * dashpot / 4).sqrt()
+        frequency = float(damped)
+        low = float(damped - Decimal(frequency))
+        harmonics = tuple(make_harmonic(decay, damped, *one, exact) for one in drive)
+        grid = make_grid(omega, decay, drive, step, exact)
     return Oscillator(
         decay=decay,
         frequency=frequency,
-        inverse=1.0 / frequency,
+        frequency_upper=frequency * _SPLIT - (frequency * _SPLIT - frequency),
+        frequency_low=low,
+        inverse=float(1 / damped),
         omega_squared=omega_squared,
-        harmonics=tuple(one.stepped(decay, frequency, omega**2, free, step) for one in harmonics),
+        harmonics=harmonics,
         fastest=fastest,
         taylor_limit=_TAYLOR_REACH / fastest,
         horizon=horizon,
         bound_3=bounds[0],
         bound_4=bounds[1],
         bound_5=bounds[2],
-        grid=make_grid(omega, decay, drive, free, step),
+        grid=grid,
     )
 
 
