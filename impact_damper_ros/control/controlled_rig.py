@@ -18,6 +18,7 @@ from impact_damper_ros.rig import (
     Sample,
     Simulator,
 )
+from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event import MOST_TOGETHER, EventRows
 from impact_damper_ros.rig.simulator import Snapshot
 from impact_damper_ros.rig.state_checks import SAME_TIME, check_whole
@@ -105,6 +106,7 @@ class ControlledRig(Simulator):
         law: Law | None = None,
     ) -> None:
         """Start the rig."""
+        need(GapControlParameters, or_none=True, control=control)
         self._law = own_law_of(law)
         default = GapControlParameters(gap_control='off' if law is None else 'timed')
         self._gap_control = control or default
@@ -296,6 +298,8 @@ class ControlledRig(Simulator):
         movements; an active law moves them from there. Switching the control off sends them back
         to the gap by the actuators. Another law begins anew, with the present amplitude.
         """
+        need(RigParameters, parameters=parameters)
+        need(GapControlParameters, or_none=True, control=control)
         self._records = []
         before, old = self._parameters, self._gap_control
         own = self._law is not None

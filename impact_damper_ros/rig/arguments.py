@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from math import inf, nan
 from pathlib import Path
+from typing import Any
 
 from .quoting import shown
 
@@ -35,6 +37,20 @@ def need_call(*, or_none: bool = False, **given: object) -> None:
             raise TypeError(
                 f'{name} is {shown(value)}: give a function{" or None" if or_none else ""}'
             )
+
+
+def as_float(value: Any) -> float:
+    """
+    Return a number as a float, one too large as infinity, and NaN for what is no number.
+
+    A float32 would otherwise have its few digits in all that is computed with it.
+    """
+    try:
+        return float(value) if hasattr(value, '__float__') else nan
+    except (TypeError, ValueError):
+        return nan
+    except OverflowError:
+        return inf if value > 0 else -inf
 
 
 def path_of(name: str, value: object) -> Path:

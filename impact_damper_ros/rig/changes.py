@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from math import inf, isnan
 
+from .arguments import as_float
 from .kernels import kernel
 from .mode import RigConstants
 from .origin import Origin, locked, offset_of
 from .parameter_spec import ParameterError
+from .quoting import shown
 
 
 def regapped(here: Origin, rig: RigConstants) -> Origin:
@@ -89,10 +91,10 @@ def check_command(one_sided: bool, stop: int, target: float, speed: float) -> No
             name,
             f'{name} is {target!r} m but the rig is one-sided: give None, or one_sided: false',
         )
-    if not -_FARTHEST <= target <= _FARTHEST:
+    if not -_FARTHEST <= as_float(target) <= _FARTHEST:
         raise ParameterError(
             name,
-            f'{name} is {target!r} m: give the place Y where it is to go, a number from '
+            f'{name} is {shown(target)} m: give the place Y where it is to go, a number from '
             f'{-_FARTHEST:g} to {_FARTHEST:g} m',
         )
     if isnan(speed) or speed < _SLOWEST:

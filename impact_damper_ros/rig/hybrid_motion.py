@@ -8,9 +8,10 @@ ahead of the present time.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import ceil, inf, nan, ulp
+from math import ceil, inf, ulp
 from typing import Any, ClassVar
 
+from .arguments import as_float
 from .contact import ALL_STEPS, flight_end
 from .crossing import sided
 from .event import MOST_TOGETHER, Event, EventKind, EventRows, Sample, make_event
@@ -52,20 +53,6 @@ class RunawayError(RuntimeError):
             f'the rig has more than {count} events at once, at {time:.15g} s, and cannot be '
             f'followed any further: {_REMEDY}'
         )
-
-
-def as_float(value: Any) -> float:
-    """
-    Return a number as a float, one too large as infinity, and NaN for what is no number.
-
-    A float32 would otherwise have its few digits in all that is computed with it.
-    """
-    try:
-        return float(value) if hasattr(value, '__float__') else nan
-    except (TypeError, ValueError):
-        return nan
-    except OverflowError:
-        return inf if value > 0 else -inf
 
 
 def number_of_events(most_events: float) -> float:
@@ -322,6 +309,8 @@ class HybridMotion:
         self, times: Sequence[float], interrupted: Callable[[], bool] | None = None
     ) -> list[Sample]:
         """Return the motion at those of the later instants that the present flight reaches."""
+        if not hasattr(times, '__len__'):
+            raise TypeError(f'times is {shown(times)}: give a list of instants, s')
         times = [as_float(time) for time in times]
         until = min(self._foresee(max(times, default=-inf), interrupted), self._step_due)
         if interrupted is None or len(self._constants.phases) < _MANY_HARMONICS:

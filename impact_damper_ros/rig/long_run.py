@@ -25,6 +25,7 @@ from .kernels import compiled as compile_kernels
 from .mode import Mode, RigConstants, launch, rig_constants
 from .origin import Origin
 from .parameters import InitialConditions, RigParameters
+from .quoting import shown
 from .run_loop import DONE, FULL, ROWS_AT_ONCE, RUNAWAY, SPENT, Progress, run_through
 from .simulator import Simulator, Snapshot
 
@@ -431,7 +432,10 @@ class LongRun:
         state = self._state
         most = int(min(number_of_events(most_events), _MOST))
         time = later_time(time, state.time)
-        when = np.array(instants, dtype=float).reshape(-1)
+        try:
+            when = np.array(instants, dtype=float).reshape(-1)
+        except (OverflowError, TypeError, ValueError) as error:
+            raise ValueError(f'instants are {shown(instants)}: give a list of times, s') from error
         in_order = bool(np.all(when[1:] >= when[:-1]))
         if len(when) and not (in_order and when[0] >= state.time and when[-1] <= time):
             raise ValueError(

@@ -13,12 +13,13 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from .arguments import need, path_of
 from .parameter_spec import ParameterError
 from .parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, RigParameters
 from .quoting import named, shown
@@ -380,7 +381,8 @@ def load_parameters(
     ParameterError
         If a value is not admissible.
     """
-    path = preset_file(Path(fspath(path)))
+    need(str, node=node)
+    path = preset_file(path_of('path', path))
     try:
         tree = guarded_yaml(path)
     except OSError as error:

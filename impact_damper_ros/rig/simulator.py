@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import inf, nan, ulp
 from typing import Any, NamedTuple, Self
 
+from .arguments import as_float, need
 from .changes import changed, check_command, kept_angles
 from .crossing import sided
 from .event import Event, EventKind, EventRows
@@ -212,6 +213,8 @@ class Simulator(HybridMotion):
         time: float = 0.0,
     ) -> None:
         """Start the rig."""
+        need(RigParameters, parameters=parameters)
+        need(InitialConditions, or_none=True, initial=initial)
         constants = rig_constants(parameters, frequency_at(parameters, 0))
         self._start(parameters, constants, initial or InitialConditions(), starting_time(time))
 
@@ -276,6 +279,7 @@ class Simulator(HybridMotion):
         and ends their movements. A stop that would pass m is placed at m instead; m hits it if m
         moves outwards, and the stop follows if m moves inwards.
         """
+        need(RigParameters, parameters=parameters)
         if parameters == self._parameters:
             return []
         before = self._parameters
@@ -331,6 +335,7 @@ class Simulator(HybridMotion):
         and the impact that ends its motion there is plastic.
         """
         constants = self._constants
+        speed = as_float(speed)
         for stop, target in ((1, stop_1), (2, stop_2)):
             if target is not None:
                 check_command(constants.one_sided, stop, target, speed)

@@ -3,17 +3,23 @@
 import json
 import math
 from fractions import Fraction
+from itertools import repeat
 
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.control import ControlledRig, ControlledRun
+from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.rig import (
     GapControlParameters,
     InitialConditions,
     Mode,
     RigParameters,
     Simulator,
+    described,
+    frequency_hint,
+    load_parameters,
+    robot_description,
 )
 from impact_damper_ros.rig.certificate import safe_step
 from impact_damper_ros.rig.long_run import LongRun
@@ -238,3 +244,36 @@ def test_a_time_at_which_floats_are_far_apart():
     words = r'time is 10000000000000.0 s, where floats are 0.00195 s apart, .* up to 1.42e\+11 s'
     with pytest.raises(ValueError, match=words):
         Simulator.restore(held)
+
+
+BEYOND_FLOATS = 10**400
+REFUSED = {
+    'Simulator(None)': lambda: Simulator(None),
+    'Simulator(initial)': lambda: Simulator(LEVEL, {'gap': 3}),
+    'LongRun(None)': lambda: LongRun(None, compiled=False),
+    'ControlledRig(None)': lambda: ControlledRig(None),
+    'ControlledRig(control)': lambda: ControlledRig(LEVEL, control='timed'),
+    'ControlledRun(None)': lambda: ControlledRun(None, compiled=False),
+    'change(None)': lambda: Simulator(LEVEL).change(None),
+    'change(control)': lambda: ControlledRig(LEVEL).change(LEVEL, 'timed'),
+    'described(None)': lambda: described(None),
+    'frequency_hint(None)': lambda: frequency_hint(None),
+    'frequency_hint(varied)': lambda: frequency_hint(LEVEL, repeat(1)),
+    'robot_description(None)': lambda: robot_description(None),
+    'robot_description(gap_max)': lambda: robot_description(LEVEL, None),
+    'preview(endless)': lambda: Simulator(LEVEL).preview(repeat(1.0)),
+    'preview(None)': lambda: Simulator(LEVEL).preview(None),
+    'move_stops(far)': lambda: Simulator(LEVEL).move_stops(BEYOND_FLOATS, None),
+    'move_stops(speed)': lambda: Simulator(LEVEL).move_stops(1.0, None, None),
+    'instants': lambda: LongRun(LEVEL, compiled=False).advance(1.0, BEYOND_FLOATS),
+    'load_parameters(None)': lambda: load_parameters(None),
+    'load_parameters(null)': lambda: load_parameters('\0'),
+    'load_parameters(node)': lambda: load_parameters('bench_rig', math.nan),
+    'law': lambda: OwnLaw.from_text(None),
+}
+
+
+@pytest.mark.parametrize('call', REFUSED.values(), ids=REFUSED)
+def test_what_is_no_argument_is_named_and_refused(call):
+    with pytest.raises((TypeError, ValueError), match=r'\w+ (is|are) .*: (give|no path)'):
+        call()
