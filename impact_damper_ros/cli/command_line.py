@@ -57,11 +57,6 @@ def say(command: str, message: object) -> None:
         print(line, file=sys.stderr)
 
 
-#: How the notice begins that kernels are compiled, and how long that takes.
-_COMPILING = 'compiling the simulator'
-_COMPILING_TAKES = 'some 15 s on an idle core, 25 s under gap control'
-
-
 class _Notices(logging.Handler):
     """Print what the library logs, in whichever process, as lines of a command; each line once."""
 
@@ -72,8 +67,6 @@ class _Notices(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         text = record.getMessage()
-        if text.startswith(_COMPILING):
-            text += f' ({_COMPILING_TAKES})'
         if text not in self._said:
             self._said.add(text)
             say(self._command, text)

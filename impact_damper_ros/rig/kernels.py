@@ -142,13 +142,23 @@ def _reported(text: str) -> Iterator[None]:
 
 @contextmanager
 def compiling_alone(stamp: Path | None, form: str) -> Iterator[None]:
-    """Let one process at a time compile a form of the kernels; the others load its result."""
+    """
+    Let one process at a time compile a form of the kernels; the others load its result.
+
+    Where the compiled code cannot be kept, as on a full disk, it serves this process alone.
+    """
     text = (
         'compiling the simulator, or waiting for another process that does: once for each '
-        'version; on a slow or busy machine this takes minutes'
+        'version (some 15 s on an idle core, 25 s under gap control; minutes on a busy machine)'
     )
-    with _reported(text), _locked(stamp, form):
-        yield
+    try:
+        with _reported(text), _locked(stamp, form):
+            yield
+    except OSError as error:
+        logging.getLogger(__package__).warning(
+            'the compiled code cannot be kept (%s): the next process compiles it again',
+            error.strerror or error,
+        )
 
 
 @contextmanager

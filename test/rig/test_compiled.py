@@ -1,6 +1,7 @@
 """Compiled kernels do the same arithmetic as the plain ones, to the last bit."""
 
 import ast
+import errno
 import inspect
 import random
 import textwrap
@@ -21,6 +22,7 @@ from impact_damper_ros.rig.flight import (
     motion_at,
 )
 from impact_damper_ros.rig.forcing import sines_and_cosines_of
+from impact_damper_ros.rig.kernels import compiling_alone
 from impact_damper_ros.rig.mode import CHATTER_1, launch
 from impact_damper_ros.rig.transition import resolve
 from rig.random_rigs import random_command, random_rig
@@ -128,7 +130,7 @@ def test_crossings_bit_for_bit(compiled):
     assert found > 100
 
 
-def test_sines_and_cosines_from_one_call_are_those_from_two(compiled):
+def test_two_results_along_tuples_and_arrays(compiled):
     numba = pytest.importorskip('numba')
     along = compiled['launch'].py_func.__globals__['sines_and_cosines_of']
     together = numba.njit(lambda phases, angles: along(phases, angles))
@@ -149,6 +151,13 @@ def test_sines_and_cosines_from_one_call_are_those_from_two(compiled):
 
 def test_a_kernel_of_numbers_alone(compiled):
     assert compiled['safe_step'](1.0, -1.0, 0.0, 0.0, 7.0) == pytest.approx(1.0, rel=2e-12)
+
+
+def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog):
+    """As on a full disk: numba saves after it has compiled."""
+    with compiling_alone(None, 'any'):
+        raise OSError(errno.EFBIG, 'File too large')
+    assert 'cannot be kept (File too large)' in caplog.text
 
 
 def test_names_are_unique():
