@@ -13,26 +13,36 @@ import pytest
 DOMAINS = 101
 
 # Files whose tests take longest. They come first, so that of several processes none is left with
-# one of them at the end, when the others have nothing more to do. Those that compile the same form
-# of a loop are apart: the second process would wait for the first.
+# one of them at the end, when the others have nothing more to do. The first ones compile a form
+# of the run loop each, which another process that needs the same form would wait for.
 LONGEST = (
+    'studies/test_gap_study.py',
     'rig/test_long_run.py',
     'page/test_browser.py',
-    'studies/test_gap_study.py',
-    'node/test_absurd_rigs.py',
-    'cli/test_readme.py',
-    'rig/test_stepped_sine.py',
-    'cli/test_compare_run.py',
     'control/test_compiled_control.py',
+    'rig/test_compiled.py',
     'control/test_controlled_run.py',
+    'node/test_absurd_rigs.py',
     'benchmarks/test_verdicts.py',
-    'orbits/test_enumeration.py',
+    'cli/test_readme.py',
     'bag/test_bag_check.py',
-    'bag/test_ros2_bags.py',
-    'bag/test_hostile_bags.py',
     'replay/test_replay.py',
-    'node/test_recorded_runs.py',
+    'report/test_comparison_report.py',
+    'cli/test_compare_run.py',
+    'bag/test_split_bags.py',
+    'bag/test_hostile_bags.py',
     'cli/test_demo.py',
+    'page/test_player.py',
+    'orbits/test_continuation.py',
+    'node/test_recorded_runs.py',
+    'bag/test_ros2_bags.py',
+    'orbits/test_enumeration.py',
+    'rig/test_contact.py',
+    'cli/test_reproduce_paper.py',
+    'cli/test_replay_run.py',
+    'page/test_live_page.py',
+    'page/test_theory.py',
+    'oracle/test_oracle.py',
 )
 
 # Kept open while the tests run; if they are killed, the kernel gives the name back.

@@ -103,12 +103,18 @@ def test_a_chunk_removed(bag, tmp_path, number, listing, capsys):
     assert replay_run([str(cut)]) == 3
     text = capsys.readouterr().out
     assert 'the bag is not whole: its statistics count 601 messages on /joint_states' in text
+    assert 'its summary names a chunk at byte' in text
+    if listing:
+        assert 'metadata.yaml counts 601 messages on /joint_states' in text
+
+
+def test_a_comparison_reports_a_chunk_removed(bag, tmp_path, capsys):
+    cut = altered(bag, tmp_path / 'bag', without_chunk(-1))
     assert compare_run([str(cut)]) == 3
     text = capsys.readouterr().out
     assert 'the bag is not whole: its statistics count 601 messages on /joint_states' in text
     assert 'its summary lists a chunk at byte' in text
-    if listing:
-        assert 'metadata.yaml counts 601 messages on /joint_states' in text
+    assert 'metadata.yaml counts 601 messages on /joint_states' in text
 
 
 @pytest.mark.parametrize(

@@ -21,12 +21,12 @@ from impact_damper_ros.replay.recorded_run import RecordedRun
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
-    """Record 7 s of a rig with some 300 impacts a second, by the package itself."""
+    """Record 4 s of a rig with some 300 impacts a second, by the package itself."""
     rig = RecordedRig().rig
     directory = tmp_path_factory.mktemp('bags') / 'run'
     parts = (rig.parameters, RecordedRig().initial, rig.control)
     values = {name: v for part in parts for name, v in part.as_dict().items()}
-    recorder = RigRecorder(directory, rig, values, 200.0, 7.0)
+    recorder = RigRecorder(directory, rig, values, 200.0, 4.0)
     for instant in recorder.ticks():
         recorder.happened(rig.advance(instant))
         recorder.reached(instant)

@@ -14,7 +14,7 @@ verdicts = import_module('verdicts')
 @pytest.mark.parametrize('factor', verdicts.FACTORS)
 @pytest.mark.parametrize('name', sorted(verdicts.KINDS))
 def test_altered_numbers_are_noticed(name, factor):
-    missed, fields = verdicts.altered_bags(name, 50, factor, 6, False)
+    missed, fields = verdicts.altered_bags(name, 50, factor, 3, False)
     assert not missed, fields
 
 
@@ -31,7 +31,7 @@ def test_altered_numbers_that_cannot_be_replayed(name):
 
     original, verdicts.one_place = verdicts.one_place, one_place
     try:
-        missed, fields = verdicts.altered_bags(name, 200, 1e300, 8, name == 'settled')
+        missed, fields = verdicts.altered_bags(name, 200, 1e300, 4, name == 'settled')
     finally:
         verdicts.one_place = original
     assert not missed, fields
@@ -51,6 +51,6 @@ def test_untouched_bags_are_not_doubted(number):
 
 @pytest.mark.parametrize('number', [0, 3])
 def test_no_stretch_of_a_soak_is_doubted(number):
-    stretches, doubted, faults, replayed = verdicts.soak(number, 25)
+    stretches, doubted, faults, replayed = verdicts.soak(number, 20)
     assert stretches > 10
     assert (doubted, faults, replayed) == (0, 0, 0)

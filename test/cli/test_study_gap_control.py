@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from control.controlled_rigs import run_in_one_form
 
 import impact_damper_ros
 from impact_damper_ros.cli.study_gap_control import main
@@ -22,10 +23,7 @@ def test_the_whole_study_in_small(tmp_path, monkeypatch, capsys):
         load_span=4.0,
     )  # fmt: skip
     monkeypatch.setattr(gap_study_plan.Extent, 'quick', classmethod(lambda _: small))
-    # One harmonic instead of many, for which another loop would have to be compiled.
-    # Broadband runs are in test/studies and test/control.
-    beside = gap_study_plan.RIG.replace(force_frequencies=[0.97])
-    monkeypatch.setattr(gap_study_plan, 'broadband_rig', lambda _seed: beside)
+    monkeypatch.setattr(gap_study_plan, 'run_case', run_in_one_form)
     assert main(['--quick', '--output', str(tmp_path / 'study'), '--jobs', '1']) == 0
     files = {path.name for path in (tmp_path / 'study').iterdir()}
     assert files == {'README.md', *(f'{figure}.png' for figure in FIGURES)}

@@ -12,6 +12,7 @@ from rig.random_rigs import random_rig
 
 from impact_damper_ros.control import ControlledRig, GapControlParameters
 from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.studies.gap_control.runs import Case, Measured, run_case
 
 #: zeta = 0.01, mu = 0.1, R = 0.5, at resonance and level: X = 50 without impacts.
 TRIAL = RigParameters(
@@ -29,12 +30,20 @@ def control(mode: str, **values: Any) -> GapControlParameters:
 
 def one_form_of_the_loop(patch: pytest.MonkeyPatch) -> None:
     """
-    Let every law run in the loop that also holds the predictive one.
+    Let every law run in the loop that holds the predictive one, for any number of harmonics.
 
-    The motion is the same, and the loop for any number of harmonics takes a minute to compile:
-    with all laws in one form it is compiled once.
+    The motion is the same, and the loop that holds the predictive law takes a minute to compile:
+    with all rigs in one form it is compiled once for all tests.
     """
     patch.setattr('impact_damper_ros.control.controlled_run._ControlLoop._is_predictive', True)
+    patch.setattr('impact_damper_ros.rig.long_run._MOST_IN_TUPLES', -1)
+
+
+def run_in_one_form(case: Case) -> Measured:
+    """Make a run of the study in that form, in whatever process."""
+    with pytest.MonkeyPatch.context() as patch:
+        one_form_of_the_loop(patch)
+        return run_case(case)
 
 
 def random_control(rng: random.Random) -> GapControlParameters:

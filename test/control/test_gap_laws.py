@@ -99,5 +99,6 @@ def test_the_law_that_knows_the_model_is_better(rig, share, monkeypatch):
         {'actuator_delay': 0.3, 'actuator_speed': 20.0},
     ],
 )
-def test_the_model_holds_the_actuators(values):
+def test_the_model_holds_the_actuators(values, monkeypatch):
+    one_form_of_the_loop(monkeypatch)
     assert ratio('predictive', cycles=120, **values) < 1.1 * IDEAL

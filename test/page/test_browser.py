@@ -753,7 +753,7 @@ def test_the_report_of_a_comparison_opens_in_the_page(browser, recorded):
     frame.hang_up()
     page.click('#report [data-close]')
     page.wait("!document.querySelector('#report').open")
-    assert page.run("document.querySelector('#report-frame').getAttribute('src')") is None
+    page.wait("!document.querySelector('#report-frame').hasAttribute('src')")
 
 
 def test_frames_with_thirty_seconds_of_traces(opened, record_property):

@@ -3,15 +3,16 @@
 import json
 import random
 import struct
-import time
 from collections import Counter
 from itertools import islice, pairwise
 
 import pytest
 from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig, random_run
+from mcap.reader import make_reader
 
-from impact_damper_ros.bag import RecordingError, RunWriter
+from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.bag.bag_file import BagFile
 from impact_damper_ros.bag.messages import CdrError, JointStateLayout, decode, header_ns
 from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.replay.findings import ReplayVerdict
@@ -67,7 +68,8 @@ def with_arrival_times(messages, seed=1):
 
 @pytest.mark.parametrize('seed', range(12))
 def test_random_histories_come_out_bit_for_bit(tmp_path, seed):
-    rig = random_run(seed, rate=[200.0, 20.0, 333.0, 1000.0][seed % 4])
+    rate, ticks = [(200.0, 400), (20.0, 120), (333.0, 400), (1000.0, 400)][seed % 4]
+    rig = random_run(seed, ticks, rate=rate)
     findings = replayed(rig.save(tmp_path / 'bag'))
     assert findings.differences == []
     assert findings.verdict is ReplayVerdict.IDENTICAL
@@ -220,7 +222,8 @@ def test_histories_of_older_formats_come_out_too(tmp_path, seed, version):
 
 @pytest.mark.parametrize('seed', range(6))
 def test_a_run_recorded_by_ros2_bag_is_replayed_too(tmp_path, seed):
-    rig = random_run(seed, rate=[200.0, 20.0][seed % 2])
+    rate, ticks = [(200.0, 400), (20.0, 120)][seed % 2]
+    rig = random_run(seed, ticks, rate=rate)
     messages = with_arrival_times(rig.messages)
     findings = replayed(samples.record(tmp_path / 'bag', messages))
     assert findings.differences == []
@@ -475,17 +478,21 @@ def test_messages_twice_and_out_of_order(tmp_path, messages):
 
 
 def test_a_cut_bag_is_compared_as_far_as_it_goes(tmp_path, messages):
-    bag = tmp_path / 'bag'
-    with RunWriter(bag, samples.TOPICS, custom=NOTES, flush_period=0.02) as writer:
-        for number, message in enumerate(messages):
-            writer.write(*message)
-            if number % 50 == 0:
-                time.sleep(0.03)
-    (file,) = bag.glob('*.mcap')
+    channels = {topic.name: index for index, topic in enumerate(samples.TOPICS)}
+    bag = BagFile(tmp_path / 'bag', [topic.channel() for topic in samples.TOPICS], NOTES)
+    for number, (topic, content, stamp) in enumerate(messages):
+        bag.add(channels[topic], content, stamp)
+        if number % 50 == 49:
+            bag.flush()
+    bag.finish()
+    (file,) = (tmp_path / 'bag').glob('*.mcap')
     whole = file.read_bytes()
     assert replayed(file).verdict is ReplayVerdict.IDENTICAL
     damaged = bytearray(whole)
-    damaged[len(whole) // 3] ^= 255
+    with file.open('rb') as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    chunk = chunks[len(chunks) // 3]
+    damaged[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 255
     file.write_bytes(damaged)
     findings = replayed(file)
     assert findings.verdict is ReplayVerdict.PARTIAL

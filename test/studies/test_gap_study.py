@@ -29,20 +29,25 @@ from impact_damper_ros.studies.gap_control.runs import (
 QUICK = replace(Extent.quick(), settle=130.0, watch=30.0, broadband=100.0, levels=(0.25, 1.0, 4.0))
 
 
+@pytest.fixture(scope='module', autouse=True)
+def _one_form():
+    with pytest.MonkeyPatch.context() as patch:
+        one_form_of_the_loop(patch)
+        yield
+
+
 @pytest.fixture(scope='module')
 def results():
     """Run those cases on which the targets depend."""
-    with pytest.MonkeyPatch.context() as patch:
-        one_form_of_the_loop(patch)
-        found = {case.key: run_case(case) for case in tuning_cases(QUICK) if case.key[1] == 0}
-        shares = {0: 0.85, 15: 0.85, 45: 0.85}
-        for case in all_cases(QUICK, shares):
-            if 'predictive' not in case.key and (
-                case.key[:2] == ('level', 0)
-                or case.key[0] == 'real'
-                or (case.key[0] == 'broadband' and case.key[1] in ('fixed', 'timed'))
-            ):
-                found[case.key] = run_case(case)
+    found = {case.key: run_case(case) for case in tuning_cases(QUICK) if case.key[1] == 0}
+    shares = {0: 0.85, 15: 0.85, 45: 0.85}
+    for case in all_cases(QUICK, shares):
+        if 'predictive' not in case.key and (
+            case.key[:2] == ('level', 0)
+            or case.key[0] == 'real'
+            or (case.key[0] == 'broadband' and case.key[1] in ('fixed', 'timed'))
+        ):
+            found[case.key] = run_case(case)
     return found
 
 
