@@ -37,10 +37,6 @@ class CdrError(ValueError):
     """The bytes are not a message of the expected type."""
 
 
-#: Most bytes after the last field: a whole number of words is sent by some middlewares.
-_PADDING = 3
-
-
 class CdrReader:
     """
     Reads the fields of a message with its encapsulation header one after the other.
@@ -64,12 +60,6 @@ class CdrReader:
             raise CdrError(f'the message ends at byte {len(self._content)}, in a field')
         self.position = start + count * size
         return struct.unpack_from(f'{self._order}{count}{letter}', self._content, start)
-
-    def end(self) -> None:
-        """Raise CdrError if more follows than the padding that some middlewares add."""
-        follow = len(self._content) - self.position
-        if follow > _PADDING:
-            raise CdrError(f'{follow} bytes follow its last field')
 
     def boolean(self) -> bool:
         """Read a bool."""
@@ -301,23 +291,11 @@ def _diagnostic_array(reader: CdrReader) -> DiagnosticArray:
     )
 
 
-def _decoded_by(read: Callable[[CdrReader], Message]) -> Callable[[bytes], Message]:
-    """Return a decoder of whole messages."""
-
-    def decoder(content: bytes) -> Message:
-        reader = CdrReader(content)
-        message = read(reader)
-        reader.end()
-        return message
-
-    return decoder
-
-
 _DECODERS: dict[str, Callable[[bytes], Message]] = {
     JOINT_STATE: lambda content: JointStateDecoder().decode(content),
-    PARAMETER_EVENT: _decoded_by(_parameter_event),
-    DIAGNOSTIC_ARRAY: _decoded_by(_diagnostic_array),
-    STRING: _decoded_by(lambda reader: String(reader.string())),
+    PARAMETER_EVENT: lambda content: _parameter_event(CdrReader(content)),
+    DIAGNOSTIC_ARRAY: lambda content: _diagnostic_array(CdrReader(content)),
+    STRING: lambda content: String(CdrReader(content).string()),
 }
 
 #: Types that `decode` knows.
@@ -444,7 +422,6 @@ class JointStateLayout:
                 self._places.append((at, struct.Struct(f'{order}{count}d')))
                 fixed.append((end, at))
                 end = reader.position
-            reader.end()
         except UnicodeDecodeError as error:
             raise CdrError(f'it is no {JOINT_STATE}: {error}') from error
         fixed.append((end, len(content)))

@@ -69,6 +69,7 @@ def _check_name(name: str) -> None:
 
 def value_of(parameters: RigParameters, name: str) -> float:
     """Return the value of a parameter that a continuation can vary."""
+    need(RigParameters, parameters=parameters)
     _check_name(name)
     if name == BOTH_RESTITUTIONS:
         return parameters.restitution_1

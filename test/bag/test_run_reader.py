@@ -365,9 +365,7 @@ def test_messages_of_the_real_ros_2_decode_to_the_same_values() -> None:
     ],
 )
 def test_bytes_after_a_message(kind: str, message: Message) -> None:
-    """Up to three may fill it up to whole words; more are of something else."""
+    """The middleware of ROS 2 leaves some there, up to hundreds."""
     content = encode(message)
-    for padding in (b'', b'\0', 3 * b'\0'):
-        assert decode(kind, content + padding) == message
-    with pytest.raises(CdrError, match='8 bytes follow its last field'):
-        decode(kind, content + 8 * b'\7')
+    for rest in (b'', b'\0', 300 * b'\7'):
+        assert decode(kind, content + rest) == message

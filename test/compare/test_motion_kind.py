@@ -66,7 +66,7 @@ def test_the_third_stage_of_the_demonstration():
         exponent, error = found.measures['lyapunov_exponent'], found.measures['lyapunov_error']
         # Over 20,000 cycles 0.312 +- 0.006
         assert exponent == pytest.approx(0.312, abs=4.0 * error)
-        assert error < 0.03
+        assert error < 0.04
         assert f'{exponent:+.3f}' in found.evidence
 
 
@@ -114,17 +114,18 @@ def test_a_recording_that_is_not_sound_counts_alone():
 
 
 @pytest.mark.parametrize(
-    ('name', 'kind'),
+    ('name', 'cycles', 'kind'),
     [
-        ('level, gap 50', CHAOTIC),
-        ('heavy at 1.1, gap 8.757', QUASI),
-        ('heavy at 1.1, gap 9.3', UNDECIDED),
+        ('level, gap 50', 400, CHAOTIC),
+        ('heavy at 1.1, gap 8.757', 400, QUASI),
+        # At first its exponent is 0.09.
+        ('heavy at 1.1, gap 9.3', 1000, UNDECIDED),
     ],
 )
-def test_a_sweep_says_the_same(name, kind):
+def test_a_sweep_says_the_same(name, cycles, kind):
     case = known()[name]
     run = LongRun(case.parameters, case.initial, compiled=False)
-    assert steady_state(run, Settling(cycles=400, watch=500)).kind is kind
+    assert steady_state(run, Settling(cycles=cycles, watch=500)).kind is kind
 
 
 def test_weighted_averages_of_known_sequences():

@@ -21,6 +21,7 @@ from impact_damper_ros.bag import (
 from impact_damper_ros.compare import ForceClock, compare_bag, predicted_curve, predictions
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import (
+    Continuation,
     ImpactEquations,
     continue_orbit,
     find_orbits,
@@ -65,7 +66,7 @@ ORBIT = find_orbits(LEVEL, (1, 2)).orbits[0]
 CLOCK = ForceClock(LEVEL, 0.0, (0.0,))
 TOPICS = [Topic('/text', 'std_msgs/msg/String')]
 RIG = ControlledRig(LEVEL)
-FOLLOWED = {'name': 'gap', 'low': 30.0, 'high': 40.0}
+ALONG = {'along': Continuation('gap', 30.0, 40.0)}
 
 NOTHING = (None, object(), 1j)
 NUMBERS = (*NOTHING, 'x', [], {}, [None], math.nan, math.inf, -math.inf, 10**400)
@@ -112,9 +113,9 @@ CALLS = [
     (predicted_curve, {'clock': CLOCK, 'orbit': ORBIT, 'period': None}, 'time', NUMBERS),
     (find_orbits, {'stops': (1, 2)}, 'parameters', KINDS),
     (ImpactEquations, {'stops': (1, 2), 'cycles': 1}, 'parameters', KINDS),
-    (continue_orbit, FOLLOWED, 'orbit', KINDS),
-    (grow_branch, FOLLOWED, 'orbit', KINDS),
-    (switch_branch, FOLLOWED, 'special', KINDS),
+    (continue_orbit, ALONG, 'orbit', KINDS),
+    (grow_branch, ALONG, 'orbit', KINDS),
+    (switch_branch, ALONG, 'special', KINDS),
     (optimal_gap, {}, 'rig', KINDS),
     (optimal_gap, {'rig': LEVEL}, 'stops', KINDS),
     (plausible_stops, {'impacts': 2}, 'parameters', KINDS),
