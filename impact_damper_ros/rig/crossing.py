@@ -1,8 +1,9 @@
 """
 Certified passages of X through zero; watching for them does not change the motion.
 
-Certified steps (`certificate`) cannot miss a passage. It counts once X is on the other side by
-more than its round-off; a touch of zero does not. The passages of a flight are counted from its
+The search goes along the grid of the contacts, and by certified steps (`certificate`) where X may
+touch zero, so that it cannot miss a passage. That counts once X is on the other side by more than
+its round-off; a touch of zero does not. The passages of a flight are counted from its
 origin, so that they do not depend on how a run is cut into pieces. A flight that begins where X is
 zero to round-off takes over the side of X from the flight before (`Origin.side`).
 """

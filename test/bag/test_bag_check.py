@@ -103,7 +103,7 @@ def test_a_chunk_removed(bag, tmp_path, number, listing, capsys):
     assert replay_run([str(cut)]) == 3
     text = capsys.readouterr().out
     assert 'the bag is not whole: its statistics count 601 messages on /joint_states' in text
-    assert 'its summary names a chunk at byte' in text
+    assert 'its summary lists a chunk at byte' in text
     if listing:
         assert 'metadata.yaml counts 601 messages on /joint_states' in text
 

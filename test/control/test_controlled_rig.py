@@ -308,6 +308,6 @@ def test_a_change_to_what_is_no_control_changes_nothing():
     rig.advance(30.0)
     before = rig.snapshot()
     for wrong in ('timed', 5, {'gap_control': 'timed'}):
-        with pytest.raises(AttributeError):
+        with pytest.raises(TypeError, match='give a GapControlParameters'):
             rig.change(rig.parameters.replace(gap=20.0), wrong)
         assert rig.snapshot() == before

@@ -617,7 +617,8 @@ def test_a_run_recorded_and_played_to_its_end(opened, live):
     page.wait("document.querySelector('#status').dataset.state === 'ended'", LONG)
     page.wait(f'{LENGTHS}[1] > 100 && {LENGTHS}[0] === {LENGTHS}[1]', LONG)
     assert page.run("document.querySelector('#legend [data-series=ghost]').hidden") is False
-    assert re.fullmatch('X .+ mm, Z .+ mm', page.text('#legend [data-series=ghost] dd'))
+    legend = "document.querySelector('#legend [data-series=ghost] dd').textContent"
+    page.wait(f'/^X .+ mm, Z .+ mm$/.test({legend})', LONG)
     own, other = page.run("""['line', 'ghostLine'].map(name =>
         Array.from(impactDamper.history[name].field('x').subarray(0, 200)))""")
     assert max(abs(a - b) for a, b in zip(own, other, strict=True)) > 1e-4
