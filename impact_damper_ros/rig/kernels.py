@@ -487,6 +487,9 @@ def compiled(
             code, namespace, name, function.__defaults__, function.__closure__
         )
         twin.__module__ = function.__module__
+        # Of two functions of one name that a process loads, LLVM takes the first for both: those
+        # of forms that two processes have compiled may have the same number.
+        twin.__qualname__ = f'{name}_{form}' if form else name
         # No fast-math: the operations and their order stay those of the plain kernel.
         namespace[name] = numba.njit(
             twin,

@@ -153,6 +153,18 @@ def test_a_kernel_of_numbers_alone(compiled):
     assert compiled['safe_step'](1.0, -1.0, 0.0, 0.0, 7.0) == pytest.approx(1.0, rel=2e-12)
 
 
+def test_the_kernels_of_each_form_have_names_of_their_own():
+    """Of two functions of one name, compiled by two processes, LLVM runs the first for both."""
+    pytest.importorskip('numba')
+
+    def names(form):
+        (kernel,) = kernels.compiled('flight_end', form=form)
+        held = kernel.py_func.__globals__
+        return {held[name].py_func.__qualname__ for name in PLAIN}
+
+    assert len(names('one') | names('other')) == 2 * len(PLAIN)
+
+
 def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog):
     """As on a full disk: numba saves after it has compiled."""
     with compiling_alone(None, 'any'):
