@@ -30,7 +30,7 @@ _DESCRIPTION = """\
 Compute and draw the figures of Bapat (1995) by the periodic theory and the exact simulator, and
 compare every claim of the paper's section 3 and conclusions with the numbers. Writes PNG files, a
 CSV file for each figure and, if all figures are made, README.md with captions and the table of
-claims. The claims are also printed. On two cores it takes seven to ten minutes.
+claims. The claims are also printed. On two idle cores it takes three to four minutes.
 """
 _EPILOG = """\
 Exit code: 0 on success; 1 if a file could not be written or a process died; 2 if the input is

@@ -196,7 +196,7 @@ def figure_of(name: str) -> str:
 
 #: What a value of a series with two impacts per cycle costs, s of an idle core, all in all; what
 #: one with three or four impacts, or an optimum, costs in such values.
-SECONDS_PER_VALUE = 0.1
+SECONDS_PER_VALUE = 0.05
 _COST_OF_MANY, COST_OF_OPTIMUM = 8, 8
 
 
