@@ -42,6 +42,7 @@ class _ControlLoop(Loop):
 
     _name = run_controlled.__name__
     _plain = staticmethod(run_controlled)
+    _uncounted = True
 
     def __init__(
         self, constants: RigConstants, damper_mass: float, control: Control, *, compiled: bool

@@ -190,6 +190,8 @@ class Loop:
 
     _name = run_through.__name__
     _plain: Any = staticmethod(run_through)
+    #: Whether the loop takes arrays without a count of references. Each call takes longer then.
+    _uncounted = False
 
     def __init__(self, constants: RigConstants, damper_mass: float, *, compiled: bool) -> None:
         self.constants = constants
@@ -253,7 +255,7 @@ class Loop:
 
     def _call(self, *arguments: Any) -> Progress:
         """Call the loop, alone if it may have to be compiled."""
-        if self.compiled:
+        if self.compiled and self._uncounted:
             arguments = tuple(
                 array_by_reference(a) if isinstance(a, np.ndarray) else a for a in arguments
             )
