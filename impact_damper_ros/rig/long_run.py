@@ -49,6 +49,8 @@ EVENT_TYPE = np.dtype(
 SAMPLE_TYPE = np.dtype([(name, 'f8') for name in Sample._fields])
 #: Initial rows of the table of events.
 _ROWS = 512
+#: Rows of 4 MB.
+_LARGE = 2**22 // EVENT_TYPE.itemsize + 1
 #: Most rows allotted beyond twice the size; pages that are not written to take no memory.
 _MOST_AHEAD = 1_000_000
 #: Most harmonics for which a loop of their own is compiled, with tuples: 4 to 7 times as fast as
@@ -162,7 +164,11 @@ class EventTable:
         if self._written + least > len(self._table):
             wanted = 1.1 * self._written / done if done > 0.0 else inf
             double = max(2 * len(self._table), self._written + least)
-            larger = np.empty(int(min(max(wanted, double), double + _MOST_AHEAD)), EVENT_TYPE)
+            size = int(min(max(wanted, double), double + _MOST_AHEAD))
+            # numpy asks for large pages from 4 MB on; small ones cost as much as the run.
+            if size > _LARGE // 8:
+                size = max(size, _LARGE)
+            larger = np.empty(size, EVENT_TYPE)
             larger[: self._written] = self.events
             self._table = larger
         return self._table[self._written :]
