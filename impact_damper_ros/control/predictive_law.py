@@ -20,7 +20,7 @@ from impact_damper_ros.rig.mode import RigConstants
 from impact_damper_ros.rig.origin import Origin
 
 from .actuator import Actuators
-from .law import optimal_gap, place_stops
+from .law import best_gap, place_stops
 from .model import motion_ahead, sent_off
 from .sensors import Measurement
 
@@ -82,8 +82,7 @@ def predictive_law_crosses(
     p = control.settings
     actuators: Actuators = control.actuators
     start: Origin = motion_ahead(rig, origin, seen.time + p.delay)
-    amplitude = control.observer.amplitude
-    unit = 0.5 * optimal_gap(amplitude, p.mass_ratio, p.restitution, p.gap_max)
+    unit = 0.5 * best_gap(control)
     place_1 = actuators.commanded_1
     place_2 = actuators.commanded_2
     best = (energy_ahead(control, rig, start, place_1, place_2), place_1, place_2)

@@ -38,6 +38,7 @@ from .flight import (
 from .kernels import kernel
 from .oscillator import Oscillator, derivative_bound
 from .roots import (
+    GRID_ERROR,
     Relative,
     acceleration_of,
     base_point,
@@ -47,9 +48,6 @@ from .roots import (
     next_point,
     polished,
 )
-
-#: Error of positions, velocities and accelerations at the grid points, relative to their terms.
-_GRID_ERROR = 1e-13
 
 # Results of `_in_doubt`
 _CLOSING, _CLEAR, _ENDED = range(3)
@@ -84,7 +82,7 @@ def _turn(
         return unfinished(NO_EVENT, t_a)
     clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
     left = clearance - side * end.travel
-    if left > _GRID_ERROR * (abs(end.x) + abs(flight.x) + abs(end.travel)):
+    if left > GRID_ERROR * (abs(end.x) + abs(flight.x) + abs(end.travel)):
         return end
     if left >= 0.0:
         return unfinished(NO_EVENT, t_a)
@@ -122,7 +120,7 @@ def _in_doubt(
             flight, side, point_a, a, rate_a, b.tau, speed_b, side * rate_b, bound_5, error
         )
         return _ENDED, side, end
-    error = _GRID_ERROR * (abs(b.x) + abs(flight.x) + abs(a.travel) + abs(b.travel))
+    error = GRID_ERROR * (abs(b.x) + abs(flight.x) + abs(a.travel) + abs(b.travel))
     bound_4 = derivative_bound(oscillator, motion.x_4, motion.x_5, oscillator.grid.bound_4)
     for side in (1.0, -1.0):
         clearance = flight.clearance_1 if side > 0.0 else flight.clearance_2
@@ -189,7 +187,7 @@ def search_contact(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
         speed_b = launched + fall * t_b - point_b.velocity
         # The stop that m approaches, as long as the speeds are clear
         side = leading if leading != 0.0 else copysign(1.0, speed_a)
-        error = _GRID_ERROR * (abs(point_b.velocity) + abs(speed_b) + abs(speed_a))
+        error = GRID_ERROR * (abs(point_b.velocity) + abs(speed_b) + abs(speed_a))
         clear = False
         if not min(side * speed_a, side * speed_b) > sag + error:
             a = _relative(first, rest, step, point_a, reached, travel_a, speed_a)
@@ -244,7 +242,7 @@ def search_release(flight: Flight, tau: float, motion: Motion) -> FlightEnd:
         t_b = tau + grid.step * (k + 1)
         x_2_b = acceleration_of(oscillator, point)
         x_3_b = jerk_of(oscillator, point, x_2_b)
-        error = _GRID_ERROR * (
+        error = GRID_ERROR * (
             oscillator.omega_squared * abs(point.offset)
             + abs(point.velocity * oscillator.decay)
             + abs(x_2_b)

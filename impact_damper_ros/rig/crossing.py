@@ -17,7 +17,7 @@ from .flight import Flight, GridPoint, Motion, Series, motion_at, series_at, tai
 from .kernels import kernel
 from .origin import Origin, advance_time
 from .oscillator import Oscillator, derivative_bound
-from .roots import acceleration_of, base_point, falling_root, next_point
+from .roots import GRID_ERROR, SERIES_REACH, acceleration_of, base_point, falling_root, next_point
 
 _EPSILON = 2.220446049250313e-16
 # Where X is smaller than this part of its scale, its side comes from the flight before.
@@ -93,11 +93,9 @@ def _past(flight: Flight, side: int, height: float, motion: Motion, tau: float) 
     return tau + max(step, least_step(horizon), _EPSILON * tau)
 
 
-#: Error of X at the points of the grid, relative to its terms.
-_ERROR_OF_X = 1e-13
-#: The series around a point is complete this far from it, in steps.
-_SERIES_REACH = 0.6
 _NEWTON_STEPS = 6
+#: The step of Newton's method after one this long, in steps of the grid, is less than round-off.
+_LAST_CHANGE = 1e-9
 
 
 @kernel
@@ -111,7 +109,7 @@ def _root_between(
     rate = side * point.velocity * grid.step
     s = guess
     for _ in range(_NEWTON_STEPS):
-        if not abs(s) <= _SERIES_REACH:
+        if not abs(s) <= SERIES_REACH:
             break
         bend, bend_1, _ = tail(series, s)
         falling = rate + side * (s * series.x_2 + bend_1)
@@ -119,8 +117,7 @@ def _root_between(
             break
         change = -(height + (s * (rate + 0.5 * s * side * series.x_2) + side * bend)) / falling
         s += change
-        if abs(change) <= _NEAR_ZERO * min(1.0, at * grid.inverse + s):
-            # The step after this one would be less than round-off.
+        if abs(change) <= _LAST_CHANGE * min(1.0, at * grid.inverse + s):
             tau = at + s * grid.step
             return tau if low < tau <= high else nan
     return nan
@@ -149,7 +146,7 @@ def _along_grid(flight: Flight, side: int, tau: float, motion: Motion) -> tuple[
         height_b = side * (rest + following.offset)
         rate_b = side * following.velocity
         scale = max(scale, abs(height_b) + abs(rate_b) * step)
-        error = _ERROR_OF_X * (scale + abs(rest))
+        error = GRID_ERROR * (scale + abs(rest))
         low = tau + step * k
         high = tau + step * (k + 1)
         if height_b > 0.0:

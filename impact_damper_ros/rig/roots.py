@@ -28,6 +28,9 @@ from .flight import (
 from .kernels import elementwise, kernel
 from .oscillator import Grid, Harmonic, Oscillator, acceleration_at
 
+#: Error of positions, velocities and accelerations at the grid points, relative to their terms.
+GRID_ERROR = 1e-13
+
 
 @elementwise
 def _sines_at(sine: float, cosine: float, harmonic: Harmonic, tau: float) -> float:
@@ -257,7 +260,7 @@ def polished(
 
 
 #: The series is complete this far from its point, in steps; half a step is what it takes.
-_REACH = 0.6
+SERIES_REACH = 0.6
 #: A last step this long, in steps of the grid and relative to the time since the flight's origin,
 #: leaves nothing behind.
 _LEAST_LEFT = 1e-8
@@ -368,7 +371,7 @@ def _by_steps(
     series: Series = series_at(flight.oscillator, point)
     end: FlightEnd = unfinished(NO_EVENT, low)
     for _ in range(_MORE_STEPS):
-        if not abs(s) <= _REACH:
+        if not abs(s) <= SERIES_REACH:
             break
         u, end = _step(side, point, there, rate, left, series, grid, s, low, high)
         if end.finished:
@@ -407,7 +410,7 @@ def contact_root(
     v_2 = -0.5 * side * (scaled - bend_2) * inverse * u
     v_3 = side * bend_3 * inverse * (u * u) * (1.0 / 6.0)
     s += u + u * (v_2 + (2.0 * v_2 * v_2 + v_3))
-    if not abs(s) <= _REACH:
+    if not abs(s) <= SERIES_REACH:
         return unfinished(NO_EVENT, low)
     u, end = _step(side, point, there, rate, left, series, grid, s, low, high)
     if not end.finished:
