@@ -128,8 +128,8 @@ def _along_grid(flight: Flight, side: int, tau: float, motion: Motion) -> tuple[
     """
     Look for a passage along the grid.
 
-    Returns the passage, NaN if there is none, and up to when X is known. That is where it was
-    before, if X may touch zero in the first step.
+    Returns the passage, or NaN if none was found, and the time up to which the search is complete;
+    the given time, if X may touch zero in the first step.
     """
     oscillator: Oscillator = flight.oscillator
     grid = oscillator.grid

@@ -487,8 +487,8 @@ def compiled(
             code, namespace, name, function.__defaults__, function.__closure__
         )
         twin.__module__ = function.__module__
-        # Of two functions of one name that a process loads, LLVM takes the first for both: those
-        # of forms that two processes have compiled may have the same number.
+        # LLVM finds functions by name and number. Two forms that were compiled by different
+        # processes may share both, and a process that loads them would run the first for both.
         twin.__qualname__ = f'{name}_{form}' if form else name
         # No fast-math: the operations and their order stay those of the plain kernel.
         namespace[name] = numba.njit(

@@ -196,7 +196,7 @@ class Loop:
 
     _name = run_through.__name__
     _plain: Any = staticmethod(run_through)
-    #: Whether the loop takes arrays without a count of references. Each call takes longer then.
+    #: Whether arrays are passed by pointer, which numba does not count; calling then takes longer.
     _uncounted = False
 
     def __init__(self, constants: RigConstants, damper_mass: float, *, compiled: bool) -> None:

@@ -104,7 +104,7 @@ class ExactStep(NamedTuple):
     """
     A step of the grid in decimal arithmetic, for constants that are right to the last digit.
 
-    Errors of these constants act at each step in the same sense, and would grow with their number.
+    Errors of these constants have the same sign at each step, and would grow with their number.
 
     Attributes
     ----------
@@ -198,7 +198,7 @@ _SPLIT = 134217729.0
 def free_response(oscillator: Oscillator, tau: float) -> Free:
     """Return the free vibration after a time."""
     phase = oscillator.frequency * tau
-    # What the phase lacks: after many cycles its last digit is that of many small angles.
+    # Add the round-off of the phase, which grows with the number of cycles.
     large = _SPLIT * tau
     large -= large - tau
     small = tau - large

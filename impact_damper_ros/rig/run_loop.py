@@ -124,7 +124,7 @@ class OpenFlight(NamedTuple):
 
 @kernel(inline=True)
 def _known_end(origin: Origin, flight: Flight) -> tuple[FlightEnd, float]:
-    """Return the end of a flight and its instant as far as they are known without a search."""
+    """Return the end of a flight that needs no search, and its instant; infinity for others."""
     ending: FlightEnd = unfinished(NO_EVENT, 0.0)
     due = inf
     if origin.mode >= CHATTER_1:
