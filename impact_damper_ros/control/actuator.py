@@ -150,7 +150,7 @@ def start_command(control: Control, place_1: float, place_2: float) -> tuple[flo
     p = control.settings
     row = control.commands[actuators.first]
     stop_1 = row[1]
-    stop_2 = row[2]
+    stop_2 = nan if p.one_sided else row[2]
     actuators.first = (actuators.first + 1) % len(control.commands)
     actuators.waiting -= 1
     if stop_1 == stop_1:
@@ -165,7 +165,7 @@ def start_command(control: Control, place_1: float, place_2: float) -> tuple[flo
             actuators.energy_2 += p.start_energy
         actuators.target_2 = stop_2
         actuators.velocity_2 = velocity
-    return stop_1, nan if p.one_sided else stop_2
+    return stop_1, stop_2
 
 
 @kernel

@@ -271,7 +271,7 @@ class ControlledRig(Simulator):
                 self._control = self._control.enlarged()
             elif status == LAW_FAILED:
                 assert self._law is not None
-                raise self._law.refused(self._control.refusal)
+                raise self._law.refused(self._control)
         return status, events
 
     def change(

@@ -114,8 +114,7 @@ class _ControlLoop(Loop):
             happened += progress.happened
             if progress.status == LAW_FAILED:
                 assert self._control.law is not None
-                refusal = self.control.refusal
-                raise self._control.law.refused(refusal)
+                raise self._control.law.refused(self.control)
             if progress.status != COMMANDS_FULL:
                 written = progress.written if keep else 0
                 return progress._replace(written=written, happened=happened)

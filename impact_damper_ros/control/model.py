@@ -6,12 +6,12 @@ from math import inf
 
 from impact_damper_ros.rig.flight import NO_EVENT, Flight, end_at
 from impact_damper_ros.rig.kernels import kernel
-from impact_damper_ros.rig.mode import RigConstants, launch
+from impact_damper_ros.rig.mode import REST_1, RigConstants, launch
 from impact_damper_ros.rig.origin import Origin, carried, offset_of
 from impact_damper_ros.rig.run_loop import first_end
-from impact_damper_ros.rig.transition import at_rest, moving_mode, resolve, struck
+from impact_damper_ros.rig.transition import at_rest, common_velocity, moving_mode, resolve, struck
 
-#: Most flights that are followed.
+#: Most flights that are followed. M then carries m, which rattles on a stop or in a narrow gap.
 _MOST_FLIGHTS = 200
 
 
@@ -25,7 +25,16 @@ def motion_ahead(rig: RigConstants, origin: Origin, end: float) -> Origin:
         if not ended:
             return carried(origin, flight, end_at(flight, NO_EVENT, since))
         origin = resolve(rig, origin, flight, ending).origin
-    return origin
+    together = origin._replace(
+        mode=REST_1,
+        velocity=common_velocity(rig, origin),
+        relative_velocity=0.0,
+        stop_velocity_1=0.0,
+        stop_velocity_2=0.0,
+    )
+    flight = launch(rig, together)
+    since = max(0.0, (end - origin.time) - origin.time_low)
+    return at_rest(rig, carried(together, flight, end_at(flight, NO_EVENT, since)))
 
 
 @kernel

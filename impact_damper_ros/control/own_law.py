@@ -22,14 +22,16 @@ from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.kernels import kernel, state
 from impact_damper_ros.rig.quoting import named, shown
 
+from .actuator import Actuators
 from .law import place_stops
 from .sensors import Measurement, Observer
 
 if TYPE_CHECKING:
-    from .controller import Control
+    from .controller import Control, ControlSettings
 
 #: Numbers that a law may keep.
 MEMORY = 16
+_ROUND_OFF = 4e-16
 
 
 class LawInput(NamedTuple):
@@ -164,7 +166,7 @@ class OwnLaw:
         try:
             stop_1, stop_2 = map(float, result)
         except Exception as error:
-            raise self.astray(seen.time, result) from error
+            raise self.astray(seen.time, result, seen) from error
         if len(memory) != MEMORY or not all(isinstance(v, int | float) for v in memory):
             raise LawError(
                 f'the law {self.name} has made {shown(memory)} of its memory at {seen.time:.9g} '
@@ -172,21 +174,27 @@ class OwnLaw:
             )
         return stop_1, stop_2
 
-    def astray(self, time: float, result: object) -> LawError:
+    def astray(
+        self, time: float, result: object, p: LawInput | ControlSettings, sent: str = ''
+    ) -> LawError:
         """Return the error of a result that is no places of stops."""
         return LawError(
-            f'the law {self.name} returned {shown(result)} at {time:.9g} s: return two places Y '
-            'within half of gap_max, in m, or NaN to leave a stop alone'
+            f'the law {self.name} returned {shown(result)} at {time:.9g} s{sent}: return two '
+            f'places Y within half of gap_max, {0.5 * p.gap_max:g} m, the first at least gap_min, '
+            f'{p.gap_min:g} m, above the second, or NaN to leave a stop alone'
         )
 
-    def refused(self, refusal: Refusal) -> LawError:
+    def refused(self, control: Control) -> LawError:
         """Return the error of a result that the loop refused."""
+        refusal, actuators = control.refusal, control.actuators
         if refusal.stop_1 == inf and refusal.stop_2 != refusal.stop_2:
             return LawError(
                 f'the law {self.name} failed at {refusal.time:.9g} s: it raised an error, which '
                 'is shown in plain Python (compiled=False, or simulate_rig)'
             )
-        return self.astray(refusal.time, (refusal.stop_1, refusal.stop_2))
+        result = refusal.stop_1, refusal.stop_2
+        sent = f', the stops sent to {actuators.commanded_1:.9g} and {actuators.commanded_2:.9g} m'
+        return self.astray(refusal.time, result, control.settings, sent)
 
 
 @state
@@ -225,6 +233,19 @@ def own_law(control: Control, seen: LawInput) -> tuple[float, float]:
 
 
 @kernel
+def too_close(control: Control, stop_1: float, stop_2: float) -> bool:
+    """Return whether a command leaves less than the smallest gap; NaN leaves a stop alone."""
+    actuators: Actuators = control.actuators
+    if control.settings.one_sided or (stop_1 != stop_1 and stop_2 != stop_2):
+        return False
+    sent_1 = stop_1 if stop_1 == stop_1 else actuators.commanded_1
+    sent_2 = stop_2 if stop_2 == stop_2 else actuators.commanded_2
+    # A law that keeps the smallest gap about some place may miss it by round-off.
+    gap = sent_1 - sent_2 + _ROUND_OFF * (abs(sent_1) + abs(sent_2))
+    return gap < control.settings.gap_min
+
+
+@kernel
 def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
     """Let the law act on a sample, at a passage of X through zero or of the grid."""
     p = control.settings
@@ -251,7 +272,8 @@ def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
         p.gap_max,
     )
     stop_1, stop_2 = own_law(control, given)
-    if abs(stop_1) > 0.5 * p.gap_max or abs(stop_2) > 0.5 * p.gap_max:
+    largest = 0.5 * p.gap_max
+    if abs(stop_1) > largest or abs(stop_2) > largest or too_close(control, stop_1, stop_2):
         refusal.time = seen.time
         refusal.stop_1 = stop_1
         refusal.stop_2 = stop_2

@@ -4,7 +4,7 @@ The predictive law: places that the model of the rig itself finds to be the best
 At each passage of X through zero the motion ahead is computed, by the equations of the simulator
 and from its exact state, with the stops at one pair of places after the other. The stops are sent
 where the vibration of M has the least energy at the end of a horizon. No real controller knows
-so much: the law shows what could be reached if the structure and the force were known.
+so much: the law shows what knowing the structure and the force is worth.
 
 Each stop is tried around half the optimal gap of the present amplitude, then both more and more
 finely around the best pair. The model holds the delay and the speed of the actuators; it leaves

@@ -262,8 +262,8 @@ def note_crossing(observer: Observer, time: float, smoothing: float) -> bool:
     if before != before:
         return False
     span = time - before
-    observer.amplitude += smoothing * (peak - observer.amplitude)
     weight = smoothing if observer.half_cycle > 0.0 else 1.0
+    observer.amplitude += weight * (peak - observer.amplitude)
     observer.half_cycle += weight * (span - observer.half_cycle)
     return True
 

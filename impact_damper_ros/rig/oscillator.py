@@ -17,8 +17,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from decimal import Context, Decimal, localcontext
 from functools import lru_cache
-from math import cos, expm1, frexp, inf, ldexp, sin, sqrt
-from typing import NamedTuple
+from math import cos, expm1, factorial, frexp, ldexp, sin, sqrt
+from typing import Any, NamedTuple
 
 from .kernels import kernel
 
@@ -94,15 +94,24 @@ class Harmonic(NamedTuple):
     v_sine: float
 
 
-_NOTHING = Decimal(0)
-#: Terms of the series of a step: the last one is below 1e-30.
-_TERMS = 32
 _EXACT = Context(prec=30)
+#: 1/n! for each n: the last term of the series of a step is below 1e-24.
+_INVERSES = tuple(_EXACT.divide(Decimal(1), Decimal(factorial(n))) for n in range(26))
+#: From this number of harmonics on, extended precision of numpy takes the place of decimals.
+_MANY_HARMONICS = 8
+
+
+def _series(factors: Sequence[Any], variable: Any) -> Any:
+    """Return the sum of factors times powers of a variable."""
+    total = factors[-1]
+    for factor in reversed(factors[:-1]):
+        total = total * variable + factor
+    return total
 
 
 class ExactStep(NamedTuple):
     """
-    A step of the grid in decimal arithmetic, for constants that are right to the last digit.
+    A step of the grid with more digits than a float has, for constants right to the last digit.
 
     Errors of these constants have the same sign at each step, and would grow with their number.
 
@@ -112,45 +121,72 @@ class ExactStep(NamedTuple):
         The step, s.
     spring, dashpot : Decimal
         Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
+    responses : tuple of Decimal
+        G_n: X after a step from rest if the drive is s^(n - 2)/(n - 2)!, with the time s in steps.
+    turning : tuple of Decimal
+        The same without spring and dashpot.
     """
 
-    span: Decimal
-    spring: Decimal
-    dashpot: Decimal
+    span: Any
+    spring: Any
+    dashpot: Any
+    responses: tuple[Any, ...]
+    turning: tuple[Any, ...] = _INVERSES
 
-    def after(
-        self,
-        x: float = 0.0,
-        velocity: float = 0.0,
-        push: Decimal = _NOTHING,
-        turn: Decimal = _NOTHING,
-        sine: int = 0,
-        cosine: int = 0,
-    ) -> tuple[float, float]:
+    @classmethod
+    def of(cls, span: Decimal, spring: Decimal, dashpot: Decimal) -> ExactStep:
         """
-        Return X and X' a step later.
+        Return a step, given the constants of its equation of motion.
 
-        `push` and `turn` are those of a `Harmonic`, `sine` and `cosine` those of its phase.
+        Notes
+        -----
+        G_n + dashpot G_{n+1} + spring G_{n+2} = 1/n!, the equation of motion integrated n times.
+        X' after the step is G_{n-1}; from unit X' and no drive, X is G_1 and X' is G_0.
         """
-        last, following = Decimal(x), Decimal(velocity) * self.span
-        even, odd = push * sine, push * turn * cosine
-        total, rate = last + following, following
-        turned = -turn * turn
-        inverse = Decimal(1)
-        for n in range(2, _TERMS):
-            last, following = following, even - self.spring * last - self.dashpot * following
-            even, odd = odd, turned * even
-            inverse /= n
-            part = following * inverse
-            total += part
-            rate += part * n
-        return float(total), float(rate / self.span)
+        found = [Decimal(0), Decimal(0)]
+        for inverse in reversed(_INVERSES):
+            found.append(inverse - dashpot * found[-1] - spring * found[-2])
+        return cls(span, spring, dashpot, tuple(reversed(found)))
+
+    def driven(self, force: Any, circular: Any, moving: Any) -> tuple[Any, ...]:
+        """
+        Return the fields of a `Harmonic` from `push` on.
+
+        `moving` is its frequency, or 0 without a force: the step may be a long one for it then.
+        """
+        push, turn, angle = self.span * self.span * force, self.span * circular, self.span * moving
+        square = -angle * angle
+        even, odd = (_series(self.responses[n::2], square) for n in (2, 3))
+        return (
+            push,
+            turn,
+            _series(self.turning[::2], square),
+            angle * _series(self.turning[1::2], square),
+            push * turn * odd,
+            push * even,
+            push * turn * even / self.span,
+            push * (self.responses[1] + square * odd) / self.span,
+        )
+
+    def driven_by(self, drive: Sequence[tuple[float, float]]) -> list[list[float]]:
+        """Return these fields for each force and frequency."""
+        if len(drive) < _MANY_HARMONICS:
+            exact = [(Decimal(force), Decimal(circular)) for force, circular in drive]
+            return [[*map(float, self.driven(f, w, w if f else f))] for f, w in exact]
+        import numpy as np
+
+        span, *numbers = (np.longdouble(str(number)) for number in (self.span, *self.responses))
+        turning = tuple(np.longdouble(str(number)) for number in self.turning)
+        step = self._replace(span=span, responses=tuple(numbers), turning=turning)
+        force, circular = np.array(drive, np.longdouble).T
+        columns = step.driven(force, circular, np.where(force, circular, 0.0))
+        return np.array(columns, float).T.tolist()  # type: ignore[no-any-return]
 
 
 def make_harmonic(
-    decay: float, damped: Decimal, force: float, circular: float, step: ExactStep
+    decay: float, damped: Decimal, force: float, circular: float, driven: Sequence[float]
 ) -> Harmonic:
-    """Return a harmonic with what it does in a step of the grid."""
+    """Return a harmonic, given what it does in a step of the grid."""
     frequency = float(damped)
     detuning = float(Decimal(circular) - damped)
     total = circular + frequency
@@ -163,31 +199,7 @@ def make_harmonic(
     if near > 0.0:
         real, imaginary = real / near, imaginary / near
     far = decay * decay + total * total
-    push, turn = step.span * step.span * Decimal(force), step.span * Decimal(circular)
-    turn_cosine, turn_sine = cos(turn), sin(turn)
-    if force != 0.0 and circular != 0.0:
-        # A rotation is a vibration without dashpot.
-        turn_cosine, rate = ExactStep(step.span, turn * turn, _NOTHING).after(x=1.0)
-        turn_sine = -rate / circular
-    x_cosine, v_cosine = step.after(push=push, turn=turn, cosine=1)
-    x_sine, v_sine = step.after(push=push, turn=turn, sine=1)
-    return Harmonic(
-        force=force,
-        frequency=circular,
-        detuning=detuning,
-        near_re=real,
-        near_im=imaginary,
-        far_re=decay / far,
-        far_im=total / far,
-        push=float(push),
-        turn=float(turn),
-        turn_cosine=turn_cosine,
-        turn_sine=turn_sine,
-        x_cosine=x_cosine,
-        x_sine=x_sine,
-        v_cosine=v_cosine,
-        v_sine=v_sine,
-    )
+    return Harmonic(force, circular, detuning, real, imaginary, decay / far, total / far, *driven)
 
 
 # Splits a number in two halves, whose products are exact (Dekker 1971)
@@ -325,28 +337,26 @@ class Grid(NamedTuple):
     dashpot: float
 
 
-def drive_bound(
+def drive_bounds(
     omega: float,
     decay: float,
     drive: Sequence[tuple[float, float]],
-    order: int,
+    orders: Sequence[int],
     horizon: float,
-) -> float:
-    """Bound what the drive adds to a derivative of X beyond its free vibration."""
-    total = 0.0
+) -> list[float]:
+    """Bound what the drive adds to derivatives of X beyond its free vibration."""
+    totals = [0.0] * len(orders)
+    # Response from rest, by Duhamel's integral with |impulse response| <= min(1/w, t) ...
+    from_rest = horizon * min(1.0 / omega, horizon / 2.0)
     for force, frequency in drive:
-        push = abs(force) * frequency**order
-        if push == 0.0:
-            continue
-        # Response from rest, by Duhamel's integral with |impulse response| <= min(1/w, t) ...
-        from_rest = push * horizon * min(1.0 / omega, horizon / 2.0)
         # ... or the steady response and the free vibration that starts it from rest.
         gain = sqrt((omega**2 - frequency**2) ** 2 + (2.0 * decay * frequency) ** 2)
-        steady = inf
+        response = from_rest
         if gain > 0.0:
-            steady = push / gain * (1.0 + sqrt(1.0 + frequency**2 / omega**2))
-        total += min(from_rest, steady)
-    return total
+            response = min(from_rest, (1.0 + sqrt(1.0 + frequency**2 / omega**2)) / gain)
+        for k, order in enumerate(orders):
+            totals[k] += abs(force) * frequency**order * response
+    return totals
 
 
 def make_grid(
@@ -357,17 +367,16 @@ def make_grid(
     exact: ExactStep,
 ) -> Grid:
     """Return the grid of an oscillator."""
-    x_x, v_x = exact.after(x=1.0)
-    x_v, v_v = exact.after(velocity=1.0)
-    bounds = [drive_bound(omega, decay, drive, order, _POINTS * step) for order in (3, 4, 5, 6)]
+    rate, x, x_held = exact.responses[:3]
+    bounds = drive_bounds(omega, decay, drive, (3, 4, 5, 6), _POINTS * step)
     return Grid(
         step=step,
         inverse=1.0 / step,
         points=_POINTS,
-        x_x=x_x,
-        v_x=v_x,
-        x_v=x_v,
-        v_v=v_v,
+        x_x=float(1 - exact.spring * x_held),
+        v_x=float(-exact.spring * x / exact.span),
+        x_v=float(exact.span * x),
+        v_v=float(rate),
         bound_3=bounds[0],
         bound_4=bounds[1],
         bound_5=bounds[2],
@@ -437,18 +446,21 @@ def make_oscillator(
     drive = [(a / mass, w) for a, w in zip(amplitudes, frequencies, strict=True)]
     fastest = max([omega, *(w for f, w in drive if f != 0.0 and w != 0.0)])
     horizon = 2.0 / omega
-    bounds = [drive_bound(omega, decay, drive, order, horizon) for order in (3, 4, 5)]
+    bounds = drive_bounds(omega, decay, drive, (3, 4, 5), horizon)
     digits, exponent = frexp(_STEP / fastest)
     # So few digits that the times of the points of the grid are exact
     step = ldexp(round(digits * 2.0**_STEP_DIGITS), exponent - _STEP_DIGITS)
     with localcontext(_EXACT):
         span = Decimal(step)
         spring, dashpot = Decimal(stiffness) / Decimal(mass), Decimal(damping) / Decimal(mass)
-        exact = ExactStep(span, spring * span * span, dashpot * span)
+        exact = ExactStep.of(span, spring * span * span, dashpot * span)
         damped = (spring - dashpot * dashpot / 4).sqrt()
         frequency = float(damped)
         low = float(damped - Decimal(frequency))
-        harmonics = tuple(make_harmonic(decay, damped, *one, exact) for one in drive)
+        harmonics = tuple(
+            make_harmonic(decay, damped, *one, driven)
+            for one, driven in zip(drive, exact.driven_by(drive), strict=True)
+        )
         grid = make_grid(omega, decay, drive, step, exact)
     return Oscillator(
         decay=decay,

@@ -344,7 +344,7 @@ class GapControlParameters(ParameterTable):
         'Part of the way to that instant by which a stop is moved at each impact.',
     )
     gap_control_horizon: float = double_field(
-        1.25,
+        2.1,
         0.1,
         100.0,
         '',

@@ -19,6 +19,7 @@ from .crossing import has_side, next_crossing, sided
 from .event import (
     IMPACT,
     MOST_ROWS,
+    stop_under,
     write_command,
     write_crossing,
     write_event,
@@ -446,7 +447,11 @@ def started(
 ) -> tuple[Origin, int]:
     """Return the origin that follows from a state of unknown mode, after the impact if any."""
     if origin.relative_velocity == 0.0:
-        return at_rest(rig, origin), written
+        still = at_rest(rig, origin)
+        # A chatter that its stop still bears comes to rest when it would have done.
+        if origin.mode >= CHATTER_1 and stop_under(still.mode) == stop_under(origin.mode):
+            return origin, written
+        return still, written
     on_1, on_2 = supports(origin)
     if (on_1 and origin.relative_velocity > 0.0) or (on_2 and origin.relative_velocity < 0.0):
         stop = 1 if origin.relative_velocity > 0.0 else 2

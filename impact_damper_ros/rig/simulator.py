@@ -25,8 +25,10 @@ FORMATS = (1, 2)
 #: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
 #: high its bounces were, 4 polished the passages of X through zero by bisection and took the
 #: measured Y from the difference of Z and X, 5 looked for these passages by certified steps alone,
-#: 6 summed short flights harmonic by harmonic and polished passages by the closed form.
-ARITHMETIC = 7
+#: 6 summed short flights harmonic by harmonic and polished passages by the closed form, 7 rounded
+#: the sine of a harmonic's turn in a step twice, took the nominal gap for the bound of a chatter,
+#: and began the estimate of the amplitude at 0.
+ARITHMETIC = 8
 #: Longest flight that is searched anew when a rig is restored, as an angle of the fastest of
 #: spring and harmonics, rad: a minute or two.
 _LONGEST = 1e7

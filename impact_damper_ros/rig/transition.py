@@ -53,7 +53,7 @@ CHATTER_TOLERANCE = 1e-6
 CHATTER_INSTANT_TOLERANCE = 1e-12
 #: once omega T is at most this, so that X moves as if m rested on the stop; and
 CHATTER_SPAN = 1e-4
-#: once no bounce that is left is higher than this fraction of the gap.
+#: once no bounce that is left is higher than this fraction of the present gap.
 CHATTER_HEIGHT = 1e-9
 
 
@@ -186,7 +186,7 @@ def is_no_chatter(rig: RigConstants, hit: Origin, stop: int) -> bool:
     """Return whether an impact certainly belongs to no chatter; evaluates no sine."""
     push = rig.push + (1.0 + rig.mass_ratio) * (
         rig.joint.omega_squared * abs(hit.x)
-        + 2.0 * rig.joint.decay * abs(_common_velocity(rig, hit))
+        + 2.0 * rig.joint.decay * abs(common_velocity(rig, hit))
     )
     speed = hit.relative_velocity if stop == 2 else -hit.relative_velocity
     shortest = least_step(rig.free.horizon)
@@ -194,16 +194,16 @@ def is_no_chatter(rig: RigConstants, hit: Origin, stop: int) -> bool:
 
 
 @kernel(inline=True)
-def _common_velocity(rig: RigConstants, hit: Origin) -> float:
+def common_velocity(rig: RigConstants, origin: Origin) -> float:
     """Return the velocity that M and m would have together."""
     share = rig.mass_ratio / (1.0 + rig.mass_ratio)
-    return hit.velocity + share * hit.relative_velocity
+    return origin.velocity + share * origin.relative_velocity
 
 
 @kernel
 def _last_bounces(rig: RigConstants, hit: Origin, stop: int, restitution: float) -> Origin:
     """Return the state just after an impact, in the chatter that it belongs to if it does."""
-    common = _common_velocity(rig, hit)
+    common = common_velocity(rig, hit)
     away = 1.0 if stop == 2 else -1.0
     speed = away * hit.relative_velocity
     need = support_need(rig, hit, sines_of(rig.phases, hit.angles), common)
@@ -216,7 +216,8 @@ def _last_bounces(rig: RigConstants, hit: Origin, stop: int, restitution: float)
         left = left if left < inf else 0.0
     elif left < inf:
         omega = sqrt(rig.free.omega_squared)
-        gap = 2.0 * rig.stop
+        # Infinite with one stop only; there `CHATTER_SPAN` bounds the height.
+        gap = hit.clearance_1 + hit.clearance_2
         # The smallest possible bound of the jerk excludes most of the others.
         jerk = rig.free.bound_3
         if not may_complete(left, speed, press, grip, jerk, omega, gap):

@@ -14,7 +14,12 @@ def follow(seen, memory):
     memory[0] += 1.0
     memory[1] = math.nan if seen.crossing > 0 else math.inf
     gap = 0.8 * optimal_gap(seen.amplitude, seen.mass_ratio, seen.restitution, seen.gap_max)
-    return 0.5 * gap, -0.5 * gap
+    # Where m has not hit a stop for some passages, it may be at rest, and M takes a stop as far
+    # as its amplitude.
+    hit = not (math.isnan(seen.hit_time_1) and math.isnan(seen.hit_time_2))
+    memory[4] = 0.0 if hit else memory[4] + 1.0
+    half = 0.5 * gap if memory[4] < 3.0 else min(0.5 * gap, 0.9 * seen.amplitude)
+    return half, -half
 
 
 def push(seen, memory):
@@ -49,6 +54,25 @@ def far(seen, memory):
 
 def wide(seen, memory):
     return 1.0, -600.0
+
+
+def crossed(seen, memory):
+    return -5.0, 5.0
+
+
+def too_close(seen, memory):
+    return 5.0, 4.9995
+
+
+def passes_the_other(seen, memory):
+    memory[0] += 1.0
+    return (5.0, math.nan) if memory[0] < 9.0 else (math.nan, 6.0)
+
+
+def closest(seen, memory):
+    """Keep the smallest gap about m, to round-off."""
+    place = min(max(seen.y, -7.1), 7.1)
+    return place + 0.5 * seen.gap_min, place - 0.5 * seen.gap_min
 
 
 def words(seen, memory):

@@ -92,7 +92,7 @@ def run(kernels, control, model, seed, *, control_off=False):
 
 @pytest.mark.parametrize('seed', range(16))
 def test_plain_and_compiled_control_have_the_same_bits(seed):
-    law = random_control(random.Random(f'k{seed}')).replace(
+    law = random_control(random.Random(f'q{seed}')).replace(
         gap_control=['amplitude', 'timed', 'predictive'][seed % 3]
     )
     if seed % 5 == 0:

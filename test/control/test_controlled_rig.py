@@ -14,7 +14,7 @@ from control.controlled_rigs import (
     random_controlled_rig,
     through_json,
 )
-from impact_damper_ros.control import Action, ControlledRig, GapControlParameters
+from impact_damper_ros.control import Action, ControlledRig, GapControlParameters, damper_of
 from impact_damper_ros.rig import (
     EventKind,
     InitialConditions,
@@ -275,10 +275,33 @@ def test_one_sided_rigs_move_their_only_stop():
         one_sided=True, gap=4.0, gravity=0.3, angle=1.0, damper_mass=0.1, force_amplitudes=[0.2]
     )
     for mode in ('amplitude', 'timed'):
-        rig = ControlledRig(parameters, control=control(mode))
+        rig = ControlledRig(parameters, control=control(mode, actuator_speed=16.0))
         events = rig.advance(300.0)
         assert {e.stop for e in events if e.kind is EventKind.IMPACT} == {1}
         assert rig.stops[0] != 2.0
+        # The other one spends nothing, and is shown where it would stand.
+        assert rig.energies[0] > rig.energies[1] == 0.0
+        assert {(r.target_2, r.velocity_2) for r in rig.records} == {(-2.0, 0.0)}
+
+
+def test_a_law_of_ones_own_may_send_the_only_stop_anywhere():
+    rig = ControlledRig(TRIAL.replace(one_sided=True), law=lambda _seen, _memory: (-5.0, 5.0))
+    rig.advance(60.0)
+    assert rig.stops[0] < -4.0
+
+
+def test_a_law_switched_on_in_steady_motion_does_not_close_the_gap_first():
+    """The estimate begins with the first half cycle: it grew from 0, and the gap with it."""
+    steady = TRIAL.replace(gap=200.0)
+    start = InitialConditions(initial_primary_position=-TRIAL.response_amplitude)
+    rig = ControlledRig(steady, start)
+    rig.advance(10.0)
+    rig.change(steady, control('amplitude', gap_control_stops='symmetric'))
+    rig.advance(18.0)
+    first = next(record for record in rig.records if record.action is Action.COMMAND)
+    assert first.amplitude == pytest.approx(50.0, rel=0.01)
+    best = damper_of(TRIAL).optimal_gap(50.0, 1e3)
+    assert first.target_1 - first.target_2 == pytest.approx(0.8 * best, rel=0.01)
 
 
 def test_the_detector_triggers_at_every_passage_and_only_there():

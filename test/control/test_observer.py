@@ -62,7 +62,7 @@ def test_the_amplitude_is_smoothed_as_the_law_says():
     for k, peak in enumerate((4.0, 2.0, 2.0), start=1):
         observe_sample(observer, sine(k - 0.5)._replace(x=-peak), 1.5, 0.0)
         assert note_crossing(observer, float(k), 0.25)
-    assert observer.amplitude == pytest.approx(0.25 * 2 + 0.75 * (0.25 * 2 + 0.75 * 0.25 * 4))
+    assert observer.amplitude == pytest.approx(0.25 * 2 + 0.75 * (0.25 * 2 + 0.75 * 4))
 
 
 @pytest.mark.parametrize('ahead', [0.1, 0.5, 1.0, 1.5])

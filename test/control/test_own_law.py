@@ -7,7 +7,7 @@ import pytest
 
 from control import laws
 from control.controlled_rigs import IDEAL, TRIAL, amplitude_ratio, control
-from impact_damper_ros.control import ControlledRig, GapControlParameters, LawError, OwnLaw
+from impact_damper_ros.control import Action, ControlledRig, GapControlParameters, LawError, OwnLaw
 from impact_damper_ros.control.controlled_run import ControlledRun
 
 
@@ -31,6 +31,16 @@ def test_it_moves_the_stops_as_the_built_in_law_that_it_copies(values):
     built_in.advance(200.0)
     assert rig.stops == pytest.approx(built_in.stops, rel=0.02)
     assert rig.law == 'control.laws:follow'
+
+
+def test_a_law_may_keep_the_smallest_gap():
+    """Wherever m is, though round-off makes that gap a little smaller."""
+    rig = ControlledRig(TRIAL, control=control('timed', gap_min=0.3), law=laws.closest)
+    rig.advance(30.0)
+    assert sum(record.action is Action.COMMAND for record in rig.records) > 10
+    targets = {record.target_1 - record.target_2 for record in rig.records}
+    assert min(targets) == pytest.approx(0.3, rel=1e-12)
+    assert len(targets) > 2
 
 
 def test_its_memory_goes_through_snapshots():
@@ -93,6 +103,7 @@ def test_a_compiled_law_runs_in_the_compiled_loop(values):
         (laws.raises_late, ('raises_late failed at ', 'compiled=False')),
         (laws.wide, ('wide returned (1.0, -600.0) at ', 'NaN to leave a stop alone')),
         (laws.far, ('far returned (inf, -1.0) at ',)),
+        (laws.passes_the_other, ('(nan, 6.0) at ', 'sent to 5 and -10 m', '0.001 m, above')),
         (laws.words, ('cannot compile the law control.laws:words', 'two numbers')),
         (laws.nothing, ('cannot compile the law control.laws:nothing', 'two numbers')),
         (laws.forgets, ("Unknown attribute 'clear'", 'law control.laws:forgets')),
@@ -125,6 +136,9 @@ def test_it_is_on_by_itself_and_can_be_switched_off():
         (laws.fails, ('fails failed at ', 'ZeroDivisionError: by nought')),
         (laws.far, ('far returned (inf, -1.0) at ', 'half of gap_max')),
         (laws.wide, ('wide returned (1.0, -600.0) at ', 'NaN to leave a stop alone')),
+        (laws.crossed, ('crossed returned (-5.0, 5.0) at ', 'the first at least gap_min')),
+        (laws.too_close, ('(5.0, 4.9995) at ', 'gap_min, 0.001 m, above the second')),
+        (laws.passes_the_other, ('(nan, 6.0) at ', 'sent to 5 and -10 m', '0.001 m, above')),
         (laws.words, ("words returned ('up', 'down') at ", 'two places')),
         (laws.nothing, ('nothing returned None at ',)),
         (laws.beyond_floats, ('beyond_floats returned (1000', 'two places')),

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
 from oracle.hybrid_oracle import mp
 from oracle.hybrid_oracle import run as run_precisely
 
@@ -75,3 +75,72 @@ def test_no_bounce_higher_than_a_billionth_of_the_gap_is_left_out(params):
     last = impacts[-1]
     speed = abs(last.damper_velocity_after - last.primary_velocity_after)
     assert speed**2 / (2.0 * p.gravity) < 1e-9 * p.gap
+
+
+def chatter(params):
+    """Return a rig in the middle of a completed chatter, its last impact, and its rest."""
+    events = Simulator(RigParameters(**params)).advance(20.0)
+    rest = next(event for event in events if event.kind is EventKind.REST)
+    last = max((e for e in events if e.time < rest.time), key=lambda event: event.time)
+    rig = Simulator(RigParameters(**params))
+    rig.advance(0.5 * (last.time + rest.time))
+    assert rig.mode is Mode.CHATTER_1
+    return rig, last, rest
+
+
+@pytest.mark.parametrize('change', [{'damping': 0.021}, {'force_phases': [1.0]}, {'gap': 1.9}])
+def test_a_change_within_a_chatter_does_not_hide_its_rest(change):
+    """Nor bring it forward: it was at rest at once, and not reported."""
+    rig, last, rest = chatter({**BOUNCING_BALL, 'one_sided': False})
+    assert rest.time - last.time > 1e-6
+    assert rig.change(rig.parameters.replace(**change)) == []
+    (event,) = rig.advance(rest.time + 1.0)
+    assert (event.kind, event.stop) == (EventKind.REST, 1)
+    assert event.time == pytest.approx(rest.time, rel=1e-15)
+
+
+def test_m_whose_stop_goes_away_within_a_chatter_leaves_it():
+    rig, _, _ = chatter({**BOUNCING_BALL, 'one_sided': False})
+    assert rig.change(rig.parameters.replace(gap=2.5)) == []
+    assert rig.mode is Mode.FREE
+    assert rig.advance(20.0)[0].kind is EventKind.IMPACT
+
+
+def impacts_before_rest(rig):
+    """Return how often m hits stop 1 from where it is, a little above it."""
+    kinds = [event.kind for event in rig.advance(5.0)]
+    return kinds[: kinds.index(EventKind.REST)].count(EventKind.IMPACT)
+
+
+def test_the_cut_does_not_depend_on_the_gap_of_a_rig_with_one_stop():
+    """It means nothing there; the time that is left has to be short."""
+    counts = set()
+    for gap in (1e-3, 1.0, 1e3):
+        p = RigParameters(**{**BOUNCING_BALL, 'gap': gap})
+        start = InitialConditions(initial_damper_offset=0.5 * gap - 1e-6)
+        counts.add(impacts_before_rest(Simulator(p, start)))
+    assert len(counts) == 1
+    assert counts.pop() > 3
+
+
+def test_the_cut_is_that_of_the_stops_where_they_are():
+    values = {**BOUNCING_BALL, 'one_sided': False}
+    narrow = Simulator(RigParameters(**{**values, 'gap': 1e-3}))
+    moved = Simulator(RigParameters(**values))
+    moved.move_stops(5e-4, -5e-4)
+    assert impacts_before_rest(moved) == impacts_before_rest(narrow)
+
+
+@pytest.mark.parametrize('params', LIGHT.values(), ids=LIGHT)
+def test_within_a_chatter_m_is_shown_on_its_stop(params):
+    """X' is wrong by its share of the speed with which m left the last impact listed, at most."""
+    rig, last, _ = chatter(params)
+    sample = rig.sample()
+    precise = run_precisely(params, rig.time)
+    x, velocity, _, _ = precise.state(mp.mpf(rig.time))
+    speed = abs(last.damper_velocity_after - last.primary_velocity_after)
+    share = rig.parameters.mass_ratio / (1.0 + rig.parameters.mass_ratio)
+    error = abs(velocity - mp.mpf(sample.primary_velocity))
+    assert error < 1.001 * share * speed
+    assert abs(x - mp.mpf(sample.x)) < share * speed**2 / rig.parameters.gravity
+    assert sample.primary_velocity == sample.damper_velocity

@@ -1,6 +1,7 @@
 """Random-phase multisine: its lines, its phases for ever, and their angles over live changes."""
 
 import math
+import sys
 from itertools import islice
 
 import numpy as np
@@ -110,6 +111,46 @@ def test_it_agrees_with_110_digits():
         exact = [float(v) for v in motion.derivatives(mp.mpf(time))[:2]]
         sample = rig.sample()
         assert (sample.x, sample.primary_velocity) == pytest.approx(exact, rel=1e-11, abs=1e-12)
+
+
+def test_a_change_is_no_long_computation():
+    """Which would stall a live rig: counted in lines of Python, since seconds vary."""
+    rig = Simulator(NOISY.replace(multisine_lines=128))
+    changed = rig.parameters.replace(damping=0.2)
+    assert len(changed.harmonics[0]) == 129
+    count = 0
+
+    def trace(*_):
+        nonlocal count
+        count += 1
+        return trace
+
+    sys.settrace(trace)
+    try:
+        rig.change(changed)
+    finally:
+        sys.settrace(None)
+    assert count < 200 * 129
+
+
+@pytest.mark.parametrize('lines', [6, 60])
+def test_impacts_are_those_of_a_force_in_parts(lines):
+    """With twice as many harmonics at half the force each: the same motion to round-off."""
+    noisy = NOISY.replace(gap=2.0, multisine_lines=lines)
+    rig = Simulator(noisy)
+    force, frequency, phase = rig.parameters.harmonics
+    parts = Simulator(
+        noisy.replace(
+            multisine_level=0.0,
+            force_amplitudes=[0.5 * part for part in force] * 2,
+            force_frequencies=frequency * 2,
+            force_phases=phase * 2,
+        )
+    )
+    events, others = rig.advance(40.0), parts.advance(40.0)
+    assert len(events) == len(others) > 5
+    for event, other in zip(events, others, strict=True):
+        assert event.time == pytest.approx(other.time, rel=1e-11)
 
 
 def test_long_runs_take_it():
