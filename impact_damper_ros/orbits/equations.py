@@ -162,6 +162,13 @@ def check_stops(parameters: RigParameters, given: Sequence[int], cycles: int) ->
     return stops
 
 
+def pressed_to(parameters: RigParameters, stop: int) -> bool:
+    """Return whether weight, friction or air can press m to a stop, on average of a period."""
+    machine = rig_constants(parameters)
+    weight = machine.slope if stop == 1 else -machine.slope
+    return weight - machine.air + machine.grip > 0.0
+
+
 def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, ...]]:
     """
     List the stop sequences of N impacts in a period.
@@ -176,8 +183,9 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
     Returns
     -------
     list of tuple of int
-        Each sequence once, whatever impact it is counted from, beginning with stop 1; the one that
-        alternates comes first. Stop 1 alone for N = 1; both stops for more, unless one-sided.
+        Each sequence once, whatever impact it is counted from, beginning with stop 1 if that is
+        hit; the one that alternates comes first. Those of one stop come last, if weight or
+        friction can press m to it as much as impacts and air push it away; (1,) if there is none.
 
     Raises
     ------
@@ -192,19 +200,19 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
             f'{shown(impacts)} impacts: give at least 1 in a period, a whole number up to '
             f'{MOST_IMPACTS}'
         ) from None
-    if impacts == 1 or parameters.one_sided:
+    if parameters.one_sided:
         return [(1,) * impacts]
     if impacts > MOST_LISTED_IMPACTS:
         raise OrbitError(
             f'{impacts} impacts have too many stop sequences to try all: name one, such as '
             f'{",".join("12"[i % 2] for i in range(impacts))}'
         )
-    found: set[tuple[int, ...]] = set()
+    found = {(stop,) * impacts for stop in (1, 2) if pressed_to(parameters, stop)}
     for code in range(1, 2**impacts - 1):
         word = tuple(1 + (code >> i) % 2 for i in range(impacts))
         found.add(min(word[i:] + word[:i] for i in range(impacts)))
     changes = {w: sum(a != b for a, b in zip(w, w[1:] + w[:1], strict=True)) for w in found}
-    return sorted(found, key=lambda word: (-changes[word], word))
+    return sorted(found, key=lambda word: (-changes[word], word)) or [(1,)]
 
 
 Array = NDArray[np.float64]

@@ -365,6 +365,8 @@ def _simulated_starts(equations: ImpactEquations) -> tuple[Array, Array]:
     return np.array(xs).reshape(-1, n), np.array(instants).reshape(-1, n)
 
 
+# A start may have two impacts at once, as at the end of a chatter: it is dropped.
+@np.errstate(divide='ignore', invalid='ignore', over='ignore')
 def many_impact_roots(
     equations: ImpactEquations, starts: int, simulate: bool
 ) -> tuple[list[Root], tuple[int, int, int]]:

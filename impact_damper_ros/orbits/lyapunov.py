@@ -192,9 +192,11 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
 
 
 def _batched_exponent(growth: Array, spans: Array) -> Exponent:
-    """Return the exponent from the growth in each part of a time."""
-    rates: Any = growth[1:] / spans[1:]
-    return Exponent(float(rates.mean()), _STUDENT * float(rates.std(ddof=1)) / math.sqrt(BATCHES))
+    """Return the exponent from the growth in each part of a time; a part may have none."""
+    kept = np.flatnonzero(spans[1:] > 0.0) + 1
+    rates: Any = growth[kept] / spans[kept]
+    error = float(rates.std(ddof=1)) / math.sqrt(len(kept))
+    return Exponent(float(rates.mean()), _STUDENT * error)
 
 
 #: Separation of neighbours, relative to the size of the motion, and at least so many times the

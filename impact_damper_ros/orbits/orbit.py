@@ -10,6 +10,10 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.rig import EventKind, RigParameters
 
+#: A multiplier whose modulus is nearer to 1 is on the unit circle: round-off leaves half of the
+#: digits of a double one.
+NEUTRAL = 1e-6
+
 #: Values at the impacts, in the order of the stops.
 _AT_IMPACTS = (
     'stops',
@@ -67,8 +71,6 @@ class PeriodicOrbit:
     multipliers : tuple of complex
         Stability multipliers, largest modulus first. There are four; those that belong to a
         phase of sticking or rest are zero.
-    stable : bool
-        Whether all of them are inside the unit circle.
     viable : bool
         Whether the rig can perform it: m stays between the stops, hits them from within at these
         instants only, and friction is as assumed.
@@ -94,12 +96,26 @@ class PeriodicOrbit:
     damper_velocity_after: tuple[float, ...]
     x_max: float
     multipliers: tuple[complex, ...]
-    stable: bool
     viable: bool
     reason: str
     residual: float
     residual_history: tuple[float, ...]
     events: tuple[OrbitEvent, ...] = ()
+
+    @property
+    def stable(self) -> bool:
+        """Whether all multipliers are inside the unit circle: small deviations die out."""
+        return abs(self.multipliers[0]) < 1.0 - NEUTRAL
+
+    @property
+    def neutral(self) -> bool:
+        """Whether the largest is on it, as in a rig without losses: deviations remain."""
+        return abs(abs(self.multipliers[0]) - 1.0) <= NEUTRAL
+
+    @property
+    def stability(self) -> str:
+        """Stable, neutral or unstable, as a word."""
+        return 'stable' if self.stable else 'neutral' if self.neutral else 'unstable'
 
     @property
     def impacts(self) -> int:
@@ -184,6 +200,7 @@ class PeriodicOrbit:
         left_out = ('parameters', 'events')
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in left_out}
         stored = {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+        stored['stable'], stored['neutral'] = self.stable, self.neutral
         stored['multipliers'] = [[m.real, m.imag] for m in self.multipliers]
         stored['nodes'] = [
             {'kind': event.kind.name.lower(), 'stop': event.stop, 'phase': event.phase}

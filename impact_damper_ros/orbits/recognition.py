@@ -414,8 +414,10 @@ def rhythm_of(
     drifts: dict[int, float] = {}
     for cycles in range(1, most_cycles + 1):
         count = table.impacts_in(cycles)
-        if not 0 < 3 * count <= total:
+        if 3 * count > total:
             break
+        if not count:
+            continue
         distances = table.distances(count, cycles)
         drift = float(distances[-count:].max())
         earlier = float(distances[-2 * count : -count].max())

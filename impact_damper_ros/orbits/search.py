@@ -19,6 +19,7 @@ from .equations import (
     check_forcing,
     check_stops,
     checked_whole,
+    pressed_to,
     single_harmonic,
 )
 from .event_map import follow_trajectory, origin_at
@@ -32,7 +33,7 @@ from .viability import assumed_flights, largest_displacement, why_not_viable
 #: Motions closer than this, relative to their size, are the same.
 SAME = 1e-7
 
-#: Restitution below which a chatter has few impacts before m rests.
+#: Restitution below which a chatter may have only one or two impacts before m rests.
 SOFT = 0.2
 
 #: Systematic starts for each unknown instant, three and more impacts in a period.
@@ -172,7 +173,6 @@ def orbit_of(equations: ImpactEquations, root: Root) -> PeriodicOrbit:
         damper_velocity_after=row(at.damper_after),
         x_max=largest_displacement(flights, equations.durations(instants)),
         multipliers=multipliers,
-        stable=abs(multipliers[0]) < 1.0,
         viable=not reason,
         reason=reason,
         residual=root.residual,
@@ -189,7 +189,8 @@ def within_theory(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
 def may_rest_or_reverse(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
     """Return whether m is likely to reverse, stick or come to rest between these impacts."""
     both = {1: parameters.restitution_1, 2: parameters.restitution_2}
-    return rig_constants(parameters).grip > 0.0 or min(both[stop] for stop in stops) < SOFT
+    soft = min(both[stop] for stop in stops) < SOFT
+    return soft or len(stops) > 2 or rig_constants(parameters).grip > 0.0
 
 
 def _theory(
@@ -367,7 +368,8 @@ def find_orbits(
     The impact equations cover neither flights that return to the same stop against friction nor a
     force of several harmonics. The shooting solver then starts from simulated motion and from the
     motions of the rig without friction or with the first harmonic only. With `simulate` it also
-    searches for motions in which m reverses, sticks or rests between alternating impacts.
+    searches for motions in which m reverses, sticks or rests. The impacts of a completed chatter
+    count, up to the rest.
 
     Raises
     ------
@@ -407,13 +409,20 @@ def _found(
         orbits, report = _theory(rig, stops, cycles, starts, simulate)
         if not simulate or not may_rest_or_reverse(parameters, stops):
             return OrbitSearch(tuple(orbits), report)
-        others, _ = _shot_orbits(rig, stops, cycles, [])
+        others, shot = _shot_orbits(rig, stops, cycles, [])
+        report = replace(
+            report,
+            simulated=report.simulated + shot.simulated,
+            simulated_converged=report.simulated_converged + shot.simulated_converged,
+        )
     else:
         simple = _with_first_harmonic(parameters)
         if not within_theory(parameters, stops):
             simple = simple.replace(friction=0.0)
-        solved, _ = _theory(simple, stops, cycles, starts, False)
-        known = [orbit for orbit in solved if orbit.viable]
+        known = []
+        if len(set(stops)) > 1 or pressed_to(simple, stops[0]):
+            solved, _ = _theory(simple, stops, cycles, starts, False)
+            known = [orbit for orbit in solved if orbit.viable]
         others, report = _shot_orbits(parameters, stops, cycles, known, simulate=simulate)
     turned = [counted_as(orbit, stops) for orbit in others]
     orbits = _distinct([*orbits, *(orbit for orbit in turned if orbit is not None)])

@@ -281,10 +281,9 @@ class SettlingRig:
         self.events += result.event_count
         return result
 
-    def settle(self) -> Events:
+    def settle(self, cycles: int) -> Events:
         """Run until the next check whether the motion repeats; return the events."""
-        left = max(1, self.settling.cycles - self.cycles)
-        result = self.run(min(CYCLES_BETWEEN_LOOKS, left))
+        result = self.run(cycles)
         section = relative_states(result.samples[1:])
         size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
         # A rig without force has settled once next to nothing of its start is left

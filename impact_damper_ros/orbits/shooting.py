@@ -320,7 +320,6 @@ def _orbit(
             (part.flight for part in flights), (part.duration for part in flights)
         ),
         multipliers=multipliers,
-        stable=abs(multipliers[0]) < 1.0,
         viable=True,
         reason='',
         residual=history[-1],

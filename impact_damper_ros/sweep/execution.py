@@ -22,12 +22,13 @@ from dataclasses import dataclass, replace
 from multiprocessing import connection, get_context, parent_process
 from typing import Any, Protocol, Self, runtime_checkable
 
+import numpy as np
+
 import impact_damper_ros
 from impact_damper_ros.control import LawError, OwnLaw
 from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.rig import ParameterError, RigParameters
+from impact_damper_ros.rig import ParameterError, RigParameters, RunawayError
 from impact_damper_ros.rig.arguments import need, need_call
-from impact_damper_ros.rig.event_budget import EndlessEventsError
 from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.rig.parameter_spec import whole_number
 
@@ -46,8 +47,10 @@ def _continued(state: _State, parameters: RigParameters) -> LongRun:
     run.change(parameters)
     snapshot = run.snapshot()
     origin = dict(snapshot['origin'])
-    # A flight begins at the change of the parameters
-    origin['time'] -= snapshot['time']
+    # A flight begins at a change of the parameters, or earlier if none is another
+    since = origin['time'] - snapshot['time']
+    origin['time'] = since + origin['time_low']
+    origin['time_low'] -= origin['time'] - since
     return LongRun.restore({**snapshot, 'time': 0.0, 'origin': origin})
 
 
@@ -78,10 +81,10 @@ def rig_row(
             # The section holds nothing of the control
             row['state'] = json.dumps(last, separators=(',', ':'))
         return row, last
-    except (ParameterError, EndlessEventsError, LawError) as error:
+    except (ParameterError, RunawayError, LawError) as error:
         return failed_row(str(error)), None
-    except (ArithmeticError, ValueError, RuntimeError, AssertionError) as error:
-        # A fault in one rig must not end the sweep
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        # Numbers beyond the floats in one rig must not end the sweep
         return failed_row(f'{type(error).__name__}: {error}'), None
 
 

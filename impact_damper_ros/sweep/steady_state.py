@@ -23,9 +23,15 @@ from impact_damper_ros.orbits.lyapunov import (
 )
 from impact_damper_ros.orbits.multipliers import multipliers_of
 from impact_damper_ros.orbits.recognition import MotionKind
-from impact_damper_ros.orbits.settling import Settling, SettlingRig, relative_states
-from impact_damper_ros.rig import EventKind, Mode
+from impact_damper_ros.orbits.settling import (
+    CYCLES_BETWEEN_LOOKS,
+    Settling,
+    SettlingRig,
+    relative_states,
+)
+from impact_damper_ros.rig import EventKind, Mode, ParameterError
 from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, RunResult
+from impact_damper_ros.rig.state_checks import LATEST
 
 Array = NDArray[np.float64]
 
@@ -277,18 +283,33 @@ def steady_state(run: LongRun | ControlledRun, settling: Settling) -> SteadyStat
     The rig is at the beginning of a cycle of its force. Every 50 cycles the states at the ends of
     the last cycles are compared. The motion is periodic if they recur after 1 to 16 cycles, for
     two periods and at least ten cycles. A motion that recurs but is unstable by its multipliers is
-    run on until it departs. Under gap control the stops must recur too, and the multipliers are
-    those of two nearby rigs; see `orbits.lyapunov`. Raises `EndlessEventsError` if the rig has
-    more events than `settling` allows.
+    run on until it departs; one that is undecided is compared once more after it was watched.
+    Under gap control the stops must recur too, and the multipliers are those of two nearby rigs;
+    see `orbits.lyapunov`. Raises `EndlessEventsError` if the rig has more events than `settling`
+    allows.
     """
     rig = SettlingRig(run, settling)
+    if rig.time_after(settling.cycles + settling.watch) > 0.5 * LATEST:
+        raise ParameterError(
+            'force_frequencies',
+            f'the force has a cycle of {rig.cycle:g} s, and so many cycles take longer than a rig '
+            'can run: give a higher frequency in force_frequencies, or fewer cycles',
+        )
     before = np.empty(0, EVENT_TYPE)
     while rig.cycles < settling.cycles:
-        before = rig.settle()
+        before = rig.settle(min(CYCLES_BETWEEN_LOOKS, settling.cycles - rig.cycles))
         period = rig.period()
         if period:
             found = _measured(rig, before, period)
             if not _unstable(found):
                 return found
             rig.forget()
-    return _measured(rig, before, 0)
+    watched = _measured(rig, before, 0)
+    if watched.kind is MotionKind.UNDECIDED:
+        # It may have settled while it was watched
+        rig.forget()
+        before = rig.settle(CYCLES_BETWEEN_LOOKS)
+        if period := rig.period():
+            found = _measured(rig, before, period)
+            return watched if _unstable(found) else found
+    return watched

@@ -156,16 +156,22 @@ def test_what_the_theory_excludes(changes, stops, cycles, words):
 @pytest.mark.parametrize(
     ('impacts', 'expected'),
     [
-        (1, [(1,)]),
+        (1, []),
         (2, [(1, 2)]),
         (3, [(1, 1, 2), (1, 2, 2)]),
         (4, [(1, 2, 1, 2), (1, 1, 1, 2), (1, 1, 2, 2), (1, 2, 2, 2)]),
     ],
 )
 def test_plausible_stops(impacts, expected):
-    assert plausible_stops(RIG, impacts) == expected
-    one_sided = RIG.replace(one_sided=True)
-    assert plausible_stops(one_sided, impacts) == [(1,) * impacts]
+    level = RIG.replace(angle=0.0, friction=0.0, air_force=0.0)
+    alone = [(stop,) * impacts for stop in (1, 2)]
+    assert plausible_stops(level, impacts) == (expected or [(1,)])
+    assert plausible_stops(level.replace(angle=0.1), impacts) == [*expected, alone[0]]
+    assert plausible_stops(level.replace(angle=-0.1), impacts) == [*expected, alone[1]]
+    assert plausible_stops(level.replace(friction=0.1), impacts) == [*expected, *alone]
+    pushed = level.replace(angle=0.1, air_force=1.1 * level.damper_mass * level.gravity)
+    assert plausible_stops(pushed, impacts) == (expected or [(1,)])
+    assert plausible_stops(level.replace(one_sided=True), impacts) == [(1,) * impacts]
 
 
 @pytest.mark.parametrize('impacts', [0, 7])

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from rigs import FRICTION, INCLINED
+from rigs import FRICTION, INCLINED, VERTICAL
 
 from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.orbits.recognition import repeated_impacts
@@ -219,6 +219,24 @@ def test_sticking_and_resting_motions_are_what_simulation_settles_into(rig):
         assert abs(late[nearest]) < 1e-9
         assert event.stop == orbit.stops[nearest]
         assert event.x == pytest.approx(orbit.x[nearest], rel=1e-9)
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_chatter_that_ends_in_rest_is_found_without_friction():
+    """Its impacts up to the rest are counted; the impact equations alone do not have it."""
+    rig = VERTICAL.replace(restitution_1=0.2, force_amplitudes=6.0)
+    found = find_orbits(rig, (1,) * 12, 5, starts=0)
+    (orbit,) = found.orbits
+    assert (orbit.stable, orbit.viable) == (True, True)
+    assert [event.kind for event in orbit.events] == [EventKind.RELEASE, EventKind.REST]
+    assert found.report.simulated_converged > 0
+    events = Simulator(rig).advance(700 * orbit.cycle)
+    (rest,) = [event for event in events if event.kind is EventKind.REST][-1:]
+    assert rest.time / orbit.cycle % 1.0 == pytest.approx(orbit.events[1].phase % 1.0, abs=1e-6)
+    impacts = [event for event in events if event.kind is EventKind.IMPACT]
+    x = [event.x for event in impacts if rest.time - orbit.period < event.time <= rest.time]
+    turned = [list(orbit.x[i:] + orbit.x[:i]) for i in range(12)]
+    assert any(x == pytest.approx(each, rel=1e-4) for each in turned)
 
 
 def test_newton_converges_quadratically():

@@ -189,12 +189,19 @@ def test_largest_reduction_is_judged_by_every_measure():
         kept = {'12': 35.0, '112': 5.5, '1122': 2.0}
         return kept | ({'122': 5.5} if name == '2 horizontal' else {'12': 33.0})
 
+    def two_lose_least(name):
+        return {'12': 35.0} | ({'112': 5.0} if name == '2 horizontal' else {'12': 34.9})
+
     verdicts = [
         next(c for c in range_claims(_stable_over(widths)) if 'largest reduction' in c.claim)
-        for widths in (two_lose_most, one_sequence_vanishes)
+        for widths in (two_lose_most, one_sequence_vanishes, two_lose_least)
     ]
-    assert verdicts[0].judgement is Judgement.REPRODUCED
-    assert verdicts[1].judgement is Judgement.NOT_REPRODUCED
+    assert [verdict.judgement for verdict in verdicts] == [
+        Judgement.REPRODUCED,
+        Judgement.IN_PART,
+        Judgement.NOT_REPRODUCED,
+    ]
+    assert verdicts[1].remark.startswith('it holds in metres, by the number of impacts')
     assert '122 5.50 m (100%)' in verdicts[1].computed
 
 
@@ -218,7 +225,7 @@ def test_edge_of_stability_over_the_natural_frequency():
     (plan,) = (plan for plan in plans_of('4') if plan.name == '4 ζ=0.005')
     edge = stability_edge(plan, 0.816)
     assert edge == pytest.approx(0.8153545, abs=5e-7)
-    for value, stable in ((edge, True), (edge - 1e-6, False), (0.815, False)):
+    for value, stable in ((edge + 2e-5, True), (edge - 2e-5, False), (0.815, False)):
         (orbit,) = (
             o for o in find_orbits(plan.at(value), (1, 2), simulate=False).orbits if o.viable
         )

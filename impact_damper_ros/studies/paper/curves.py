@@ -423,6 +423,8 @@ def frictionless_motions(plan: SeriesPlan, values: Iterable[float]) -> list[Star
             for impacts in plan.impacts
             if impacts == 2 or value <= plan.many_up_to
             for stops in plausible_stops(rig, impacts)
+            # The motions of the paper hit both
+            if len(set(stops)) == 2
         )
         for stops in sequences:
             orbits = find_orbits(rig, stops, simulate=False).orbits

@@ -230,7 +230,10 @@ def range_claims(results: Mapping[str, Series]) -> Iterator[Claim]:
         + ', '.join(f'{word} {together[word]:.2f} m ({parts[word]:.0%})' for word in all_of)
         + f'. 12 without motions that reverse between the stops, as in the paper: {kept:.2f} m '
         f'({kept / smooth["horizontal"]:.0%})',
-        judged(len(holds) == len(measures)),
+        judged(
+            len(holds) == len(measures),
+            Judgement.IN_PART if holds else Judgement.NOT_REPRODUCED,
+        ),
         (f'it holds {" and ".join(holds)} only; ' if holds else '')
         + f'in metres {max(largest, key=largest.__getitem__)} loses most, as a share '
         + max(share, key=share.__getitem__),
