@@ -10,6 +10,7 @@ import anything that takes time.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import signal
 import sys
@@ -38,6 +39,9 @@ __all__ = [
 EXIT_INTERRUPTED, EXIT_TERMINATED = 130, 143
 #: After so long, s, a signal that compiled code has kept from being handled ends the process.
 _PATIENCE = 5.0
+
+#: Errors of a standard output that is full or closed; they name no file.
+_UNWRITTEN = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EPIPE
 
 _PACKAGE = 'impact_damper_ros'
 _NODE = 'sim_node'
@@ -92,8 +96,39 @@ def run(command: str, main: Callable[[], int]) -> int:
 
     SIGTERM, as from ``timeout`` or a service manager, ends it as Ctrl-C does, with exit code 143.
     """
-    if command == _NODE:
-        return main()  # which takes the signals itself, for good
+    # The node takes the signals itself, for good.
+    code = (_called if command == _NODE else _interruptible)(command, main)
+    # What is written must not be lost to a late Ctrl-C; a closed pipe is told again at exit.
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        if not code and not isinstance(error, BrokenPipeError):
+            _say(command, f'cannot write output: {error.strerror}')
+            code = 1
+        if code:
+            # Not to be said once more at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return code
+
+
+def _called(command: str, main: Callable[[], int]) -> int:
+    """Call the function of a command; return the exit code also where it prints and exits."""
+    try:
+        return main()
+    except SystemExit as ended:
+        if not isinstance(ended.code, int):
+            raise
+        return ended.code
+    except OSError as error:
+        if error.filename is not None or error.errno not in _UNWRITTEN:
+            raise
+        if not isinstance(error, BrokenPipeError):
+            _say(command, f'cannot write output: {error.strerror}')
+        return 1
+
+
+def _interruptible(command: str, main: Callable[[], int]) -> int:
+    """Call the function of a command, which a signal ends in its own way."""
     received = 0
 
     def interrupt(number: int, _: object) -> None:
@@ -107,7 +142,7 @@ def run(command: str, main: Callable[[], int]) -> int:
             before[number] = signal.signal(number, interrupt)
     try:
         with _impatient(command, lambda: received):
-            code = main()
+            code = _called(command, main)
     except (Exception, KeyboardInterrupt):
         if not received:
             raise
@@ -120,16 +155,6 @@ def run(command: str, main: Callable[[], int]) -> int:
             signal.signal(signal.SIGTERM, before[signal.SIGTERM] or signal.SIG_DFL)
     if received == signal.SIGTERM and code == EXIT_INTERRUPTED:
         code = EXIT_TERMINATED
-    # What is written must not be lost to a late Ctrl-C; a closed pipe is told again at exit.
-    try:
-        sys.stdout.flush()
-    except OSError as error:
-        if not code and not isinstance(error, BrokenPipeError):
-            _say(command, f'cannot write output: {error.strerror}')
-            code = 1
-        if code:
-            # Not to be said once more at exit
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     return code
 
 

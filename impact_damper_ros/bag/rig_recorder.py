@@ -21,6 +21,7 @@ from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.description import robot_description
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.state_checks import LATEST
+from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .messages import Parameter, ParameterEvent, String, encode
 from .rig_topics import RIG_TOPICS, RigMessages, recorded_topics, recording_notes, snapshot_text
@@ -123,7 +124,7 @@ class RigRecorder:
         rate = number_between('rate', rate, *_RATES)
         duration = number_between('duration', duration, 0.0, LATEST)
         self._rig = rig
-        self._rate = rate
+        self._grid = TickGrid(rate)
         self._node = node
         self._due = 0
         self._last = math.floor(duration * rate * (1.0 + 1e-15))
@@ -169,12 +170,9 @@ class RigRecorder:
     def _write(self, key: str, content: bytes, stamp_ns: int) -> None:
         self._writer.write(self._names[key], content, stamp_ns)
 
-    def _instant_ns(self, tick: int) -> int:
-        return round(tick * 1e9 / self._rate)
-
     def _tick(self) -> None:
         """Record the joint states of the tick that is due, at which the rig is."""
-        time_ns = self._instant_ns(self._due)
+        time_ns = self._grid.instant(self._due)
         rig = self._rig.parameters
         sample, deflection = self._rig.sample(), rig.static_deflection
         content = self._messages.states(time_ns, sample, deflection, rig.angle)
@@ -195,11 +193,11 @@ class RigRecorder:
 
     def ticks(self) -> Iterator[float]:
         """Yield the instants of the ticks after the start, s; the rig must stop at each."""
-        return (self._instant_ns(tick) / 1e9 for tick in range(1, self._last + 1))
+        return (self._grid.instant(tick) / 1e9 for tick in range(1, self._last + 1))
 
     def reached(self, instant: float) -> None:
         """Record the joint states if a tick is due at the instant, s, that the rig has reached."""
-        if self._due <= self._last and instant == self._instant_ns(self._due) / 1e9:
+        if self._due <= self._last and instant == self._grid.instant(self._due) / 1e9:
             self._tick()
 
     def changed(self, time_ns: int, values: Mapping[str, Any], events: Iterable[Event]) -> None:

@@ -111,9 +111,19 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
     return code
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that does not ignore that its help or version cannot be written."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if file is sys.stdout:
+            file.write(message)
+        else:
+            super()._print_message(message, file)
+
+
 def command_parser(command: str, description: str, epilog: str = '') -> argparse.ArgumentParser:
     """Return the parser of a command, with ``--version``; line breaks of the texts stay."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         command,
         description=description,
         epilog=epilog,

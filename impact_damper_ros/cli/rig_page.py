@@ -122,7 +122,7 @@ async def _serve(arguments: argparse.Namespace) -> int:
     from impact_damper_ros.page.server import PageServer
 
     gate = Gate(arguments.host, arguments.name)
-    recordings = Recordings(arguments.bag or arguments.recordings)
+    recordings = Recordings(arguments.bag or arguments.recordings, listed=arguments.bag is None)
     if arguments.bag is None:
         from impact_damper_ros.page.ros_client import NoAnswerError, RosClient
 

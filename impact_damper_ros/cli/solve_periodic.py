@@ -81,7 +81,11 @@ def _parser() -> argparse.ArgumentParser:
     parser = command_parser('solve_periodic', _DESCRIPTION, _EPILOG)
     add_params_argument(parser)
     parser.add_argument(
-        '--impacts', type=up_to(64), required=True, metavar='N', help='impacts in one period'
+        '--impacts',
+        type=up_to(64),
+        required=True,
+        metavar='N',
+        help='impacts in one period, those of a chatter up to the rest',
     )
     parser.add_argument(
         '--cycles',
@@ -94,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
         '--stops',
         type=_stops,
         metavar='1,2,...',
-        help='stops hit in one period, in order [every sequence of N impacts; 1 for N = 1]',
+        help='stops hit in one period, in order [every sequence of N impacts]',
     )
     parser.add_argument(
         '--vary',
@@ -127,7 +131,7 @@ def _orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     stops = ','.join(map(str, orbit.stops))
     lines = [
         f'motion {number}: stops {stops} in {counted(orbit.cycles, "cycle")} '
-        f'({orbit.period:.9g} s), {"stable" if orbit.stable else "unstable"}, '
+        f'({orbit.period:.9g} s), {orbit.stability}, '
         + ('viable' if orbit.viable else 'NOT VIABLE'),
         "  stop  phase [cycles]         X [m]   X' before    X' after   Z' before    Z' after "
         '[m/s]',

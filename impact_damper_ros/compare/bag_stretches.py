@@ -27,6 +27,7 @@ from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.replay.recorded_run import RecordedChange, RecordedRun
 from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
+from impact_damper_ros.rig.changes import kept_angles
 from impact_damper_ros.rig.simulator import Snapshot
 
 from .flight_check import FaultSearch
@@ -100,10 +101,13 @@ class LoggedRig:
         parameters = self.parameters.replace(**named)
         clock = self.clock
         if clock is not None:
-            turned = clock.angles_at(np.array([time]))[:, 0] - clock.parameters.force_phases
-            count = len(parameters.force_phases)
-            angles = (*(float(angle) for angle in turned), *(0.0,) * count)[:count]
-            clock = ForceClock(parameters, time, angles)
+            harmonics = self.parameters.harmonics[2], parameters.harmonics[2]
+            own = len(self.parameters.force_phases), len(parameters.force_phases)
+            lines = len(harmonics[0]) - own[0], len(harmonics[1]) - own[1]
+            turned = clock.angles_at(np.array([time]))[:, 0] - harmonics[0]
+            angles = kept_angles(tuple(turned.tolist()), own, lines)
+            swept = parameters.sweep_mode != 'off'
+            clock = None if swept else ForceClock(parameters, time, angles)
         return replace(self, parameters=parameters, clock=clock)
 
     def changed_names(self, other: LoggedRig) -> set[str]:
@@ -360,11 +364,13 @@ class _TopicReader:
         order = np.argsort(time, kind='stable')
         time, numbers, frames = time[order], numbers[order], frames[order]
         keep = np.ones(len(time), dtype=np.bool_)
-        # Chatters may have several impacts in a nanosecond, but never the same one twice.
         same = time[1:] == time[:-1]
         impacts = any(frame in _STOPS for frame in self._columns.frames)
         if impacts:
-            same &= (numbers[1:] == numbers[:-1]).all(axis=1)
+            # Chatters may have several impacts in a nanosecond, but the same one twice only if
+            # something is done to the rig between, where what waits is read.
+            new = order >= len(held.stamps_ns)
+            same &= (numbers[1:] == numbers[:-1]).all(axis=1) & new[1:] & new[:-1]
         keep[1:] &= ~same
         if self._taken_ns is not None:
             keep &= time >= self._taken_ns + (not impacts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +27,9 @@ from .result import Finding, LogCheck, RunComparison, StretchComparison
 from .verdict import compare_stretch
 
 _FROM_MOTION = 'the recorded motion was checked against the equations of motion, to round-off'
+
+#: Estimated error of X between joint states, as a share, that is remarked on.
+_COARSE = 0.01
 
 Progress = Callable[[float], object]
 
@@ -74,10 +77,10 @@ def _finding(difference: Difference) -> Finding:
     elif replayed is None:
         text = f'{where} is in the log, but did not happen ({recorded})'
     else:
-        text = (
-            f'{where} is {_shown(recorded)}{unit} in the log, and {_shown(replayed)}{unit} when '
-            'the log is replayed'
-        )
+        there, here = _shown(recorded), _shown(replayed)
+        if there == here:
+            there, here = str(recorded), str(replayed)
+        text = f'{where} is {there}{unit} in the log, and {here}{unit} when the log is replayed'
     quantity = f'{difference.quantity} on {difference.topic}'
     numbers = (difference.time, _number(recorded), _number(replayed), 0.0)
     return Finding(quantity, difference.unit, *numbers, text)
@@ -151,6 +154,18 @@ def _unchecked(replay: Replay) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _on_coarse_samples(stretches: Sequence[StretchComparison]) -> Iterator[str]:
+    """Yield a remark if the joint states are too far apart for X between them."""
+    doubts = [(s.overall.accuracy, s.number) for s in stretches if s.overall is not None]
+    worst, number = max(doubts, default=(0.0, 0))
+    if worst > _COARSE:
+        size = f'may be off by about {100.0 * worst:.2g} %' if worst < 1.0 else 'are not known'
+        yield (
+            'the joint states are too far apart: largest |X|, rms X and the energies of force and '
+            f'dashpot {size} in stretch {number}; record more a second (state_rate, --rate)'
+        )
+
+
 def _unseen(_what: str, _span: float) -> Progress:
     return float
 
@@ -209,6 +224,7 @@ def compare_bag(
                         'it was found from the motion'
                     )
             stretches.append(compare_stretch(stretch, search, replayed))
+        remarks += _on_coarse_samples(stretches)
     return RunComparison(
         bag=str(path),
         node=bag.recorded.topics.name,

@@ -482,7 +482,7 @@ def log_findings(
     """
     if replayed is not None and not replayed:
         return []
-    found = _motion_findings(stretch, search)
+    found = _motion_findings(stretch, search, replayed=bool(replayed))
     if found and replayed:
         # A log that contradicts itself names the fault.
         own = [finding for finding in replayed if finding.quantity.endswith(_OF_PARAMETERS)]
@@ -490,7 +490,10 @@ def log_findings(
     return sorted(found or list(replayed or ()), key=lambda finding: finding.time)
 
 
-def _motion_findings(stretch: RecordedStretch, search: FaultSearch | None) -> list[Finding]:
+def _motion_findings(
+    stretch: RecordedStretch, search: FaultSearch | None, *, replayed: bool
+) -> list[Finding]:
+    """Find faults by the motion; a replay that differs shows better which single number is."""
     rig, states, impacts = stretch.parameters, stretch.states, stretch.impacts
     found = list(_impulse_findings(impacts))
     fit = None
@@ -510,12 +513,13 @@ def _motion_findings(stretch: RecordedStretch, search: FaultSearch | None) -> li
             [
                 f
                 for f in search.faults
-                if f.kind != 'missing' or not stretch.may_lack_impact(f.time)
+                if not (f.kind == 'missing' and stretch.may_lack_impact(f.time))
+                and not (f.kind == 'motion' and replayed)
             ]
         )
         if search.in_closed_form and search.unsound > max(_ONE_BY_ONE, _FEW * search.intervals):
             found.append(_disobeyed(stretch, search))
-    if not found:
+    if not (found or replayed):
         found += _restitution_findings(rig, impacts, single=True)
         found += _stop_findings(stretch)
         found += _contact_findings(rig, states, impacts, moving=stretch.controlled)

@@ -42,11 +42,16 @@ from impact_damper_ros.rig.mode import REST_1, REST_2, RigConstants, rig_constan
 from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.simulator import Snapshot
+from impact_damper_ros.rig.state_checks import LATEST
 
-from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
+from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, largest_size
 from .result import Array
 
 # Without impacts
+
+
+#: Change of Y, as a share of the positions, with which m keeps its place in M.
+_KEPT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -56,24 +61,58 @@ class Oscillation:
     x_max: float  # largest |X| of it, m
     joined: bool  # whether m moves with M
     distance: float  # amplitude of the free vibration left in the recorded motion, over x_max
+    stop: int  # that m hits in the end, as it does not keep its place; 0 for none
+    until: float  # time from the end of the recording to that impact, about, s
 
     @property
     def settled(self) -> bool:
-        """Whether the free vibration has died away."""
-        return self.distance <= SETTLED
+        """Whether the free vibration has died away, and m will hit no stop."""
+        return self.distance <= SETTLED and not self.stop
 
 
-def oscillation(clock: ForceClock, states: RecordedStates) -> Oscillation | None:
-    """Compare the last joint state with steady vibration; None if m slides with friction."""
+def _drift(
+    rig: RigParameters, offset: float, velocity: float, acceleration: float, swing: float
+) -> tuple[int, float]:
+    """
+    Return the first stop that m hits in free flight, and when, s; 0 for none.
+
+    M vibrates by `swing` about its mean position, from which the `offset` of m counts.
+    """
+    found = 0, LATEST
+    for stop, side in ((1, 1.0), (2, -1.0))[: 1 if rig.one_sided else 2]:
+        room = max(0.0, 0.5 * rig.gap - swing - side * offset)
+        speed, push = side * velocity, side * acceleration
+        # room = speed t + push t^2 / 2, its first root in the form that does not cancel
+        root = speed * speed + 2.0 * push * room
+        if root < 0.0 or (speed <= 0.0 and push <= 0.0):
+            continue
+        root = math.sqrt(root)
+        time = 2.0 * room / (speed + root) if speed > 0.0 else (root - speed) / push
+        if time < found[1]:
+            found = stop, time
+    return found
+
+
+def oscillation(
+    clock: ForceClock, states: RecordedStates, last_stop: int = 0
+) -> Oscillation | None:
+    """
+    Compare the last joint state with steady vibration; None if m slides with friction.
+
+    `last_stop` is the stop hit last, 0 for none.
+    """
     rig = clock.parameters
+    y = states.z - states.x
     still = states.damper_velocity == states.velocity
-    joined = bool(still.all())
+    # Between two joint states m may slide.
+    size = largest_size(states.z, states.x) + 1e-4 * abs(rig.static_deflection)
+    joined = bool(still.all()) and float(np.ptp(y)) <= _KEPT * size
     if not joined and rig.friction * rig.gravity > 0.0:
         return None
     mass = rig.primary_mass + (rig.damper_mass if joined else 0.0)
-    constant = 0.0
-    if joined:
-        constant = rig.damper_mass * rig.gravity * math.sin(rig.angle) / rig.stiffness
+    air = rig.air_force * {0: 0.0, 1: -1.0, 2: 1.0}[last_stop]
+    slope = rig.gravity * math.sin(rig.angle)
+    constant = (rig.damper_mass * slope if joined else -air) / rig.stiffness
     time = states.time[-1:]
     angles = clock.angles_at(time)[:, 0]
     frequencies = np.array(rig.force_frequencies)
@@ -89,8 +128,14 @@ def oscillation(clock: ForceClock, states: RecordedStates) -> Oscillation | None
     omega = math.sqrt(rig.stiffness / mass)
     left = math.hypot(float(states.x[-1]) - x, (float(states.velocity[-1]) - velocity) / omega)
     # Of several harmonics the sum is a bound; of one it is the amplitude.
-    x_max = float(np.abs(response).sum()) + abs(constant)
-    return Oscillation(x_max, joined, left / x_max if x_max > 0.0 else math.inf)
+    swing = float(np.abs(response).sum())
+    x_max = swing + abs(constant)
+    distance = left / x_max if x_max > 0.0 else math.inf
+    stop, until = 0, math.inf
+    if not joined:
+        offset, drift = float(states.z[-1]) - constant, float(states.damper_velocity[-1])
+        stop, until = _drift(rig, offset, drift, slope + air / rig.damper_mass, swing)
+    return Oscillation(x_max, joined, distance, stop, until)
 
 
 # Impacts that repeat
@@ -473,7 +518,8 @@ def _leads_to(ahead: LaterMotion) -> StretchKind | None:
     """Return the kind of a motion that leads to a period, or to no impacts; else None."""
     on = 'does not repeat yet; run ahead from its last impact, it'
     if ahead.quiet_after is not None:
-        text = f'{on} has no more impacts after {ahead.quiet_after} more cycles'
+        quiet = ahead.cycles - ahead.quiet_after
+        text = f'{on} has no impacts in {quiet} cycles after {ahead.quiet_after} more'
         measures = {'quiet_after_cycles': float(ahead.quiet_after)}
         return StretchKind(MotionKind.TRANSIENT, text, measures)
     recurrence = ahead.recurrence

@@ -56,7 +56,7 @@ def _motion_name(orbit: PeriodicOrbit) -> str:
 
 
 def _stability(orbit: PeriodicOrbit) -> str:
-    word = 'stable' if orbit.stable else 'not stable'
+    word = orbit.stability.replace('unstable', 'not stable')
     return f'{word}, largest multiplier {abs(orbit.multipliers[0]):.4g}'
 
 
@@ -104,7 +104,8 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion, log: list[Finding]
             more = math.ceil(math.log(SETTLED / largest) / math.log(factor)) * orbit.cycles
             near += f', and within {SETTLED:g} of it after about {more} more cycles'
         return _Judgement(Verdict.NOT_SETTLED, near + rate)
-    verdict = Verdict.AGREES if orbit.stable else Verdict.PREDICTED_UNSTABLE
+    stays = orbit.stable or orbit.neutral
+    verdict = Verdict.AGREES if stays else Verdict.PREDICTED_UNSTABLE
     return _Judgement(verdict, near + rate)
 
 
@@ -143,18 +144,17 @@ def _beside(
             f'perform ({reason})'
         )
         return _Judgement(Verdict.NO_PREDICTION, text)
-    if not orbit.stable:
+    if not (orbit.stable or orbit.neutral):
         text = f'{what}: theory finds {_motion_name(orbit)}, but it is {_stability(orbit)}'
         return _Judgement(Verdict.PREDICTED_UNSTABLE, text)
-    text = (
-        f'{what}; theory finds {_motion_name(orbit)} ({_stability(orbit)}), which the rig may '
-        'reach later, or from other initial conditions'
-    )
+    text = f'{what}; theory finds {_motion_name(orbit)} ({_stability(orbit)}), which the rig '
+    text += 'may reach later, or' if orbit.stable else 'does not approach, but may have'
+    text += ' from other initial conditions'
     return _Judgement(Verdict.NO_PREDICTION, text)
 
 
-def _judged_oscillation(found: Oscillation | None, x_max: float) -> _Judgement:
-    """Judge a motion without impacts."""
+def _judged_oscillation(found: Oscillation | None, x_max: float, cycle: float) -> _Judgement:
+    """Judge a motion without impacts; `cycle` is that of the force, s."""
     if found is None:
         text = 'm slides without impacts: theory does not cover such a motion'
         return _Judgement(Verdict.NO_PREDICTION, text)
@@ -163,6 +163,11 @@ def _judged_oscillation(found: Oscillation | None, x_max: float) -> _Judgement:
         f'M vibrates {how}: largest |X| {x_max:.7g} m, predicted {found.x_max:.7g} m; the free '
         f'vibration left is {found.distance:.2g} of it'
     )
+    if found.stop:
+        text += (
+            f'; m does not keep its place, and hits stop {found.stop} after about '
+            f'{found.until / cycle:.3g} more cycles'
+        )
     return _Judgement(Verdict.AGREES if found.settled else Verdict.NOT_SETTLED, text)
 
 
@@ -263,7 +268,7 @@ class _Comparison:
         kind = StretchKind(MotionKind.NO_IMPACTS, text)
         found = None
         if stretch.clock is not None and not self.reason and len(states):
-            found = oscillation(stretch.clock, states)
+            found = oscillation(stretch.clock, states, stretch.stop_before(math.inf))
             self.solver = 'closed form' if found is not None else ''
         if self.reason:
             judgement = self._judged(Verdict.NO_PREDICTION, self.reason)
@@ -272,7 +277,8 @@ class _Comparison:
         else:
             end = stretch.end
             measured = measured_motion(stretch, end - 0.2 * stretch.duration, end)
-            judgement = self._judged(*_judged_oscillation(found, measured.x_max)[:2])
+            judged = _judged_oscillation(found, measured.x_max, self.cycle)
+            judgement = self._judged(*judged[:2])
         return self._result(kind, judgement)
 
     def _with_impacts(self) -> StretchComparison:

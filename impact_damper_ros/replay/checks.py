@@ -18,6 +18,7 @@ from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS
 from impact_damper_ros.control import CONTROL_JOINTS, ControlRecord
 
 from .findings import Difference, Findings, SampleGap
+from .recorded_run import Disorder
 
 _Numbers = tuple[tuple[float, ...], ...]
 #: Number of impacts within which a match is searched.
@@ -68,11 +69,16 @@ class ImpactMatcher:
     joints: tuple[str, ...] = IMPACT_JOINTS
     efforts = 'N s'
 
-    def __init__(self, topic: str, findings: Findings, *, stamped: bool) -> None:
+    def __init__(
+        self, topic: str, findings: Findings, disorder: Disorder, *, stamped: bool
+    ) -> None:
         self._topic = topic
         self._findings = findings
+        self._disorder = disorder
         self._stamped = stamped
         self._recorded: deque[_Recorded] = deque()
+        # The last message that left the queue
+        self._before = b''
         self._expected: deque[_Expected] = deque()
         self._layouts: list[JointStateLayout] = []
         self._gaps: deque[SampleGap] = deque(maxlen=_REMEMBERED_GAPS)
@@ -88,10 +94,11 @@ class ImpactMatcher:
         """Whether every impact so far has its counterpart."""
         return self._begun and not self._recorded and not self._expected
 
-    def paired(self, count: int) -> None:
+    def paired(self, contents: Sequence[bytes]) -> None:
         """Count impacts that were paired elsewhere."""
-        self._findings.recorded_impacts += count
-        self._findings.impacts += count
+        self._findings.recorded_impacts += len(contents)
+        self._findings.impacts += len(contents)
+        self._before = contents[-1] if contents else self._before
 
     def take(self, content: bytes) -> None:
         """Take a recorded message."""
@@ -144,7 +151,7 @@ class ImpactMatcher:
             if recorded[0].equals(expected[0]):
                 self._has_paired = True
                 self._count_paired()
-                recorded.popleft()
+                self._before = recorded.popleft().content
                 expected.popleft()
             elif final or min(len(recorded), len(expected)) > _REACH:
                 self._settle_unequal()
@@ -176,6 +183,7 @@ class ImpactMatcher:
                 return
         self._has_paired = True
         self._count_paired()
+        self._before = recorded[0].content
         self._altered(recorded.popleft(), expected.popleft())
 
     def _altered(self, recorded: _Recorded, expected: _Expected) -> None:
@@ -193,7 +201,12 @@ class ImpactMatcher:
             self._differ(expected, self.what, '', None, expected.frame_id)
 
     def _surplus(self, recorded: _Recorded) -> None:
-        findings = self._findings
+        findings, before = self._findings, self._before
+        self._before = recorded.content
+        if recorded.content == before:
+            # Copied, as where recordings that overlap are joined
+            self._disorder.note(self._disorder.doubled, self._topic, recorded.stamp_ns)
+            return
         findings.differ(
             Difference(
                 time=(recorded.stamp_ns - findings.offset_ns) / 1e9,

@@ -281,7 +281,8 @@ class RecordedRun:
                     within_ns = header_ns(content)
                     before = last.get(topic)
                     if before is not None and within_ns <= before[0]:
-                        if content == before[1]:
+                        # Changes may repeat an impact or an act while the rig is paused.
+                        if topic == names.joint_states and content == before[1]:
                             self.disorder.note(self.disorder.doubled, topic, stamp_ns)
                             continue
                         if within_ns < before[0]:

@@ -124,8 +124,8 @@ def _all_equal(
     return np.array_equal(table.numbers.view(np.int64), numbers.view(np.int64))
 
 
-#: A longer time without samples counts as a wrong stamp.
-_LONGEST_GAP_NS = 6 * 3600 * 10**9
+#: A longer time without samples, and without so many of them, counts as a wrong stamp.
+_LONGEST_GAP_NS, _MOST_MISSING = 6 * 3600 * 10**9, 10
 #: The same after the snapshot that a recorder gets when it joins.
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
 #: Joint states that are checked against `state_rate`, and their tolerance, ns.
@@ -234,9 +234,11 @@ class Replay:
         recorded_count = sum(topic.message_count for topic in recorded.reader.topics.values())
         self._budget = EventBudget(2 * (MOST_EVENTS + recorded_count))
         self._spacing = SampleSpacing(self.findings)
-        stamped = recorded.stamped
-        self._impacts = ImpactMatcher(topics.impacts, self.findings, stamped=stamped)
-        self._control = ControlMatcher(topics.gap_control, self.findings, stamped=stamped)
+        stamped, disorder = recorded.stamped, recorded.disorder
+        self._impacts = ImpactMatcher(topics.impacts, self.findings, disorder, stamped=stamped)
+        self._control = ControlMatcher(
+            topics.gap_control, self.findings, disorder, stamped=stamped
+        )
         self._matchers = {topics.impacts: self._impacts, topics.gap_control: self._control}
         self._check_stops(recorded.start)
 
@@ -336,7 +338,7 @@ class Replay:
         self._time_ns = findings.end_ns = times_ns[-1]
         self._before = []
         findings.samples += len(times_ns)
-        self._impacts.paired(len(impacts))
+        self._impacts.paired([record.content for record in impacts])
         return True
 
     def _check_stops(self, snapshot: RecordedSnapshot) -> None:
@@ -362,11 +364,15 @@ class Replay:
         self._flush(time_ns)
         ahead_ns = time_ns - self._time_ns
         first = self.findings.end_ns is None and not self.recorded.stamped
-        if not 0 <= ahead_ns <= (_LONGEST_WAIT_NS if first else _LONGEST_GAP_NS):
+        if not 0 <= ahead_ns <= (_LONGEST_WAIT_NS if first else self._longest_gap_ns):
             self._left_out += 1
             return False
         self._time_ns = time_ns
         return True
+
+    @property
+    def _longest_gap_ns(self) -> float:
+        return max(_LONGEST_GAP_NS, _MOST_MISSING * self._spacing.period_ns)
 
     def _look(self, record: RecordedMessage) -> Tick:
         """Compare a sample."""
@@ -607,7 +613,7 @@ class Replay:
         self._excuse(self._spacing.close())
         end_ns = findings.offset_ns + self._time_ns
         for matcher in self._matchers.values():
-            if end_ns < matcher.last_ns <= end_ns + _LONGEST_GAP_NS:
+            if end_ns < matcher.last_ns <= end_ns + self._longest_gap_ns:
                 # A cut bag may end with the impacts of a tick whose sample is lost.
                 self._time_ns = max(self._time_ns, matcher.last_ns - findings.offset_ns + 1)
         self._advance()

@@ -167,7 +167,7 @@ def _finite_range(
 
 def _predicted_label(stretch: StretchComparison) -> str:
     orbit = stretch.predicted
-    return 'predicted' if orbit is None or orbit.stable else 'predicted, but unstable'
+    return 'predicted' if orbit is None or orbit.stable else f'predicted, but {orbit.stability}'
 
 
 #: Stretches that are numbered in the picture of the whole run; more would run into each other.
@@ -649,8 +649,11 @@ def _gap_caption(curve: GapCurve, factor: float, unit: str) -> str:
     sound = np.flatnonzero(curve.stable & curve.viable & np.isfinite(curve.ratio))
     if len(sound):
         best = sound[np.argmin(curve.ratio[sound])]
-        caption += f' Least on this branch: {number(float(curve.ratio[best]), 3)} at a gap of '
+        where = 'on this branch' if 0 < best < len(curve.gap) - 1 else 'at the end of this branch'
+        caption += f' Least {where}: {number(float(curve.ratio[best]), 3)} at a gap of '
         caption += f'{number(factor * float(curve.gap[best]), 3)} {unit}.'
+        if where.startswith('at'):
+            caption += ' It was not followed further, where M may move less.'
     points = [
         f'{kind} at {number(factor * float(gap), 4)} {unit}'
         for kind, gap in zip(curve.special_kind, curve.special_gap, strict=False)

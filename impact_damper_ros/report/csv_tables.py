@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -43,38 +43,52 @@ class Table(Protocol):
         """Write some rows."""
 
 
+#: Rows, or blocks of rows, that are written together.
+_ROWS = 100
+
+
 class _File:
     """
     A table in a file; a full disk is reported with its name.
 
     An older file is replaced at the end, and kept if the table cannot be written. Without one the
-    table grows in its place, so that as much of it as can be is there whatever happens.
+    table grows in its place, by whole rows, so that as much of it as can be is there whatever
+    happens.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._draft = draft_of(path) if path.exists() else path
         self._failed = False
-        self._stream = self._draft.open('w', encoding='utf-8', newline='')
+        self._waiting: list[str] = []
+        self._stream = self._draft.open('wb', buffering=0)
 
-    @contextmanager
-    def _named(self) -> Iterator[None]:
+    def write(self, rows: str) -> None:
+        self._waiting.append(rows)
+        if len(self._waiting) >= _ROWS:
+            self._flush()
+
+    def _flush(self) -> None:
+        """Write the rows that wait; where not all of them fit, none is cut."""
+        rows, done = ''.join(self._waiting).encode(), 0
+        self._waiting = []
         try:
-            yield
+            while done < len(rows):
+                done += self._stream.write(rows[done:])
         except OSError as error:
             error.filename = str(self._path)
             self._failed = True
+            # Not of a pipe
+            with suppress(OSError):
+                whole = rows.rfind(b'\n', 0, done) + 1
+                self._stream.truncate(self._stream.tell() - done + whole)
             raise
-
-    def write(self, rows: str) -> None:
-        with self._named():
-            self._stream.write(rows)
 
     def close(self) -> None:
         try:
-            with self._named():
-                self._stream.close()
+            self._flush()
         finally:
+            self._stream.close()
             if self._draft != self._path:
                 with suppress(OSError):
                     if self._failed:

@@ -96,7 +96,9 @@ def overview_table(
     def swing(orbit: PeriodicOrbit | None) -> str:
         if orbit is None:
             return NONE
-        return number(unit.factor * orbit.x_max, 5) + ('' if orbit.stable else ' (unstable)')
+        return number(unit.factor * orbit.x_max, 5) + (
+            '' if orbit.stable else f' ({orbit.stability})'
+        )
 
     columns = {
         Column(linked('stretch'), 'text'): map(name, stretches),

@@ -136,7 +136,7 @@ def _stretch_text(stretch: StretchComparison) -> str:
         lines += _energy_lines(stretch.energy)
     if stretch.predicted is not None:
         orbit = stretch.predicted
-        state = 'stable' if orbit.stable else 'not stable'
+        state = orbit.stability.replace('unstable', 'not stable')
         state += ', viable' if orbit.viable else f', not viable: {orbit.reason}'
         lines.append(f'  theory     {state}; {stretch.solver}')
     lines += [f'  finding    {finding.text}' for finding in stretch.findings[:_MOST_FINDINGS]]

@@ -1,6 +1,8 @@
 """Bags of the headless command against those that the test driver writes by another library."""
 
 import json
+from fractions import Fraction
+from math import floor
 
 import pytest
 from bag import samples
@@ -49,6 +51,15 @@ def test_the_same_messages_in_the_same_order(tmp_path, rate):
     assert [m for m in recorded if m is not description] == driver.messages
     assert reader.topics['/impacts'].message_count > 20
     assert {t.name for t in samples.TOPICS} - set(reader.topics) == {'/diagnostics'}
+
+
+@pytest.mark.parametrize('rate', [1024.0, 2048.0, 1e9 / 3.0])
+def test_stamps_are_rounded_half_up_as_those_of_the_node(tmp_path, rate):
+    """Every second tick at 1,024 Hz falls between two nanoseconds."""
+    words = ('--rate', repr(rate), '--duration', repr(20.0 / rate))
+    recorded = simulated(tmp_path, InitialConditions(), *words).records(['/joint_states'])
+    exact = [Fraction(tick) * 10**9 / Fraction(rate) for tick in range(21)]
+    assert [r.stamp_ns for r in recorded] == [floor(k + Fraction(1, 2)) for k in exact]
 
 
 def test_viewers_can_draw_the_recording(tmp_path, capsys):

@@ -137,6 +137,19 @@ def test_a_table_on_a_full_disk(tmp_path, capsys):
     assert f'simulate_rig: cannot write {table}: No space left on device: free some' in said
 
 
+@pytest.mark.parametrize('kilobytes', [16, 20, 64])
+def test_a_table_on_a_full_disk_ends_with_a_whole_row(tmp_path, capsys, kilobytes):
+    words = ['bench_rig', '--duration', '5', '--quiet', '--states']
+    assert simulate_rig([*words, str(tmp_path / 'whole.csv')]) == 0
+    with mounted(tmp_path / 'disk', kilobytes) as disk:
+        assert simulate_rig([*words, str(disk / 'states.csv')]) == 1
+        rows = (disk / 'states.csv').read_text()
+    assert 'No space left on device' in capsys.readouterr().err
+    assert rows.endswith('\n')
+    assert (tmp_path / 'whole.csv').read_text().startswith(rows)
+    assert len(rows) > 1000 * (kilobytes - 4) - 200
+
+
 def test_a_table_that_is_there_is_kept_if_the_new_one_cannot_be_written(tmp_path, capsys):
     with mounted(tmp_path / 'disk', 64) as disk:
         table = disk / 'states.csv'

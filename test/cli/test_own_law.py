@@ -34,7 +34,7 @@ def test_the_example_is_the_timed_law(example, capsys):
     rig = ['paper', '--duration', '500', '--set', 'gap_control_rate=5']
     assert main([*rig, '--law', 'my_laws:catch']) == 0
     own = capsys.readouterr().err
-    assert 'gap control my_laws:catch: 313 commands' in own
+    assert 'gap control my_laws:catch: 314 commands' in own
     assert main([*rig, '--set', 'gap_control=timed']) == 0
     assert largest(own) == largest(capsys.readouterr().err)
     assert f'leaves\n{float(largest(own)):.2f} m of 100 m' in example

@@ -74,7 +74,8 @@ def test_all_sequences_if_none_is_named(tmp_path, capsys):
     }
     output = capsys.readouterr().out
     assert (
-        'stops 1,2,1,2: 0 found; 0 of 600 (0%) systematic starts, 0 of 0 from simulation' in output
+        'stops 1,2,1,2: 0 found; 0 of 600 (0%) systematic starts, 15 of 15 from simulation'
+        in output
     )
 
 
@@ -99,6 +100,22 @@ def test_table_has_units_and_numbers(capsys):
     assert 'multipliers  0.949520 (pair at +-9.34 deg), 0.574083 (pair at +-41.02 deg)' in output
     assert 'NOT VIABLE' in output
     assert max(len(line) for line in output.splitlines() if 'not viable' not in line) <= 99
+
+
+@pytest.mark.parametrize(('frequency', 'gap'), [(1.5, 37), (0.7, 20), (0.5, 20)])
+def test_motions_of_a_rig_without_losses_are_neutral(tmp_path, capsys, frequency, gap):
+    """Their multipliers are on the unit circle; round-off once decided whether they are stable."""
+    lossless = ('gravity=0', 'damping=0', 'restitution_1=1', 'restitution_2=1', f'gap={gap}')
+    settings = (*lossless, f'force_frequencies=[{frequency}]')
+    code, orbits = run(tmp_path, '--impacts', '2', settings=settings)
+    assert code == 0
+    on_circle = [o for o in orbits if abs(math.hypot(*o['multipliers'][0]) - 1.0) < 1e-6]
+    assert on_circle
+    assert all((orbit['neutral'], orbit['stable']) == (True, False) for orbit in on_circle)
+    assert not any(orbit['neutral'] for orbit in orbits if orbit not in on_circle)
+    output = capsys.readouterr().out
+    assert output.count(' s), neutral, viable') == len(on_circle)
+    assert ' s), stable' not in output
 
 
 def test_json_to_stdout_keeps_the_table_apart(capsys):
@@ -204,6 +221,22 @@ VERTICAL = (
     'force_amplitudes=[0.9]',
     'force_frequencies=[10.0]',
 )
+
+
+@pytest.mark.parametrize(('angle', 'stop'), [(0.5 * math.pi, 1), (-0.5 * math.pi, 2)])
+@pytest.mark.parametrize(('cycles', 'force', 'impacts'), [(1, 0.8, 1), (2, 1.2, 2)])
+def test_motions_on_one_of_two_stops(tmp_path, angle, stop, cycles, force, impacts):
+    """The last rig of the paper with a second stop out of reach, either way up."""
+    one_sided = (*VERTICAL, f'force_amplitudes=[{force}]')
+    two_sided = (*one_sided, f'angle={angle}', 'one_sided=false', 'gap=2')
+    counts = ('--impacts', str(impacts), '--cycles', str(cycles))
+    _, expected = run(tmp_path, *counts, settings=one_sided)
+    code, orbits = run(tmp_path, *counts, settings=two_sided)
+    assert code == 0
+    assert orbits[0]['stops'] == [stop] * impacts
+    assert orbits[0]['stable']
+    assert orbits[0]['viable']
+    assert orbits[0]['x_max'] == pytest.approx(expected[0]['x_max'], rel=1e-12)
 
 
 def test_first_motion_is_followed_through_its_special_points(capsys):

@@ -14,6 +14,7 @@ from small_disk import mounted
 
 import impact_damper_ros
 from impact_damper_ros.cli.sweep_rig import main
+from impact_damper_ros.rig.long_run import LongRun
 
 pytest.importorskip('pyarrow')
 
@@ -250,6 +251,33 @@ def test_full_disk_keeps_what_is_done(tmp_path, capsys):
         (tmp_path / 'a.parquet.part').write_bytes(kept)
         assert run(*words[:-1], tmp_path / 'a.parquet', '--quiet') == 0
     assert len(pd.read_parquet(tmp_path / 'a.parquet')) == 12
+
+
+def test_a_motion_that_settles_while_it_is_watched_is_periodic(tmp_path):
+    incline = ('--set', 'angle=0.7854', '--set', 'gravity=1', '--set', 'force_frequencies=[1.02]')
+    words = (*incline, '--vary', 'gap=36,37', '--jobs', 1, '--quiet', '-o', tmp_path / 'a.csv')
+    assert run(*words, '--cycles', 100, '--watch', 300) == 0
+    rows = pd.read_csv(tmp_path / 'a.csv', comment='#')
+    assert list(rows.motion) == ['periodic'] * 2
+    assert list(rows.stops) == ['1,2'] * 2
+    assert rows.largest_multiplier[1] == pytest.approx(0.94121, abs=1e-5)
+    assert (rows.settling_cycles > 400).all()
+
+
+def test_a_programming_error_is_no_row(tmp_path, monkeypatch, capsys):
+    def advance(*_, **__):
+        raise AssertionError('a state that cannot be')
+
+    monkeypatch.setattr(LongRun, 'advance', advance)
+    assert run(*BRIEF, '-o', tmp_path / 'a.parquet') == 1
+    assert 'AssertionError: a state that cannot be' in capsys.readouterr().err
+    assert not (tmp_path / 'a.parquet').exists()
+
+
+def test_a_force_too_slow_to_be_run_is_a_row(tmp_path, capsys):
+    words = ('--vary', 'force_frequencies=1e-12,1', '--no-search', '--cycles', 60, '--watch', 21)
+    assert run(*words, '--jobs', 1, '-o', tmp_path / 'a.csv') == 0
+    assert 'give a higher frequency in force_frequencies' in capsys.readouterr().err
 
 
 def test_every_rig_failed(tmp_path, capsys):

@@ -30,6 +30,28 @@ def test_version(command, capsys):
     assert '--version' in said[1]
 
 
+@pytest.mark.parametrize(
+    ('command', 'unbuffered'),
+    [*((command, '') for command in COMMANDS), ('simulate_rig', '1'), ('sim_node', '1')],
+)
+def test_an_output_that_is_full(command, unbuffered):
+    """The failure is a line and an exit code, whether it comes at once or at the end."""
+    room = 'cli'
+    if command == 'sim_node':
+        pytest.importorskip('rclpy')
+        room = 'node'
+    with Path('/dev/full').open('w') as full:
+        done = subprocess.run(
+            [sys.executable, '-m', f'impact_damper_ros.{room}.{command}', '--version'],
+            env={**os.environ, 'PYTHONPATH': str(ROOT), 'PYTHONUNBUFFERED': unbuffered},
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 1
+    assert done.stderr == f'{command}: cannot write output: No space left on device\n'
+
+
 def test_version_of_the_node():
     """As a process: the node takes the signals of its own for good."""
     pytest.importorskip('rclpy')

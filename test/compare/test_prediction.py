@@ -40,6 +40,24 @@ def test_the_predicted_motion_is_the_stable_one_of_the_theory(rig, stops):
     assert abs(orbit.multipliers[0]) == pytest.approx(abs(theory.multipliers[0]), abs=1e-7)
 
 
+def test_a_motion_with_cycles_without_impacts_is_recognised():
+    rig = VERTICAL.replace(force_amplitudes=1.48507)
+    theory = find_orbits(rig, (1,), 3).orbits[0]
+    assert abs(theory.multipliers[0]) == pytest.approx(0.927447, abs=1e-6)
+    # It begins just after an impact, slightly beside the periodic motion.
+    rig = rig.replace(force_phases=math.tau * theory.phases[0])
+    start = InitialConditions(
+        initial_primary_position=theory.x[0] + 1e-5,
+        initial_primary_velocity=theory.primary_velocity_after[0],
+        initial_damper_offset=0.5 * rig.gap,
+        initial_damper_velocity=theory.damper_velocity_after[0],
+    )
+    found = next(each for each in predictions(Simulator(rig, start)) if each.basis == 'run ahead')
+    assert (found.expected.stops, found.expected.cycles) == ((1,), 3)
+    assert found.expected.stable
+    assert found.expected.x_max == pytest.approx(theory.x_max, rel=1e-9)
+
+
 def test_a_quick_answer_comes_first_and_the_rig_stays_where_it_is():
     rig = Simulator(FRICTION)
     rig.advance(20.0)

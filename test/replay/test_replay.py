@@ -15,6 +15,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.bag_file import BagFile
 from impact_damper_ros.bag.messages import CdrError, JointStateLayout, decode, header_ns
 from impact_damper_ros.bag.rig_recorder import parameter_event
+from impact_damper_ros.compare import compare_bag
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
@@ -461,12 +462,36 @@ def test_missing_samples_are_a_fault_unless_the_recorder_dropped_them(tmp_path, 
     assert findings.missing_impacts > 0
 
 
+def test_the_same_impact_twice_while_paused(tmp_path):
+    """A reset, and a stop that comes up to m, repeated."""
+    outwards = InitialConditions(initial_damper_offset=0.02, initial_damper_velocity=1.0)
+    rig = RecordedRig(LIVELY.replace(gap=0.1), outwards).start().run(3)
+    for _ in range(2):
+        for request in (('reset', None), ('change', {'gap': 0.02}), ('change', {'gap': 0.1})):
+            rig.serve(request)
+    hits = [m for m in rig.messages if m[0] == '/impacts']
+    assert len(hits) == 2
+    assert hits[0] == hits[1]
+    rig.run(100)
+    for name, messages in (('bag', rig.messages), ('ros2', with_arrival_times(rig.messages))):
+        findings = replayed(samples.record(tmp_path / name, messages, custom=NOTES))
+        assert findings.verdict is ReplayVerdict.IDENTICAL
+        assert findings.impacts == len(places(messages, '/impacts')) > 2
+    result = compare_bag(tmp_path / 'bag')
+    assert (result.impacts, result.faults) == (findings.impacts, ())
+
+
 def test_messages_twice_and_out_of_order(tmp_path, messages):
     states = places(messages, '/joint_states')
     doubled = [*messages[: states[20]], messages[states[20]], *messages[states[20] :]]
     findings = replayed(samples.record(tmp_path / 'doubled', doubled, custom=NOTES))
     assert findings.verdict is ReplayVerdict.PARTIAL
     assert 'messages of /joint_states twice: 1' in findings.faults[0]
+    hit = places(messages, '/impacts')[3]
+    doubled = [*messages[: hit + 1], messages[hit], *messages[hit + 1 :]]
+    findings = replayed(samples.record(tmp_path / 'doubled_impact', doubled, custom=NOTES))
+    assert findings.verdict is ReplayVerdict.PARTIAL
+    assert f'/impacts twice: 1 (first at stamp {messages[hit][2]} ns)' in findings.faults[0]
     a, b = states[30], states[31]
     swapped = list(messages)
     swapped[a] = (*messages[b][:2], messages[a][2])

@@ -117,6 +117,22 @@ def test_missing_and_surplus_acts_are_found(tmp_path, messages):
     assert (found.topic, found.replayed) == ('/gap_control', None)
 
 
+def test_the_same_act_twice_while_paused(tmp_path):
+    """Stop 2 taken away and put back: both times the law orders the same."""
+    rig = RecordedRig(control=CONTROL).start().run(300)
+    for one_sided in (True, False):
+        rig.serve(('change', {'one_sided': one_sided}))
+    acts = [m for m in rig.messages if m[0] == '/gap_control']
+    assert acts[-1] == acts[-2]
+    rig.run(100)
+    count = len(places(rig.messages, '/gap_control'))
+    for name, messages in (('bag', rig.messages), ('ros2', with_arrival_times(rig.messages))):
+        findings = replayed(save(tmp_path / name, messages))
+        assert findings.verdict is ReplayVerdict.IDENTICAL
+        assert findings.control == findings.recorded_control == count
+        assert not findings.faults
+
+
 def test_another_noise_is_another_run(tmp_path, messages):
     """The seed is in the log: with another one the run would not come out."""
     start = next(c for t, c, _ in messages if t == '/snapshot')

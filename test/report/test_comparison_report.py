@@ -603,6 +603,21 @@ def test_what_is_not_viable_is_shown_or_said_to_be_left_out(run):
     assert max(np.nanmax(y) for _, _, (_, y) in lines_of(cut)) <= top
 
 
+def test_the_least_motion_at_the_end_of_the_gap_curve_is_no_minimum(run):
+    curves = run.stretches[0].curves
+    curve = curves.gap_curve
+    sound = np.flatnonzero(curve.stable & curve.viable)
+    best = sound[np.argmin(curve.ratio[sound])]
+    words = {}
+    for name, begin in (('whole', 0), ('cut', best)):
+        arrays = {key: getattr(curve, key)[begin:] for key in ('gap', 'ratio', 'stable', 'viable')}
+        cut = dataclasses.replace(curves, gap_curve=dataclasses.replace(curve, **arrays))
+        words[name] = text_of(parsed(report_page(alone(run, 1, curves=cut))))
+    least = f'{number(float(curve.ratio[best]), 3)} at a gap of {number(curve.gap[best], 3)} m.'
+    assert f'Least on this branch: {least}' in words['whole']
+    assert f'Least at the end of this branch: {least} It was not followed' in words['cut']
+
+
 #: Words of the field that a reader need not know.
 JARGON = (
     'viable|multiplier|unit circle|Neimark-Sacker|special point|Lyapunov exponent|0-1 test|fold|'
