@@ -26,6 +26,9 @@ HARDWARE_ID = 'impact damper rig'
 BUSY, AT_WORK = 0.5, 0.05
 #: Events per second of computing from which the events take the time, and not the search.
 EVENTFUL = 200.0
+#: The same for samples of the gap control, and for events with the flights that the predictive law
+#: tries.
+SAMPLED, TRIED = 5000.0, 1000.0
 # Levels of diagnostic_msgs/DiagnosticStatus
 OK, WARN, ERROR = 0, 1, 2
 
@@ -136,7 +139,15 @@ class Diagnostics:
         events, busy = now.events - before.events, (now.busy_ns - before.busy_ns) * 1e-9
         if busy < AT_WORK * elapsed or busy * (self._factor or 1.0) < BUSY * rig_time:
             return ''
-        if events > EVENTFUL * busy:
+        control = engine.control.parameters
+        commands = engine.control.commands - (self._last.control.commands if self._last else 0)
+        if control.active and control.gap_control_rate * rig_time > SAMPLED * busy:
+            often = f'the gap control samples {control.gap_control_rate:g} times per second'
+            remedy = 'lower gap_control_rate'
+        elif control.gap_control == 'predictive' and commands and events < TRIED * busy:
+            often = f'the predictive law moved the stops {commands} times in {rig_time:.2g} s'
+            remedy = 'choose another gap_control or a shorter gap_control_horizon'
+        elif events > EVENTFUL * busy:
             impacts = engine.impacts - (self._last.impacts if self._last else 0)
             kind = 'impacts' if 2 * impacts > events else 'events'
             # Rig time goes by whole nanoseconds.

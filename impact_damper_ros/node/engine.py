@@ -28,6 +28,7 @@ from impact_damper_ros.control import ControlledRig, ControlRecord, GapControlPa
 from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
 from impact_damper_ros.rig.event_budget import fastest_rate
 from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
 from .pacing import (
@@ -37,7 +38,6 @@ from .pacing import (
     PacingCounts,
     Scheduling,
     StampClock,
-    TickGrid,
     sleep_first_in_line,
 )
 from .publishing import Emitter, Log, OutgoingMessage, RigPublishers
@@ -100,7 +100,7 @@ class EngineSettings(NamedTuple):
         Rig seconds per wall second; 0 runs as fast as possible.
     publish_clock : bool
         Publish /clock and count stamps from 0, as a simulator does. Otherwise stamps count from
-        the system time at the start, and a pause or a slip moves them on with the wall clock.
+        the system time at the start, and a pause, a slip or a step of the system clock moves them.
     real_time_priority : int
         Priority of the thread, if it is permitted; 0, as for a rig that runs as fast as possible,
         for ordinary scheduling.
@@ -126,13 +126,18 @@ class EngineCallbacks(NamedTuple):
         Called at the start and after every change and reset, with the snapshot of the rig as
         JSON; must return at once.
     on_trouble : callable
-        Called with a text if the rig falls behind the wall clock or cannot continue.
+        Called with a text if the rig falls behind the wall clock or cannot continue, or if the
+        system clock was set.
+    on_set_back : callable
+        Called if the system clock was set back during a recording. As stamps of a recording only
+        increase, they follow once it has ended.
     """
 
     alive: Callable[[], bool]
     on_failure: Callable[[], object]
     on_course: Callable[[str], object] = lambda _: None
     on_trouble: Callable[[str], object] = lambda _: None
+    on_set_back: Callable[[], object] = lambda: None
 
 
 class NotNowError(Exception):
@@ -153,11 +158,14 @@ class Ticket:
         Why it had no effect.
     """
 
-    def __init__(self, action: Callable[[], Any]) -> None:
+    def __init__(
+        self, action: Callable[[], Any], on_done: Callable[[], object] = lambda: None
+    ) -> None:
         self.time_ns = 0
         self.result: Any = None
         self.error: Exception | None = None
         self._action = action
+        self._on_done = on_done
         self._done = threading.Event()
 
     def wait(self, timeout: float) -> bool:
@@ -176,11 +184,13 @@ class Ticket:
             raise
         finally:
             self._done.set()
+            self._on_done()
 
     def turn_away(self, reason: str = 'the rig is shutting down') -> None:
         """Reject the request, with the reason."""
         self.error = NotNowError(reason)
         self._done.set()
+        self._on_done()
 
 
 class RequestQueue:
@@ -289,6 +299,8 @@ class Engine:
         # Why the rig cannot continue
         self._held = ''
         self._slipped = False
+        # Whether the system clock was set back and the recording has yet to end
+        self._set_back = False
         self._news = 'start'
         self._motion = MotionAhead(
             self._simulator,
@@ -370,14 +382,16 @@ class Engine:
         """Pause the rig, or resume it; the result is whether that changed anything."""
         return self._requests.submit(lambda: self._pause(paused))
 
-    def step(self, *, to_impact: bool = False) -> Ticket:
+    def step(
+        self, *, to_impact: bool = False, on_done: Callable[[], object] = lambda: None
+    ) -> Ticket:
         """
         Let a paused rig run on to its next joint states, at its pace, and pause it again there.
 
         With `to_impact`, to the first joint states after its next impact. The result is a second
-        ticket, done when the rig is paused again.
+        ticket, done when the rig is paused again; `on_done` is called then.
         """
-        return self._requests.submit(lambda: self._step(to_impact))
+        return self._requests.submit(lambda: self._step(to_impact, on_done))
 
     def record_to(self, log: Log, event: bytes) -> Ticket:
         """
@@ -425,6 +439,7 @@ class Engine:
             self._tick += 1
             self._pacer.wait(due_ns)
             self._time_ns, self._within_tick = due_ns, True
+            self._follow_clock()
             if self._slipped:
                 self._catch_up()
             elif self._scheduling.given_up and self._pacer.steady_ns > STEADY_AGAIN_NS:
@@ -475,6 +490,7 @@ class Engine:
         due_ns = time.monotonic_ns()
         while (self._paused or self._held) and not self._stopping.is_set():
             if time.monotonic_ns() >= due_ns:
+                self._follow_clock()
                 self._publish_clock()
                 data = self._motion.paused_states(self._stamps.now(self._time_ns))
                 self._out.publish(self._publishers['joint_states'], data)
@@ -507,6 +523,28 @@ class Engine:
     def _slip(self) -> None:
         self._scheduling.give_up()
         self._slipped = True
+
+    def _follow_clock(self) -> None:
+        """Move the stamps with a step of the system clock."""
+        step_ns = self._stamps.step_ns()
+        if not step_ns:
+            return
+        if step_ns < 0 and self._out.log is not None:
+            if not self._set_back:
+                self._set_back = True
+                self._callbacks.on_set_back()
+            return
+        self._set_back = False
+        # The messages made ahead have other stamps.
+        self._motion.stand_at(self._time_ns)
+        self._motion.discard()
+        self._stamps.follow(step_ns)
+        self._news = self._news or 'slip'
+        way = 'on' if step_ns > 0 else 'back'
+        self._callbacks.on_trouble(
+            f'the system clock was set {way} by {abs(step_ns) * 1e-9:.3f} s: its stamps are moved '
+            f'{way} by as much'
+        )
 
     def _catch_up(self) -> None:
         """Move the stamps on, so that the present tick is now, after a slip."""
@@ -580,7 +618,7 @@ class Engine:
             self._news = 'resume'
         return True
 
-    def _step(self, to_impact: bool) -> Ticket:
+    def _step(self, to_impact: bool, on_done: Callable[[], object]) -> Ticket:
         """Run on as after a pause, so that nothing of the motion depends on the steps."""
         if self._step_done is not None:
             raise NotNowError('a step is under way')
@@ -591,7 +629,7 @@ class Engine:
         self._pause(False)
         motion, tick, impacts = self._motion, self._tick, self._motion.impacts
         self._step_done = lambda: motion.impacts > impacts if to_impact else self._tick > tick
-        self._stepping = Ticket(lambda: None)
+        self._stepping = Ticket(lambda: None, on_done)
         return self._stepping
 
     def _end_step(self, failure: str = '') -> None:
@@ -624,6 +662,7 @@ class Engine:
             data = self._motion.states(self._time_ns, self._stamps.offset_ns)
             self._out.record(self._publishers['joint_states'].topic, data, self.stamp_ns())
         log, self._out.log = self._out.log, None
+        self._follow_clock()
         return log
 
     # Publishing

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from math import ceil, tau
+from math import ceil, inf, nextafter, tau
 from time import monotonic_ns, thread_time_ns
 from typing import Any, NamedTuple
 
@@ -26,8 +26,8 @@ from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.forcing import frequency_at
 from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.swing import extremes
+from impact_damper_ros.rig.tick_grid import TickGrid
 
-from .pacing import TickGrid
 from .publishing import OutgoingMessage, RigPublishers
 
 #: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
@@ -236,8 +236,11 @@ class MotionAhead:
         events, records = rig.advance(due_ns / 1e9, interrupted=interrupted), rig.records
         reached_ns = due_ns
         if rig.time < due_ns / 1e9:
-            reached_ns = min(due_ns, max(time_ns, ceil(rig.time * 1e9)))
-            while reached_ns / 1e9 < rig.time:
+            # Beyond the present instant, even if the events so far round to it: a change after
+            # some of them could not be replayed.
+            later = max(rig.time, nextafter(time_ns / 1e9, inf))
+            reached_ns = min(due_ns, ceil(later * 1e9))
+            while reached_ns / 1e9 < later:
                 reached_ns += 1
             events += rig.advance(reached_ns / 1e9, MOST_WITHIN_NS)
             records = [*records, *rig.records]

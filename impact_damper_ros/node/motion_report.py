@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from impact_damper_ros.orbits.orbit import NEUTRAL
 from impact_damper_ros.orbits.recognition import (
     LONGEST_RHYTHM,
     SETTLED_DRIFT,
@@ -352,7 +353,8 @@ def _state(status: PredictorStatus, agreement: Agreement) -> tuple[str, bool, st
         # Without a periodic force there is none to be expected.
         warning = bool(answer.motions) and answer.complete
         return 'none', warning, answer.reason or 'no viable motion found so far'
-    fate = 'stable' if motion.stable else 'unstable'
+    neutral = abs(motion.largest_multiplier - 1.0) <= NEUTRAL
+    fate = 'stable' if motion.stable else 'neutral' if neutral else 'unstable'
     words = [f'{_in_words(motion.rhythm)}, {fate}{"" if motion.viable else ", not viable"}']
     if agreement.verdict in ('agrees', 'disagrees'):
         words.append(f'the measured motion {agreement.verdict}')

@@ -7,7 +7,8 @@ none is left out. Further behind, it gives the lost wall time up and counts its 
 there (a slip): rig time then lags wall time by as much, but the samples stay on their grid without
 a gap.
 Stamps that count from the system time are moved on, so that they agree with the time of the other
-nodes. Late ticks and slips are counted and reported in the diagnostics.
+nodes; with a step of the system clock they are moved as well. Late ticks and slips are counted and
+reported in the diagnostics.
 
 Under the ordinary scheduler other programs may delay the thread by some milliseconds. With a
 real-time priority it gets a processor as soon as a tick is due; the lowest ones are enough, since
@@ -57,25 +58,21 @@ FREE_RUN_STRETCH_NS = 10_000_000
 FREE_RUN_REST_S = 0.0005
 
 
-class TickGrid:
-    """Instants of the ticks in whole nanoseconds, each rounded from its exact value k / rate."""
-
-    def __init__(self, rate: float) -> None:
-        """Store the rate as the exact fraction of its float."""
-        self._numerator, self._denominator = float(rate).as_integer_ratio()
-
-    def instant(self, tick: int) -> int:
-        """Return the instant of a tick in nanoseconds; tick 0 is at 0."""
-        scaled = 2 * tick * NS_PER_S * self._denominator
-        return (scaled + self._numerator) // (2 * self._numerator)
+def _system_zero_ns() -> int:
+    """Return the system time at the zero of the monotonic clock."""
+    while True:
+        before_ns, system_ns = time.monotonic_ns(), time.time_ns()
+        # Unless the thread was interrupted between the readings
+        if time.monotonic_ns() - before_ns < STEADY_NS:
+            return system_ns - before_ns
 
 
 class StampClock:
     """
     Stamps of rig time.
 
-    Simulated stamps count from 0. Others count from the system time at the start, and a pause or a
-    slip moves them on with the wall clock.
+    Simulated stamps count from 0. Others count from the system time at the start; a pause or a
+    slip moves them on with the wall clock, and a step of the system clock moves them as far.
 
     Attributes
     ----------
@@ -93,7 +90,7 @@ class StampClock:
     def begin(self) -> None:
         """Set rig time 0 to now."""
         if not self._simulated:
-            self._zero_ns = time.time_ns() - time.monotonic_ns()
+            self._zero_ns = _system_zero_ns()
             self.catch_up(0)
 
     def now(self, time_ns: int) -> int:
@@ -107,6 +104,16 @@ class StampClock:
         """Let a rig time be now, after a pause or a slip; return whether that moves stamps."""
         before, self.offset_ns = self.offset_ns, self.now(time_ns) - time_ns
         return self.offset_ns != before
+
+    def step_ns(self) -> int:
+        """Return by how much the system clock has left the stamps; 0 if by little."""
+        step_ns = 0 if self._simulated else _system_zero_ns() - self._zero_ns
+        return step_ns if abs(step_ns) > CATCH_UP_NS else 0
+
+    def follow(self, step_ns: int) -> None:
+        """Move the stamps with a step of the system clock."""
+        self._zero_ns += step_ns
+        self.offset_ns += step_ns
 
 
 class PacingCounts(NamedTuple):

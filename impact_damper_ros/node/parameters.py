@@ -205,6 +205,18 @@ def promoted(parameter: Parameter) -> Parameter:
     return Parameter(parameter.name, _TYPES[spec.kind], value)
 
 
+def type_objection(messages: Iterable[Any]) -> str:
+    """Return why parameters of a request are rejected whose type ROS 2 does not have, or ''."""
+    known = [kind.value for kind in Parameter.Type]
+    for message in messages:
+        if message.value.type not in known:
+            return (
+                f'{named(message.name)} has the parameter type {message.value.type}: give one '
+                f'from {min(known)} to {max(known)}, see rcl_interfaces/msg/ParameterType'
+            )
+    return ''
+
+
 def resized_force(values: Mapping[str, Any], rig: RigParameters) -> dict[str, list[float]]:
     """
     Return the force arrays that were not given, resized to the length of those that were.

@@ -121,7 +121,8 @@ class Recorder:
         self._names = {key: publishers[key].topic for key in RIG_TOPICS}
         self._notes = recording_notes(node_name, self._names)
         self._writer: RunWriter | None = None
-        self._error = ''
+        #: Why the last recording that has been finished ended early; empty if it did not
+        self.error = ''
 
     @property
     def path(self) -> str:
@@ -157,7 +158,7 @@ class Recorder:
             max_size=max_size,
             max_duration=max_duration,
         )
-        self._error = ''
+        self.error = ''
         write_description(self._writer.directory, description)
 
     def begin(self, listing: bytes, description: bytes) -> None:
@@ -174,7 +175,7 @@ class Recorder:
         self._engine.stop_recording().wait(RELEASE_TIMEOUT_S)
         summary = writer.close()
         if summary.error is not None:
-            self._error = str(summary.error)
+            self.error = str(summary.error)
             return f'the recording ended early: {summary.error}'
         text = f'recorded {counted(summary.message_count, "message")} to {summary.directory}'
         if summary.dropped:
@@ -189,7 +190,7 @@ class Recorder:
         """Return the state of the recording, given the number of messages handed to it."""
         writer = self._writer
         if writer is None:
-            return RecordingStatus(error=self._error)
+            return RecordingStatus(error=self.error)
         size = 0
         with contextlib.suppress(OSError):
             size = writer.path.stat().st_size

@@ -14,15 +14,18 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
+from types import coroutine
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -62,6 +65,7 @@ from .parameters import (
     NodeParameters,
     descriptor,
     parameters_from_overrides,
+    type_objection,
 )
 from .prediction import Predictor
 from .publishing import Recorder, RigPublishers, TopicPublisher
@@ -196,6 +200,12 @@ ANSWER_TIMEOUT_S = 2.0
 WARNING_PERIOD_S = 5.0
 
 
+@coroutine
+def _turn() -> Generator[None, None, None]:
+    """Let the executor serve something else first."""
+    yield
+
+
 class SimNode(Node):
     """
     The rig as a node: publishers, parameters, services and reports around an engine.
@@ -246,7 +256,11 @@ class SimNode(Node):
                 priority,
             ),
             EngineCallbacks(
-                self.context.ok, self.wake, self._predictor.ask, self._warn_of_trouble
+                self.context.ok,
+                self.wake,
+                self._predictor.ask,
+                self._warn_of_trouble,
+                self.create_guard_condition(self._record_anew).trigger,
             ),
             parameters.control,
         )
@@ -271,7 +285,9 @@ class SimNode(Node):
         self._overdue.cancel()
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
-        self.create_service(Trigger, '~/step', self._on_step)
+        # In a group of its own, which lets others begin before its end
+        others = ReentrantCallbackGroup()
+        self.create_service(Trigger, '~/step', self._on_step, callback_group=others)
         self.create_service(Trigger, '~/step_to_impact', self._on_step_to_impact)
         if parameters.record:
             self._open_recording(parameters)
@@ -307,6 +323,27 @@ class SimNode(Node):
         summary = self._recorder.finish()
         self._predictor.close()
         return summary
+
+    def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
+        """Create a service; rclpy's own leave parameters of an unknown type without an answer."""
+
+        def one_by_one(request: Any, response: Any) -> Any:
+            for parameter in request.parameters:
+                if reason := type_objection([parameter]):
+                    rejected = SetParametersResult(successful=False, reason=reason)
+                    response.results.append(rejected)
+                else:
+                    callback(SetParameters.Request(parameters=[parameter]), response)
+            return response
+
+        def together(request: Any, response: Any) -> Any:
+            if reason := type_objection(request.parameters):
+                response.result = SetParametersResult(successful=False, reason=reason)
+                return response
+            return callback(request, response)
+
+        checked = {SetParameters: one_by_one, SetParametersAtomically: together}
+        return super().create_service(kind, name, checked.get(kind, callback), **options)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set parameters, all or none; a rejection names the values that are accepted."""
@@ -381,7 +418,11 @@ class SimNode(Node):
             self._recorder.begin(self._listing(), encode(self._description))
             self.get_logger().info(f'recording to {self._recorder.path}')
         elif before.record and not after.record:
-            self.get_logger().info(self._recorder.finish())
+            summary = self._recorder.finish()
+            if self._recorder.error:
+                self.get_logger().error(f'{summary}; the rig runs on, record is false')
+            else:
+                self.get_logger().info(summary)
 
     def _describe(self, parameters: NodeParameters) -> None:
         """Publish and record the robot description, if it has changed."""
@@ -422,11 +463,14 @@ class SimNode(Node):
             response.message = f'was {state} already'
         return response
 
-    def _on_step(self, _request: Any, response: Any) -> Any:
-        ticket = self.engine.step()
+    async def _on_step(self, _request: Any, response: Any) -> Any:
+        ticket = self.engine.step(on_done=self.wake)
         if ticket.wait(ANSWER_TIMEOUT_S) and ticket.error is None:
-            # The caller may rely on the rig being paused again.
-            if ticket.result.wait(ANSWER_TIMEOUT_S):
+            # The caller may rely on the rig being paused again; others are served meanwhile.
+            end = time.monotonic() + ANSWER_TIMEOUT_S
+            while not ticket.result.wait(0.0) and time.monotonic() < end:
+                await _turn()
+            if ticket.result.wait(0.0):
                 return self._answer(response, ticket.result, 'paused after a step')
             return self._answer(response, ticket, 'on the way to the next joint states')
         return self._answer(response, ticket, '')
@@ -468,9 +512,17 @@ class SimNode(Node):
             self._overdue.reset()
 
     def _end_broken_recording(self) -> None:
-        if self._live.now.record and (error := self._recorder.failure()):
-            self.get_logger().error(f'{error}; the rig runs on, record is false again')
+        if self._live.now.record and self._recorder.failure():
             self.set_parameters([Parameter('record', Parameter.Type.BOOL, False)])
+
+    def _record_anew(self) -> None:
+        """Go on in another bag, in which the stamps may be earlier."""
+        if self._live.now.record:
+            for record in (False, True):
+                parameter = Parameter('record', Parameter.Type.BOOL, record)
+                (result,) = self.set_parameters([parameter])
+            if not result.successful:
+                self.get_logger().error(result.reason)
 
 
 _MESSAGE_TYPES = {

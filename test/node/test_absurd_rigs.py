@@ -47,6 +47,44 @@ HAMMERING = {
     'restitution_1': 1.0,
     'initial_damper_offset': 0.005 - 1.25e-13,
 }
+#: Rigs that are held: elastic stops 1 nm apart, weight or compressed air that presses m to one.
+HELD = {
+    'endless': ENDLESS,
+    'endless, slower': {**ENDLESS, 'initial_damper_velocity': 1e6},
+    'endless, under control': {**ENDLESS, 'gap_control': 'timed', 'gap_control_rate': 1000.0},
+    'hammering': HAMMERING,
+    'chatter': {**HAMMERING, 'restitution_1': 0.9999999},
+    'air': ABSURD['more air'],
+}
+CALM = {
+    'angle': 0.0,
+    'gap': 0.01,
+    'gravity': 9.81,
+    'air_force': 0.0,
+    'one_sided': False,
+    'restitution_1': 0.5,
+    'restitution_2': 0.5,
+    'gap_control': 'off',
+    'initial_damper_offset': 0.0,
+    'initial_damper_velocity': 0.0,
+}
+#: The node on a machine that stops it at random places, for longer than a slice of its search.
+STALLS = """
+import random, sys, time
+rng, lost = random.Random(7), 0
+monotonic_ns, thread_time_ns, time_ns = time.monotonic_ns, time.thread_time_ns, time.time_ns
+
+def stalled(clock):
+    global lost
+    lost += rng.randrange(2 * 10**7, 4 * 10**7) if rng.random() < 0.02 else 0
+    return clock() + lost
+
+time.monotonic_ns = lambda: stalled(monotonic_ns)
+time.thread_time_ns = lambda: stalled(thread_time_ns)
+time.time_ns = lambda: time_ns() + lost
+from impact_damper_ros.node import sim_node
+sys.exit(sim_node.main())
+"""
 #: Asked for are 0.5 s and 2 s, on a machine of its own.
 ANSWER_S, END_S = 10.0, 30.0
 
@@ -67,10 +105,10 @@ def statuses(reports, task):
 def recording(client, launch, namespace):
     """Start a node that records, and wait for it."""
 
-    def start(**parameters):
+    def start(code=None, **parameters):
         states = client.listen(JointState, f'{namespace}/joint_states')
         values = {'record': True, 'predict_motion': False, **LIVELY, **parameters}
-        process = launch(f'__ns:={namespace}', **values)
+        process = launch(f'__ns:={namespace}', code=code, **values)
         until(lambda: len(states) > 20, lambda: process.output)
         return process, states, RigParametersClient(client, f'{namespace}/sim_node')
 
@@ -118,6 +156,23 @@ def test_a_rig_with_events_without_end_is_held(client, recording, namespace, tmp
     assert process.stop() == 0, process.output
     assert 'Traceback' not in process.output
     assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0
+
+
+def test_held_rigs_are_replayed_wherever_the_machine_stalls(
+    client, recording, namespace, tmp_path, capsys
+):
+    """The state in which each is held, and made calmer, does not depend on the stalls."""
+    process, states, parameters = recording(code=STALLS)
+    for name, values in HELD.items():
+        assert parameters.set_atomically(**values) == '', name
+        assert client.call(Trigger, f'{namespace}/sim_node/reset').success
+        until(lambda: states[-1].header.frame_id == PAUSED_FRAME, name)
+        assert parameters.set_atomically(**CALM) == '', name
+        until(lambda: states[-1].header.frame_id == '', name)
+    assert process.stop() == 0, process.output
+    assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0, capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f'{len(HELD)} resets' in said, said
 
 
 @pytest.mark.parametrize('law', ['off', 'timed'])
@@ -193,6 +248,62 @@ def test_stamps_stay_with_ros_time_when_the_node_stood_still(
     assert process.stop() == 0, process.output
     assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0
     assert ', 1 slip' in capsys.readouterr().out
+
+
+#: The node on a machine whose system clock is set by so many seconds as the file `set_by` says.
+CLOCK = """
+import sys, time
+from pathlib import Path
+time_ns, set_by = time.time_ns, Path('set_by')
+time.time_ns = lambda: time_ns() + 10**9 * int(set_by.read_text() if set_by.exists() else 0)
+time.time = lambda: time.time_ns() * 1e-9
+from impact_damper_ros.node import sim_node
+sys.exit(sim_node.main())
+"""
+
+
+@pytest.mark.parametrize('paused', [False, True])
+@pytest.mark.parametrize('step_s', [3600, -3600])
+def test_stamps_follow_a_step_of_the_system_clock(
+    client, recording, namespace, tmp_path, capsys, step_s, paused
+):
+    """As if it had slipped; stamps of a bag only increase, so it ends where they go back."""
+    snapshots = client.listen(String, f'{namespace}/snapshot')
+    process, states, _ = recording(code=CLOCK)
+
+    def pause(data):
+        service = f'{namespace}/sim_node/pause'
+        assert client.call(SetBool, service, SetBool.Request(data=data)).success
+
+    def ahead_ns():
+        return -late_ns(states, client.node)
+
+    if paused:
+        pause(True)
+        until(lambda: states[-1].header.frame_id == PAUSED_FRAME)
+    new = tmp_path / 'new'
+    new.write_text(f'{step_s}')
+    new.rename(tmp_path / 'process_0' / 'set_by')
+    until(lambda: abs(ahead_ns() - step_s * 10**9) < CATCH_UP_NS)
+    if paused:
+        pause(False)
+        until(lambda: states[-1].header.frame_id == '')
+    count = len(states)
+    until(lambda: len(states) > count + 100)
+    assert abs(ahead_ns() - step_s * 10**9) < 2 * CATCH_UP_NS
+    ways = {3600: 'on', -3600: 'back'}
+    said = f'was set {ways[step_s]} by 3600.0'
+    until(lambda: said in process.output, lambda: process.output)
+    # At the end of a pause, one snapshot may be for both.
+    moved = [s for m in snapshots if (s := json.loads(m.data))['reason'] in ('slip', 'resume')]
+    now_s = client.node.get_clock().now().nanoseconds * 1e-9
+    offset_s, time_s = moved[-1]['stamp_offset_ns'] * 1e-9, moved[-1]['time_ns'] * 1e-9
+    assert abs(offset_s + time_s - now_s - step_s) < 60.0
+    assert process.stop() == 0, process.output
+    bags = sorted((tmp_path / 'process_0' / 'runs').iterdir())
+    assert len(bags) == (1 if step_s > 0 else 2)
+    for bag in bags:
+        assert replay_run([str(bag)]) == 0, capsys.readouterr().out
 
 
 def test_joint_states_go_on_while_paused_and_are_not_recorded(
@@ -310,3 +421,55 @@ def test_single_steps(client, recording, namespace, tmp_path, capsys):
     # Nothing of the motion depends on where it was stopped.
     assert replay_run([str(bag_of(tmp_path / 'process_0'))]) == 0
     assert 'bit for bit' in capsys.readouterr().out
+
+
+def test_others_are_answered_during_a_step(client, launch, namespace):
+    """The next sample is seconds away."""
+    process = launch(f'__ns:={namespace}', real_time_factor=0.01, state_rate=10.0)
+    service = f'{namespace}/sim_node'
+    parameters = RigParametersClient(client, service)
+
+    def pause():
+        assert client.call(SetBool, f'{service}/pause', SetBool.Request(data=True)).success
+
+    def step_begun():
+        pause()
+        step = client.request(f'{service}/step', Trigger.Request())
+        until(lambda: client.call(Trigger, f'{service}/step').message == 'a step is under way')
+        return step
+
+    # Within two seconds, for which the step may take; on a busy machine, not each time
+    for _ in range(5):
+        step = step_begun()
+        assert parameters.set(gap=0.02) == ''
+        if during := not step.done():
+            break
+    assert during
+    answer = until(lambda: step.done() and step.result())
+    assert answer.success
+    assert answer.message.startswith('on the way to the next joint states, at rig time')
+    # A pause ends the step, and the answer comes at once.
+    step = step_begun()
+    pause()
+    answer = until(lambda: step.done() and step.result())
+    assert 'the step was ended by a pause' in answer.message or 'on the way' in answer.message
+    assert process.stop() == 0, process.output
+
+
+def test_a_control_that_takes_long_is_named(client, recording):
+    reports = client.listen(DiagnosticArray, '/diagnostics')
+    process, _, parameters = recording(record=False)
+
+    def said(words):
+        reports.clear()
+        until(lambda: any(words in s.message for s in statuses(reports, 'pacing')), words)
+
+    # The predictive law decides twice in each of 160 periods per second.
+    assert parameters.set_atomically(stiffness=1e6, gap_control='predictive') == ''
+    said('the rig is behind: the predictive law moved the stops ')
+    assert parameters.set_atomically(gap_control='timed', gap_control_rate=1e5) == ''
+    said(
+        'the rig is behind: the gap control samples 100000 times per second; lower '
+        'gap_control_rate, or lower real_time_factor'
+    )
+    assert process.stop() == 0, process.output

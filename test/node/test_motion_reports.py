@@ -7,6 +7,7 @@ import signal
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rigs import VERTICAL
 
 from impact_damper_ros.node.motion_report import TOLERANCE, X_MAX_TOLERANCE
 from impact_damper_ros.orbits import find_orbits
@@ -135,6 +136,31 @@ def test_measured_and_predicted_motion_agree_before_and_after_a_change(node):
     assert alive(pid)
     assert process.stop() == 0, process.output
     assert not alive(pid)
+
+
+def test_one_impact_in_three_cycles_is_recognised(node):
+    rig = VERTICAL.replace(force_amplitudes=1.48507)
+    orbit = find_orbits(rig, (1,), 3).orbits[0]
+    _, reports, _ = node(
+        damper_mass=rig.damper_mass,
+        damping=rig.damping,
+        angle=rig.angle,
+        friction=0.0,
+        one_sided=True,
+        force_amplitudes='[1.48507]',
+        force_frequencies='[10.0]',
+        force_phases=f'[{math.tau * orbit.phases[0]}]',
+        initial_primary_position=orbit.x[0],
+        initial_primary_velocity=orbit.primary_velocity_after[0],
+        initial_damper_offset=0.5 * rig.gap,
+        initial_damper_velocity=orbit.damper_velocity_after[0],
+        real_time_factor=100.0,
+    )
+    measured, predicted = reports.motion(lambda _, p: p['Agreement'] == 'agrees')
+    for values in (measured, predicted):
+        assert values['Stop sequence'] == '[1]'
+        assert values['Period [cycles of the force]'] == '3'
+    assert measured['State'] == 'periodic'
 
 
 def test_the_predicting_process_is_replaced_and_does_not_outlive_its_node(node):

@@ -4,7 +4,8 @@ from fractions import Fraction
 
 import pytest
 
-from impact_damper_ros.node.pacing import CATCH_UP_NS, Pacer, TickGrid
+from impact_damper_ros.node.pacing import CATCH_UP_NS, Pacer
+from impact_damper_ros.rig.tick_grid import TickGrid
 
 MS = 1_000_000
 

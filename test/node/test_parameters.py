@@ -5,7 +5,6 @@ import math
 
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 
 from impact_damper_ros.cli.simulate_rig import main
 from impact_damper_ros.rig import ALL_SPECS, load_parameters
@@ -127,14 +126,18 @@ def test_the_force_arrays_are_set_one_at_a_time(rig):
     assert 'entries' in rig.parameters.set(force_amplitudes=[])
 
 
-def test_a_malformed_request_does_not_harm_the_rig(rig):
-    """A type that does not exist raises within rclpy, before any callback of the node."""
-    bad = Parameter(name='gap', value=ParameterValue(type=99))
-    rig.client.request('/sim_node/set_parameters', SetParameters.Request(parameters=[bad]))
-    assert rig.parameters.set(gap=0.02) == ''
-    assert rig.parameters.get('gap') == 0.02
-    rig.await_states(10)
-    assert 'a callback failed' in rig.process.output
+@pytest.mark.parametrize('kind', [10, 200])
+def test_a_type_that_ros_does_not_have_is_rejected(rig, kind):
+    """Of several parameters that are not set all or none, the others are set."""
+    bad = Parameter(name='gap', value=ParameterValue(type=kind))
+    reason = f'gap has the parameter type {kind}: give one from 0 to 9'
+    assert rig.parameters.set(gap=bad).startswith(reason)
+    assert rig.parameters.set_atomically(stiffness=2000.0, gap=bad).startswith(reason)
+    assert rig.parameters.get('stiffness', 'gap') == [1000.0, 0.01]
+    first, second, third = rig.parameters.set(stiffness=1500.0, gap=bad, friction=700)
+    assert (first, second.startswith(reason)) == ('', True)
+    assert 'friction' in third
+    assert rig.parameters.get('stiffness', 'gap') == [1500.0, 0.01]
 
 
 def test_bad_parameters_at_start_end_the_node(launch):

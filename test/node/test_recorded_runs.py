@@ -359,6 +359,23 @@ def test_a_full_disk_ends_the_recording_but_not_the_rig(client, launch, namespac
     assert [RunReader(run).complete for run in runs].count(True) == 1
 
 
+def test_a_disk_that_is_full_when_the_recording_is_ended(client, launch, namespace):
+    """The summary of the bag does not fit any more, which is an error, too."""
+    states = client.listen(JointState, f'{namespace}/joint_states')
+    process = launch(f'__ns:={namespace}', publish_clock=True, **LIVELY)
+    until(lambda: states, lambda: process.output)
+    parameters = RigParametersClient(client, f'{namespace}/sim_node')
+    assert parameters.set(record=True) == ''
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (8192, resource.RLIM_INFINITY))
+    assert parameters.set(record=False) == ''
+    until(lambda: 'ended early' in process.output)
+    (line,) = (line for line in process.output.splitlines() if 'ended early' in line)
+    assert '[ERROR]' in line
+    assert 'largest size allowed' in line
+    assert parameters.get('record') is False
+    assert process.stop() == 0
+
+
 def test_two_nodes_record_side_by_side(client, launch, tmp_path):
     spaces = ('/left', '/right')
     runs = tmp_path / 'runs'
