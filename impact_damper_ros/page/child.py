@@ -64,13 +64,17 @@ class Child:
             self._process.stdin.write(f'{json.dumps(request)}\n'.encode())
 
     async def _run(self) -> None:
-        process = await asyncio.create_subprocess_exec(
-            *self._command,
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            env=environment(),
-            limit=_LONGEST_LINE,
-        )
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *self._command,
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                env=environment(),
+                limit=_LONGEST_LINE,
+            )
+        except OSError:  # of a machine without room for another process
+            self._on_end()
+            return
         assert process.stdout is not None
         self._process = process
         if self._unsent is not None:

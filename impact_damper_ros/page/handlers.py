@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 from pathlib import Path
@@ -140,7 +141,7 @@ class _Files(_Guarded):
 class _Download(_Files):
     async def get(self, name: str) -> None:
         try:
-            path = self.server.recordings.file(unquote(name))
+            path = await asyncio.to_thread(self.server.recordings.file, unquote(name))
         except LookupError:
             raise HTTPError(404) from None
         plain = ''.join(sign if sign.isalnum() or sign in '._-' else '_' for sign in path.name)
@@ -151,9 +152,9 @@ class _Download(_Files):
 
 
 class _Compare(_Guarded):
-    def post(self, name: str) -> None:
+    async def post(self, name: str) -> None:
         try:
-            started = self.server.compare(unquote(name))
+            started = await self.server.compare(unquote(name))
         except LookupError:
             raise HTTPError(404) from None
         self.set_status(202 if started else 409)
@@ -170,7 +171,7 @@ class _Report(_Files):
 
     async def get(self, name: str, file: str) -> None:
         try:
-            path = self.server.recordings.report(unquote(name), file)
+            path = await asyncio.to_thread(self.server.recordings.report, unquote(name), file)
         except LookupError:
             raise HTTPError(404) from None
         kind = 'text/html' if path.suffix == '.html' else 'application/json'

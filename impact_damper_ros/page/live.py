@@ -236,15 +236,20 @@ class LiveRig:
                 }
             )
 
-    def _era(self, stamp_ns: int) -> _Era:
-        """Return the era of a message; a change comes with the snapshot of its instant."""
+    def _era(self, stamp_ns: int, end: float) -> _Era:
+        """Return the era of a message from about `end`; a change comes with its snapshot."""
         first, last = self._eras[0], self._eras[-1]
+        back_ns = first.offset_ns - last.offset_ns
+        if back_ns > 0:
+            # The system clock was set back: earlier messages have later stamps.
+            ahead_s = (stamp_ns - last.offset_ns) / 1e9 - end
+            return first if ahead_s > 0.5e-9 * back_ns else last
         return last if stamp_ns >= last.stamp_ns else first
 
     def _take_states(self, contents: list[bytes]) -> None:
         if not self._eras:
             return
-        rows, groups = [], []
+        rows, groups, time_ = [], [], self.motion.end
         for content in contents:
             try:
                 message = self._states.decode(content)
@@ -253,7 +258,7 @@ class LiveRig:
             self._paused = message.frame_id == PAUSED_FRAME
             if self._paused or len(message.position) < 4 or len(message.velocity) < 4:
                 continue
-            era = self._era(message.stamp_ns)
+            era = self._era(message.stamp_ns, time_)
             x, z, stop_1, stop_2 = (place - era.rest for place in message.position[:4])
             primary, damper, velocity_1, velocity_2 = message.velocity[:4]
             time_ = (message.stamp_ns - era.offset_ns) / 1e9
@@ -303,7 +308,7 @@ class LiveRig:
             numbers = (*message.position, *message.velocity, *message.effort)
             if stop is None or len(numbers) != 6 or not all(map(math.isfinite, numbers)):
                 continue
-            era = self._era(message.stamp_ns)
+            era = self._era(message.stamp_ns, self.motion.end)
             time_ = (message.stamp_ns - era.offset_ns) / 1e9
             if time_ >= end:
                 end = time_
@@ -439,6 +444,7 @@ def _level(reports: Iterable[DiagnosticStatus]) -> str:
 
 def _number(text: str) -> float | None:
     try:
-        return float(text)
+        number = float(text)
     except ValueError:
         return None
+    return number if math.isfinite(number) else None

@@ -56,8 +56,9 @@ class RigNumbers:
         """
         Return the message, with Xmax/A and the best gap predicted by theory.
 
-        `basis` is the source of the best gap: the ``'curve'``, ``'part of the curve'``, or the
-        ``'formula'`` for the resonance; see `estimated_optimum`.
+        `basis` is the source of the best gap: the ``'curve'``, its end (``'at least'``, ``'at
+        most'``), ``'part of the curve'``, or the ``'formula'`` for the resonance; see
+        `estimated_optimum`.
         """
         rig = self.rig
         if rig is None:

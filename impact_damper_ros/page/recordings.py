@@ -40,13 +40,16 @@ class Recordings:
     ----------
     place : Path
         A directory of bags, or a single bag or file.
+    listed : bool, optional
+        Whether a directory without `metadata.yaml` is one of bags, whatever files are in it.
     """
 
-    def __init__(self, place: Path) -> None:
+    def __init__(self, place: Path, *, listed: bool = False) -> None:
         self._place = place.absolute()
         #: Name of the bag, if it is a single one.
         self.single = ''
-        if _is_bag(self._place):
+        whole = self._place.is_file() or (self._place / 'metadata.yaml').is_file()
+        if _is_bag(self._place) and (whole or not (listed or _has_bags(self._place))):
             self.single, self._place = self._place.name, self._place.parent
         self._reports: Path | None = None
         #: Comparisons that are under way, with their processes once those run
@@ -161,7 +164,6 @@ class Recordings:
 
     def start_comparison(self, name: str) -> bool:
         """Return whether a comparison may start: a bag is compared only once at a time."""
-        self.path(name)
         if name in self._comparing or len(self._comparing) > 1:
             return False
         self._comparing[name] = None
@@ -174,17 +176,18 @@ class Recordings:
             process.terminate()
         return name in self._comparing
 
-    async def compare(self, name: str) -> dict[str, Any]:
+    async def compare(self, path: Path) -> dict[str, Any]:
         """Compare a bag with theory in a child process; return the message for the pages."""
+        name = path.name
         try:
-            ok, text = await self._compare(name)
+            ok, text = await self._compare(path)
         finally:
             self._comparing.pop(name, None)
         url = f'/reports/{quote(name, safe="")}/report.html' if ok else ''
         return {'type': 'compare_done', 'recording': name, 'ok': ok, 'url': url, 'text': text}
 
-    async def _compare(self, name: str) -> tuple[bool, str]:
-        path = self.path(name)
+    async def _compare(self, path: Path) -> tuple[bool, str]:
+        name = path.name
         if self._reports is None:
             self._reports = Path(tempfile.mkdtemp(prefix='impact_damper_reports_'))
         directory = self._reports / path.name
@@ -221,6 +224,12 @@ def _is_bag(path: Path) -> bool:
     if path.is_file():
         return path.name.endswith(_SUFFIXES)
     return path.is_dir() and any(True for _ in _bag_files(path))
+
+
+def _has_bags(path: Path) -> bool:
+    """Return whether there are bags that are directories in a directory."""
+    children = path.iterdir() if path.is_dir() else ()
+    return any(child.is_dir() and _is_bag(child) for child in children)
 
 
 def _bag_files(path: Path) -> Iterator[Path]:

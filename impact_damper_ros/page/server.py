@@ -190,20 +190,25 @@ class PageServer:
             period = 1.0 / _FRAMES_PER_SECOND if self._sessions else _IDLE_PERIOD_S
             due = max(due + period, now)
             await asyncio.sleep(due - now)
-            try:
-                self._tick()
-            except Exception:  # a bad message must not stop the others
-                if now > self._failed + _COMPLAINT_PERIOD_S:
-                    self._failed = now
-                    traceback.print_exc()
+            self._try(self._tick)
+
+    def _try(self, work: Callable[[], None]) -> None:
+        """Do a part of the tick: a bad message must not stop the others."""
+        try:
+            work()
+        except Exception:
+            now = time.monotonic()
+            if now > self._failed + _COMPLAINT_PERIOD_S:
+                self._failed = now
+                traceback.print_exc()
 
     def _tick(self) -> None:
         now = time.monotonic()
         for source in self._sources.values():
-            source.tick()
+            self._try(source.tick)
         for session in list(self._sessions):
             if not isinstance(session.source, LiveSource):
-                session.pump()
+                self._try(session.pump)
         if now > self._looked + _LOOK_PERIOD_S:
             self._looked = now
             self._look_for_rigs()
@@ -304,11 +309,9 @@ class PageServer:
 
     async def _play(self, socket: Any, bag: str) -> Session:
         """Open a session that plays a recording."""
-        loop = asyncio.get_running_loop()
         try:
-            path = self.recordings.path(bag)
             # In a thread: the frames of the other pages go on.
-            recorded = await loop.run_in_executor(None, self._read, path)
+            path, recorded = await asyncio.to_thread(self._read, bag)
         except (LookupError, RecordingError, ValueError) as error:
             raise RequestError(str(error)) from error
         player = Player(bag, path, recorded, self._common)
@@ -317,13 +320,14 @@ class PageServer:
         player.begin(session)
         return session
 
-    def _read(self, path: Path) -> Recording:
+    def _read(self, bag: str) -> tuple[Path, Recording]:
         """Read a recording; the last one is cached while its files do not change."""
+        path = self.recordings.path(bag)
         files = bag_files(path)
         key = path, tuple((f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files)
         if self._read_last is None or self._read_last[0] != key:
             self._read_last = key, load_recording(path)
-        return self._read_last[1]
+        return path, self._read_last[1]
 
     def leave(self, session: Session) -> None:
         """Close the session of a page."""
@@ -333,13 +337,14 @@ class PageServer:
         if isinstance(session.source, LiveSource):
             session.source.sessions.discard(session)
 
-    def compare(self, name: str) -> bool:
+    async def compare(self, name: str) -> bool:
         """Start a comparison, whose result is sent to all pages; return whether it began."""
+        path = await asyncio.to_thread(self.recordings.path, name)
         if not self.recordings.start_comparison(name):
             return False
 
         async def work() -> None:
-            self._send(await self.recordings.compare(name))
+            self._send(await self.recordings.compare(path))
 
         self._spawn(work())
         return True

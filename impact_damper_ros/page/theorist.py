@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sys
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,7 +14,7 @@ from .child import Child
 from .measures import estimated_optimum
 
 _PROCESS = 'impact_damper_ros.page.theory_process'
-#: Least time between two starts of the process, s; a request restarts one that has ended.
+#: Time after which a process that has ended is started again, s.
 _BACK_OFF_S = 2.0
 
 
@@ -33,6 +33,8 @@ class Theorist:
     ----------
     predicted, optimum : float or None
         Xmax/A of the predicted motion, and the gap with the least Xmax/A; None if not known.
+    bound : str
+        Whether the best gap is ``'at least'`` or ``'at most'`` the optimum; empty if it is that.
     complete : bool
         Whether the curve over the gap is complete, so that the optimum is final.
     failed : bool
@@ -51,15 +53,16 @@ class Theorist:
         self._state: dict[str, Any] | None = None
         self._number = 0
         self._child: Child | None = None
-        self._began = -_BACK_OFF_S
+        self._again: asyncio.TimerHandle | None = None
         self.predicted: float | None = None
         self.optimum: float | None = None
+        self.bound = ''
         self.complete = self.failed = False
 
     def best_gap(self, rig: RigParameters | None) -> tuple[float | None, str]:
         """Return the best gap found so far, and its source."""
         if self.optimum is not None:
-            return self.optimum, 'curve' if self.complete else 'part of the curve'
+            return self.optimum, self.bound or 'curve' if self.complete else 'part of the curve'
         if rig is None or self.complete or self.failed:
             return None, ''
         return estimated_optimum(rig), 'formula'
@@ -71,16 +74,22 @@ class Theorist:
         self._number += 1
         self.start()
         if self._child is not None:
-            request = {'number': self._number, 'state': state, **self._wanted}
-            self._child.send(request)
+            self._child.send({'number': self._number, 'state': state, **self._wanted})
 
     def start(self) -> None:
-        """Start the process, unless it is running."""
-        now = time.monotonic()
-        ended = self._child is None or self._child.ended
-        if ended and now >= self._began + _BACK_OFF_S:
-            self._began = now
-            self._child = Child(self._command, self._take)
+        """Start the process; if it ends, it is started again with the last request."""
+        if self._child is None:
+            self._child = Child(self._command, self._take, self._ended)
+
+    def _ended(self) -> None:
+        self._again = asyncio.get_running_loop().call_later(_BACK_OFF_S, self._start_again)
+
+    def _start_again(self) -> None:
+        self._child = None
+        if self._state is None:
+            self.start()
+        else:
+            self.ask(self._state)
 
     def want(self, orbit: bool, curve: bool) -> None:
         """Choose what is computed."""
@@ -111,12 +120,15 @@ class Theorist:
         if message['type'] == 'orbit' and message['found']:
             self.predicted = message.get('x_max_ratio')
         if message['type'] == 'gap_curve':
-            self.optimum = message['optimum']['gap'] if message['optimum'] else None
+            best = message['optimum'] or {'gap': None, 'bound': ''}
+            self.optimum, self.bound = best['gap'], best['bound']
             self.complete = message['done']
         self.failed |= message['type'] == 'theory_failed'
         self._tell(message)
 
     async def close(self) -> None:
         """End the process."""
+        if self._again is not None:
+            self._again.cancel()
         if self._child is not None:
             await self._child.close()

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from time import monotonic
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_damper_ros.compare import (
     ForceClock,
@@ -21,6 +23,7 @@ from impact_damper_ros.compare import (
     predicted_curve,
     predictions,
 )
+from impact_damper_ros.compare.result import PredictedCurve
 from impact_damper_ros.control import ControlledRig
 from impact_damper_ros.orbits import (
     Branch,
@@ -35,8 +38,10 @@ from impact_damper_ros.rig.quoting import counted
 
 from .knobs import as_json
 
-#: Factor from the present gap to the ends of the range that is followed.
+#: Factor from the present gap to the ends of the range that is followed, and how often, by which
+#: factor, a branch is followed beyond an end at which M moves least.
 _SPAN = 4.0
+_MOST_FURTHER, _FURTHER = 4, 2.0
 _PREVIEW_POINTS, _MOST_POINTS = 16, 150
 #: Largest number of branches that are followed.
 _MOST_BRANCHES = 4
@@ -130,21 +135,34 @@ def orbit_message(clock: ForceClock | None, prediction: Prediction, time: float)
     }
     drawn = None if clock is None else predicted_curve(clock, expected, None, time)
     if drawn is not None:
-        step = max(1, -(-len(drawn.phase) // _MOST_ROWS))
-        # From the zero of the force on, as the period is repeated
-        phase = np.remainder(drawn.phase[:-1:step], drawn.cycles)
-        order = np.argsort(phase, kind='stable')
-        x, y = drawn.x[:-1:step][order], drawn.y[:-1:step][order]
+        rows = _rows_of(drawn)
+        # From the zero of the force on, as the period is repeated. A sort by the phase would
+        # exchange the states before and after an impact, which have the same one.
+        turn = drawn.cycles * (math.floor(drawn.phase[0] / drawn.cycles) + 1)
+        rows = np.roll(rows, -int(np.searchsorted(drawn.phase[rows], turn)))
+        phase = drawn.phase[rows] - turn
+        phase = np.maximum.accumulate(np.where(phase < 0.0, phase + drawn.cycles, phase))
+        x, y = drawn.x[rows], drawn.y[rows]
         message |= {
             't_zero': drawn.force_zero,
-            't': (phase[order] * drawn.cycle).tolist(),
-            'phase': phase[order].tolist(),
+            't': (phase * drawn.cycle).tolist(),
+            'phase': phase.tolist(),
             'x': x.tolist(),
             'z': (x + y).tolist(),
             'y': y.tolist(),
-            'relative_velocity': drawn.relative_velocity[:-1:step][order].tolist(),
+            'relative_velocity': drawn.relative_velocity[rows].tolist(),
         }
     return dict(as_json(message))
+
+
+def _rows_of(drawn: PredictedCurve) -> NDArray[np.intp]:
+    """Return the rows to draw: not too many, and both sides of each impact."""
+    phase = drawn.phase[:-1]
+    chosen = np.zeros(len(phase), dtype=bool)
+    chosen[:: -(-len(phase) // _MOST_ROWS)] = chosen[-1] = True
+    before = np.flatnonzero(np.diff(phase) == 0.0)
+    chosen[before] = chosen[before + 1] = True
+    return np.flatnonzero(chosen)
 
 
 def _summary(orbit: PeriodicOrbit) -> dict[str, Any]:
@@ -163,6 +181,50 @@ def _label(orbit: PeriodicOrbit) -> str:
     return f'{counted(len(orbit.stops), "impact")} in {counted(orbit.cycles, "cycle")}'
 
 
+@dataclass(frozen=True)
+class _Part:
+    """One direction of a branch, as far as it has been followed."""
+
+    orbits: tuple[PeriodicOrbit, ...]
+    special: tuple[SpecialPoint, ...] = ()
+    ended: bool = False
+    #: Where the best gap is if M moves least at the end and the branch goes on: 'at least' there,
+    #: or 'at most'.
+    bound: str = ''
+
+
+def _parts(start: PeriodicOrbit, *, upwards: bool) -> Iterator[_Part]:
+    """Follow a motion as `grow_branch` does, and further while M moves least at the end."""
+    span, known, bound = _SPAN, [start], ''
+    ways: list[Iterator[Branch]] = []
+    while not ways or (bound and len(ways) <= _MOST_FURTHER):
+        gap, before = known[-1].parameters.gap, known[:-1]
+        along = Continuation('gap', gap / span, gap * span, most_points=_MOST_POINTS)
+        ways.append(grow_branch(known[-1], along, upwards=upwards))
+        for branch in ways[-1]:
+            known = [*before, *branch.orbits]
+            if branch.ended or not known:
+                break
+            yield _Part(tuple(known))
+        if len(known) < 2:
+            break
+        last, end = (orbit.parameters.gap for orbit in known[-2:])
+        ends = along.low, along.high
+        cut = len(branch.orbits) >= _MOST_POINTS or any(math.isclose(end, e) for e in ends)
+        span, upwards = _FURTHER, end > last
+        bound = ('at least' if upwards else 'at most') if cut and _is_least(known) else ''
+    yield _Part(tuple(known), (), True, bound)
+    # The special points of each range come last.
+    special = [special for way in ways for branch in way for special in branch.special]
+    yield _Part(tuple(known), tuple(special), True, bound)
+
+
+def _is_least(orbits: Sequence[PeriodicOrbit]) -> bool:
+    """Return whether M moves least in the last one of the stable, viable motions."""
+    fit = [orbit for orbit in orbits if orbit.stable and orbit.viable]
+    return bool(fit) and min(fit, key=lambda orbit: orbit.amplitude_ratio) is orbits[-1]
+
+
 class _GrowingBranch:
     """
     A branch of periodic motions, followed from the present gap in both directions.
@@ -175,28 +237,24 @@ class _GrowingBranch:
 
     def __init__(self, start: PeriodicOrbit) -> None:
         self.start = start
-        gap = start.parameters.gap
-        along = Continuation('gap', gap / _SPAN, gap * _SPAN, most_points=_MOST_POINTS)
-        self._ways = [grow_branch(start, along, upwards=up) for up in (False, True)]
-        self._parts: list[Branch | None] = [None, None]
+        self._ways = [_parts(start, upwards=up) for up in (False, True)]
+        self._parts: list[_Part | None] = [None, None]
         self.branch = _joined(start, None, None)
         self._marked = False
 
     def _grow(self, way: int) -> bool:
         """Add a point at one end; return whether that was possible."""
         try:
-            branch = next(self._ways[way])
+            self._parts[way] = next(self._ways[way])
         except (StopIteration, OrbitError, ValueError, ArithmeticError):
             self._ways[way] = iter(())
             return False
-        self._parts[way] = branch
         return True
 
     def _far(self, points: int) -> list[bool]:
         """Return which directions have reached a number of points, or their end."""
-        # The last point that there may be is followed by the end.
-        most = points if points < _MOST_POINTS else _MOST_POINTS + 1
-        return [p is not None and (bool(p.ended) or len(p.orbits) >= most) for p in self._parts]
+        most = points if points < _MOST_POINTS else math.inf
+        return [p is not None and (p.ended or len(p.orbits) >= most) for p in self._parts]
 
     def grown(self, points: int) -> Iterator[None]:
         """Follow both directions to a number of points, or their ends; yield after each step."""
@@ -236,8 +294,23 @@ class _GrowingBranch:
     @property
     def open_ends(self) -> tuple[int, ...]:
         """Indices of the end points from which the branch is still to be followed."""
-        over = [part is None or bool(part.ended) for part in self._parts]
+        over = [part is None or part.ended for part in self._parts]
         return tuple(end for end, done in zip((0, -1), over, strict=True) if not done)
+
+    @property
+    def best(self) -> tuple[float, float, str] | None:
+        """
+        Gap and Xmax/A of the lowest stable point, and its bound; None if there is none yet.
+
+        The bound is 'at least' or 'at most' where M moves least at the end of what is followed.
+        """
+        found = _lowest(self.branch, self.open_ends)
+        if found is None:
+            return None
+        for part in self._parts:
+            if part is not None and part.bound and part.orbits[-1].parameters.gap == found[0]:
+                return *found, part.bound
+        return *found, ''
 
     @property
     def special(self) -> Iterator[SpecialPoint]:
@@ -293,23 +366,24 @@ class GapContinuation:
             if motion.marked():
                 yield self.message()
 
-    def _best(self) -> tuple[float, float] | None:
+    def _best(self) -> tuple[float, float, str] | None:
         """
-        Return the gap with the least Xmax/A of a stable motion, and that ratio; None without any.
+        Return the gap with the least Xmax/A of a stable motion, that ratio and the gap's bound.
 
         The open end of a branch that is still being followed does not count.
         """
-        lowest = (_lowest(motion.branch, motion.open_ends) for motion in self._motions)
+        lowest = (motion.best for motion in self._motions)
         best = min(filter(None, lowest), key=lambda found: found[1], default=None)
         for special in (special for motion in self._motions for special in motion.special):
             # A motion that loses its stability is best just before.
             ratio = special.orbit.amplitude_ratio
             if best is not None and special.orbit.stable and ratio < best[1]:
-                best = special.value, ratio
+                best = special.value, ratio, ''
         return best
 
     def message(self, *, done: bool = False) -> dict[str, Any]:
         """Return the message of the curve."""
+        names = ('gap', 'x_max_ratio', 'bound')
         best = self._best()
         return {
             'type': 'gap_curve',
@@ -326,7 +400,7 @@ class GapContinuation:
                 for motion in self._motions
                 for special in motion.special
             ],
-            'optimum': {'gap': best[0], 'x_max_ratio': best[1]} if best else None,
+            'optimum': dict(zip(names, best, strict=True)) if best else None,
             'done': done,
             'text': '',
         }
@@ -356,7 +430,7 @@ def _vertex(gaps: Sequence[float], ratios: Sequence[float]) -> tuple[float, floa
     return float(gaps[1] - 0.5 * b / a), float(c - 0.25 * b * b / a)
 
 
-def _joined(start: PeriodicOrbit, down: Branch | None, up: Branch | None) -> dict[str, Any]:
+def _joined(start: PeriodicOrbit, down: _Part | None, up: _Part | None) -> dict[str, Any]:
     """Return both directions from a motion as one branch."""
     lower = list(down.orbits[::-1]) if down is not None else []
     upper = list(up.orbits[1 if lower else 0 :]) if up is not None else []

@@ -80,6 +80,11 @@ class FakeLink:
         self.rig.change(self.rig.parameters.replace(**values), self.rig.control)
         self._announce('change')
 
+    def slip(self, seconds):
+        """Move the stamps, as after a step of the system clock."""
+        self._offset_ns += seconds * 10**9
+        self._announce('slip')
+
     def settings(self, **values):
         """Change settings of the node, which no snapshot holds."""
         self.messages.events.append(parameter_event(OFFSET_NS, self.name, values))

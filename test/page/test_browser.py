@@ -356,6 +356,25 @@ def test_the_layout_at_every_size(opened, dark):
     assert shade == ('rgb(15, 19, 23)' if dark else 'rgb(241, 244, 247)')
 
 
+@pytest.mark.parametrize('scale', [1.0, 2.0])
+def test_letters_have_their_size_on_every_screen(opened, scale):
+    """Also in pictures; the size of the text of the page is 14.5 px here."""
+    page = opened(scale=scale)
+    page.run("""(({ prototype }) => {
+        globalThis.sizes = {};
+        const { fillText } = prototype;
+        prototype.fillText = function (...text) {
+            const size = parseFloat(/[\\d.]+(?=px)/.exec(this.font)[0]);
+            (sizes[this.canvas.id || 'plot'] ??= []).push(
+                size * this.getTransform().a / devicePixelRatio);
+            return fillText.apply(this, text);
+        };
+    })(CanvasRenderingContext2D)""")
+    page.wait("sizes.plot?.length > 20 && sizes['rig-canvas'] && sizes['portrait-canvas']", LONG)
+    sizes = page.run('sizes')
+    assert min(size for picture in sizes.values() for size in picture) > 10.0
+
+
 def test_nothing_jumps(opened):
     """What comes in does not move what is there."""
     page = opened()
@@ -494,6 +513,26 @@ def test_theory_is_drawn_while_the_rig_is_paused(opened):
         page.click('#theory')
         for name in names:
             until(lambda n=name, s=shown[name]: picture(page, n) != s, f'{name} is not drawn')
+
+
+def test_a_predicted_motion_without_a_curve_is_shown_as_far_as_it_is_known(opened):
+    page = opened()
+    page.call(
+        'Page.addScriptToEvaluateOnNewDocument',
+        source="""(({ parse }) => { JSON.parse = (text) => {
+            const message = parse(text);
+            if (message?.type === 'orbit') {
+                for (const name of ['t', 't_zero', 'phase', 'x', 'y', 'z', 'relative_velocity'])
+                    delete message[name];
+            }
+            return message;
+        }; })(JSON)""",
+    )
+    page.call('Page.reload')
+    page.wait(f'{FULL} && impactDamper.theory.orbit?.found', LONG)
+    drawn = page.run('impactDamper.counted.work.length = 0')
+    page.wait(f'impactDamper.counted.work.length > {drawn} + 20', LONG)
+    assert page.text('#map-line') == '2 impacts in 1 cycle'
 
 
 def test_slow_motion_shows_the_last_impacts(opened):

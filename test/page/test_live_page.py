@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -259,6 +260,21 @@ def test_the_command_starts_a_rig_and_ends_it(number, tmp_path):
         assert nodes
         assert end(process, number) == 0
         until(lambda: not any(node.exists() for node in nodes), 'it runs on')
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_the_command_lists_loose_files_one_by_one(tmp_path):
+    runs = tmp_path / 'runs'
+    runs.mkdir()
+    for name in ('one.mcap', 'other.mcap'):
+        (runs / name).touch()
+    process, address = started(tmp_path)
+    try:
+        listed = json.loads(urlopen(f'{address}recordings', timeout=100.0).read())
+        assert {entry['name'] for entry in listed} == {'one.mcap', 'other.mcap'}
+        assert end(process) == 0
     finally:
         process.kill()
         process.wait()

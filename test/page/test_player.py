@@ -7,6 +7,8 @@ import math
 import shutil
 import subprocess
 import sys
+import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -319,6 +321,42 @@ async def test_recordings_are_listed_and_handed_out(runs, tmp_path):
     assert (only.single, only.names()) == ('run', ['run'])
     with pytest.raises(LookupError):
         only.path('link')
+
+
+@in_loop
+async def test_a_loose_file_beside_recordings_is_one_of_them(runs, tmp_path):
+    place = tmp_path / 'runs'
+    shutil.copytree(runs, place)
+    (file,) = (place / 'run').glob('*.mcap')
+    shutil.copy(file, place / 'loose.mcap')
+    async with serving(place) as server:
+        listed = json.loads((await get(server, '/recordings')).body)
+        assert {entry['name'] for entry in listed} == {'run', 'loose.mcap'}
+        for bag in ('run', 'loose.mcap'):
+            async with opened(server, f'/ws?bag={bag}') as page:
+                assert (await page.next('hello'))['duration'] == pytest.approx(SECONDS, abs=0.01)
+
+
+@in_loop
+async def test_no_directory_is_read_between_two_frames(runs, monkeypatch):
+    """A slow disk must not delay them: all that reads directories runs in other threads."""
+    scanned, plain = [], Path.iterdir
+
+    def iterdir(path):
+        scanned.append((path, threading.current_thread() is threading.main_thread()))
+        return plain(path)
+
+    async with serving(runs) as server:
+        monkeypatch.setattr(Path, 'iterdir', iterdir)
+        async with opened(server, '/ws?bag=run') as page:
+            await page.next('hello')
+        own = {'Origin': url(server, '')}
+        for path in ('/recordings', '/recordings/run/download', '/reports/run/report.html'):
+            await get(server, path)
+        path = '/recordings/none/compare'
+        assert (await get(server, path, method='POST', body='', headers=own)).code == 404
+    assert len(scanned) > 4
+    assert [path for path, in_loop in scanned if in_loop] == []
 
 
 def test_bags_that_do_not_change_are_described_once(runs, monkeypatch):

@@ -382,6 +382,41 @@ async def test_silence_is_said(tmp_path, monkeypatch):
 
 
 @in_loop
+async def test_a_report_without_numbers_harms_no_page(tmp_path):
+    """Any node can write on /diagnostics."""
+    left, right = (started(FakeLink(f'/{name}/sim_node')) for name in ('left', 'right'))
+    left.report((0, 'pacing', '', {'Achieved rate [Hz]': 'nan', 'Overruns': 'inf'}))
+    async with (
+        serving(tmp_path, FakeNetwork(left, right)) as server,
+        opened(server, '/ws?rig=/left/sim_node') as one,
+        opened(server, '/ws?rig=/right/sim_node') as other,
+    ):
+        await one.until(lambda: one.of('diagnostics')[-1:] and one.of('status')[1:])
+        for link, page in ((left, one), (right, other)):
+            await page.until(lambda page=page: page.frames)
+            seen = len(page.frames)
+            link.run(0.2)
+            await page.until(lambda page=page, seen=seen: len(page.frames) > seen)
+        status = one.of('status')[-1]
+        assert (status['rate'], status['overruns']) == (None, None)
+
+
+@in_loop
+async def test_a_rig_whose_messages_cannot_be_taken_harms_no_other(tmp_path):
+    class Broken(FakeLink):
+        def poll(self):
+            raise ValueError('a message that nobody has thought of')
+
+    right = started(FakeLink('/right/sim_node'))
+    async with (
+        serving(tmp_path, FakeNetwork(Broken('/left/sim_node'), right)) as server,
+        opened(server, '/ws?rig=/left/sim_node'),
+        opened(server, '/ws?rig=/right/sim_node') as page,
+    ):
+        await page.until(lambda: page.frames)
+
+
+@in_loop
 async def test_reports_of_another_rig_are_no_sign_of_life(tmp_path, monkeypatch):
     """All rigs report on the same topic."""
     monkeypatch.setattr('impact_damper_ros.page.live.GONE_S', 0.3)

@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+import os
+import signal
 import sys
 from pathlib import Path
 
@@ -17,7 +19,8 @@ from impact_damper_ros.page.theory import theory
 from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
 from impact_damper_ros.rig.parameters_file import preset_file
 
-from .browser import in_loop
+from .browser import in_loop, live_page
+from .fake_rig import FakeLink
 
 INCLINED = RigParameters(angle=0.7853981633974483, gravity=1.0, friction=0.5).replace(
     force_frequencies=(1.02,)
@@ -70,6 +73,19 @@ def test_drawn_orbit_is_the_motion_of_the_rig():
     y, velocity = np.array(last['y']), np.array(last['relative_velocity'])
     assert np.abs(y).max() == pytest.approx(0.5 * INCLINED.gap, rel=1e-6)
     assert velocity.max() > 0.0 > velocity.min()
+
+
+@in_loop
+async def test_an_impact_is_drawn_from_before_it_to_after_it(tmp_path):
+    """There Y' is multiplied by -R at once; elsewhere it is the rate of Y."""
+    async with live_page(tmp_path) as (_, page):
+        orbit = await page.next('orbit', found=True)
+    t, y, rate = (np.array(orbit[name]) for name in ('t', 'y', 'relative_velocity'))
+    off = np.diff(y) - np.diff(t) * 0.5 * (rate[1:] + rate[:-1])
+    assert np.abs(off).max() < 1e-4 * 37.0
+    (hits,) = np.nonzero(np.diff(t) < 1e-9)
+    turned = [(y[n], rate[n + 1] / rate[n]) for n in hits if rate[n] * rate[n + 1] < 0.0]
+    assert sorted(turned) == [pytest.approx((place, -0.75)) for place in (-18.5, 18.5)]
 
 
 def test_gap_curve_comes_part_by_part(paper):
@@ -131,6 +147,37 @@ def test_no_optimum_is_taken_where_the_curve_goes_on(paper):
     assert parts[0]['optimum'] is None
 
 
+@in_loop
+async def test_the_curve_goes_on_where_it_falls_at_the_end_of_its_range(tmp_path):
+    """The best gap is 55.0 mm, almost seven times the present one of 8 mm."""
+    four = next(preset for preset in load_presets() if preset.name == 'figure_2_four')
+    async with live_page(tmp_path, FakeLink(rig=four.rig)) as (_, page):
+
+        def beyond_its_own_branch():
+            best = [m['optimum'] for m in page.of('gap_curve')[-1:] if m['optimum']]
+            return [one for one in best if one['gap'] > 0.02]
+
+        (best,) = await page.until(beyond_its_own_branch)
+        assert best['gap'] == pytest.approx(0.055, rel=0.01)
+        assert best['bound'] == ''
+
+
+@in_loop
+async def test_an_optimum_beyond_all_that_is_followed_is_a_bound(tmp_path):
+    """Below its resonance, M moves the less the smaller the gap is."""
+    rig = RigParameters(gravity=0.0, gap=0.5, damper_mass=0.02, force_frequencies=(0.9,))
+    link = FakeLink(rig=rig.replace(restitution_1=0.0, restitution_2=0.0))
+    async with live_page(tmp_path, link) as (_, page):
+        await page.send(type='theory', orbit=False, curve=True)
+        curve = await page.next('gap_curve', done=True)
+        # Beside the gap of the rig, too
+        await page.until(
+            lambda: [m for m in page.of('numbers') if m.get('optimal_gap_basis') == 'at most']
+        )
+    least = min(gap for branch in curve['branches'] for gap in branch['gap'])
+    assert (curve['optimum']['gap'], curve['optimum']['bound']) == (least, 'at most')
+
+
 @pytest.mark.parametrize(
     'rig',
     [
@@ -182,9 +229,10 @@ async def test_the_best_gap_that_is_known_by_now():
     assert theorist.best_gap(None) == (None, '')
     curve = {'type': 'gap_curve', 'done': False}
     assert hear(**curve, optimum=None) == first
-    assert hear(**curve, optimum={'gap': 57.0}) == (57.0, 'part of the curve')
+    assert hear(**curve, optimum={'gap': 57.0, 'bound': ''}) == (57.0, 'part of the curve')
     curve['done'] = True
-    assert hear(**curve, optimum={'gap': 58.0}) == (58.0, 'curve')
+    assert hear(**curve, optimum={'gap': 58.0, 'bound': ''}) == (58.0, 'curve')
+    assert hear(**curve, optimum={'gap': 59.0, 'bound': 'at least'}) == (59.0, 'at least')
     # Where all of the curve has no best gap, and where there is no theory, there is none.
     assert hear(**curve, optimum=None) == (None, '')
     theorist.forget()
@@ -281,21 +329,24 @@ async def test_theory_that_takes_too_long_says_so():
     assert 'not finished within 0.2 s' in found[1]['text']
 
 
+def theory_process():
+    """Return the number of the process that computes theory for this one, once it is there."""
+    own = Path('/proc/self/task')
+    for children in own.glob('*/children'):
+        for child in children.read_text('utf-8').split():
+            if b'theory_process' in Path('/proc', child, 'cmdline').read_bytes():
+                return int(child)
+    return 0
+
+
 @in_loop
-async def test_a_process_that_ends_is_started_again(monkeypatch):
-    monkeypatch.setattr('impact_damper_ros.page.theorist._BACK_OFF_S', 0.0)
-    program = (
-        'import json, sys\n'
-        'number = json.loads(sys.stdin.readline())["number"]\n'
-        'print("no JSON")\n'
-        'print(json.dumps({"type": "orbit", "found": False, "for": number}))\n'
-    )
-    found = []
-    theorist = Theorist(found.append, (sys.executable, '-c', program))
-    for count in (1, 2):
-        async with asyncio.timeout(100.0):
-            theorist.ask({})
-            while len(found) < count or not theorist._child.ended:
-                await asyncio.sleep(0.01)
-    assert [message['for'] for message in found] == [1, 2]
-    await theorist.close()
+async def test_a_theory_process_that_is_killed_is_started_again(tmp_path):
+    """It answers the last request, whether that was under way or is made just after its end."""
+    async with live_page(tmp_path) as (link, page):
+        link.change(gap=36.0)
+        await page.next('gap_curve', gap=36.0)
+        os.kill(theory_process(), signal.SIGKILL)
+        await page.next('gap_curve', gap=36.0, done=True)
+        os.kill(theory_process(), signal.SIGKILL)
+        link.change(gap=38.0)
+        await page.next('gap_curve', gap=38.0, done=True)

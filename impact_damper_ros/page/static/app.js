@@ -344,8 +344,9 @@ for (const type of ['orbit', 'gap_curve', 'theory_failed']) {
     curve.stale = true;
     multipliers.stale = true;
     redraw();
-    const best = theory.curve?.optimum?.gap;
-    write(byId('curve-line'), best > 0 ? `optimum ${theory.curve.done ? '' : '≈\u202f'}${withUnit(best, 'm')}` : '');
+    const { gap: best, bound } = theory.curve?.optimum ?? {};
+    const sign = theory.curve?.done ? bound && `${bound} ` : '≈\u202f';
+    write(byId('curve-line'), best > 0 ? `optimum ${sign}${withUnit(best, 'm')}` : '');
     if (type !== 'gap_curve') write(byId('map-line'), theory.orbit ? theory.orbit.label ?? theory.orbit.text : '');
   });
 }

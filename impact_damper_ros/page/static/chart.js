@@ -16,9 +16,9 @@ export function readColours() {
   colours.size = parseFloat(style.fontSize);
 }
 
-/** Font of a size relative to the text of the page. */
+/** Font of a size relative to the text of the page, in whole pixels: uPlot scales no others. */
 export const font = (scale = 0.8, weight = '') =>
-  `${weight} ${Math.max(10.5, scale * colours.size)}px system-ui, 'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', 'DejaVu Sans', sans-serif`;
+  `${weight} ${Math.round(Math.max(10.5, scale * colours.size))}px system-ui, 'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', 'DejaVu Sans', sans-serif`;
 
 /** A canvas that knows its size in CSS pixels and draws sharply on every screen. */
 export class Canvas {

@@ -4,7 +4,7 @@ import { byId, element } from './dom.js';
 
 export const TERMS = {
   'gap': ['gap d', 'How far m can move between the stops; both stops together are moved by the gap control.'],
-  'optimal-gap': ['optimal gap', 'The gap at which theory has the smallest stable motion of M; with ≈ as long as the gap curve is not complete.'],
+  'optimal-gap': ['optimal gap', 'The gap at which theory has the smallest stable motion of M; with ≈ as long as the gap curve is not complete, with “at least” or “at most” where that motion is at its end.'],
   'natural-frequency': ['natural frequency', 'The frequency √(K/M)/2π at which M would vibrate freely on its spring.'],
   'damping-ratio': ['damping ratio ζ', 'Damping as a share of the critical one: C/(2√(KM)). At 0.01 a free vibration halves in 11 cycles.'],
   'frequency-ratio': ['frequency ratio r', 'Frequency of the force over the natural one, Ω/ω; at r = 1 the rig is at resonance.'],

@@ -15,7 +15,7 @@ export class Theory {
     this.version = 0;
   }
 
-  /** Take in a message of type orbit, gap_curve or theory_failed. */
+  /** Take in a message of type orbit, which may have no curve, gap_curve or theory_failed. */
   take(message) {
     if (message.type === 'orbit') {
       this.orbit = message.found ? message : null;
@@ -68,7 +68,7 @@ export class Theory {
   /** Y and its rate along the predicted motion. */
   portrait() {
     const { orbit } = this;
-    if (!orbit) return null;
+    if (!orbit?.t) return null;
     if (orbit.relative_velocity) return { y: orbit.y, rate: orbit.relative_velocity };
     const y = orbit.t.map((_, n) => orbit.z[n] - orbit.x[n]);
     const rate = y.map((value, n) => {

@@ -237,7 +237,7 @@ export class Traces {
       }
       context.fill();
     }
-    if (this.showTheory && this.theory.orbit?.found) this.predicted(u, context, ratio, from, to);
+    if (this.showTheory && this.theory.orbit?.t) this.predicted(u, context, ratio, from, to);
     context.restore();
   }
 

@@ -14,13 +14,15 @@ const NUMBERS = [
   ['impacts_per_cycle', 'impacts-per-cycle', 'impacts / cycle', (value) => digits(value, 3)],
   ['energy_per_cycle', 'energy', 'energy / cycle', (value) => withUnit(value, 'J')],
 ];
-/** What a best gap is from that is not that of the whole curve. */
+/** A best gap that is not that of the whole curve: the sign of its ratio, and where it is from. */
 const PRELIMINARY = {
-  formula: 'from an energy balance at resonance; the gap curve is being computed',
-  'part of the curve': 'from the part of the gap curve that is known by now',
+  formula: ['≈', 'from an energy balance at resonance; the gap curve is being computed'],
+  'part of the curve': ['≈', 'from the part of the gap curve that is known by now'],
+  'at least': ['≤', 'M moves least at the largest gap of the curve: the best gap is beyond'],
+  'at most': ['≥', 'M moves least at the smallest gap of the curve: the best gap is beyond'],
 };
 /** Mark a number as preliminary. */
-const about = (text, basis) => (basis in PRELIMINARY ? `≈\u202f${text}` : text);
+const about = (text, basis) => (basis in PRELIMINARY ? `${PRELIMINARY[basis][0]}\u202f${text}` : text);
 const LEVELS = { ok: 'ok', warn: 'warn', error: 'error' };
 const AGREEMENT = {
   agrees: 'Agrees with theory',
@@ -88,7 +90,7 @@ export class Verdict {
   numbers(message) {
     for (const [key, , , said] of NUMBERS) write(this.values[key], said(message[key], message));
     const best = this.values.gap_ratio;
-    const basis = PRELIMINARY[message.optimal_gap_basis] ?? '';
+    const [, basis] = PRELIMINARY[message.optimal_gap_basis] ?? ['', ''];
     mark(best, 'title', basis);
     best.classList.toggle('preliminary', Boolean(basis));
     this.ratio('measured', message.x_max_ratio_measured);
