@@ -464,8 +464,11 @@ def test_a_control_that_takes_long_is_named(client, recording):
         reports.clear()
         until(lambda: any(words in s.message for s in statuses(reports, 'pacing')), words)
 
-    # The predictive law decides twice in each of 160 periods per second.
-    assert parameters.set_atomically(stiffness=1e6, gap_control='predictive') == ''
+    # The predictive law decides twice in each of 160 periods per second, at resonance for long.
+    assert (
+        parameters.set_atomically(stiffness=1e6, force_frequencies=[1e3], gap_control='predictive')
+        == ''
+    )
     said('the rig is behind: the predictive law moved the stops ')
     assert parameters.set_atomically(gap_control='timed', gap_control_rate=1e5) == ''
     said(
