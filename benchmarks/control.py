@@ -21,9 +21,8 @@ from typing import Any
 
 from simulator import CASES, say
 
-from impact_damper_ros.control import ControlledRig, ControlledRun
+from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import GapControlParameters, RigParameters
-from impact_damper_ros.rig.long_run import LongRun
 
 SAMPLES = 32
 #: Cycles of the plain runs, and of the predictive law, which runs the model ahead some fifty times
@@ -52,27 +51,27 @@ def controls() -> dict[str, GapControlParameters]:
     return found
 
 
-def timed(run: Any, cycles: int) -> float:
-    """Return how many cycles per second a run makes from its present time on."""
-    end = run.time + cycles * tau
+def timed(rig: Rig, cycles: int) -> float:
+    """Return how many cycles per second a rig makes from its present time on."""
+    end = rig.time + cycles * tau
     began = thread_time()
-    if isinstance(run, LongRun):
-        run.advance(end, record=False, most_events=10**9)
+    if rig.compiled:
+        rig.run(end, record=False, most_events=10**9)
     else:
-        run.advance(end)
+        rig.advance(end)
     return cycles / (thread_time() - began)
 
 
-def checked(rig: RigParameters, control: GapControlParameters) -> ControlledRun:
-    """Return a compiled run that has the state of a plain one after some cycles."""
+def checked(parameters: RigParameters, control: GapControlParameters) -> Rig:
+    """Return a compiled rig that has the state of a plain one after some cycles."""
     end = 20.0 * tau
-    plain = ControlledRig(rig, control=control)
+    plain = Rig(parameters, control=control)
     plain.advance(end)
-    run = ControlledRun(rig, control=control, compiled=True)
-    run.advance(end, record=False)
-    if run.snapshot() != plain.snapshot():
+    rig = Rig(parameters, control=control, compiled=True)
+    rig.run(end, record=False)
+    if rig.snapshot() != plain.snapshot():
         raise SystemExit('compiled and plain control differ')
-    return run
+    return rig
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -82,17 +81,17 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--cycles', type=int, default=20_000, help='cycles of each compiled run')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the results there too')
     options = parser.parse_args(argv)
-    rig = RigParameters(**CASES[0].changes)
+    parameters = RigParameters(**CASES[0].changes)
     cases = controls()
-    runs: dict[str, ControlledRun] = {}
+    rigs: dict[str, Rig] = {}
     for name, control in cases.items():
         say(f'{name}: compiled and plain compared')
-        runs[name] = checked(rig, control)
-    free = LongRun(rig, compiled=True)
-    free.advance(1.0)
+        rigs[name] = checked(parameters, control)
+    free = Rig(parameters, compiled=True)
+    free.run(1.0)
     first = next(iter(cases))
     often = cases[first].replace(gap_control_rate=2 * SAMPLES / tau)
-    twice = ControlledRun(rig, control=often, compiled=True)
+    twice = Rig(parameters, control=often, compiled=True)
     best_twice = 0.0
     best = {name: {'compiled': 0.0, 'plain': 0.0} for name in cases}
     alone = 0.0
@@ -105,9 +104,9 @@ def main(argv: list[str] | None = None) -> int:
             predictive = control.gap_control == 'predictive'
             cycles = min(options.cycles, SOME) if predictive else options.cycles
             row = best[name]
-            row['compiled'] = max(row['compiled'], timed(runs[name], cycles))
+            row['compiled'] = max(row['compiled'], timed(rigs[name], cycles))
             if number == 0:
-                plain = ControlledRig.restore(runs[name].snapshot())
+                plain = Rig.restore(rigs[name].snapshot())
                 row['plain'] = timed(plain, 2 if predictive else FEW)
     print(f'cycles per second of {SAMPLES} samples; without control {alone:.3g}\n')
     print('| control | compiled | plain | compiled / plain | without control / compiled |')

@@ -26,8 +26,8 @@ import numpy as np
 from floor_chain import chain
 from simulator import CASES
 
+from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.long_run import LongRun, Outcome
 
 BLOCK = 125
 GAPS = 10.0, 60.0
@@ -35,7 +35,7 @@ GAPS = 10.0, 60.0
 
 def load() -> None:
     """Have the compiled code, and nothing else to do later."""
-    LongRun(RigParameters(), compiled=True).advance(1.0)
+    Rig(RigParameters(), compiled=True).run(1.0)
     chain()
 
 
@@ -48,8 +48,7 @@ def run_block(
     rig = RigParameters(**changes)
     end = cycles * 2.0 * np.pi / rig.force_frequencies[0]
     for gap in gaps:
-        run = LongRun(rig.replace(gap=gap), compiled=True)
-        stretch = run.advance(end, [end], record=False)
+        stretch = Rig(rig.replace(gap=gap), compiled=True).run(end, [end], record=False)
         failed += stretch.outcome != Outcome.COMPLETE
         events += stretch.event_count
         state.update(stretch.samples.tobytes())

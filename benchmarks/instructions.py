@@ -26,13 +26,11 @@ CYCLES = 100, 20_100
 RUN = """
 import sys
 from math import tau
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.long_run import LongRun
-rig = RigParameters(**eval(sys.argv[1]))
-run = LongRun(rig, compiled=True)
-cycle = tau / rig.force_frequencies[0]
-run.advance(100.0 * cycle, record=False)
-stretch = run.advance((100.0 + float(sys.argv[2])) * cycle, record=False)
+from impact_damper_ros import Rig, RigParameters
+rig = Rig(RigParameters(**eval(sys.argv[1])), compiled=True)
+cycle = tau / rig.force_frequency
+rig.run(100.0 * cycle, record=False)
+stretch = rig.run((100.0 + float(sys.argv[2])) * cycle, record=False)
 print(stretch.event_count)
 """
 

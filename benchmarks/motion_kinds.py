@@ -32,13 +32,14 @@ from tqdm import tqdm
 
 from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts
+from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.control.rig import Events
+from impact_damper_ros.orbits.flights import machine_of
 from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import relative_states
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, load_parameters
-from impact_damper_ros.rig.long_run import Events, LongRun, Outcome
-from impact_damper_ros.rig.mode import Mode, rig_constants
 
 CUTS = (30, 100, 300, 1000)
 LONG, MOST_EVENTS = 20_000, 4_000_000
@@ -173,9 +174,9 @@ def impacts_of(case: Case, events: Events) -> RecordedImpacts:
 
 def answered(case: Case) -> tuple[Answer, Events] | None:
     """Return the answer of a long run, and the events of its beginning; None if it has no end."""
-    cycle, run = case.cycle, LongRun(case.parameters, case.initial)
-    start = run.snapshot()['origin']
-    stretch = run.advance(LONG * cycle, np.arange(1, LONG + 1) * cycle, most_events=MOST_EVENTS)
+    cycle, rig = case.cycle, Rig(case.parameters, case.initial, compiled=None)
+    start = rig.state()
+    stretch = rig.run(LONG * cycle, np.arange(1, LONG + 1) * cycle, most_events=MOST_EVENTS)
     if stretch.outcome is not Outcome.COMPLETE:
         return None
     states = section(case, stretch.samples)
@@ -196,11 +197,11 @@ def answered(case: Case) -> tuple[Answer, Events] | None:
     def growth(first: int, last: int) -> tuple[float, float]:
         """Return the exponent between two cycles, and its standard error, per cycle."""
         along = deviations(
-            rig_constants(case.parameters),
-            tuple(start['angles']),
+            machine_of(case.parameters),
+            start.angles,
             events,
-            Mode(start['mode']),
-            start['last_stop'],
+            start.run.mode,
+            start.run.last_stop,
             first * cycle,
             last * cycle,
         )

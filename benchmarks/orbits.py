@@ -14,8 +14,8 @@ import sys
 import time
 from pathlib import Path
 
+from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.rig import RigParameters, Simulator
 from impact_damper_ros.studies.paper.curves import enumerated_curves, followed_curves, settle
 from impact_damper_ros.studies.paper.series import plans_of
 
@@ -54,7 +54,7 @@ def figure_2(every: int) -> list[dict]:
         print(f'  {plan.name} ...', file=sys.stderr, flush=True)
         gaps = plan.values[every // 2 :: every]
         started = time.process_time()
-        settled = [settle(Simulator(plan.at(gap)), gap) for gap in gaps]
+        settled = [settle(Rig(plan.at(gap)), gap) for gap in gaps]
         simulated = (time.process_time() - started) / len(gaps)
         started = time.process_time()
         curves = enumerated_curves(plan)

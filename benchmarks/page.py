@@ -45,7 +45,7 @@ from node_process import (
     say,
 )
 
-from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.page.theorist import Theorist
 from impact_damper_ros.rig import InitialConditions, RigParameters
@@ -236,7 +236,7 @@ def measure_theory(rounds: int) -> list[dict[str, Any]]:
             kind: kind(**{n: value for n, value in values.items() if n in kind().as_dict()})
             for kind in (RigParameters, InitialConditions, GapControlParameters)
         }
-        rig = ControlledRig(
+        rig = Rig(
             *(parts[RigParameters], parts[InitialConditions]), control=parts[GapControlParameters]
         )
         rig.advance(20.0)

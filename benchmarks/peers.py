@@ -27,15 +27,14 @@ from heyoka_rigs import HeyokaBatchRig, HeyokaRig, lanes
 from peer_rigs import MujocoRig, RungeKuttaRig, SolveIvpRig
 from simulator import CASES, Case, Impacts, impact_error, reference, run_plain, say
 
-from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.long_run import LongRun
+from impact_damper_ros import Rig, RigParameters
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
-OURS = 'LongRun, compiled'
-PLAIN = 'Simulator, plain Python'
+OURS = 'Rig, compiled'
+PLAIN = 'Rig, plain Python'
 BEST_PEER = 'heyoka, fast_math'
 #: Rigs with neighbouring gaps, as many as heyoka recommends for its batch mode.
-OUR_ENSEMBLE = 'LongRun, neighbouring gaps in turn'
+OUR_ENSEMBLE = 'Rig, neighbouring gaps in turn'
 BATCH = 'heyoka, batch of neighbouring gaps'
 LABELS = ('level, at resonance', '45°, frictionless, r = 1.02', '45°, friction 0.5, r = 1.02')
 
@@ -65,11 +64,11 @@ class Contender(NamedTuple):
     cases: tuple[int, ...] = (0, 1, 2)
 
 
-def _long_run(parameters: RigParameters) -> Callable[[float], Impacts]:
-    LongRun(parameters, compiled=True).advance(1.0)
+def _compiled(parameters: RigParameters) -> Callable[[float], Impacts]:
+    Rig(parameters, compiled=True).run(1.0)
 
     def run(end: float) -> Impacts:
-        impacts = LongRun(parameters, compiled=True).advance(end).impacts()
+        impacts = Rig(parameters, compiled=True).run(end).impacts()
         return impacts['time'], impacts['stop']
 
     return run
@@ -86,7 +85,7 @@ def neighbours(parameters: RigParameters) -> list[float]:
 
 
 def _ensemble(parameters: RigParameters) -> Callable[[float], Impacts]:
-    runs = [_long_run(parameters.replace(gap=gap)) for gap in neighbours(parameters)]
+    runs = [_compiled(parameters.replace(gap=gap)) for gap in neighbours(parameters)]
 
     def run_all(end: float) -> Impacts:
         first, *_ = [run(end) for run in runs]
@@ -96,7 +95,7 @@ def _ensemble(parameters: RigParameters) -> Callable[[float], Impacts]:
 
 
 CONTENDERS: dict[str, Contender] = {
-    OURS: Contender('numba', _long_run, 20_000),
+    OURS: Contender('numba', _compiled, 20_000),
     PLAIN: Contender('math', lambda p: lambda end: run_plain(p, end), 200),
     'heyoka': Contender('heyoka', lambda p: HeyokaRig(p).run, 1000),
     BEST_PEER: Contender('heyoka', lambda p: HeyokaRig(p, fast_math=True).run, 1000),
@@ -179,7 +178,7 @@ def table(results: dict[str, Any]) -> list[str]:
             '',
             f'**{label[0].upper()}{label[1:]}**',
             '',
-            '| | cycles per second | LongRun is faster | error of the first 30 impacts |',
+            '| | cycles per second | Rig is faster | error of the first 30 impacts |',
             '| --- | ---: | ---: | ---: |',
         ]
         for name, row in rows.items():
@@ -252,7 +251,7 @@ def write_docs(results: dict[str, Any]) -> None:
         '![Speed against error](performance.png)',
         *table(results),
         '',
-        f'An impact took LongRun {min(per_impact):.0f} to {max(per_impact):.0f} ns, written',
+        f'An impact took Rig {min(per_impact):.0f} to {max(per_impact):.0f} ns, written',
         'into a table, as all others do. The floor, two evaluations of two sincos and one exp',
         f'each in a chain, was {floor_ns:.0f} ns in the same run:',
         f'{min(per_impact) / floor_ns:.1f} to {max(per_impact) / floor_ns:.1f} times as much.',
@@ -262,7 +261,7 @@ def write_docs(results: dict[str, Any]) -> None:
         '  whose callbacks, in Python, do the impacts; friction and sticking as a parameter and a',
         '  second integrator. `fast_math` is its option. Its batch mode (with `fast_math`) runs',
         '  as many rigs at once as it recommends, here with neighbouring gaps, without friction;',
-        '  the cycles of all of them count, as those of the same rigs run by LongRun in turn.',
+        '  the cycles of all of them count, as those of the same rigs run by Rig in turn.',
         '- RK4: the classical method with fixed steps, compiled by numba, with bisection.',
         '- solve_ivp: DOP853 with rtol and atol 1e-10 and terminal events.',
         '- MuJoCo: two slide joints with a limit that is 20 steps stiff and damped to the',

@@ -30,8 +30,8 @@ from math import inf, pi, tau
 
 from ode_rig import ATOL, RTOL, OdeRig
 
-from impact_damper_ros.rig import EventKind, RigParameters, Simulator
-from impact_damper_ros.rig.long_run import LongRun
+from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros.rig import EventKind
 
 # The transient shrinks by 0.94 in each cycle: after these it is far below the golden digits.
 CYCLES = 400
@@ -74,7 +74,7 @@ Contender = Callable[[RigParameters, float], Impacts]
 
 def run_plain(parameters: RigParameters, end: float) -> Impacts:
     """Run the simulator as the package does."""
-    events = Simulator(parameters).advance(end)
+    events = Rig(parameters).advance(end)
     impacts = [e for e in events if e.kind is EventKind.IMPACT]
     return [e.time for e in impacts], [e.stop for e in impacts]
 
@@ -88,10 +88,10 @@ def run_ode(parameters: RigParameters, end: float) -> Impacts:
 
 def compiled_contender() -> Contender:
     """Return a run in compiled code, the compiled code being there."""
-    LongRun(RigParameters(), compiled=True).advance(1.0)
+    Rig(RigParameters(), compiled=True).run(1.0)
 
     def run(parameters: RigParameters, end: float) -> Impacts:
-        impacts = LongRun(parameters, compiled=True).advance(end).impacts()
+        impacts = Rig(parameters, compiled=True).run(end).impacts()
         return impacts['time'].tolist(), impacts['stop'].tolist()
 
     return run
@@ -221,7 +221,7 @@ def table(results: dict[str, Any]) -> str:
     ]
     if 'compile_seconds' in results:
         lines.append(
-            f'compiled: LongRun; compiling, or loading the compiled code, took '
+            f'compiled: Rig.run; compiling, or loading the compiled code, took '
             f'{results["compile_seconds"]:.1f} s and is not counted.'
         )
     else:

@@ -2,10 +2,26 @@
 
 import sys
 
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from impact_damper_ros.control import Rig
+    from impact_damper_ros.rig import RigParameters
+
 __version__ = '0.1.0'
+__all__ = ['Rig', 'RigParameters', '__version__']
 
 # So it is while `python -m` looks for its module: signals are taken before the long imports.
 if sys.argv[:1] == ['-m']:
     from impact_damper_ros.entry_points import begin_module
 
     begin_module()
+
+
+def __getattr__(name: str) -> object:
+    """Import what takes time at its first use; `typing`, too, would take longer than all else."""
+    if name not in ('Rig', 'RigParameters'):
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from impact_damper_ros.control import Rig
+    from impact_damper_ros.rig import RigParameters
+
+    return Rig if name == 'Rig' else RigParameters

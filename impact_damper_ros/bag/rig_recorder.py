@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
-from impact_damper_ros.control import ControlRecord, GapControlParameters
+from impact_damper_ros.control import Rig
 from impact_damper_ros.outputs import write_text
-from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig import Event, EventKind
 from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.description import robot_description
 from impact_damper_ros.rig.parameter_spec import number_between
-from impact_damper_ros.rig.state_checks import LATEST
+from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .messages import Parameter, ParameterEvent, String, encode
@@ -32,29 +32,6 @@ _BACKLOG = 50_000
 _NAP = 0.01
 #: Least and greatest rate of joint states, Hz; their stamps are whole nanoseconds.
 _RATES = 1e-12, 1e9
-
-
-@runtime_checkable
-class RunningRig(Protocol):
-    """A rig that can be recorded."""
-
-    @property
-    def records(self) -> Sequence[ControlRecord]:
-        """Acts of the gap control during the last call of `advance`."""
-
-    @property
-    def parameters(self) -> RigParameters:
-        """The present parameters."""
-
-    @property
-    def control(self) -> GapControlParameters:
-        """The present parameters of the gap control."""
-
-    def sample(self) -> Sample:
-        """Return the motion at the present time."""
-
-    def snapshot(self) -> dict[str, Any]:
-        """Return all that the further motion depends on."""
 
 
 def parameter_event(
@@ -87,7 +64,7 @@ class RigRecorder:
     ----------
     directory : Path or str
         Of the bag; made if absent, must not hold a bag already.
-    rig : RunningRig
+    rig : Rig
         The rig, at time 0.
     parameters : mapping
         Parameters by name, for the list of all parameters with which the bag begins.
@@ -109,7 +86,7 @@ class RigRecorder:
     def __init__(
         self,
         directory: Path | str,
-        rig: RunningRig,
+        rig: Rig,
         parameters: Mapping[str, Any],
         rate: float,
         duration: float,
@@ -118,7 +95,7 @@ class RigRecorder:
         max_size: int = 0,
         max_duration: float = 0.0,
     ) -> None:
-        need(RunningRig, rig=rig)
+        need(Rig, rig=rig)
         need(Mapping, parameters=parameters)
         need(str, node=node)
         rate = number_between('rate', rate, *_RATES)

@@ -10,13 +10,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.control import CONTROL_JOINTS, Action, ControlRecord
-from impact_damper_ros.rig import Event, Sample
 
 from .messages import DIAGNOSTIC_ARRAY, JOINT_STATE, PARAMETER_EVENT, STRING, JointStateLayout
 from .topics import LATCHED, QosProfile, Topic
+
+if TYPE_CHECKING:
+    from impact_damper_ros.rig import Event, Sample
 
 #: What a rig publishes, by the name under which the notes of a bag list it. A name without a slash
 #: is in the namespace of the node, which has the topics remapped if its user wants that.
@@ -52,8 +54,6 @@ IMPACT_JOINTS = AXIS_JOINTS[:2]
 #: to 1 all positions counted from the present static equilibrium of M, and the stops had the
 #: velocity of M.
 FORMAT = 3
-#: Formats that this version reads.
-FORMATS: tuple[int, ...] = (1, 2, FORMAT)
 
 #: Frame of the joint states that a rig repeats while it is paused; they are no samples.
 PAUSED_FRAME = 'paused'
@@ -61,34 +61,20 @@ PAUSED_FRAME = 'paused'
 _Numbers = tuple[float, ...]
 
 
-def joints_of(version: int) -> tuple[str, ...]:
-    """Return the joints of the joint states of a format."""
-    return JOINTS if version > 2 else AXIS_JOINTS
-
-
-def state_numbers(
-    sample: Sample, deflection: float, angle: float, version: int = FORMAT
-) -> tuple[_Numbers, _Numbers]:
+def state_numbers(sample: Sample, deflection: float, angle: float) -> tuple[_Numbers, _Numbers]:
     """
-    Return the published numbers of a sample: positions and velocities of `joints_of` the format.
+    Return the published numbers of a sample: positions and velocities of `JOINTS`.
 
     Positions count from the place of M with an unloaded spring, which no change of the rig moves;
     `deflection` is the static deflection of the rig then, m. The angle of the incline, rad, only
     changes at once, so that its velocity is 0.
     """
     _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2 = sample
-    if version == 1:
-        return (x, z, stop_1, stop_2), (velocity, damper_velocity, velocity, velocity)
     places = (x + deflection, z + deflection, stop_1 + deflection, stop_2 + deflection)
-    velocities = (velocity, damper_velocity, velocity_1, velocity_2)
-    if version == 2:
-        return places, velocities
-    return (*places, angle), (*velocities, 0.0)
+    return (*places, angle), (velocity, damper_velocity, velocity_1, velocity_2, 0.0)
 
 
-def impact_numbers(
-    event: Event, deflection: float, version: int = FORMAT
-) -> tuple[_Numbers, _Numbers, _Numbers]:
+def impact_numbers(event: Event, deflection: float) -> tuple[_Numbers, _Numbers, _Numbers]:
     """
     Return the published numbers of an impact: positions, velocities, efforts of `IMPACT_JOINTS`.
 
@@ -96,11 +82,8 @@ def impact_numbers(
     lower one, throws m up. For the parameters see `state_numbers`.
     """
     impulse = event.impulse if event.stop == 1 else -event.impulse
-    x, z = event.x, event.x + event.y
-    if version > 1:
-        x, z = x + deflection, z + deflection
     return (
-        (x, z),
+        (event.x + deflection, event.x + event.y + deflection),
         (event.primary_velocity_after, event.damper_velocity_after),
         (impulse, -impulse),
     )

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, in_words, write_text
-from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY
-from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.event_budget import MOST_EVENTS, PER_PERIOD, REMEDY, RunawayError
 from impact_damper_ros.rig.quoting import printable
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from contextlib import ExitStack
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.rig_recorder import RigRecorder
-from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, ControlledRig, OwnLaw
+from impact_damper_ros.control import GAP_CONTROL_SPECS, Action, OwnLaw, Rig
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.report.csv_tables import IMPACT_COLUMNS, impact_rows, open_table, row
 from impact_damper_ros.report.formatting import markdown_table, mode_words, setting
@@ -30,7 +30,7 @@ from impact_damper_ros.rig import (
 )
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget
 from impact_damper_ros.rig.forcing import SWEEP_FIELDS, frequency_at
-from impact_damper_ros.rig.state_checks import LATEST
+from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.swing import Swing
 
 from .command_line import (
@@ -252,13 +252,13 @@ class _Watch:
         self._commands = 0
         self._impacts: dict[int, Event] = {}
 
-    def look(self, rig: ControlledRig, events: Sequence[Event]) -> None:
+    def look(self, rig: Rig, events: Sequence[Event]) -> None:
         """Take what happened in the last advance or change of a rig."""
         self._commands += sum(record.action is Action.COMMAND for record in rig.records)
         self.counts.update(event.kind for event in events)
         self._impacts |= {e.stop: e for e in events if e.kind is EventKind.IMPACT}
 
-    def summary(self, rig: ControlledRig, spent: float, *, whole: bool) -> str:
+    def summary(self, rig: Rig, spent: float, *, whole: bool) -> str:
         """Return the summary of a run, given its computing time, s, and whether it is complete."""
         parameters, largest = rig.parameters, self.swing.largest
         mode = mode_words(rig.mode.name)
@@ -307,7 +307,7 @@ class _Tables:
         # Of the present stepped sine
         self._steps = 0
 
-    def write_events(self, rig: ControlledRig, events: Sequence[Event]) -> None:
+    def write_events(self, rig: Rig, events: Sequence[Event]) -> None:
         """Write the events of the last advance or change of a rig."""
         if self._impacts is not None:
             self._impacts.write(impact_rows(events))
@@ -318,7 +318,7 @@ class _Tables:
                 kind = event.kind.name.lower()
                 self._events.write(row((kind, event.time, *event[2:], frequency)))
 
-    def write_state(self, rig: ControlledRig, instant: float) -> None:
+    def write_state(self, rig: Rig, instant: float) -> None:
         """Write a state that is due."""
         if self._states and self.rate and instant == self._states_written / self.rate:
             self._states.write(row(rig.sample()))
@@ -337,7 +337,7 @@ def _run(
 ) -> tuple[str, str]:
     """Simulate, write the files; return the summary, and why the run ended early, if it did."""
     parameters, initial, control = given
-    rig = ControlledRig(parameters, initial, control=control, law=law)
+    rig = Rig(parameters, initial, control=control, law=law)
     watch = _Watch()
     duration = arguments.duration
     cycle = _cycle(parameters)

@@ -52,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _compute(extent: Extent, jobs: int) -> dict[tuple[object, ...], Measured]:
     """Make all runs in processes, with a progress bar for each part."""
-    from impact_damper_ros.rig.long_run import has_numba
+    from impact_damper_ros.rig.compiled import has_numba
     from impact_damper_ros.studies.gap_control.findings import tuned_shares
     from impact_damper_ros.studies.gap_control.runs import (
         ANGLES,

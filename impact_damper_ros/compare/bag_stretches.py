@@ -27,8 +27,7 @@ from impact_damper_ros.control import GAP_CONTROL_SPECS
 from impact_damper_ros.replay.recorded_run import RecordedChange, RecordedRun
 from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
-from impact_damper_ros.rig.changes import kept_angles
-from impact_damper_ros.rig.simulator import Snapshot
+from impact_damper_ros.rig.snapshot import Snapshot
 
 from .flight_check import FaultSearch
 from .measured_motion import SwingAndEnergy
@@ -85,15 +84,13 @@ class LoggedRig:
     def of_snapshot(cls, state: Mapping[str, Any]) -> Self:
         """Return the rig of a snapshot."""
         snapshot = Snapshot.from_dict(dict(state))
-        origin = snapshot.origin
-        time = origin.time + origin.time_low
-        clock = None
+        run, clock = snapshot.run, None
         if snapshot.parameters.sweep_mode == 'off':
-            clock = ForceClock(snapshot.parameters, time, tuple(origin.angles))
-        stored = state.get('gap_control', {})
-        control = _control_of(stored.get('parameters', {}))
-        moving = _active(control) or bool(stored.get('state', {}).get('returning'))
-        return cls(snapshot.parameters, clock, origin.last_stop, control, moving)
+            clock = ForceClock(snapshot.parameters, run.time + run.time_low, snapshot.angles)
+        held = state['gap_control']
+        control = _control_of(held['parameters'])
+        moving = _active(control) or held['state']['returning']
+        return cls(snapshot.parameters, clock, run.last_stop, control, moving)
 
     def changed(self, values: Mapping[str, Any], time: float) -> LoggedRig:
         """Return the rig after a change at an instant, s; the harmonics keep their angles."""
@@ -101,13 +98,14 @@ class LoggedRig:
         parameters = self.parameters.replace(**named)
         clock = self.clock
         if clock is not None:
-            harmonics = self.parameters.harmonics[2], parameters.harmonics[2]
-            own = len(self.parameters.force_phases), len(parameters.force_phases)
-            lines = len(harmonics[0]) - own[0], len(harmonics[1]) - own[1]
-            turned = clock.angles_at(np.array([time]))[:, 0] - harmonics[0]
-            angles = kept_angles(tuple(turned.tolist()), own, lines)
+            turned = clock.angles_at(np.array([time]))[:, 0] - self.parameters.harmonics[2]
+            before, own = len(self.parameters.force_phases), len(parameters.force_phases)
+            lines = len(parameters.harmonics[2]) - own
+            # By the index in the force arrays, and among the lines of a multisine
+            parts = (turned[:before], own), (turned[before:], lines)
+            angles = [(*part.tolist(), *[0.0] * count)[:count] for part, count in parts]
             swept = parameters.sweep_mode != 'off'
-            clock = None if swept else ForceClock(parameters, time, angles)
+            clock = None if swept else ForceClock(parameters, time, angles[0] + angles[1])
         return replace(self, parameters=parameters, clock=clock)
 
     def changed_names(self, other: LoggedRig) -> set[str]:
@@ -643,7 +641,7 @@ class BagStretches:
             self.progress(self.end_ns / 1e9)
         assert self._rig is not None
         # Recorded positions count from that of M without weight, those here from its equilibrium.
-        rest = self._rig.parameters.static_deflection if self.recorded.start.version > 1 else 0.0
+        rest = self._rig.parameters.static_deflection
         x, z, stop_1, stop_2 = states.numbers[:, :4].T - rest
         velocity, damper_velocity, *stop_velocities = states.numbers[:, 4:8].T
         hit_x, hit_z = impacts.numbers[:, :2].T - rest

@@ -19,7 +19,7 @@ from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.arguments import need, need_call, path_of
 from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.rig.simulator import ARITHMETIC
+from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 from .bag_stretches import BagStretches, CheckedStretch
 from .log_findings import with_fitted_clock

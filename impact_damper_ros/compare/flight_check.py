@@ -21,16 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits.event_map import (
-    Trajectory,
-    TrajectoryEvent,
-    follow_trajectory,
-    origin_at,
-)
+from impact_damper_ros.orbits.event_map import Trajectory, TrajectoryEvent, follow_trajectory
+from impact_damper_ros.orbits.flights import flight_at, machine_of
 from impact_damper_ros.rig import EventKind, RigParameters
-from impact_damper_ros.rig.hybrid_motion import RunawayError
-from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, rig_constants
-from impact_damper_ros.rig.origin import offset_of
+from impact_damper_ros.rig.state import REST_1, REST_2, STICK, place
 
 from .recorded_stretch import ForceClock, Knots, RecordedImpacts, largest_size
 from .result import Array
@@ -185,6 +179,8 @@ def check_intervals(clock: ForceClock, knots: Knots) -> Intervals:
 #: A stamp is rounded to the nanosecond; an impact may come so much later.
 _ROUNDED_S = 2e-9
 _WEAK = 1e-3
+#: Products of larger numbers, which only a wrong log holds, are not finite.
+_LARGEST = 1e100
 _RELATIVE = np.array(
     [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
 )
@@ -196,14 +192,14 @@ class _SimulatedRig:
     def __init__(self, clock: ForceClock) -> None:
         self.rig = clock.counted_from_zero()
         self._clock = clock
-        self._machine = rig_constants(self.rig)
+        self._machine = machine_of(self.rig)
+        self._half = self._machine.constants.half_gap
 
     def _resting_place(self, y: float) -> int:
         """Return the stop that m is at, 0 for none, by Y in m."""
-        half = 0.5 * self.rig.gap
-        if math.isclose(y, half, rel_tol=1e-9):
+        if math.isclose(y, self._half, rel_tol=1e-9):
             return 1
-        return 2 if math.isclose(y, -half, rel_tol=1e-9) and not self.rig.one_sided else 0
+        return 2 if math.isclose(y, -self._half, rel_tol=1e-9) and not self.rig.one_sided else 0
 
     def trajectory(
         self, knots: Knots, first: int, duration: float, *, differentiate: bool = False
@@ -212,13 +208,14 @@ class _SimulatedRig:
         x, z = float(knots.x[first]), float(knots.z[first])
         velocity = float(knots.velocity[first])
         relative = float(knots.damper_velocity[first]) - velocity
-        half = self._machine.stop
+        if not max(abs(x), abs(z), abs(velocity), abs(relative)) < _LARGEST:
+            return None
         stop = int(knots.stop[first]) or self._resting_place(z - x)
-        beyond = {0: z - x - half, 1: 0.0, 2: -2.0 * half}[stop if relative == 0.0 else 0]
+        beyond = z - x - self._half
         if knots.stop[first]:
-            beyond = 0.0 if stop == 1 else -2.0 * half
+            beyond = 0.0 if stop == 1 else -2.0 * self._half
         resting = {0: STICK, 1: REST_1, 2: REST_2}[stop] if relative == 0.0 else 0
-        origin = origin_at(
+        flight = flight_at(
             self._machine,
             float(knots.time[first]) - self._clock.zero,
             x,
@@ -229,15 +226,15 @@ class _SimulatedRig:
             int(knots.last_stop[first]),
         )
         try:
-            return follow_trajectory(self._machine, origin, duration, differentiate=differentiate)
-        except (ArithmeticError, RunawayError):
+            return follow_trajectory(flight, duration, differentiate=differentiate)
+        except ArithmeticError:
             # With a wrong number of the log the rig may be impossible.
             return None
 
     def out_of_reach(self, knots: Knots, first: int, last: int) -> bool:
         """Return whether a stop that follows m is not yet in its place."""
         y = np.abs(knots.z[[first, last]] - knots.x[[first, last]])
-        beyond = y > self._machine.stop * (1.0 + 1e-9)
+        beyond = y > self._half * (1.0 + 1e-9)
         return not self.rig.one_sided and bool((beyond & (knots.touched[[first, last]] > 0)).any())
 
     def next_knot(self, knots: Knots, first: int) -> Array | None:
@@ -264,16 +261,14 @@ class _SimulatedRig:
         hit = there[0]
         if hit.stop != int(knots.stop[last]):
             return None
-        half = self._machine.stop
-        z = hit.x + (half if hit.stop == 1 else -half)
+        z = hit.x + (self._half if hit.stop == 1 else -self._half)
         return np.array([hit.x, hit.primary_velocity_before, z, hit.damper_velocity_before])
 
 
 def _state_of(trajectory: Trajectory) -> Array:
     """Return X, X', Z and Z' at the end."""
-    end = trajectory.end
-    offset = offset_of(end.clearance_1, end.clearance_2, end.stop_1, end.stop_2)
-    state: Array = _RELATIVE @ np.array([end.x, end.velocity, offset, end.relative_velocity])
+    end = trajectory.end.run
+    state: Array = _RELATIVE @ np.array([end.x, end.velocity, place(end), end.relative_velocity])
     return state
 
 
@@ -390,9 +385,9 @@ class FaultSearch:
             return
         around = np.column_stack([places - 1, places + 1]).ravel()
         fits = check_intervals(self._clock, knots[around]).sound[::2]
-        for place in places[fits]:
+        for knot in places[fits]:
             if self.unexplained < _MOST_UNEXPLAINED:
-                first = int(place) - 1
+                first = int(knot) - 1
                 self._unexplained(knots, first if found.plain[first] else first + 1, found)
 
     def _wrong_intervals(self, knots: Knots, found: Intervals) -> NDArray[np.bool_]:

@@ -14,7 +14,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from impact_damper_ros.orbits.event_map import follow_trajectory, origin_at
+from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.control.rig import Events
+from impact_damper_ros.orbits.event_map import follow_trajectory
+from impact_damper_ros.orbits.flights import Flight, Machine, flight_at, machine_of
 from impact_damper_ros.orbits.irregularity import (
     IRREGULAR_SPREAD,
     REGULAR_SPREAD,
@@ -35,14 +38,11 @@ from impact_damper_ros.orbits.recognition import (
     section_distance,
 )
 from impact_damper_ros.orbits.settling import relative_states
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig import EVENT_TYPE, EventKind, RigParameters
 from impact_damper_ros.rig.forcing import SteppedSine
-from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, Outcome
-from impact_damper_ros.rig.mode import REST_1, REST_2, RigConstants, rig_constants
-from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.rig.simulator import Snapshot
-from impact_damper_ros.rig.state_checks import LATEST
+from impact_damper_ros.rig.snapshot import LATEST, Snapshot
+from impact_damper_ros.rig.state import REST_1, REST_2
 
 from .recorded_stretch import ForceClock, RecordedImpacts, RecordedStates, largest_size
 from .result import Array
@@ -225,17 +225,17 @@ class LaterMotion:
 
 
 def _after_impact(
-    machine: RigConstants, clock: ForceClock, impacts: RecordedImpacts, row: int
-) -> Origin:
-    """Return the state just after an impact."""
+    machine: Machine, clock: ForceClock, impacts: RecordedImpacts, row: int
+) -> Flight:
+    """Return the flight from just after an impact."""
     velocity, stop = float(impacts.velocity_after[row]), int(impacts.stop[row])
     relative = float(impacts.damper_velocity_after[row]) - velocity
-    return origin_at(
+    return flight_at(
         machine,
         float(impacts.time[row] - clock.zero),
         float(impacts.x[row]),
         velocity,
-        0.0 if stop == 1 else -2.0 * machine.stop,
+        0.0 if stop == 1 else -2.0 * machine.constants.half_gap,
         relative,
         0 if relative else (REST_1 if stop == 1 else REST_2),
         stop,
@@ -275,15 +275,15 @@ class _RigAhead:
     def __init__(self, clock: ForceClock, impacts: RecordedImpacts) -> None:
         self._clock = clock
         self._rig = clock.counted_from_zero()
-        self._machine = rig_constants(self._rig)
         self._begin = float(impacts.time[-1])
-        self._origin = _after_impact(self._machine, clock, impacts, len(impacts) - 1)
+        self._flight = _after_impact(machine_of(self._rig), clock, impacts, len(impacts) - 1)
         phases = clock.phase(impacts.time[-_PHASES:])
         # Phase of the section in cycles that count from the last impact
         self._strobe = (quiet_phase(phases) - float(phases[-1])) % 1.0
-        state = Snapshot(self._rig, self._origin, 0.0, (), SteppedSine(0.0)).as_dict()
+        self._angles = tuple(wave.angle for wave in self._flight.waves)
+        state = Snapshot(self._rig, self._flight.run, self._angles, (), SteppedSine(0.0))
         # Plain Python: compiling would take longer than the run.
-        self._run = LongRun.restore(state, compiled=False)
+        self._run = Rig.resume(state)
         self._events: list[Events] = [np.empty(0, EVENT_TYPE)]
         self._sections: list[Array] = [np.empty((0, 4))]
         self.cycles = self.event_count = 0
@@ -293,7 +293,7 @@ class _RigAhead:
         ends = (self.cycles + np.arange(1, cycles + 1)) * self._clock.cycle
         left = max(1, most_events - self.event_count)
         instants = ends - (1.0 - self._strobe) * self._clock.cycle
-        stretch = self._run.advance(float(ends[-1]), instants, most_events=left)
+        stretch = self._run.run(float(ends[-1]), instants, most_events=left)
         self._events.append(stretch.events)
         self._sections.append(
             relative_states(stretch.samples)
@@ -329,11 +329,11 @@ class _RigAhead:
         """Return the exponent between the ends of two cycles."""
         cycle = self._clock.cycle
         along = deviations(
-            self._machine,
-            self._origin.angles,
+            self._flight.machine,
+            self._angles,
             self.events(),
-            self._origin.mode,
-            self._origin.last_stop,
+            self._flight.run.mode,
+            self._flight.run.last_stop,
             first * cycle,
             last * cycle,
         )
@@ -426,21 +426,22 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications
     if len(impacts) < 2 * _PARTS:
         return None
     rig = clock.counted_from_zero()
-    machine = rig_constants(rig)
+    machine = machine_of(rig)
+    constants = machine.constants
     first = impacts.stop == 1
-    air = np.where(first, -machine.air, machine.air)
+    air = np.where(first, -constants.air, constants.air)
     after = (impacts.velocity_after, impacts.damper_velocity_after)
     before = (impacts.velocity_before(rig), impacts.damper_velocity_before(rig))
     drive = clock.force(impacts.time) / rig.primary_mass
     rates_before, rates_after = (
-        state_rates(machine, drive, impacts.x, *speeds, np.sign(speeds[1] - speeds[0]), push)
+        state_rates(constants, drive, impacts.x, *speeds, np.sign(speeds[1] - speeds[0]), push)
         for speeds, push in ((before, np.append(air[0], air[:-1])), (after, air))
     )
     everywhere = np.ones(len(impacts), dtype=bool)
     hits = event_matrices(
-        machine.mass_ratio,
+        constants.mass_ratio,
         everywhere,
-        np.where(first, machine.restitution_1, machine.restitution_2),
+        np.where(first, constants.restitution_1, constants.restitution_2),
         rates_before,
         rates_after,
         everywhere,
@@ -449,9 +450,9 @@ def largest_exponent(clock: ForceClock, impacts: RecordedImpacts) -> Indications
     deviation = np.array([1.0, 0.6, -0.8, 0.4]) / scale
     growth = np.zeros(len(impacts))
     for i in range(1, len(impacts)):
-        origin = _after_impact(machine, clock, impacts, i - 1)
+        flight = _after_impact(machine, clock, impacts, i - 1)
         duration = float(impacts.time[i] - impacts.time[i - 1])
-        trajectory = follow_trajectory(machine, origin, max(duration - _GUARD_S, 0.0))
+        trajectory = follow_trajectory(flight, max(duration - _GUARD_S, 0.0))
         if trajectory is None or before[0][i] == before[1][i]:
             continue
         deviation = hits[i] @ (trajectory.matrix @ deviation)

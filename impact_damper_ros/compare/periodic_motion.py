@@ -25,7 +25,8 @@ from impact_damper_ros.orbits import (
     find_orbits,
     orbit_near,
 )
-from impact_damper_ros.orbits.event_map import follow_trajectory, origin_after_impact
+from impact_damper_ros.orbits.event_map import follow_trajectory
+from impact_damper_ros.orbits.flights import flight_after_impact, machine_of
 from impact_damper_ros.orbits.impact_roots import polish
 from impact_damper_ros.orbits.recognition import (
     SETTLED,
@@ -36,12 +37,10 @@ from impact_damper_ros.orbits.recognition import (
 from impact_damper_ros.orbits.search import orbit_of, within_theory
 from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.arguments import need
-from impact_damper_ros.rig.flight import motion_at
-from impact_damper_ros.rig.mode import rig_constants
-from impact_damper_ros.rig.origin import offset_of
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.quoting import counted
-from impact_damper_ros.rig.state_checks import LATEST
+from impact_damper_ros.rig.snapshot import LATEST
+from impact_damper_ros.rig.state import place
 
 from .motion_kind import NEGLIGIBLE_IMPULSE, impact_table
 from .recorded_stretch import ForceClock, RecordedImpacts
@@ -435,43 +434,40 @@ def predicted_curve(
     time = number_between('time', time, -LATEST, LATEST)
     if not orbit.viable or not orbit.impacts:
         return None
-    machine = rig_constants(clock.counted_from_zero())
     # The zero of the force before the measured period, from which both count their phases
     first = period.phases[0] if period is not None else float(clock.phase(np.array(time)) % 1.0)
     late = round(orbit.phases[0] - first) if period is not None else 0
     zero = time - (first + late) * clock.cycle
-    origin = origin_after_impact(
-        machine,
+    flight = flight_after_impact(
+        machine_of(clock.counted_from_zero()),
         zero + orbit.phases[0] * clock.cycle - clock.zero,
         orbit.stops[0],
         orbit.x[0],
         orbit.primary_velocity_after[0],
         orbit.damper_velocity_after[0],
     )
-    trajectory = follow_trajectory(machine, origin, orbit.period, differentiate=False)
+    trajectory = follow_trajectory(flight, orbit.period, differentiate=False)
     if trajectory is None:
         return None
     rows = []
     for part in trajectory.flights:
-        start = part.origin
-        y = offset_of(start.clearance_1, start.clearance_2, start.stop_1, start.stop_2)
+        run = part.flight.run
         count = max(2, math.ceil(_PER_CYCLE * part.duration / clock.cycle))
         for tau in np.linspace(0.0, part.duration, count):
-            motion = motion_at(part.flight, float(tau))
+            motion = part.flight.motion(float(tau))
             phase = orbit.phases[0] + (part.start + float(tau)) / clock.cycle
             # M and m move as one in a joint flight.
-            moves = not part.flight.joint
-            travel = motion.travel if moves else 0.0
-            relative = motion.relative_velocity if moves else 0.0
-            rows.append((phase, motion.x, motion.velocity, y + travel, relative))
+            travel = 0.0 if run.joint else motion.travel
+            relative = 0.0 if run.joint else motion.relative_velocity
+            rows.append((phase, motion.x, motion.velocity, place(run) + travel, relative))
     # The period ends with the same state as that with which it begins, after the impact.
     rows.append((max(rows[-1][0], orbit.phases[0] + orbit.cycles), *rows[0][1:]))
-    phase, x, velocity, place, relative_velocity = np.array(rows).T
+    phase, x, velocity, y, relative_velocity = np.array(rows).T
     return PredictedCurve(
         phase=phase,
         x=x,
         velocity=velocity,
-        y=place,
+        y=y,
         relative_velocity=relative_velocity,
         force_zero=zero,
         cycle=clock.cycle,

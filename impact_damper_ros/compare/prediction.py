@@ -13,13 +13,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
-from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import OrbitError, PeriodicOrbit, find_orbits, orbit_near
 from impact_damper_ros.orbits.equations import check_forcing
 from impact_damper_ros.orbits.recognition import LONGEST_RHYTHM, Rhythm, rhythm_of, turned_cycles
 from impact_damper_ros.orbits.search import counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
-from impact_damper_ros.rig import Event, ParameterError, RigParameters, Simulator
+from impact_damper_ros.rig import Event, ParameterError, RigParameters
 from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event_budget import REMEDY
 from impact_damper_ros.rig.quoting import counted
@@ -27,7 +27,6 @@ from impact_damper_ros.rig.quoting import counted
 from .motion_kind import later_motion
 from .recorded_stretch import ForceClock, RecordedImpacts
 
-AnyRig: TypeAlias = Simulator | ControlledRig
 #: Why a motion is the predicted one: it is near the measured one, the rig reaches it when it is
 #: run ahead, or it is the first of those that exist.
 Basis: TypeAlias = Literal['measured', 'run ahead', 'listed', '']
@@ -111,7 +110,7 @@ class Prediction:
     applies: bool = True
 
 
-def run_ahead(rig: AnyRig, most_cycles: int = _MOST_CYCLES_AHEAD) -> ObservedMotion:
+def run_ahead(rig: Rig, most_cycles: int = _MOST_CYCLES_AHEAD) -> ObservedMotion:
     """Run a rig on until its impacts repeat."""
     frequency = rig.parameters.force_frequencies[0]
     began, turned, cycle = rig.time, turned_cycles(rig.snapshot(), frequency), math.tau / frequency
@@ -150,10 +149,9 @@ def _period_of_force(parameters: RigParameters) -> int:
     return cycles
 
 
-def _clock_of(rig: AnyRig) -> ForceClock:
-    origin = rig.snapshot()['origin']
-    angles = tuple(map(float, origin['angles']))
-    return ForceClock(rig.parameters, float(origin['time']), angles)
+def _clock_of(rig: Rig) -> ForceClock:
+    state = rig.state()
+    return ForceClock(state.parameters, state.run.time, state.angles)
 
 
 class _Orbits:
@@ -216,13 +214,13 @@ class _Orbits:
         return Prediction(tuple(self.all), first, 'listed' if first is not None else '', reason)
 
 
-def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator[Prediction]:
+def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Prediction]:
     """
     Predict the motion of a rig, in answers of increasing quality.
 
     Parameters
     ----------
-    rig : Simulator or ControlledRig
+    rig : Rig
         The rig, in its present state, which does not change. While a law moves its stops, nothing
         is predicted.
     measured : ObservedMotion or None, optional
@@ -234,9 +232,9 @@ def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator
         The first after some 20 ms, the last, which is `complete`, after a few tenths of a second.
         For a rig without a periodic force there is only one, which gives the reason.
     """
-    need((Simulator, ControlledRig), rig=rig)
+    need(Rig, rig=rig)
     need(ObservedMotion, or_none=True, measured=measured)
-    if isinstance(rig, ControlledRig) and rig.control.active:
+    if rig.control.active:
         reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'
         yield Prediction(reason=reason, complete=True, applies=False)
         return
@@ -255,7 +253,7 @@ def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator
         yield Prediction(tuple(orbits.all), expected, 'measured')
     else:
         yield orbits.listed('')
-    ahead = run_ahead(type(rig).restore(rig.snapshot()))
+    ahead = run_ahead(Rig.restore(rig.snapshot(), rig.own_law))
     reached = orbits.like(parameters, ahead)
     if expected is not None:
         prediction = Prediction(tuple(orbits.all), expected, 'measured')
@@ -266,7 +264,7 @@ def predictions(rig: AnyRig, measured: ObservedMotion | None = None) -> Iterator
     yield prediction
     for initial in starting_points(parameters):
         try:
-            start = Simulator(parameters, initial)
+            start = Rig(parameters, initial)
         except ParameterError:
             continue
         orbits.like(parameters, run_ahead(start, _ELSEWHERE))

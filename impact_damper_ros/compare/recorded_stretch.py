@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.rig import Event, RigParameters
 from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.parameter_spec import number_between
-from impact_damper_ros.rig.state_checks import LATEST
+from impact_damper_ros.rig.snapshot import LATEST
 
 from .result import Array, LoggedStretch, Overall, SwingEnvelope
 

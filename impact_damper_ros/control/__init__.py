@@ -12,29 +12,35 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters
 
-from .controlled_rig import ControlledRig, completed
-from .law import Damper, damper_of
-from .own_law import LawError, LawInput, OwnLaw
 from .record import CONTROL_JOINTS, Action, ControlRecord
 
 if TYPE_CHECKING:
-    from .controlled_run import ControlledRun
+    from .law import Damper, damper_of
+    from .own_law import LawError, LawInput, OwnLaw
+    from .rig import Outcome, Rig, RunResult
 
 __all__ = [
     'CONTROL_JOINTS',
     'GAP_CONTROL_SPECS',
     'Action',
     'ControlRecord',
-    'ControlledRig',
-    'ControlledRun',
     'Damper',
     'GapControlParameters',
     'LawError',
     'LawInput',
+    'Outcome',
     'OwnLaw',
-    'completed',
+    'Rig',
+    'RunResult',
     'damper_of',
 ]
 
 #: Loads what needs numpy.
-__getattr__ = lazy_names(__name__, {'controlled_run': ('ControlledRun',)})
+__getattr__ = lazy_names(
+    __name__,
+    {
+        'law': ('Damper', 'damper_of'),
+        'own_law': ('LawError', 'LawInput', 'OwnLaw'),
+        'rig': ('Outcome', 'Rig', 'RunResult'),
+    },
+)

@@ -8,8 +8,8 @@ The energy is that of the stop itself, of mass `actuator_mass`: each start and e
 its kinetic energy at full speed, none of which is recovered by braking. Friction of the guides,
 and weight and inertia in the moving M, are left out. An actuator that moves at once spends none.
 
-Commands that wait are rows of time (s), target of stop 1 and target of stop 2 (Y, m; NaN leaves
-the stop alone), in the order in which they are carried out, in a ring that begins at `first`.
+Commands that wait are rows of `Command` in a ring that begins at `first`, in the order in which
+they are carried out.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from math import inf, nan
 from typing import TYPE_CHECKING, ClassVar
 
-from impact_damper_ros.rig.kernels import kernel, state
+from impact_damper_ros.rig.compiled import kernel
 
 from .state import LENGTH, SPEED, TIME, Kinds, Lists
 
@@ -29,7 +29,15 @@ if TYPE_CHECKING:
 MOST_ORDERS = 4
 
 
-@state
+@dataclass(slots=True)
+class Command:
+    """A command that waits: when it is due, s, and the targets, Y in m; NaN for none."""
+
+    time: float = nan
+    stop_1: float = nan
+    stop_2: float = nan
+
+
 @dataclass(slots=True)
 class Actuators:
     """
@@ -94,7 +102,7 @@ def next_command(control: Control) -> float:
     actuators: Actuators = control.actuators
     if actuators.waiting == 0:
         return inf
-    due: float = control.commands[actuators.first][0]
+    due: float = control.commands[actuators.first].time
     return due
 
 
@@ -112,17 +120,18 @@ def order_stops(control: Control, issue: float, stop_1: float, stop_2: float) ->
     time = issue + control.settings.delay
     place = actuators.waiting
     while place > 0:
-        earlier = (actuators.first + place - 1) % len(rows)
-        if rows[earlier][0] <= time:
+        earlier = rows[(actuators.first + place - 1) % len(rows)]
+        if earlier.time <= time:
             break
-        later = (earlier + 1) % len(rows)
-        for k in range(3):
-            rows[later][k] = rows[earlier][k]
+        later = rows[(actuators.first + place) % len(rows)]
+        later.time = earlier.time
+        later.stop_1 = earlier.stop_1
+        later.stop_2 = earlier.stop_2
         place -= 1
-    row = (actuators.first + place) % len(rows)
-    rows[row][0] = time
-    rows[row][1] = stop_1
-    rows[row][2] = stop_2
+    row = rows[(actuators.first + place) % len(rows)]
+    row.time = time
+    row.stop_1 = stop_1
+    row.stop_2 = stop_2
     actuators.waiting += 1
     if stop_1 == stop_1:
         actuators.commanded_1 = stop_1
@@ -149,8 +158,8 @@ def start_command(control: Control, place_1: float, place_2: float) -> tuple[flo
     actuators: Actuators = control.actuators
     p = control.settings
     row = control.commands[actuators.first]
-    stop_1 = row[1]
-    stop_2 = nan if p.one_sided else row[2]
+    stop_1 = row.stop_1
+    stop_2 = nan if p.one_sided else row.stop_2
     actuators.first = (actuators.first + 1) % len(control.commands)
     actuators.waiting -= 1
     if stop_1 == stop_1:
@@ -173,7 +182,8 @@ def is_commanded(control: Control, stop: int) -> bool:
     """Return whether a command to a stop waits."""
     rows = control.commands
     for k in range(control.actuators.waiting):
-        target = rows[(control.actuators.first + k) % len(rows)][stop]
+        row = rows[(control.actuators.first + k) % len(rows)]
+        target = row.stop_1 if stop == 1 else row.stop_2
         if target == target:
             return True
     return False

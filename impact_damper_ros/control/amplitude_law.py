@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from math import nan
 from typing import TYPE_CHECKING, ClassVar
 
-from impact_damper_ros.rig.kernels import kernel, state
+from impact_damper_ros.rig.compiled import kernel
 
 from .law import Search, place_stops, reach_limit, symmetric_place
 from .sensors import Measurement, Observer
-from .state import LENGTH, Kinds, Lists, clearing
+from .state import LENGTH, Kinds, Lists
 
 if TYPE_CHECKING:
     from .controller import Control
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 _SMALLEST_MOVE = 0.005
 
 
-@state
 @dataclass(slots=True)
 class AmplitudeLaw:
     """
@@ -51,7 +50,12 @@ class AmplitudeLaw:
     amplitude: float = 0.0
 
 
-clear_amplitude_law = clearing(AmplitudeLaw, 'clear_amplitude_law')
+@kernel
+def clear_amplitude_law(law: AmplitudeLaw) -> None:
+    """Put the state back to that at the start."""
+    law.place_1 = nan
+    law.place_2 = nan
+    law.amplitude = 0.0
 
 
 @kernel

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from math import inf, nan, ulp
 from typing import Any, ClassVar, NamedTuple
 
-from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters, RigParameters
-from impact_damper_ros.rig.kernels import (
-    array_by_reference,
-    by_reference,
-    kernel,
-    packed,
-    state,
-    unpack,
-)
-from impact_damper_ros.rig.mode import RigConstants
-from impact_damper_ros.rig.origin import Origin
+import numpy as np
 
-from .actuator import (
-    Actuators,
-    order_stops,
-    settle_stops,
-)
+from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters, RigParameters
+from impact_damper_ros.rig.compiled import kernel, packed, packed_rows, unpack
+from impact_damper_ros.rig.event import EventRow
+from impact_damper_ros.rig.flight import Lines, Waves
+from impact_damper_ros.rig.state import RigConstants, Run, Wave
+
+from .actuator import Actuators, Command, order_stops, settle_stops
 from .amplitude_law import AmplitudeLaw, amplitude_law_crosses, clear_amplitude_law
 from .law import Search, clear_search, damper_of, search_anew, search_missed, search_sample
-from .own_law import MEMORY, OwnLaw, Refusal, entry_of, own_law_acts
+from .own_law import MEMORY, OwnLaw, Refusal, compiled_law, own_law_acts
 from .predictive_law import predictive_law_crosses
 from .sensors import (
     Measurement,
@@ -39,7 +32,7 @@ from .sensors import (
     observe_sample,
     sensor_noise,
 )
-from .state import Kinds, as_stored, clearing, read_stored
+from .state import Kinds, as_stored, read_stored
 from .timed_law import TimedLaw, clear_timed_law, timed_law_crosses, timed_law_sees
 
 #: Number of each law.
@@ -135,7 +128,6 @@ class ControlSettings(NamedTuple):
         )
 
 
-@state
 @dataclass(slots=True)
 class Controller:
     """
@@ -151,6 +143,8 @@ class Controller:
         Whether the amplitude is beyond the threshold, so that the law moves the stops.
     returning : bool
         Whether the stops are on their way back to the gap.
+    recorded, room : int
+        Rows of the table of acts that are written, and all of them; 0 for no table.
     """
 
     KINDS: ClassVar[Kinds] = {}
@@ -159,9 +153,18 @@ class Controller:
     trigger_index: int = 0
     roused: bool = False
     returning: bool = False
+    recorded: int = 0
+    room: int = 0
 
 
-clear_controller = clearing(Controller, 'clear_controller')
+@kernel
+def clear_controller(controller: Controller) -> None:
+    """Put the state back to that at the start."""
+    controller.sample_index = 0
+    controller.trigger_index = 0
+    controller.roused = False
+    controller.returning = False
+
 
 #: Rows for commands that wait, at first.
 _ROWS = 8
@@ -181,7 +184,7 @@ class Control(NamedTuple):
         Where m is to be found.
     actuators : Actuators
         State of the actuators.
-    commands : list of list of float
+    commands : sequence of Command
         Commands that wait; see `actuator`.
     settings : ControlSettings
         The parameters.
@@ -195,6 +198,8 @@ class Control(NamedTuple):
         Numbers that this law keeps.
     law : OwnLaw or None
         The law itself.
+    start, trial : Run
+        The present state, and one ahead, for the predictive law; with their waves.
     """
 
     controller: Controller
@@ -208,81 +213,93 @@ class Control(NamedTuple):
     refusal: Refusal
     memory: Any
     law: Any
+    start: Run
+    start_waves: Waves
+    trial: Run
+    trial_waves: Waves
 
     @classmethod
     def of(cls, p: GapControlParameters, rig: RigParameters, law: OwnLaw | None = None) -> Control:
         """Return the control of a rig at the start, with the stops at the gap."""
         control = cls(
             controller=Controller(),
-            commands=[[nan] * 3 for _ in range(_ROWS)],
+            commands=[Command() for _ in range(_ROWS)],
             settings=ControlSettings.of(p, rig, own=law is not None),
             refusal=Refusal(),
             memory=[0.0] * MEMORY,
             law=law,
+            start=Run(),
+            start_waves=[],
+            trial=Run(),
+            trial_waves=[],
             **{name: part() for name, part in PARTS.items()},
         )
         settle_stops(control)
         return control
 
     @property
-    def waiting(self) -> list[list[float]]:
+    def waiting(self) -> list[Command]:
         """Commands that wait, in order."""
         rows, first = self.commands, self.actuators.first
-        if not isinstance(rows, list):
-            rows = rows.array
-        count = self.actuators.waiting
-        return [list(map(float, rows[(first + k) % len(rows)])) for k in range(count)]
+        return [rows[(first + k) % len(rows)] for k in range(self.actuators.waiting)]
 
-    def _with_waiting(self, rows: list[list[float]]) -> Control:
+    def _with_waiting(self, rows: list[Command]) -> Control:
         """Return the same control with other commands, and as much room again."""
         empty = max(_ROWS, len(rows))
         self.actuators.first, self.actuators.waiting = 0, len(rows)
-        return self._replace(commands=rows + [[nan] * 3 for _ in range(empty)])
+        return self._replace(commands=rows + [Command() for _ in range(empty)])
 
     def enlarged(self) -> Control:
         """Return the same control with more room for commands."""
-        control = self._with_waiting(self.waiting)
-        if isinstance(self.commands, list):
-            return control
-        import numpy as np
+        return self._with_waiting(self.waiting)
 
-        return control._replace(commands=array_by_reference(np.array(control.commands)))
+    def for_harmonics(self, count: int) -> Control:
+        """Return the same control for a rig with so many harmonics."""
+        return self._replace(
+            start_waves=[Wave() for _ in range(count)], trial_waves=[Wave() for _ in range(count)]
+        )
 
     def packed(self) -> Control:
         """Return a copy for compiled kernels."""
-        import numpy as np
-
-        records = {name: packed(part) for name, part in self.states().items()}
-        rows = array_by_reference(np.array(self.commands, float))
-        memory = array_by_reference(np.array(self.memory, float))
-        law = 0 if self.law is None else entry_of(self.law).address
-        settings: Any = by_reference(self.settings)
-        return self._replace(commands=rows, settings=settings, memory=memory, law=law, **records)
+        return self._replace(
+            settings=packed(self.settings),
+            commands=packed_rows(self.commands, Command),
+            memory=np.array(self.memory, float),
+            law=compiled_law(self.law),
+            start=packed(self.start),
+            start_waves=packed_rows(self.start_waves, Wave),
+            trial=packed(self.trial),
+            trial_waves=packed_rows(self.trial_waves, Wave),
+            **{name: packed(part) for name, part in self.states().items()},
+        )
 
     def unpacked(self, records: Control) -> Control:
         """Return this control in the state of one that was `packed`."""
         for name, part in self.states().items():
             unpack(getattr(records, name), part)
-        rows, memory = records.commands.array.tolist(), records.memory.array.tolist()
-        return self._replace(commands=rows, memory=memory)
+        rows = [Command(*row) for row in records.commands.tolist()]
+        return self._replace(commands=rows, memory=records.memory.tolist())
 
     def states(self) -> dict[str, Any]:
         """Return the states that kernels change."""
-        others = ('commands', 'settings', 'memory', 'law')
-        return {n: v for n, v in self._asdict().items() if n not in others}
+        return {name: getattr(self, name) for name in ('controller', *PARTS, 'refusal')}
 
     def copied(self) -> Control:
         """Return another control in the same state."""
         parts = {name: copy(part) for name, part in self.states().items()}
-        rows, memory = [row.copy() for row in self.commands], self.memory.copy()
-        return self._replace(commands=rows, memory=memory, **parts)
+        return self._replace(
+            commands=[copy(row) for row in self.commands], memory=self.memory.copy(), **parts
+        ).for_harmonics(len(self.start_waves))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the state as numbers, lists and dictionaries; JSON keeps it exactly."""
         own = as_stored(self.controller)
         stored = {'sample_index': own['sample_index'], 'trigger_index': own['trigger_index']}
         stored |= {name: as_stored(getattr(self, name)) for name in PARTS}
-        waiting = [[None if v != v else v for v in row] for row in self.waiting]
+        waiting = [
+            [None if v != v else v for v in (row.time, row.stop_1, row.stop_2)]
+            for row in self.waiting
+        ]
         del stored['actuators']['first']
         stored['actuators']['waiting'] = waiting
         return {**stored, 'roused': own['roused'], 'returning': own['returning']}
@@ -292,9 +309,9 @@ class Control(NamedTuple):
         held = {**{entry: {} for entry in LAW_STATES.values()}, **stored}
         parts = {name: dict(held[name]) for name in PARTS}
         waiting = parts['actuators'].pop('waiting')
-        rows = [[nan if v is None else v for v in (time, *stops)] for time, *stops in waiting]
+        rows = [Command(*(nan if v is None else v for v in row)) for row in waiting]
         states: dict[str, Any] = {n: read_stored(PARTS[n], parts[n]) for n in PARTS}
-        own = {name: stored[name] for name in as_stored(self.controller)}
+        own = {name: stored[name] for name in _OWN_FIELDS}
         control = self._replace(controller=Controller(**own), **states)
         return control._with_waiting(rows)
 
@@ -340,6 +357,8 @@ class Control(NamedTuple):
         self.controller.sample_index = index
 
 
+#: Fields of `Controller` that a snapshot holds.
+_OWN_FIELDS = ('sample_index', 'trigger_index', 'roused', 'returning')
 #: Parts of the state with an entry of their own in a snapshot, in that order.
 PARTS: dict[str, type[Any]] = {
     'observer': Observer,
@@ -373,7 +392,14 @@ def law_sees(control: Control, seen: Measurement) -> None:
 
 @kernel
 def law_crosses(
-    control: Control, seen: Measurement, rising: bool, rig: RigConstants, origin: Origin
+    control: Control,
+    seen: Measurement,
+    rising: bool,
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Sequence[EventRow],
 ) -> None:
     """Let the law act on a passage of X through zero, with the sample taken there."""
     if control.settings.law == _AMPLITUDE:
@@ -381,7 +407,7 @@ def law_crosses(
     elif control.settings.law == _TIMED:
         timed_law_crosses(control, seen)
     elif control.settings.law == _PREDICTIVE:
-        predictive_law_crosses(control, seen, rig, origin)
+        predictive_law_crosses(control, seen, rig, lines, run, waves, log)
     elif control.settings.law == _OWN:
         own_law_acts(control, seen, 1 if rising else -1)
 
@@ -475,12 +501,19 @@ def holds_off(control: Control, time: float) -> bool:
 
 @kernel
 def take_crossing(
-    control: Control, seen: Measurement, rising: bool, rig: RigConstants, origin: Origin
+    control: Control,
+    seen: Measurement,
+    rising: bool,
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Sequence[EventRow],
 ) -> None:
     """
     Take a trigger of the crossing detector, with its sample, and act on it.
 
-    A law that knows the structure is given the rig, and its state at the passage.
+    The predictive law is given the rig and its run.
     """
     controller: Controller = control.controller
     observer: Observer = control.observer
@@ -491,7 +524,7 @@ def take_crossing(
     if whole and observer.amplitude > control.settings.threshold:
         controller.roused = True
         controller.returning = False
-        law_crosses(control, seen, rising, rig, origin)
+        law_crosses(control, seen, rising, rig, lines, run, waves, log)
     elif whole and controller.roused:
         rest_stops(control, seen.time)
     search_anew(control.search, rising)

@@ -7,11 +7,11 @@ from math import inf, nan, pi
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.kernels import kernel, state
+from impact_damper_ros.rig.compiled import kernel
 
 from .actuator import order_stops
 from .sensors import Measurement, Observer
-from .state import LENGTH, Kinds, Lists, clearing
+from .state import LENGTH, Kinds, Lists
 
 if TYPE_CHECKING:
     from .controller import Control
@@ -74,7 +74,6 @@ _HALF_CYCLES_MISSED = 2
 _PART_OF_REACH = 0.9
 
 
-@state
 @dataclass(slots=True)
 class Search:
     """
@@ -101,7 +100,13 @@ class Search:
     reach_2: float = 0.0
 
 
-clear_search = clearing(Search, 'clear_search')
+@kernel
+def clear_search(search: Search) -> None:
+    """Put the state back to that at the start."""
+    search.missed_1 = 0
+    search.missed_2 = 0
+    search.reach_1 = 0.0
+    search.reach_2 = 0.0
 
 
 @kernel(inline=True)

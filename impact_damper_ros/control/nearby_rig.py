@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, EndlessEventsError
-from impact_damper_ros.rig.long_run import Outcome
-from impact_damper_ros.rig.run_loop import open_flight, state_at
+from impact_damper_ros.rig.flight import move_to
+from impact_damper_ros.rig.state import Wave
 
-from .controlled_run import ControlledRun
 from .controller import PARTS
+from .rig import Outcome, Rig
 from .state import LENGTH, SPEED, TIME, Kinds
 
 Array = npt.NDArray[np.float64]
@@ -43,7 +43,10 @@ _KINDS: Kinds = {
     **{name: kind for part in PARTS.values() for name, kind in part.KINDS.items()},
 }
 #: What is the same for all rigs of an instant, or nothing depends on.
-_LEFT_OUT = ('time', 'time_low', 'angles', 'side', 'energies')
+_LEFT_OUT = (
+    *('time', 'time_low', 'angles', 'side', 'energies'),
+    *('searched', 'crossing_side', 'watched', 'crossing'),
+)
 
 
 class Scales(NamedTuple):
@@ -129,8 +132,8 @@ def _changed(node: Any, path: _Path, value: float) -> Any:
     return [*node[:key], entry, *node[key + 1 :]]
 
 
-class NearbyRig(ControlledRun):
-    """A `ControlledRun` whose state can be compared with that of another, and displaced."""
+class NearbyRig(Rig):
+    """A `Rig` whose state can be compared with that of another, and displaced."""
 
     def go_to(self, time: float) -> list[tuple[int, int]]:
         """
@@ -141,25 +144,26 @@ class NearbyRig(ControlledRun):
         EndlessEventsError
             If there are too many of them.
         """
-        result = self.advance(time, most_events=MOST_EVENTS)
+        result = self.run(time, most_events=MOST_EVENTS)
         if result.outcome is not Outcome.COMPLETE:
             raise EndlessEventsError(result.reason)
         return list(zip(result.events['kind'], result.events['stop'], strict=True))
 
     def go_between_samples(self) -> None:
         """Go on to the middle between two samples, away from what round-off decides."""
-        rate, index = self.control.gap_control_rate, self._loop.control.controller.sample_index
+        rate, index = self.control.gap_control_rate, self._control.controller.sample_index
         if (index - 0.5) / rate <= self.time:
             index += 1
         self.go_to((index - 0.5) / rate)
 
     def numbers(self) -> RigState:
         """Return the state at the present time."""
-        control = self._loop.control
-        here = state_at(
-            open_flight(self._loop.constants, self._state.origin, self.time), self.time
-        )
-        origin = self._state._replace(origin=here).as_dict()['origin']
+        control, here = self._control, self.state()
+        waves = [Wave(wave.angle, wave.sine_0, wave.cosine_0) for wave in self._waves]
+        move_to(self._rig, self._lines, here.run, waves, self.time)
+        origin = here._replace(angles=tuple(wave.angle for wave in waves)).as_dict()['origin']
+        # What is known of the flight from there on begins anew.
+        origin |= {'searched': 0.0, 'crossing_side': 0, 'watched': 0.0, 'crossing': None}
         parts = {'origin': origin, 'state': control.as_dict()}
         seen = parts
         if not control.timed.closed:
@@ -187,4 +191,5 @@ class NearbyRig(ControlledRun):
             return None
         snapshot = self.snapshot()
         control = {**snapshot['gap_control'], 'state': parts['state']}
-        return self.restore({**snapshot, 'origin': parts['origin'], 'gap_control': control})
+        changed = {**snapshot, 'origin': parts['origin'], 'gap_control': control}
+        return self.restore(changed, compiled=self.compiled)

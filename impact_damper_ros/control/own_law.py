@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from impact_damper_ros.rig.arguments import need
-from impact_damper_ros.rig.kernels import kernel, state
+from impact_damper_ros.rig.compiled import kernel
 from impact_damper_ros.rig.quoting import named, shown
 
 from .actuator import Actuators
@@ -197,7 +197,6 @@ class OwnLaw:
         return self.astray(refusal.time, result, control.settings, sent)
 
 
-@state
 @dataclass(slots=True)
 class Refusal:
     """
@@ -214,22 +213,6 @@ class Refusal:
     time: float = nan
     stop_1: float = nan
     stop_2: float = nan
-
-
-def call_law(_address: int, _seen: LawInput, _memory: Any) -> tuple[float, float]:
-    """Stand for `call_by_address`, which takes its place in compiled code."""
-    raise NotImplementedError
-
-
-def _compiled_law(control: Control, seen: LawInput) -> tuple[float, float]:
-    return call_law(control.law, seen, control.memory)
-
-
-@kernel(twin=_compiled_law)
-def own_law(control: Control, seen: LawInput) -> tuple[float, float]:
-    """Call the law."""
-    places: tuple[float, float] = control.law(seen, control.memory)
-    return places
 
 
 @kernel
@@ -271,7 +254,7 @@ def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
         p.gap_min,
         p.gap_max,
     )
-    stop_1, stop_2 = own_law(control, given)
+    stop_1, stop_2 = control.law(given, control.memory)
     largest = 0.5 * p.gap_max
     if abs(stop_1) > largest or abs(stop_2) > largest or too_close(control, stop_1, stop_2):
         refusal.time = seen.time
@@ -288,12 +271,33 @@ def law_failed(control: Control) -> bool:
 
 
 @cache
-def entry_of(law: OwnLaw) -> Any:
-    """
-    Return the C function by which compiled code calls a law that numba has compiled.
+def _signature() -> Any:
+    """Return the numba type of a law: places from a `LawInput` and the memory."""
+    from numba import types as nb
 
-    It takes pointers to the numbers of a `LawInput`, to the memory and to the two places. So the
-    law is compiled by itself, and the run loop is the same for all laws.
+    kinds = [nb.int64 if name == 'crossing' else nb.float64 for name in LawInput._fields]
+    seen = nb.NamedTuple(tuple(kinds), LawInput)
+    return nb.UniTuple(nb.float64, 2)(seen, nb.float64[::1])
+
+
+def _stays(_seen: LawInput, _memory: Any) -> tuple[float, float]:
+    """Leave both stops alone, where a built-in law moves them."""
+    return nan, nan
+
+
+def _by_address(function: Any) -> Any:
+    """Return a compiled function as numba takes one by its address, whichever it is."""
+    from numba.core.types import CompileResultWAP
+
+    return CompileResultWAP(function.get_compile_result(_signature()))
+
+
+@cache
+def compiled_law(law: OwnLaw | None) -> Any:
+    """
+    Return a law that numba has compiled as an argument of the compiled loop.
+
+    The law is compiled by itself, and the loop is the same for all laws.
 
     Raises
     ------
@@ -301,32 +305,22 @@ def entry_of(law: OwnLaw) -> Any:
         If numba cannot compile the law for its arguments.
     """
     import numba
-    from numba import types as nb
     from numba.core.errors import NumbaError
 
+    if law is None:
+        return _by_address(numba.njit(_signature())(_stays))
     function = law.function
-    count = len(LawInput._fields)
-    values = ', '.join(
-        f'int(v[{k}])' if name == 'crossing' else f'v[{k}]'
-        for k, name in enumerate(LawInput._fields)
-    )
-    scope: dict[str, Any] = {'LawInput': LawInput}
-    exec(f'def from_numbers(v):\n    return LawInput({values})', scope)
-    from_numbers = numba.njit(scope['from_numbers'])
 
-    def entry(seen: Any, memory: Any, places: Any) -> None:
-        given = from_numbers(numba.carray(seen, count))
+    def guarded(seen: Any, memory: Any) -> tuple[float, float]:
         try:
-            stop_1, stop_2 = function(given, numba.carray(memory, MEMORY))
+            stop_1, stop_2 = function(seen, memory)
         except Exception:
-            # A C function cannot raise an error. The run loop refuses this result.
+            # A function that is called by its address cannot raise. The loop refuses this result.
             stop_1, stop_2 = inf, nan
-        places[0] = stop_1
-        places[1] = stop_2
+        return float(stop_1), float(stop_2)
 
-    pointer = nb.CPointer(nb.float64)
     try:
-        return numba.cfunc(nb.void(pointer, pointer, pointer))(entry)
+        return _by_address(numba.njit(_signature())(guarded))
     except NumbaError as error:
         # The lines about numba itself are the first and the last ones.
         lines = [line for line in str(error).splitlines() if line and 'pipeline' not in line]
@@ -334,38 +328,3 @@ def entry_of(law: OwnLaw) -> Any:
             f'numba cannot compile the law {law.name}: {lines[0] if lines else error}. It has to '
             'return two numbers; in plain Python it runs uncompiled'
         ) from error
-
-
-@cache
-def call_by_address() -> Any:
-    """Return what calls an `entry_of` in compiled code, in place of `call_law`."""
-    import numba
-    from llvmlite import ir
-    from numba.core import cgutils
-    from numba.core import types as nb
-
-    @numba.extending.intrinsic  # type: ignore[untyped-decorator]
-    def call(_context: Any, _address: Any, seen: Any, memory: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            address, seen, memory = arguments
-            double = ir.DoubleType()
-            number, pair = nb.float64, signature.return_type
-            kinds = list(signature.args[1])
-            numbers = cgutils.alloca_once(builder, double, size=len(kinds))
-            for k, kind in enumerate(kinds):
-                value = builder.extract_value(seen, k)
-                value = context.cast(builder, value, kind, number)
-                builder.store(value, cgutils.gep_inbounds(builder, numbers, k))
-            kept = cgutils.create_struct_proxy(signature.args[2])(context, builder, memory).data
-            places = cgutils.alloca_once(builder, double, size=2)
-            pointer = double.as_pointer()
-            form = ir.FunctionType(ir.VoidType(), (pointer, pointer, pointer))
-            entry = builder.inttoptr(address, form.as_pointer())
-            builder.call(entry, (numbers, kept, places))
-            values = [builder.load(cgutils.gep_inbounds(builder, places, k)) for k in range(2)]
-            return context.make_tuple(builder, pair, values)
-
-        pair = nb.UniTuple(nb.float64, 2)  # type: ignore[attr-defined]
-        return pair(nb.intp, seen, memory), generate
-
-    return call

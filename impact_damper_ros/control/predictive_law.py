@@ -13,15 +13,19 @@ out commands that still wait, and the steps of a stepped sine.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import inf
 from typing import TYPE_CHECKING
 
-from impact_damper_ros.rig.kernels import kernel
-from impact_damper_ros.rig.mode import RigConstants
-from impact_damper_ros.rig.origin import Origin
+from impact_damper_ros.rig.compiled import kernel
+from impact_damper_ros.rig.event import EventRow
+from impact_damper_ros.rig.flight import Lines, Waves, begin_flight, move_to
+from impact_damper_ros.rig.run import go_ahead
+from impact_damper_ros.rig.state import RigConstants, Run, copy_state, place
+from impact_damper_ros.rig.transition import move_stops
 
 from .actuator import Actuators
 from .law import best_gap, place_stops
-from .model import motion_ahead, sent_off
 from .sensors import Measurement
 
 if TYPE_CHECKING:
@@ -37,20 +41,38 @@ _WORTH_A_MOVE = 0.005
 
 @kernel
 def energy_ahead(
-    control: Control, rig: RigConstants, start: Origin, stop_1: float, stop_2: float
+    control: Control,
+    rig: RigConstants,
+    lines: Lines,
+    log: Sequence[EventRow],
+    stop_1: float,
+    stop_2: float,
 ) -> float:
     """Return the energy of M at the end of the horizon, over M/2, with the stops sent off."""
     p = control.settings
-    end = start.time + p.horizon * control.observer.half_cycle
-    there: Origin = motion_ahead(rig, sent_off(rig, start, stop_1, stop_2, p.speed), end)
-    return there.velocity * there.velocity + rig.free.omega_squared * there.x * there.x
+    run = control.trial
+    waves = control.trial_waves
+    copy_state(control.start, control.start_waves, run, waves)
+    end = run.time + p.horizon * control.observer.half_cycle
+    if not p.speed < inf:
+        # A stop that would pass m is placed at m.
+        offset = place(run)
+        stop_1 = max(stop_1, offset)
+        stop_2 = min(stop_2, offset)
+    run.room = 0
+    run.now = run.time
+    begin_flight(rig, lines, run, waves)
+    move_stops(rig, lines, run, waves, log, stop_1, run.stop_2 if p.one_sided else stop_2, p.speed)
+    go_ahead(rig, lines, run, waves, log, end)
+    return run.velocity * run.velocity + rig.free.omega_squared * run.x * run.x
 
 
 @kernel
 def improved(
     control: Control,
     rig: RigConstants,
-    start: Origin,
+    lines: Lines,
+    log: Sequence[EventRow],
     best: tuple[float, float, float],
     stop: int,
     centre: float,
@@ -62,11 +84,11 @@ def improved(
     least, place_1, place_2 = best
     widest = 0.5 * p.gap_max
     for k in range(-tries, tries + 1):
-        place = min(max(centre + k * step, -widest), widest)
-        stop_1 = place if stop != 2 else best[1]
-        stop_2 = -place if stop != 1 else best[2]
+        tried = min(max(centre + k * step, -widest), widest)
+        stop_1 = tried if stop != 2 else best[1]
+        stop_2 = -tried if stop != 1 else best[2]
         if stop_1 - stop_2 >= p.gap_min:
-            energy = energy_ahead(control, rig, start, stop_1, stop_2)
+            energy = energy_ahead(control, rig, lines, log, stop_1, stop_2)
             if energy < least:
                 least = energy
                 place_1 = stop_1
@@ -76,27 +98,39 @@ def improved(
 
 @kernel
 def predictive_law_crosses(
-    control: Control, seen: Measurement, rig: RigConstants, origin: Origin
+    control: Control,
+    seen: Measurement,
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Sequence[EventRow],
 ) -> None:
     """Send both stops to the best places, at a passage of X through zero."""
     p = control.settings
     actuators: Actuators = control.actuators
-    start: Origin = motion_ahead(rig, origin, seen.time + p.delay)
+    start = control.start
+    copy_state(run, waves, start, control.start_waves)
+    begin_flight(rig, lines, start, control.start_waves)
+    move_to(rig, lines, start, control.start_waves, seen.time)
+    begin_flight(rig, lines, start, control.start_waves)
+    start.now = seen.time
+    go_ahead(rig, lines, start, control.start_waves, log, seen.time + p.delay)
     unit = 0.5 * best_gap(control)
     place_1 = actuators.commanded_1
     place_2 = actuators.commanded_2
-    best = (energy_ahead(control, rig, start, place_1, place_2), place_1, place_2)
+    best = (energy_ahead(control, rig, lines, log, place_1, place_2), place_1, place_2)
     step = unit * _FIRST_STEP
     tries = _TRIES
     for fineness in range(1 + _REFINEMENTS):
         if p.independent:
             centre = 0.5 * unit if fineness == 0 else best[1]
-            best = improved(control, rig, start, best, 1, centre, step, tries)
+            best = improved(control, rig, lines, log, best, 1, centre, step, tries)
             centre = 0.5 * unit if fineness == 0 else -best[2]
-            best = improved(control, rig, start, best, 2, centre, step, tries)
+            best = improved(control, rig, lines, log, best, 2, centre, step, tries)
         else:
             centre = unit if fineness == 0 else best[1]
-            best = improved(control, rig, start, best, 0, centre, step, tries)
+            best = improved(control, rig, lines, log, best, 0, centre, step, tries)
         step *= _FINER
         tries = 1
     place_stops(control, seen.time, best[1], best[2], _WORTH_A_MOVE)

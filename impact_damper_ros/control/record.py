@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 #: Joints of the topic `gap_control`.
 CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
@@ -20,6 +22,22 @@ class Action(IntEnum):
     TOUCHED = 3
     #: X passed through zero.
     CROSSING = 4
+
+
+@dataclass(slots=True)
+class ActRow:
+    """A row of the table of acts; see `ControlRecord`."""
+
+    time: float = 0.0
+    target_1: float = 0.0
+    target_2: float = 0.0
+    amplitude: float = 0.0
+    velocity_1: float = 0.0
+    velocity_2: float = 0.0
+    x_rate: float = 0.0
+    energy_1: float = 0.0
+    energy_2: float = 0.0
+    action: int = 0
 
 
 class ControlRecord(NamedTuple):
@@ -56,10 +74,12 @@ class ControlRecord(NamedTuple):
     energy_2: float
 
     @classmethod
-    def rows(cls, table: Any, count: int) -> list[Self]:
-        """Return the first rows of a table that `write_record` fills."""
-        rows = ([table[row, column] for column in range(10)] for row in range(count))
-        return [cls(time, Action(action), *numbers) for time, action, *numbers in rows]
+    def of(cls, rows: Sequence[ActRow]) -> list[Self]:
+        """Return rows that the loop has written."""
+        return [
+            cls(row.time, Action(row.action), *(getattr(row, n) for n in cls._fields[2:]))
+            for row in rows
+        ]
 
     @property
     def frame_id(self) -> str:

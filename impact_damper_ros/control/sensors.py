@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from math import atan2, cos, log, nan, pi, sin, sqrt
 from typing import ClassVar, NamedTuple
 
+from impact_damper_ros.rig.compiled import kernel
 from impact_damper_ros.rig.forcing import mixed
-from impact_damper_ros.rig.kernels import kernel, state
 
-from .state import LENGTH, SPEED, TIME, Kinds, Lists, clearing
+from .state import LENGTH, SPEED, TIME, Kinds, Lists
 
 
 class Measurement(NamedTuple):
@@ -147,7 +147,6 @@ class Passage(NamedTuple):
     y_rate: float
 
 
-@state
 @dataclass(slots=True)
 class Observer:
     """
@@ -203,7 +202,24 @@ class Observer:
     hit_speed_2: float = nan
 
 
-clear_observer = clearing(Observer, 'clear_observer')
+@kernel
+def clear_observer(observer: Observer) -> None:
+    """Put the state back to that at the start."""
+    observer.amplitude = 0.0
+    observer.half_cycle = 0.0
+    observer.crossed = nan
+    observer.peak = 0.0
+    observer.time = nan
+    observer.x = nan
+    observer.x_rate = nan
+    observer.y = nan
+    observer.y_rate = nan
+    observer.stop_1 = nan
+    observer.stop_2 = nan
+    observer.hit_time_1 = nan
+    observer.hit_speed_1 = nan
+    observer.hit_time_2 = nan
+    observer.hit_speed_2 = nan
 
 
 @kernel

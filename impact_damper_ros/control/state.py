@@ -1,20 +1,16 @@
 """
 States of the control: what their numbers are, and how a snapshot holds them.
 
-A state is a dataclass of numbers (`rig.kernels.state`) with `KINDS`: by name of the entry in a
+A state is a dataclass of numbers with `KINDS`: by name of the entry in a
 snapshot, what its numbers are. NaN stands for what is not known; a snapshot holds None for it.
 Fields that a snapshot holds as one list are named in `LISTS`; a list of NaN is empty there.
 """
 
 from __future__ import annotations
 
-import linecache
-from collections.abc import Callable
 from dataclasses import fields
 from math import nan
 from typing import Any, TypeAlias, TypeVar
-
-from impact_damper_ros.rig.kernels import kernel
 
 LENGTH, SPEED, TIME = 'length', 'speed', 'time'
 #: What the numbers of a state are, by entry; of a list by its index, where its items differ.
@@ -71,16 +67,3 @@ def read_stored(cls: type[S], stored: dict[str, Any]) -> S:
         else:
             values[entry] = nan if value is None else value
     return cls(**values)
-
-
-def clearing(cls: type[S], name: str) -> Callable[[S], None]:
-    """Return a kernel that puts a state back to that at the start."""
-    lines = [f'    state.{field.name} = {field.default!r}' for field in fields(cls)]  # type: ignore[arg-type]
-    scope: dict[str, Any] = {'nan': nan}
-    source = f'def {name}(state):\n' + '\n'.join(lines) + '\n'
-    place = f'<{name}>'
-    # So that a traceback can show it
-    linecache.cache[place] = len(source), None, source.splitlines(keepends=True), place
-    exec(compile(source, place, 'exec'), scope)
-    function: Callable[[S], None] = kernel(scope[name])
-    return function

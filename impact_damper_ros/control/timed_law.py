@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from math import inf, nan
 from typing import TYPE_CHECKING, ClassVar
 
-from impact_damper_ros.rig.kernels import kernel, state
+from impact_damper_ros.rig.compiled import kernel
 
 from .actuator import order_stops
 from .law import best_gap, place_stops, symmetric_place
 from .sensors import Measurement, Observer, Passage, next_passage
-from .state import LENGTH, TIME, Kinds, clearing
+from .state import LENGTH, TIME, Kinds
 
 if TYPE_CHECKING:
     from .controller import Control, ControlSettings
@@ -72,7 +72,6 @@ def stop_to_close(p: ControlSettings, at: Passage, parked: float, optimal: float
     return stop
 
 
-@state
 @dataclass(slots=True)
 class TimedLaw:
     """
@@ -98,7 +97,13 @@ class TimedLaw:
     until: float = 0.0
 
 
-clear_timed_law = clearing(TimedLaw, 'clear_timed_law')
+@kernel
+def clear_timed_law(law: TimedLaw) -> None:
+    """Put the state back to that at the start."""
+    law.parked = 0.0
+    law.aimed = False
+    law.closed = 0
+    law.until = 0.0
 
 
 @kernel

@@ -24,10 +24,9 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.rig_topics import snapshot_text
-from impact_damper_ros.control import ControlledRig, ControlRecord, GapControlParameters
-from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
+from impact_damper_ros.control import ControlRecord, GapControlParameters, Rig
+from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters, RunawayError
 from impact_damper_ros.rig.event_budget import fastest_rate
-from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.tick_grid import TickGrid
 
 from .motion_ahead import RIG_FAILURES, MotionAhead, MotionTrace, ticks_ahead
@@ -275,7 +274,7 @@ class Engine:
         control: GapControlParameters | None = None,
     ) -> None:
         self.failure: Exception | None = None
-        self._simulator = ControlledRig(parameters, initial, control=control)
+        self._rig = Rig(parameters, initial, control=control)
         self._publishers = publishers
         self._callbacks = callbacks
         self._grid = TickGrid(settings.state_rate)
@@ -303,10 +302,10 @@ class Engine:
         self._set_back = False
         self._news = 'start'
         self._motion = MotionAhead(
-            self._simulator,
+            self._rig,
             publishers,
             self._grid,
-            MotionTrace.at(parameters, self._simulator.snapshot()),
+            MotionTrace.at(parameters, self._rig.snapshot()),
             ticks_ahead(self._grid.instant(1), settings.real_time_factor),
         )
         # Whether the rig has another motion since the last snapshot; also at the start
@@ -343,11 +342,11 @@ class Engine:
         return EngineStatus(
             self._time_ns,
             self._paused,
-            self._simulator.mode.name,
+            self._rig.mode.name,
             self._motion.impacts,
             self._out.recorded,
             self._pacer.counts(),
-            ControlStatus(self._simulator.control, self._motion.commands, self._motion.last_act),
+            ControlStatus(self._rig.control, self._motion.commands, self._motion.last_act),
             self._scheduling.text,
             self._held,
             self._load(),
@@ -360,7 +359,7 @@ class Engine:
         return time.clock_gettime_ns(time.pthread_getcpuclockid(self._thread.ident))
 
     def _load(self) -> Load:
-        parameters = self._simulator.parameters
+        parameters = self._rig.parameters
         harmonics = sum(amplitude != 0.0 for amplitude in parameters.harmonics[0])
         return Load(self._motion.events, self._busy_ns(), fastest_rate(parameters), harmonics)
 
@@ -586,7 +585,7 @@ class Engine:
         # First the cause, then its effects
         self._record_event(event)
         if parameters is not None or control is not None:
-            rig = self._simulator
+            rig = self._rig
             self._motion.discard()
             events = rig.change(parameters or rig.parameters, control)
             self._emit_all(self._motion.passed(events, rig.records, self._stamps.offset_ns))
@@ -595,9 +594,9 @@ class Engine:
             self._new_course = True
 
     def _reset(self, initial: InitialConditions) -> None:
-        initial.check_within(self._simulator.parameters)
+        initial.check_within(self._rig.parameters)
         self._motion.discard()
-        self._simulator.reset(initial)
+        self._rig.reset(initial)
         self._motion.last_act = None
         self._release()
         self._news = 'reset'
@@ -686,12 +685,12 @@ class Engine:
 
     def _announce(self, reason: str) -> None:
         """Publish a snapshot: all that a bit-for-bit continuation needs."""
-        state = self._simulator.snapshot()
+        state = self._rig.snapshot()
         text = snapshot_text(self._stamps.offset_ns, self._time_ns, reason, state)
         self._out.emit(self._publishers['snapshot'], encode(String(text)), self.stamp_ns())
         if self._new_course:
             self._new_course = False
-            self._motion.trace = MotionTrace.at(self._simulator.parameters, state)
+            self._motion.trace = MotionTrace.at(self._rig.parameters, state)
             self._callbacks.on_course(text)
 
     def _record_event(self, event: bytes) -> None:

@@ -19,12 +19,11 @@ from time import monotonic_ns, thread_time_ns
 from typing import Any, NamedTuple
 
 from impact_damper_ros.bag.rig_topics import RigMessages
-from impact_damper_ros.control import Action, ControlledRig, ControlRecord
+from impact_damper_ros.control import Action, ControlRecord, Rig
 from impact_damper_ros.orbits.recognition import turned_cycles
-from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample
+from impact_damper_ros.rig import Event, EventKind, RigParameters, RunawayError, Sample
 from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.forcing import frequency_at
-from impact_damper_ros.rig.hybrid_motion import RunawayError
 from impact_damper_ros.rig.swing import extremes
 from impact_damper_ros.rig.tick_grid import TickGrid
 
@@ -202,7 +201,7 @@ class MotionAhead:
 
     def __init__(
         self,
-        rig: ControlledRig,
+        rig: Rig,
         publishers: RigPublishers,
         grid: TickGrid,
         trace: MotionTrace,

@@ -28,7 +28,7 @@ from collections.abc import Iterator
 from typing import Any, NoReturn
 
 from impact_damper_ros.compare import ObservedMotion, Prediction, predictions
-from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import PeriodicOrbit
 from impact_damper_ros.orbits.recognition import Rhythm
 from impact_damper_ros.rig import Event, EventKind
@@ -86,7 +86,7 @@ def _answers(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
             observed = ObservedMotion(
                 Rhythm.from_dict(measured['rhythm']), impact, measured['phase']
             )
-        rig = ControlledRig.restore(request['snapshot']['state'])
+        rig = Rig.restore(request['snapshot']['state'])
         for prediction in predictions(rig, observed):
             yield _answer(prediction)
     except Exception as error:

@@ -33,7 +33,6 @@ import numpy as np
 
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
 from impact_damper_ros.rig.arguments import need
-from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.quoting import shown
 
 from .equations import (
@@ -44,6 +43,7 @@ from .equations import (
     checked_whole,
     single_harmonic,
 )
+from .flights import machine_of
 from .impact_roots import Root
 from .orbit import PeriodicOrbit
 from .search import counted_as, orbit_of, within_theory
@@ -264,7 +264,7 @@ class _ShootingFamily:
     def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
         rig = with_value(self.parameters, self.name, value)
         period = self.cycles * math.tau / rig.force_frequencies[0]
-        shot = follow_section(rig_constants(rig), self._placed(rig, unknowns), period)
+        shot = follow_section(machine_of(rig), self._placed(rig, unknowns), period)
         if shot is None:
             raise ArithmeticError('the motion changes its kind where the period begins')
         change, matrix = shot

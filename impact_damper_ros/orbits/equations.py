@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.rig import ParameterError, RigParameters
 from impact_damper_ros.rig.arguments import need
-from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.oscillator import Oscillator
 from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.rig.state import constants_of
 
 #: Most impacts in a period for which all stop sequences are listed.
 MOST_LISTED_IMPACTS = 6
@@ -164,7 +164,7 @@ def check_stops(parameters: RigParameters, given: Sequence[int], cycles: int) ->
 
 def pressed_to(parameters: RigParameters, stop: int) -> bool:
     """Return whether weight, friction or air can press m to a stop, on average of a period."""
-    machine = rig_constants(parameters)
+    machine, _ = constants_of(parameters)
     weight = machine.slope if stop == 1 else -machine.slope
     return weight - machine.air + machine.grip > 0.0
 
@@ -272,7 +272,7 @@ class ImpactEquations:
     def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:
         check_forcing(parameters)
         check_stops(parameters, stops, cycles)
-        machine = rig_constants(parameters)
+        machine, lines = constants_of(parameters)
         self.parameters = parameters
         self.stops = stops
         self.cycles = cycles
@@ -303,13 +303,13 @@ class ImpactEquations:
         self.pushes: Array = mass_ratio * (direction * machine.grip - self.air)
         self._next = np.roll(np.arange(self.impacts), -1)
         self._last = np.roll(np.arange(self.impacts), 1)
-        offsets = np.where(first, machine.stop, -machine.stop)
+        offsets = np.where(first, machine.half_gap, -machine.half_gap)
         self._travel: Array = offsets[self._next] - offsets
         self._oscillator = machine.free
         self._decay = machine.free.decay
         self._damped = machine.free.frequency
         self._stiffness = machine.free.omega_squared
-        self._force = machine.free.harmonics[0].force
+        self._force = lines[0].force
         self.rate = math.sqrt(self._stiffness)
         swing = abs(self._force) / self._stiffness
         fall = float(np.max(np.abs(self.accelerations))) / self.frequency**2

@@ -10,44 +10,28 @@ there. The infinitely many impacts that end a chatter act as one plastic impact.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
 from impact_damper_ros.rig import EventKind
 from impact_damper_ros.rig.flight import (
+    CHATTER_END,
     CONTACT_1,
     CONTACT_2,
     NO_EVENT,
     RELEASE_DOWN,
     RELEASE_UP,
-    Flight,
     Motion,
-    end_at,
-    motion_at,
-    starting_motion,
 )
-from impact_damper_ros.rig.forcing import sines_of, turned_angles
-from impact_damper_ros.rig.mode import (
-    REST_1,
-    REST_2,
-    STICK,
-    RigConstants,
-    launch,
-    mode_at_rest,
-)
-from impact_damper_ros.rig.origin import Origin, carried
-from impact_damper_ros.rig.run_loop import first_end
-from impact_damper_ros.rig.transition import moving_mode, resolve
+from impact_damper_ros.rig.state import STICK
 
 from .equations import Array
+from .flights import Flight, Machine
 from .multipliers import event_matrices, flight_matrices
 
 #: Largest number of events that are followed in one trajectory.
 MOST_EVENTS = 2000
-
-_STOP_OF = {REST_1: 1, REST_2: 2}
 
 
 class FlightPart(NamedTuple):
@@ -55,8 +39,12 @@ class FlightPart(NamedTuple):
 
     start: float
     duration: float
-    origin: Origin
     flight: Flight
+
+    @property
+    def mode(self) -> int:
+        """The mode of the motion."""
+        return self.flight.run.mode
 
 
 class TrajectoryEvent(NamedTuple):
@@ -80,76 +68,15 @@ class Trajectory:
     The matrix is the derivative of (X, X', Z, Z') at the end by the same at the beginning.
     """
 
-    end: Origin
+    end: Flight
     matrix: Array
     events: list[TrajectoryEvent]
     flights: list[FlightPart]
 
 
-def origin_at(
-    machine: RigConstants,
-    instant: float,
-    x: float,
-    velocity: float,
-    beyond: float,
-    relative_velocity: float,
-    resting: int,
-    last_stop: int,
-) -> Origin:
-    """
-    Return a state on the force's clock (s) as the origin of a flight.
-
-    `beyond` is Y - d/2, the way m has gone beyond stop 1: not positive, and exact near the
-    stop of a one-sided rig, whose gap is meaningless. It and Y' do not count where `resting`
-    is `STICK`, `REST_1` or `REST_2`; 0 says that m moves. `last_stop` is 0 if none was hit
-    yet.
-    """
-    half = machine.stop
-    if resting == REST_1:
-        beyond = 0.0
-    elif resting == REST_2:
-        beyond = -2.0 * half
-    origin = Origin(
-        time=0.0,
-        time_low=0.0,
-        mode=resting,
-        x=x,
-        velocity=velocity,
-        relative_velocity=0.0 if resting else relative_velocity,
-        clearance_1=max(0.0, -beyond),
-        clearance_2=inf if machine.one_sided else max(0.0, 2.0 * half + beyond),
-        stop_1=half,
-        stop_2=-half,
-        angles=turned_angles((0.0,) * len(machine.phases), machine.free.harmonics, instant),
-        last_stop=last_stop,
-        released=False,
-        chatter_left=0.0,
-        target_1=half,
-        target_2=-half,
-    )
-    if resting:
-        return origin._replace(
-            mode=mode_at_rest(machine, origin, sines_of(machine.phases, origin.angles))
-        )
-    return origin._replace(mode=moving_mode(machine, relative_velocity))
-
-
-def origin_after_impact(
-    machine: RigConstants,
-    instant: float,
-    stop: int,
-    x: float,
-    velocity: float,
-    damper_velocity: float,
-) -> Origin:
-    """Return the state just after an impact, at an instant of the force's clock, s."""
-    beyond = 0.0 if stop == 1 else -2.0 * machine.stop
-    return origin_at(machine, instant, x, velocity, beyond, damper_velocity - velocity, 0, stop)
-
-
 def _rates(motion: Motion, flight: Flight) -> Array:
     """Return (X', X'', Z', Z'')."""
-    if flight.joint:
+    if flight.run.joint:
         return np.array([motion.velocity, motion.x_2, motion.velocity, motion.x_2])
     return np.array(
         [
@@ -164,7 +91,7 @@ def _rates(motion: Motion, flight: Flight) -> Array:
 class _Crossings:
     """The effect of the events of a trajectory on deviations."""
 
-    def __init__(self, machine: RigConstants) -> None:
+    def __init__(self, machine: Machine) -> None:
         self.machine = machine
         self.impacts: list[bool] = []
         self.restitutions: list[float] = []
@@ -172,23 +99,23 @@ class _Crossings:
         self.before: list[Array] = []
         self.after: list[Array] = []
 
-    def add(self, kind: int, origin: Origin, before: Array, after: Array) -> None:
-        """Add an event that leads to an origin, with the rates before and after it."""
-        machine = self.machine
+    def add(self, kind: int, mode: int, before: Array, after: Array) -> None:
+        """Add an event that leads to a mode, with the rates before and after it."""
+        machine = self.machine.constants
         restitution = machine.restitution_1 if kind == CONTACT_1 else machine.restitution_2
         self.impacts.append(kind in (CONTACT_1, CONTACT_2))
-        self.restitutions.append(0.0 if origin.mode >= STICK else restitution)
-        self.crosses.append(kind not in (RELEASE_UP, RELEASE_DOWN, NO_EVENT))
+        self.restitutions.append(0.0 if mode >= STICK else restitution)
+        self.crosses.append(kind not in (RELEASE_UP, RELEASE_DOWN, CHATTER_END))
         self.before.append(before)
         self.after.append(after)
 
     def matrix(self, flights: list[FlightPart]) -> Array:
         """Return the derivative of the state at the end by the state at the beginning."""
-        modes = np.array([part.origin.mode for part in flights], np.int64)
+        modes = np.array([part.mode for part in flights], np.int64)
         spans = np.array([part.duration for part in flights])
-        carried_by = flight_matrices(self.machine, modes, spans)
+        carried_by = flight_matrices(self.machine.constants, modes, spans)
         events = event_matrices(
-            self.machine.mass_ratio,
+            self.machine.constants.mass_ratio,
             np.array(self.impacts, dtype=bool),
             np.array(self.restitutions),
             np.reshape(self.before, (-1, 4)),
@@ -201,58 +128,53 @@ class _Crossings:
         return matrix
 
 
-def _kind_of(kind: int, mode: int) -> EventKind:
-    if kind in (CONTACT_1, CONTACT_2):
-        return EventKind.IMPACT
-    if kind in (RELEASE_UP, RELEASE_DOWN):
-        return EventKind.RELEASE
-    if mode in (REST_1, REST_2):
-        return EventKind.REST
-    return EventKind.STICK if mode == STICK else EventKind.REVERSAL
+#: Events that change the motion of the masses.
+_REPORTED = (
+    EventKind.IMPACT,
+    EventKind.REST,
+    EventKind.STICK,
+    EventKind.RELEASE,
+    EventKind.REVERSAL,
+)
 
 
 def follow_trajectory(
-    machine: RigConstants, origin: Origin, duration: float, *, differentiate: bool = True
+    flight: Flight, duration: float, *, differentiate: bool = True
 ) -> Trajectory | None:
     """
     Follow the motion for a time; return None if it has more than `MOST_EVENTS` events.
 
     Without `differentiate` the matrix is the identity.
     """
-    crossings = _Crossings(machine)
+    crossings = _Crossings(flight.machine)
     events: list[TrajectoryEvent] = []
     flights: list[FlightPart] = []
     elapsed = 0.0
-    flight = launch(machine, origin)
     for _ in range(MOST_EVENTS):
         left = duration - elapsed
-        ended, end = first_end(origin, flight, left)
-        if not ended:
-            end = end_at(flight, NO_EVENT, left)
-        kind, span = end.kind, end.tau
-        flights.append(FlightPart(elapsed, span, origin, flight))
-        if not ended:
+        kind, span = flight.first_event(left)
+        flights.append(FlightPart(elapsed, span, flight))
+        if kind == NO_EVENT:
             matrix = crossings.matrix(flights) if differentiate else np.eye(4)
-            return Trajectory(carried(origin, flight, end), matrix, events, flights)
-        mode = origin.mode
-        transition = resolve(machine, origin, flight, end)
-        origin = transition.origin
-        ending, flight = flight, launch(machine, origin)
+            return Trajectory(flight.after(left), matrix, events, flights)
+        ending = flight
+        flight, rows = flight.resolved()
         if differentiate:
-            rates = _rates(motion_at(ending, span), ending)
-            crossings.add(kind, origin, rates, _rates(starting_motion(flight), flight))
+            before = _rates(ending.motion(span), ending)
+            crossings.add(kind, flight.run.mode, before, _rates(flight.motion(0.0), flight))
         elapsed += span
-        stop = _STOP_OF.get(origin.mode) or _STOP_OF.get(mode) or transition.stop
-        reported = _kind_of(kind, origin.mode)
-        if kind == NO_EVENT and reported is not EventKind.REST:
-            continue
-        before, after = transition.velocity_before, transition.velocity_after
-        damper_before = before + transition.relative_velocity_before
-        damper_after = after + transition.relative_velocity_after
-        event = TrajectoryEvent(
-            elapsed, reported, stop, origin.x, before, after, damper_before, damper_after
-        )
-        events.append(event)
-        if kind in (CONTACT_1, CONTACT_2) and origin.mode in (REST_1, REST_2):
-            events.append(TrajectoryEvent(elapsed, EventKind.REST, stop, origin.x, *(after,) * 4))
+        events += [
+            TrajectoryEvent(
+                elapsed,
+                EventKind(row.kind),
+                row.stop,
+                row.x,
+                row.primary_velocity_before,
+                row.primary_velocity_after,
+                row.damper_velocity_before,
+                row.damper_velocity_after,
+            )
+            for row in rows
+            if row.kind in _REPORTED
+        ]
     return None

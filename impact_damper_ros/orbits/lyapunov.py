@@ -34,9 +34,9 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.control.nearby_rig import NearbyRig, RigState, Scales
 from impact_damper_ros.rig import EventKind, Mode
-from impact_damper_ros.rig.long_run import Events
-from impact_damper_ros.rig.mode import SLIDE_DOWN, SLIDE_UP, STICK, RigConstants
+from impact_damper_ros.rig.state import SLIDE_DOWN, SLIDE_UP, STICK
 
+from .flights import Machine
 from .multipliers import event_matrices, flight_matrices, state_rates
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Deviations:
     instants: Array  # of the events in it, s, shape (n,)
     events: Array  # their saltation matrices, shape (n, 4, 4)
     modes: NDArray[np.int64]  # the mode before each event, and after the last, shape (n + 1,)
-    machine: RigConstants
+    machine: Machine
 
     def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
         """
@@ -72,7 +72,7 @@ class Deviations:
         cut[order + np.arange(len(ends))] = True
         before = np.concatenate([[self.start], nodes[:-1]])
         flight = np.cumsum(~cut) - ~cut
-        matrices = flight_matrices(self.machine, self.modes[flight], nodes - before)
+        matrices = flight_matrices(self.machine.constants, self.modes[flight], nodes - before)
         matrices[~cut] = self.events @ matrices[~cut]
         return matrices, np.cumsum(cut) - cut
 
@@ -91,9 +91,9 @@ class Exponent:
 
 
 def deviations(
-    machine: RigConstants,
+    machine: Machine,
     angles: tuple[float, ...],
-    events: Events,
+    events: NDArray[np.void],
     mode: int,
     last_stop: int,
     start: float,
@@ -105,6 +105,7 @@ def deviations(
     The events may begin before the stretch and reach beyond it; `mode` and `last_stop` are
     those before the first of them, `angles` those of the harmonics at time 0, rad.
     """
+    rig, lines = machine
     count, time, x = len(events), events['time'], events['x']
     kind, stop = events['kind'], events['stop']
     impact = kind == EventKind.IMPACT
@@ -113,16 +114,16 @@ def deviations(
     direction = np.where(modes == SLIDE_DOWN, 1.0, np.where(modes == SLIDE_UP, -1.0, 0.0))
     hit = np.concatenate([[last_stop], np.where(impact, stop, 0)])
     hit = hit[np.maximum.accumulate(np.where(hit > 0, np.arange(count + 1), 0))]
-    air = machine.air * np.choose(hit, [0.0, -1.0, 1.0])
+    air = rig.air * np.choose(hit, [0.0, -1.0, 1.0])
 
     drive = np.zeros(count)
-    for one, phase, angle in zip(machine.free.harmonics, machine.phases, angles, strict=True):
-        drive += one.force * np.sin(one.frequency * time + (phase + angle))
+    for line, angle in zip(lines[: rig.harmonics], angles, strict=True):
+        drive += line.force * np.sin(line.frequency * time + (line.phase + angle))
 
     def rates(flight: slice, side: str) -> Array:
         """Return (X', X'', Z', Z'') at the events, in the flights before or after them."""
         return state_rates(
-            machine,
+            rig,
             drive,
             x,
             events[f'primary_velocity_{side}'],
@@ -132,10 +133,10 @@ def deviations(
             joint[flight],
         )
 
-    restitution = np.where(stop == 1, machine.restitution_1, machine.restitution_2)
+    restitution = np.where(stop == 1, rig.restitution_1, rig.restitution_2)
     halts = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST))
     matrices = event_matrices(
-        machine.mass_ratio,
+        rig.mass_ratio,
         impact,
         # Plastic, or the cut of a chatter: all the impacts to come are one
         np.where(joint[1:], 0.0, restitution),
@@ -216,7 +217,7 @@ _ROUND_OFF = 1e-8
 
 def _rig(snapshot: dict[str, Any]) -> NearbyRig:
     """Restore a rig, and run it to between two samples: at a sample, round-off decides."""
-    rig = NearbyRig.restore(snapshot)
+    rig = NearbyRig.restore(snapshot, compiled=None)
     rig.go_between_samples()
     return rig
 
@@ -250,7 +251,7 @@ class _Period:
         self.step = side * self.near * scales.of(self.begun)
         #: Error of a deviation, relative to it: instants are the coarsest numbers of a state.
         self.round_off = max(_ROUND_OFF, scales.rate * math.ulp(self.end) / self.near)
-        self.last = NearbyRig.restore(rig.snapshot())
+        self.last = NearbyRig.restore(rig.snapshot(), compiled=None)
         self.sequence = self.last.go_to(self.end)
         self.reached = self.last.numbers()
 
@@ -312,7 +313,7 @@ def period_exponent(
     """
     Return the largest Lyapunov exponent of a periodic motion under control, and its multiplier.
 
-    The snapshot is that of a `ControlledRig`, the period is in s. The exponent is the mean of
+    The snapshot is that of a `Rig` under control, the period is in s. The exponent is the mean of
     ln(largest multiplier)/period of two periods in a row, with neighbours on either side; its
     uncertainty is the difference and the error of the multiplier. NaN if neighbours decide
     differently. The multiplier is the modulus of the largest one.

@@ -22,8 +22,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_damper_ros.rig.mode import STICK, RigConstants, rig_constants
 from impact_damper_ros.rig.oscillator import Oscillator
+from impact_damper_ros.rig.state import STICK, RigConstants, constants_of
 
 from .equations import Array, ImpactEquations, free_response
 
@@ -135,11 +135,9 @@ def monodromy(equations: ImpactEquations, x: Array, instants: Array) -> Array:
     The state is (X, X', Z, Z') just after the first impact; X at the impacts is in m, their
     instants in s.
     """
-    machine = rig_constants(equations.parameters)
+    machine, lines = constants_of(equations.parameters)
     n, at = equations.impacts, equations.velocities(x, instants)
-    drive = machine.free.harmonics[0].force * np.sin(
-        equations.frequency * instants + equations.phase
-    )
+    drive = lines[0].force * np.sin(equations.frequency * instants + equations.phase)
     direction, air = np.array(equations.directions), equations.air
     before = state_rates(
         machine,

@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 
 from impact_damper_ros.rig import PARAMETER_SPECS, RigParameters
-from impact_damper_ros.rig.mode import rig_constants
 
 from .equations import (
     Array,
@@ -22,7 +21,8 @@ from .equations import (
     pressed_to,
     single_harmonic,
 )
-from .event_map import follow_trajectory, origin_at
+from .event_map import follow_trajectory
+from .flights import flight_at, machine_of
 from .impact_roots import Root, many_impact_roots, one_impact_roots, two_impact_roots
 from .multipliers import monodromy, multipliers_of
 from .orbit import PeriodicOrbit
@@ -183,14 +183,14 @@ def orbit_of(equations: ImpactEquations, root: Root) -> PeriodicOrbit:
 def within_theory(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
     """Return whether friction is absent, or keeps its sign from impact to impact."""
     alternating = all(a != b for a, b in zip(stops, stops[1:] + stops[:1], strict=True))
-    return alternating or rig_constants(parameters).grip == 0.0
+    return alternating or machine_of(parameters).constants.grip == 0.0
 
 
 def may_rest_or_reverse(parameters: RigParameters, stops: tuple[int, ...]) -> bool:
     """Return whether m is likely to reverse, stick or come to rest between these impacts."""
     both = {1: parameters.restitution_1, 2: parameters.restitution_2}
     soft = min(both[stop] for stop in stops) < SOFT
-    return soft or len(stops) > 2 or rig_constants(parameters).grip > 0.0
+    return soft or len(stops) > 2 or machine_of(parameters).constants.grip > 0.0
 
 
 def _theory(
@@ -231,15 +231,15 @@ def settled_sections(
     parameters: RigParameters, cycles: int, most_events: int = _MOST_EVENTS
 ) -> Iterator[Section]:
     """Yield states of simulated motion, after it has had time to settle."""
-    machine = rig_constants(parameters)
+    machine = machine_of(parameters)
     period = cycles * math.tau / parameters.force_frequencies[0]
     for initial in starting_points(parameters):
-        origin = origin_at(
+        flight = flight_at(
             machine,
             0.0,
             initial.initial_primary_position,
             initial.initial_primary_velocity,
-            initial.initial_damper_offset - machine.stop,
+            initial.initial_damper_offset - machine.constants.half_gap,
             initial.initial_damper_velocity - initial.initial_primary_velocity or 1e-9,
             0,
             0,
@@ -247,15 +247,15 @@ def settled_sections(
         busy = 0
         periods = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles)
         for i in range(periods):
-            trajectory = follow_trajectory(machine, origin, period, differentiate=False)
+            trajectory = follow_trajectory(flight, period, differentiate=False)
             if trajectory is None:
                 break
             busy = busy + 1 if len(trajectory.events) > most_events else 0
             if busy > _BUSY_PERIODS:
                 break
-            origin = trajectory.end
+            flight = trajectory.end
             if (periods - i) % 2 == 1 and periods - i <= 2 * _STARTS_PER_RUN:
-                yield section_of(machine, trajectory, 0.0)
+                yield section_of(trajectory, 0.0)
 
 
 def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control import ControlledRig, GapControlParameters
-from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control import GapControlParameters, Outcome, Rig, RunResult
 from impact_damper_ros.control.nearby_rig import Scales
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
@@ -20,13 +19,11 @@ from impact_damper_ros.rig import (
     InitialConditions,
     RigParameters,
     RunawayError,
-    Simulator,
 )
 from impact_damper_ros.rig.event_budget import EndlessEventsError
-from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, RunResult
-from impact_damper_ros.rig.mode import rig_constants
 from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 
+from .flights import machine_of
 from .recognition import LONGEST_PERIOD, Array, section_distance
 
 # Far more events than the motions sought have; a rig that always chatters is given up early.
@@ -88,7 +85,7 @@ class Look(NamedTuple):
 
 
 def run_by_cycles(
-    rig: Simulator | ControlledRig,
+    rig: Rig,
     every: int,
     most_cycles: int,
     *,
@@ -141,7 +138,7 @@ def settled_impacts(
     The list is empty if the rig has more events per cycle on average.
     """
     kept: list[Event] = []
-    rig = Simulator(parameters, initial)
+    rig = Rig(parameters, initial)
     for look in run_by_cycles(rig, 1, cycles, events_per_cycle=most_events):
         if look.endless:
             return []
@@ -225,21 +222,19 @@ class SettlingRig:
     `run` must be at the beginning of a cycle of its force.
     """
 
-    def __init__(self, run: LongRun | ControlledRun, settling: Settling) -> None:
+    def __init__(self, run: Rig, settling: Settling) -> None:
         parameters = run.parameters
         self.settling = settling
         #: Period of the force, s
         self.cycle = cycle_of(parameters)
-        self.machine = rig_constants(parameters)
+        self.machine = machine_of(parameters)
         #: Angle turned by each harmonic at the beginning, rad
-        self.angles = tuple(run.snapshot()['origin']['angles'])
+        self.angles = run.state().angles
         #: Whether the force repeats with its cycle
         self.repeating = _repeats_with(parameters, self.cycle)
-        self.controlled = isinstance(run, ControlledRun)
+        self.controlled = run.acts
         #: Whether the samples of a control can repeat with the cycles
-        self.in_step = not isinstance(run, ControlledRun) or _samples_alike(
-            run.control, self.cycle
-        )
+        self.in_step = not run.acts or _samples_alike(run.control, self.cycle)
         #: Cycles run and events had so far
         self.cycles = self.events = 0
         self._run = run
@@ -262,7 +257,7 @@ class SettlingRig:
 
     def state(self) -> tuple[int, int]:
         """Return the mode, and the stop hit last."""
-        return int(self._run.mode), int(self._run.snapshot()['origin']['last_stop'])
+        return int(self._run.mode), self._run.state().run.last_stop
 
     def time_after(self, cycles: int) -> float:
         """Return the instant at which some cycles have been run, s."""
@@ -274,14 +269,14 @@ class SettlingRig:
         grid *= self.cycle
         grid += self._start
         most = self.settling.events - self.events
-        result = self._run.advance(float(grid[-1]), grid, most_events=max(most, 1))
+        result = self._run.run(float(grid[-1]), grid, most_events=max(most, 1))
         if result.outcome is not Outcome.COMPLETE:
             raise EndlessEventsError(result.reason)
         self.cycles += cycles
         self.events += result.event_count
         return result
 
-    def settle(self, cycles: int) -> Events:
+    def settle(self, cycles: int) -> NDArray[np.void]:
         """Run until the next check whether the motion repeats; return the events."""
         result = self.run(cycles)
         section = relative_states(result.samples[1:])

@@ -17,19 +17,13 @@ import numpy as np
 
 from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.arguments import need
-from impact_damper_ros.rig.mode import REST_1, REST_2, STICK, RigConstants, rig_constants
-from impact_damper_ros.rig.origin import Origin
 from impact_damper_ros.rig.parameter_spec import number_between
-from impact_damper_ros.rig.state_checks import LATEST
+from impact_damper_ros.rig.snapshot import LATEST
+from impact_damper_ros.rig.state import REST_1, REST_2, STICK
 
 from .equations import Array, OrbitError, check_cycles, check_forcing
-from .event_map import (
-    FlightPart,
-    Trajectory,
-    follow_trajectory,
-    origin_after_impact,
-    origin_at,
-)
+from .event_map import FlightPart, Trajectory, follow_trajectory
+from .flights import Flight, Machine, flight_after_impact, flight_at, machine_of
 from .multipliers import multipliers_of
 from .orbit import OrbitEvent, PeriodicOrbit
 from .viability import largest_displacement
@@ -76,10 +70,10 @@ class Section:
         """Number of free coordinates."""
         return {0: 4, STICK: 3}.get(self.resting, 2)
 
-    def origin(self, machine: RigConstants, state: Array) -> Origin:
-        """Return a state of this section as the origin of a flight."""
+    def flight(self, machine: Machine, state: Array) -> Flight:
+        """Return the flight from a state of this section."""
         x, velocity, beyond, relative_velocity = (*(float(v) for v in state), 0.0, 0.0)[:4]
-        return origin_at(
+        return flight_at(
             machine,
             self.instant,
             x,
@@ -91,39 +85,34 @@ class Section:
         )
 
 
-def _state_of(origin: Origin) -> Array:
+def _state_of(flight: Flight) -> Array:
     """Return (X, X', Y - d/2, Y')."""
-    return np.array([origin.x, origin.velocity, -origin.clearance_1, origin.relative_velocity])
+    run = flight.run
+    return np.array([run.x, run.velocity, -run.clearance_1, run.relative_velocity])
 
 
-def _resting(origin: Origin) -> int:
-    return origin.mode if origin.mode in (STICK, REST_1, REST_2) else 0
+def _resting(flight: Flight) -> int:
+    return flight.run.mode if flight.run.mode in (STICK, REST_1, REST_2) else 0
 
 
 def _promise(part: FlightPart) -> tuple[int, float]:
     """Rate a flight as a place to begin a period: resting first, then long and fast."""
-    if _resting(part.origin):
+    if _resting(part.flight):
         return 1, part.duration
-    if part.flight.joint:
+    if part.flight.run.joint:
         return 0, 0.0
-    return 0, part.duration * abs(part.flight.relative_velocity)
+    return 0, part.duration * abs(part.flight.run.relative_velocity)
 
 
-def section_of(machine: RigConstants, trajectory: Trajectory, instant: float) -> Section:
+def section_of(trajectory: Trajectory, instant: float) -> Section:
     """Choose where the period of a motion that starts at an instant (s) begins."""
     best = max(trajectory.flights, key=_promise)
-    resting = _resting(best.origin)
+    resting = _resting(best.flight)
     # In flight closer to its beginning, away from a reversal that may be half-way
     tau = best.duration * (0.5 if resting else 0.25)
-    there = follow_trajectory(machine, best.origin, tau)
-    assert there is not None
-    section = Section(instant + best.start + tau, resting, there.end.last_stop, np.empty(0))
-    return Section(
-        section.instant,
-        resting,
-        section.last_stop,
-        _state_of(there.end)[: section.dimension],
-    )
+    there = best.flight.after(tau)
+    section = Section(instant + best.start + tau, resting, there.run.last_stop, np.empty(0))
+    return replace(section, state=_state_of(there)[: section.dimension])
 
 
 def _section_after(
@@ -136,10 +125,10 @@ def _section_after(
     damper_velocity: float,
 ) -> Section | None:
     """Choose where the period begins of a motion with an impact, from the state just after it."""
-    machine = rig_constants(parameters)
-    origin = origin_after_impact(machine, instant, stop, x, velocity, damper_velocity)
-    trajectory = follow_trajectory(machine, origin, period)
-    return None if trajectory is None else section_of(machine, trajectory, instant)
+    machine = machine_of(parameters)
+    flight = flight_after_impact(machine, instant, stop, x, velocity, damper_velocity)
+    trajectory = follow_trajectory(flight, period)
+    return None if trajectory is None else section_of(trajectory, instant)
 
 
 def section_on(orbit: PeriodicOrbit) -> Section | None:
@@ -177,13 +166,13 @@ class _Shot:
     trajectory: Trajectory
 
 
-def _shot(machine: RigConstants, section: Section, state: Array, period: float) -> _Shot | None:
-    origin = section.origin(machine, state)
-    if _resting(origin) != section.resting or min(origin.clearance_1, origin.clearance_2) < 0.0:
+def _shot(machine: Machine, section: Section, state: Array, period: float) -> _Shot | None:
+    flight = section.flight(machine, state)
+    if _resting(flight) != section.resting:
         return None
     # Through hundreds of impacts a derivative may grow beyond all numbers
     with np.errstate(over='ignore', invalid='ignore'):
-        trajectory = follow_trajectory(machine, origin, period)
+        trajectory = follow_trajectory(flight, period)
     if trajectory is None or _resting(trajectory.end) != section.resting:
         return None
     if not np.isfinite(trajectory.matrix).all():
@@ -194,7 +183,7 @@ def _shot(machine: RigConstants, section: Section, state: Array, period: float) 
 
 
 def follow_section(
-    machine: RigConstants, section: Section, period: float
+    machine: Machine, section: Section, period: float
 ) -> tuple[Array, Array] | None:
     """Return the change of a section's state over a period, and the map's derivative."""
     shot = _shot(machine, section, section.state, period)
@@ -206,7 +195,7 @@ def orbit_on(
 ) -> PeriodicOrbit:
     """Return the periodic motion through a state that is known to be a fixed point."""
     period = cycles * math.tau / parameters.force_frequencies[0]
-    shot = _shot(rig_constants(parameters), section, section.state, period)
+    shot = _shot(machine_of(parameters), section, section.state, period)
     if shot is None:
         raise ArithmeticError('the motion changes its kind where the period begins')
     return _orbit(parameters, section, cycles, shot, history)
@@ -243,7 +232,7 @@ def shoot(
     need(Section, section=section)
     cycles = check_cycles(cycles)
     check_forcing(parameters, cycles)
-    machine = rig_constants(parameters)
+    machine = machine_of(parameters)
     cycle = math.tau / parameters.force_frequencies[0]
     state = section.state
     if np.shape(state) != (section.dimension,) or not np.isfinite(state).all():
@@ -281,7 +270,7 @@ def shoot(
         state, shot = state + part * step, better
         best = size(shot.change, state)
     history.append(best)
-    if best > RESIDUAL_TOLERANCE or shot.trajectory.end.last_stop != section.last_stop:
+    if best > RESIDUAL_TOLERANCE or shot.trajectory.end.run.last_stop != section.last_stop:
         return None
     settled = replace(section, state=state)
     return _orbit(parameters, settled, cycles, shot, tuple(history)), settled

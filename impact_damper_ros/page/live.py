@@ -14,7 +14,7 @@ from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode
 from impact_damper_ros.bag.rig_topics import FORMAT, PAUSED_FRAME
 from impact_damper_ros.replay.recorded_snapshot import parsed
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.simulator import Snapshot
+from impact_damper_ros.rig.snapshot import Snapshot
 
 from .frames import PAUSED
 from .knobs import Knob, as_json
@@ -173,7 +173,7 @@ class LiveRig:
             message = decode('std_msgs/msg/String', content)
             assert isinstance(message, String)
             held = parsed(message.data)
-            if held['format'] not in (2, FORMAT):
+            if held['format'] != FORMAT:
                 return
             snapshot = Snapshot.from_dict(held['state'])
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])

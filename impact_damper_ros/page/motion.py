@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
-from impact_damper_ros.rig.simulator import Snapshot
+from impact_damper_ros.rig.snapshot import Snapshot
 
 Rows = NDArray[np.float64]
 
@@ -63,8 +63,8 @@ class ForcePhase:
 
     def __init__(self, snapshot: Snapshot) -> None:
         rig = snapshot.parameters
-        begun = snapshot.origin.time + snapshot.origin.time_low
-        turned = snapshot.origin.angles[0] / math.tau if snapshot.origin.angles else 0.0
+        begun = snapshot.run.time + snapshot.run.time_low
+        turned = snapshot.angles[0] / math.tau if snapshot.angles else 0.0
         own = rig.force_phases[0] / math.tau
         times, frequencies = [begun], [rig.force_frequencies[0] / math.tau]
         start, step = snapshot.sweep

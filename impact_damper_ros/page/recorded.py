@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.bag.messages import JointStateColumns
-from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
 from impact_damper_ros.replay.recorded_run import Item, RecordedChange, RecordedRun
 from impact_damper_ros.replay.recorded_snapshot import RecordedSnapshot
 from impact_damper_ros.rig import INITIAL_SPECS, RigParameters
-from impact_damper_ros.rig.simulator import Snapshot
+from impact_damper_ros.rig.snapshot import Snapshot
 
 from .knobs import as_json
 from .motion import ForcePhase, MotionHistory, impact_rows
@@ -90,7 +90,7 @@ class _Reading:
         # Surplus samples are dropped below, at the end.
         self.motion = MotionHistory(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
         self._columns = {
-            recorded.topics.joint_states: JointStateColumns((JOINTS, AXIS_JOINTS), (4, 4, 0)),
+            recorded.topics.joint_states: JointStateColumns((JOINTS,), (4, 4, 0)),
             recorded.topics.impacts: JointStateColumns((IMPACT_JOINTS,), (2, 2, 2)),
         }
         self._waiting: dict[str, list[bytes]] = {name: [] for name in self._columns}
@@ -135,7 +135,7 @@ class _Reading:
         self._phase = ForcePhase(restored)
         self._rig = rig
         self._offset_ns = snapshot.offset_ns
-        self._rest = rig.static_deflection if snapshot.version > 1 else 0.0
+        self._rest = rig.static_deflection
 
     def read(self) -> None:
         """Turn the messages that wait into rows."""

@@ -24,7 +24,7 @@ from impact_damper_ros.compare import (
     predictions,
 )
 from impact_damper_ros.compare.result import PredictedCurve
-from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import (
     Branch,
     Continuation,
@@ -71,7 +71,7 @@ def theory(state: Mapping[str, Any], *, orbit: bool, curve: bool) -> Iterator[di
     if not (orbit or curve):
         return
     wanted = curve
-    rig = ControlledRig.restore(dict(state))
+    rig = Rig.restore(dict(state))
     clock = LoggedRig.of_snapshot(state).clock
     curve = curve and not rig.parameters.one_sided
     gap_curve = GapContinuation(rig.parameters)

@@ -24,8 +24,7 @@ from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.replayed_rig import setting_of
 from impact_damper_ros.replay.what_if import WhatIf
-from impact_damper_ros.rig import INITIAL_SPECS, Event, EventKind
-from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig import INITIAL_SPECS, Event, EventKind, RunawayError
 
 _NICENESS = 10
 _PERIOD_S = 0.2

@@ -14,7 +14,7 @@ from itertools import islice, pairwise
 from typing import NamedTuple
 
 from impact_damper_ros.bag.messages import CdrError, JointStateLayout, header_ns
-from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS
+from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
 from impact_damper_ros.control import CONTROL_JOINTS, ControlRecord
 
 from .findings import Difference, Findings, SampleGap
@@ -286,11 +286,10 @@ _LEARNT_FROM = 50
 
 
 class SampleCheck:
-    """Compares joint states, which are of these joints."""
+    """Compares joint states."""
 
-    def __init__(self, topic: str, joints: tuple[str, ...], findings: Findings) -> None:
+    def __init__(self, topic: str, findings: Findings) -> None:
         self._topic = topic
-        self._joints = joints
         self._findings = findings
         self._layout: JointStateLayout | None = None
 
@@ -320,9 +319,9 @@ class SampleCheck:
         layout = self._layout
         if layout is None or not layout.fits(content):
             layout = JointStateLayout(content)
-            if layout.names != self._joints or layout.counts[:2] != (len(self._joints),) * 2:
+            if layout.names != JOINTS or layout.counts[:2] != (len(JOINTS),) * 2:
                 held = ', '.join(layout.names) or 'none'
-                raise CdrError(f'its joints are {held}, not {", ".join(self._joints)}')
+                raise CdrError(f'its joints are {held}, not {", ".join(JOINTS)}')
             self._layout = layout
         return layout
 
@@ -341,7 +340,7 @@ class SampleCheck:
         names = [
             (f'{what} of {joint}', units.get(joint, 'm') + per)
             for what, per in (('position', ''), ('velocity', '/s'))
-            for joint in self._joints
+            for joint in JOINTS
         ]
         for (name, unit), a, b in zip(names, there, here, strict=True):
             if bits(a) != bits(b):

@@ -15,20 +15,20 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
-from impact_damper_ros.bag.rig_topics import FORMAT, FORMATS
-from impact_damper_ros.control import ControlledRig, completed
+from impact_damper_ros.bag.rig_topics import FORMAT
+from impact_damper_ros.control import Rig
 from impact_damper_ros.control.controller import initial_state
 from impact_damper_ros.rig import RunawayError
 from impact_damper_ros.rig.quoting import as_line, shown
-from impact_damper_ros.rig.simulator import ARITHMETIC, upgraded
-from impact_damper_ros.rig.simulator import FORMATS as STATE_FORMATS
-from impact_damper_ros.rig.state_checks import (
+from impact_damper_ros.rig.snapshot import (
+    ARITHMETIC,
     LATEST,
     SAME_TIME,
     check_number,
     check_numbers,
     check_whole,
 )
+from impact_damper_ros.rig.snapshot import FORMAT as STATE_FORMAT
 
 #: Stamps of ROS have 32 bits of seconds, with a sign.
 _LATEST_NS = 2**31 * 10**9
@@ -39,8 +39,8 @@ _DEEPEST = 12
 #: Whole numbers are times in ns, or counts.
 _LARGEST_INTEGER = 2**63
 
-#: How often a search for the end of a flight may pause before it is given up; one of a rig at rest
-#: for days takes long.
+#: How often a search for the end of a flight may pause before it is given up; one from the origin
+#: of a flight of days takes long.
 _MOST_LOOKS = 1000
 
 
@@ -69,10 +69,9 @@ class RecordedSnapshot(NamedTuple):
     offset_ns: int
     time_ns: int
     reason: str  # why it was published
-    state: dict[str, Any]  # what the rig's future depends on; see `ControlledRig.restore`
-    #: Arithmetic of the version that recorded it; see `rig.simulator.ARITHMETIC`.
+    state: dict[str, Any]  # what the rig's future depends on; see `Rig.restore`
+    #: Arithmetic of the version that recorded it; see `rig.snapshot.ARITHMETIC`.
     arithmetic: int = ARITHMETIC
-    version: int = FORMAT  # format of its messages; see `bag.rig_topics.FORMAT`
 
 
 def read_snapshot(record: RecordedMessage, path: Path, purpose: str) -> RecordedSnapshot:
@@ -82,15 +81,13 @@ def read_snapshot(record: RecordedMessage, path: Path, purpose: str) -> Recorded
         message = decode(STRING, record.content)
         assert isinstance(message, String)
         held = parsed(message.data)
-        version = held.get('format')
     except ValueError as error:
         raise RecordingError(purpose, path, f'{where} cannot be read: {error}') from error
-    found, known = version, FORMATS
-    if version in FORMATS and isinstance(held.get('state'), dict):
-        found, known = held['state'].get('format'), STATE_FORMATS
-    if found not in known:
-        formats = f'{", ".join(map(str, known[:-1]))} and {known[-1]}'
-        cause = f'{where} is of format {shown(found)}; this version reads format {formats}'
+    found, known = held.get('format'), FORMAT
+    if found == FORMAT and isinstance(held.get('state'), dict):
+        found, known = held['state'].get('format'), STATE_FORMAT
+    if found != known:
+        cause = f'{where} is of format {shown(found)}; this version reads format {known}'
         remedy = 'use the version of impact_damper_ros that recorded the bag'
         raise RecordingError(purpose, path, cause, remedy)
     try:
@@ -109,14 +106,11 @@ def _checked(held: dict[str, Any]) -> RecordedSnapshot:
     if abs(offset_ns) + time_ns >= _LATEST_NS:
         raise ValueError(f'{text}: stamps of ROS end at {_LATEST_NS} ns')
     _check_time(held['state'], time_ns / 1e9)
-    reason, state = as_line(str(held['reason'])), completed(upgraded(held['state']))
-    _check_state(state)
-    arithmetic = held['state'].get('arithmetic', 1)
+    arithmetic = held['state']['arithmetic']
     if type(arithmetic) is not int:
         raise ValueError(f'arithmetic is {shown(arithmetic)}: it must be a whole number')
-    return RecordedSnapshot(
-        offset_ns + time_ns, offset_ns, time_ns, reason, state, arithmetic, int(held['format'])
-    )
+    reason, state = as_line(str(held['reason'])), _checked_state(held['state'])
+    return RecordedSnapshot(offset_ns + time_ns, offset_ns, time_ns, reason, state, arithmetic)
 
 
 def parsed(text: str) -> dict[str, Any]:
@@ -150,29 +144,48 @@ def _check_time(state: Mapping[str, Any], time: float) -> None:
         )
 
 
-def _check_state(state: Mapping[str, Any]) -> None:
-    """Check that a rig can be restored from a state."""
+def _checked_state(state: dict[str, Any]) -> dict[str, Any]:
+    """Check that a rig can be restored from a state; return it as the rig then has it."""
     control = state['gap_control']['state']
     try:
         _check_control('gap_control.state', control, initial_state())
-        rig = ControlledRig.restore(dict(state))
+        rig = Rig.restore(state)
+        held = rig.snapshot()
         check_numbers('sample', rig.sample())
-        _check_flight(rig)
+        _check_flight(Rig.restore(motion_of(state)))
+        if not _check_flight(rig):
+            searched = held['origin']['searched']
+            raise ValueError(
+                f'origin.searched is {searched!r} s: the flight from origin.time, '
+                f'{held["origin"]["time"]!r} s, cannot be searched from there to time, '
+                f'{rig.time!r} s'
+            )
+        return held
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
         raise ValueError(f'{type(error).__name__}: {error}') from error
 
 
-def _check_flight(rig: ControlledRig) -> None:
-    """Check that the present flight lasts up to the rig's time, as far as that is quickly seen."""
+#: How far a flight is searched: not at all.
+_UNSEARCHED = {'searched': 0.0, 'crossing_side': 0, 'watched': 0.0, 'crossing': None}
+
+
+def motion_of(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a state as if its flight were not searched yet, which changes no motion."""
+    return {**state, 'origin': {**state['origin'], **_UNSEARCHED}}
+
+
+def _check_flight(rig: Rig) -> bool:
+    """Check that the present flight lasts up to the rig's time; false if that takes too long."""
     looks, now = iter(range(_MOST_LOOKS)), rig.time
     # Not to an instant that is reached already: such an advance cannot be interrupted
     then = min(nextafter(now, inf), LATEST)
     with suppress(RunawayError):
-        for event in rig.advance(then, 2, lambda: next(looks, None) is None):
-            if event.time < now - SAME_TIME:
-                raise ValueError(
-                    f'the flight from origin.time ends at {event.time!r} s, before time, {now!r} s'
-                )
+        events = rig.advance(then, 2, lambda: next(looks, None) is None)
+        if events and events[0].time < now - SAME_TIME:
+            raise ValueError(
+                f'the flight from origin.time ends at {events[0].time!r} s, before time, {now!r} s'
+            )
+    return next(looks, None) is not None
 
 
 #: Lengths allowed for lists of the control's state that do not keep their length.

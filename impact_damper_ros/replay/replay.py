@@ -2,8 +2,8 @@
 The replay of a run from its log: every recorded sample and impact is computed again and compared.
 
 The rig is restored from the first snapshot, and all changes and resets are repeated at the same
-instants. The simulator's motion does not depend on how it is divided, so that every message must
-be as recorded, to the last bit.
+instants. The motion does not depend on how it is divided, so that every message must be
+as recorded, to the last bit.
 
 Where nothing is done to the rig, many messages are replayed at once. This only shows whether all
 of them are reproduced; if not, they are replayed one by one to find the differences.
@@ -22,17 +22,17 @@ from impact_damper_ros.bag import RecordedMessage, RecordingError
 from impact_damper_ros.bag.messages import CdrError, JointStateColumns
 from impact_damper_ros.bag.rig_topics import (
     IMPACT_JOINTS,
+    JOINTS,
     impact_numbers,
-    joints_of,
     state_numbers,
 )
-from impact_damper_ros.control import ControlRecord
-from impact_damper_ros.rig import Event, EventKind, RigParameters, Sample, Simulator
+from impact_damper_ros.control import ControlRecord, Outcome, Rig
+from impact_damper_ros.rig import Event, EventKind, RigParameters, RunawayError, Sample
 from impact_damper_ros.rig.arguments import need
+from impact_damper_ros.rig.compiled import has_numba
+from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
-from impact_damper_ros.rig.hybrid_motion import RunawayError
-from impact_damper_ros.rig.long_run import Events, LongRun, Outcome, has_numba
-from impact_damper_ros.rig.simulator import ARITHMETIC, Snapshot
+from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 from .checks import ControlMatcher, ImpactMatcher, SampleCheck, SampleSpacing
 from .findings import Difference, Findings, SampleGap
@@ -46,47 +46,49 @@ _Ints = NDArray[np.int64]
 class BatchReplay:
     """Replays batches of messages."""
 
-    def __init__(self, version: int, *, compiled: bool) -> None:
-        self._version = version
+    def __init__(self, *, compiled: bool) -> None:
         self._compiled = compiled
-        joints = joints_of(version)
-        self._states = JointStateColumns((joints,), (len(joints), len(joints), 0))
+        self._states = JointStateColumns((JOINTS,), (len(JOINTS), len(JOINTS), 0))
         self._impacts = JointStateColumns((IMPACT_JOINTS,), (2, 2, 2))
 
     def reproduces(
         self,
-        state: Snapshot,
+        rig: Rig,
         offset_ns: int,
         states: Sequence[RecordedMessage],
         impacts: Sequence[RecordedMessage] | None,
-    ) -> Simulator | None:
-        """Return the rig after recorded messages; None if it does not reproduce every bit."""
+    ) -> bool:
+        """Let a rig run on; return whether it reproduces messages to the last bit, or go back."""
         stamps_ns = np.array([record.stamp_ns for record in states], dtype=np.int64)
         instants = (stamps_ns - offset_ns) / 1e9
-        if not (np.diff(stamps_ns) > 0).all() or instants[0] <= state.time:
-            return None
-        run = LongRun.restore(state.as_dict(), compiled=self._compiled)
+        if not (np.diff(stamps_ns) > 0).all() or instants[0] <= rig.time:
+            return False
+        before = rig.mark()
+        rig.compiled = self._compiled
         most = max(MOST_EVENTS, 10 * (len(states) + len(impacts or ())))
-        stretch = run.advance(float(instants[-1]), instants, most_events=most)
-        rest, angle = state.parameters.static_deflection, state.parameters.angle
-        if stretch.outcome is not Outcome.COMPLETE:
-            return None
-        columns: list[Any] = [stretch.samples[name] for name in Sample._fields]
-        parts = state_numbers(Sample(*columns), rest, angle, self._version)
-        numbers = np.column_stack(np.broadcast_arrays(*(c for part in parts for c in part)))
-        if not _all_equal(self._states, states, ('',), stamps_ns, numbers):
-            return None
-        if impacts is not None and not self._same_impacts(
-            stretch.impacts(), impacts, offset_ns, rest
-        ):
-            return None
-        return run.simulator()
+        stretch = rig.run(float(instants[-1]), instants, most_events=most)
+        rest, angle = rig.parameters.static_deflection, rig.parameters.angle
+        same = stretch.outcome is Outcome.COMPLETE
+        if same:
+            columns: list[Any] = [stretch.samples[name] for name in Sample._fields]
+            parts = state_numbers(Sample(*columns), rest, angle)
+            numbers = np.column_stack(np.broadcast_arrays(*(c for part in parts for c in part)))
+            same = _all_equal(self._states, states, ('',), stamps_ns, numbers)
+        if same and impacts is not None:
+            events = events_of_table(stretch.impacts())
+            same = self._same_impacts(events, impacts, offset_ns, rest)
+        if not same:
+            rig.go_back(before)
+        return same
 
     def _same_impacts(
-        self, rows: Events, impacts: Sequence[RecordedMessage], offset_ns: int, rest: float
+        self,
+        events: Sequence[Event],
+        impacts: Sequence[RecordedMessage],
+        offset_ns: int,
+        rest: float,
     ) -> bool:
         """Return whether the impacts are those recorded."""
-        events = [_event(row) for row in rows]
         if len(events) != len(impacts):
             return False
         if not events:
@@ -94,16 +96,9 @@ class BatchReplay:
         stamps_ns = np.array([offset_ns + round(e.time * 1e9) for e in events], dtype=np.int64)
         if stamps_ns.tolist() != [record.stamp_ns for record in impacts]:
             return False
-        numbers = np.array(
-            [sum(impact_numbers(event, rest, self._version), ()) for event in events]
-        )
+        numbers = np.array([sum(impact_numbers(event, rest), ()) for event in events])
         frames = tuple(f'stop_{event.stop}' for event in events)
         return _all_equal(self._impacts, impacts, frames, stamps_ns, numbers)
-
-
-def _event(row: np.void) -> Event:
-    values = row.item()
-    return Event(values[0], EventKind(values[8]), values[9], *values[1:8])
 
 
 def _all_equal(
@@ -224,12 +219,8 @@ class Replay:
         self._rate, self._on_grid = 0.0, 0
         topics = recorded.topics
         count = recorded.reader.topics[topics.joint_states].message_count
-        self._batches = BatchReplay(
-            recorded.start.version, compiled=count >= _COMPILED_FROM and has_numba()
-        )
-        self._check = SampleCheck(
-            topics.joint_states, joints_of(recorded.start.version), self.findings
-        )
+        self._batches = BatchReplay(compiled=count >= _COMPILED_FROM and has_numba())
+        self._check = SampleCheck(topics.joint_states, self.findings)
         # A rig that does not move as recorded may have impacts without end.
         recorded_count = sum(topic.message_count for topic in recorded.reader.topics.values())
         self._budget = EventBudget(2 * (MOST_EVENTS + recorded_count))
@@ -315,8 +306,8 @@ class Replay:
 
     def _all_as_replayed(self, records: list[RecordedMessage]) -> bool:
         findings, topics = self.findings, self.recorded.topics
-        state = self.replayed.rig.plain
-        if state is None or self._pending:
+        rig = self.replayed.rig
+        if rig.acts or self._pending:
             return False
         parts = {
             name: [record for record in records if record.topic == name]
@@ -329,12 +320,9 @@ class Replay:
         times_ns = [record.stamp_ns - offset_ns for record in states]
         if not self._spacing.even(times_ns):
             return False
-        rig = self._batches.reproduces(
-            state, offset_ns, states, impacts if topics.impacts else None
-        )
-        if rig is None:
+        hits = impacts if topics.impacts else None
+        if not self._batches.reproduces(rig, offset_ns, states, hits):
             return False
-        self.replayed.rig.gone_on(rig)
         self._time_ns = findings.end_ns = times_ns[-1]
         self._before = []
         findings.samples += len(times_ns)
@@ -414,10 +402,9 @@ class Replay:
 
     def _sampled(self) -> tuple[Sample, tuple[tuple[float, ...], ...]]:
         """Return the present motion, and the numbers of its joint states as published."""
-        rig, version = self.replayed.rig, self.recorded.start.version
-        sample, parameters = rig.sample(), rig.parameters
+        sample, parameters = self.replayed.rig.sample(), self.replayed.rig.parameters
         deflection, angle = parameters.static_deflection, parameters.angle
-        return sample, state_numbers(sample, deflection, angle, version)
+        return sample, state_numbers(sample, deflection, angle)
 
     def _advance(self) -> None:
         # Once to each instant, as the node does: an event that a change leaves due at once would
@@ -449,11 +436,10 @@ class Replay:
         topics = self.recorded.topics
         if offset_ns is None:
             offset_ns = self.findings.offset_ns
-        version = self.recorded.start.version
         for event in events if topics.impacts else ():
             if event.kind is EventKind.IMPACT:
                 stamp_ns = offset_ns + round(event.time * 1e9)
-                numbers = impact_numbers(event, parameters.static_deflection, version)
+                numbers = impact_numbers(event, parameters.static_deflection)
                 self._impacts.expect(stamp_ns, event.time, event.stop, numbers)
         for record in records if topics.gap_control else ():
             self._control.expect_record(offset_ns + round(record.time * 1e9), record)

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.control import (
     GAP_CONTROL_SPECS,
-    ControlledRig,
     ControlRecord,
     GapControlParameters,
+    Rig,
 )
 from impact_damper_ros.rig import (
     INITIAL_SPECS,
@@ -31,7 +31,7 @@ from impact_damper_ros.rig import (
 )
 
 from .recorded_run import RecordedChange
-from .recorded_snapshot import RecordedSnapshot
+from .recorded_snapshot import RecordedSnapshot, motion_of
 
 
 class Setting(NamedTuple):
@@ -108,12 +108,7 @@ class Batch:
 
 def _canonical(state: Mapping[str, Any]) -> str:
     # As text, because -0.0 == 0.0.
-    return json.dumps(state, sort_keys=True)
-
-
-def _plain(state: Mapping[str, Any]) -> dict[str, Any]:
-    plain: dict[str, Any] = json.loads(json.dumps(state))
-    return plain
+    return json.dumps(motion_of(state), sort_keys=True)
 
 
 def state_differences(
@@ -157,7 +152,7 @@ class ReplayedRig:
     """A rig to which a recorded run is repeated."""
 
     def __init__(self, start: RecordedSnapshot) -> None:
-        self.rig = ControlledRig.restore(start.state)
+        self.rig = Rig.restore(start.state)
         #: Initial conditions of the next reset, and of the first one; None if not known yet
         self.initial: InitialConditions | None = None
         self.first_initial: InitialConditions | None = None
@@ -181,7 +176,7 @@ class ReplayedRig:
 
     def adopt(self, snapshot: RecordedSnapshot) -> None:
         """Go on from a snapshot."""
-        self.rig = ControlledRig.restore(snapshot.state)
+        self.rig = Rig.restore(snapshot.state)
 
     def carry_out(
         self, changes: Sequence[RecordedChange], snapshot: RecordedSnapshot | None
@@ -212,7 +207,8 @@ class ReplayedRig:
     def _disagree(self, batch: Batch, snapshot: RecordedSnapshot) -> None:
         """Note how the snapshot differs, and take over its parameters or its reset."""
         batch.agrees = False
-        batch.differences = state_differences(snapshot.state, _plain(self.rig.snapshot()))
+        here = motion_of(self.rig.snapshot())
+        batch.differences = state_differences(motion_of(snapshot.state), here)
         if _is_reset(snapshot):
             batch.adopted = True
             batch.steps.append(initial_of(snapshot))
@@ -251,7 +247,7 @@ class ReplayedRig:
         last: Setting | None = None,
     ) -> _Attempt:
         """Carry out changes, a reset before that of a number, and a last change, on a copy."""
-        rig = ControlledRig.restore(self.rig.snapshot())
+        rig = Rig.restore(self.rig.snapshot())
         initial, batch = self.initial, Batch(used=len(changes))
         for number in range(len(changes) + 1):
             if number == reset_at and initial is not None:
@@ -268,16 +264,14 @@ class ReplayedRig:
         return rig, initial, batch
 
 
-_Attempt = tuple[ControlledRig, InitialConditions | None, Batch]
+_Attempt = tuple[Rig, InitialConditions | None, Batch]
 
 
-def _setting(rig: ControlledRig) -> Setting:
+def _setting(rig: Rig) -> Setting:
     return Setting(rig.parameters, rig.control)
 
 
-def _change(
-    rig: ControlledRig, setting: Setting, change: RecordedChange | None, batch: Batch
-) -> None:
+def _change(rig: Rig, setting: Setting, change: RecordedChange | None, batch: Batch) -> None:
     if setting != _setting(rig):
         events = rig.change(*setting)
         batch.effects.append(Effect(change, events, rig.records, rig.parameters))

@@ -14,12 +14,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import Event, InitialConditions, ParameterError, Sample
 from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event_budget import EventBudget
 
-from .recorded_snapshot import RecordedSnapshot
+from .recorded_snapshot import RecordedSnapshot, motion_of
 from .replay import Replay, Tick
 from .replayed_rig import Setting, Step, setting_of
 
@@ -46,7 +46,7 @@ class WhatIf:
 
     Attributes
     ----------
-    rig : ControlledRig
+    rig : Rig
         The rig.
     from_initial : bool
         Whether it started from the initial conditions. Otherwise it took over the recorded state,
@@ -88,14 +88,14 @@ class WhatIf:
                     f'{", ".join(self._held_initial)} cannot be set: the bag begins in the middle '
                     'of the run, at a recorded state; set rig parameters only'
                 )
-            rig = ControlledRig.restore(start.state)
+            rig = Rig.restore(start.state)
             self.early_events += rig.change(*setting)
         self.rig = rig
 
     def copied(self) -> WhatIf:
         """Return a copy that continues from here."""
         other = copy.copy(self)
-        other.rig = ControlledRig.restore(self.rig.snapshot())
+        other.rig = Rig.restore(self.rig.snapshot())
         other._budget = copy.copy(self._budget)
         return other
 
@@ -160,15 +160,16 @@ def _from_initial(
     initial: InitialConditions | None,
     setting: Setting,
     held_initial: Mapping[str, Any],
-) -> ControlledRig | None:
+) -> Rig | None:
     """Return a rig at its initial conditions, if the run begins at those of the logged one."""
     if initial is None or start.time_ns != 0:
         return None
     try:
-        if ControlledRig(logged.rig, initial, control=logged.control).snapshot() != start.state:
+        fresh = Rig(logged.rig, initial, control=logged.control).snapshot()
+        if motion_of(fresh) != motion_of(start.state):
             return None
         held = InitialConditions(**{**initial.as_dict(), **held_initial})
-        return ControlledRig(setting.rig, held, control=setting.control)
+        return Rig(setting.rig, held, control=setting.control)
     except ParameterError:
         if held_initial:
             raise
@@ -249,7 +250,7 @@ class Ending:
         self._replay = replay
         self._other = other
         self._span_ns = round(span * 1e9)
-        self._kept: deque[tuple[int, ControlledRig, WhatIf]] = deque()
+        self._kept: deque[tuple[int, Rig, WhatIf]] = deque()
         self._steps: deque[tuple[int, Step]] = deque()
         self._time_ns = 0
 
@@ -259,7 +260,7 @@ class Ending:
         self._steps.extend(tick.steps)
         kept = self._kept
         if not kept or now_ns - kept[-1][0] >= self._span_ns // 4:
-            rig = ControlledRig.restore(self._replay.replayed.rig.snapshot())
+            rig = Rig.restore(self._replay.replayed.rig.snapshot())
             kept.append((now_ns, rig, self._other.copied()))
         while len(kept) > 1 and kept[1][0] <= now_ns - self._span_ns:
             kept.popleft()
@@ -278,7 +279,7 @@ class Ending:
         # Steps of the very first instant were done before it was kept.
         steps = [step for step in self._steps if step[0] > from_ns]
         plain = other.copied()
-        plain.rig, plain._held, plain._held_initial = ControlledRig.restore(rig.snapshot()), {}, {}
+        plain.rig, plain._held, plain._held_initial = Rig.restore(rig.snapshot()), {}, {}
         return trace(plain, steps, instants), trace(other.copied(), steps, instants)
 
 

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING
 from impact_damper_ros.lazy_names import lazy_names
 
 from .description import described, frequency_hint, robot_description
-from .event import Event, EventKind, Sample
-from .hybrid_motion import RunawayError
-from .mode import Mode
+from .event_budget import RunawayError
 from .parameter_spec import ParameterError, ParameterSpec
 from .parameters import (
     ALL_SPECS,
@@ -27,34 +25,32 @@ from .parameters import (
     RigParameters,
 )
 from .parameters_file import ParametersFileError, load_parameters
-from .simulator import Simulator
 from .swing import Swing
 
 if TYPE_CHECKING:
-    from .long_run import LongRun, Outcome, RunResult
+    from .event import EVENT_TYPE, SAMPLE_TYPE, Event, EventKind, Sample
+    from .state import Mode
 
 __all__ = [
     'ALL_SPECS',
+    'EVENT_TYPE',
     'GAP_CONTROL_SPECS',
     'INITIAL_SPECS',
     'PARAMETER_SPECS',
+    'SAMPLE_TYPE',
     'SETTING_SPECS',
     'Event',
     'EventKind',
     'GapControlParameters',
     'InitialConditions',
-    'LongRun',
     'Mode',
     'NodeSettings',
-    'Outcome',
     'ParameterError',
     'ParameterSpec',
     'ParametersFileError',
     'RigParameters',
-    'RunResult',
     'RunawayError',
     'Sample',
-    'Simulator',
     'Swing',
     'described',
     'frequency_hint',
@@ -63,4 +59,7 @@ __all__ = [
 ]
 
 #: Loads what needs numpy.
-__getattr__ = lazy_names(__name__, {'long_run': ('LongRun', 'Outcome', 'RunResult')})
+__getattr__ = lazy_names(
+    __name__,
+    {'event': ('EVENT_TYPE', 'SAMPLE_TYPE', 'Event', 'EventKind', 'Sample'), 'state': ('Mode',)},
+)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import tau
+from typing import TYPE_CHECKING, Protocol
 
-from .event import Event
-from .hybrid_motion import RunawayError
-from .parameters import RigParameters
-from .simulator import Simulator
+if TYPE_CHECKING:
+    from .event import Event
+    from .parameters import RigParameters
+    from .state import Mode
 
 #: Most events of a run, unless others are given.
 MOST_EVENTS = 200_000
@@ -24,6 +25,35 @@ PER_PERIOD = 100
 #: than the simulator takes for a runaway at one instant, which it counts within one advance.
 _PORTION = 20_000
 REMEDY = 'make the stops less elastic or the gap wider'
+
+
+class Running(Protocol):
+    """A rig, as far as a budget knows it."""
+
+    @property
+    def time(self) -> float:
+        """Time reached, s."""
+
+    @property
+    def parameters(self) -> RigParameters:
+        """The present parameters."""
+
+    @property
+    def mode(self) -> Mode:
+        """The present mode."""
+
+    def advance(self, time: float, most_events: float) -> list[Event]:
+        """Let the rig run to a later time, or to as many events."""
+
+
+class RunawayError(RuntimeError):
+    """A rig has events without end at one instant; it cannot go on."""
+
+    def __init__(self, count: int, time: float) -> None:
+        super().__init__(
+            f'the rig has more than {count} events at once, at {time:.15g} s, and cannot be '
+            'followed any further: give a wider gap, a restitution below 1, or a slower start'
+        )
 
 
 class EndlessEventsError(RunawayError):
@@ -62,11 +92,11 @@ class EventBudget:
         self._since = 0.0
         self._count = 0
 
-    def restart(self, rig: Simulator) -> None:
+    def restart(self, rig: Running) -> None:
         """Count events from the present time of a rig on."""
         self._rig, self._since, self._count = rig.parameters, rig.time, 0
 
-    def advance(self, rig: Simulator, time: float) -> list[Event]:
+    def advance(self, rig: Running, time: float) -> list[Event]:
         """
         Let a rig run to a later time; return the events on the way.
 
@@ -77,7 +107,7 @@ class EventBudget:
         """
         return [event for events in self.portions(rig, time) for event in events]
 
-    def portions(self, rig: Simulator, time: float) -> Iterator[list[Event]]:
+    def portions(self, rig: Running, time: float) -> Iterator[list[Event]]:
         """Yield the events portion by portion, each when the rig has just had it; as `advance`."""
         if rig.parameters is not self._rig and rig.parameters != self._rig:
             self.restart(rig)
@@ -90,7 +120,7 @@ class EventBudget:
                 return
             self.take(rig, len(events), done=rig.time >= time)
 
-    def take(self, rig: Simulator, count: int, *, done: bool = False) -> None:
+    def take(self, rig: Running, count: int, *, done: bool = False) -> None:
         """
         Count events that a rig has just had; `done` if it has come to where it should.
 

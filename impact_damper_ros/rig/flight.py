@@ -1,8 +1,6 @@
 """
 Flights: the motion between two events in closed form.
 
-The primary mass is a damped oscillator under a constant and harmonic accelerations,
-
     X'' + 2 a X' + w^2 X = c + sum_j f_j sin(phase_j + W_j tau),     a = zeta w,  b = eta w,
 
 with time tau counted from the flight's origin; the damper mass has constant acceleration, so that
@@ -10,15 +8,41 @@ the relative acceleration is Y'' = Z'' - X''. Bapat (1995), equations (1)-(5), i
 cancellation: the response from rest is that of `oscillator`; short flights are summed as Taylor
 series about the tangent parabola, so that they keep their relative accuracy; relative position and
 velocity are variables of their own, not differences of absolute ones.
+
+Friction, air force and supports are constant within a mode, so that a mode is one closed-form
+flight: equations (1)-(2) for sliding; joint motion of both masses for sticking in the gap and for
+rest on a stop.
 """
 
 from __future__ import annotations
 
-from math import cos, inf, sin
+from collections.abc import Sequence
+from math import cos, floor, inf, sin
 from typing import NamedTuple
 
-from .kernels import kernel
-from .oscillator import Driven, Free, Oscillator, driven_response, free_response
+from .compiled import kernel
+from .oscillator import Driven, Free, Line, Oscillator, driven_response, free_response
+from .state import (
+    CHATTER_1,
+    FREE,
+    REST_1,
+    REST_2,
+    SLIDE_DOWN,
+    SLIDE_UP,
+    STICK,
+    RigConstants,
+    Run,
+    Wave,
+    advance_time,
+    on_stop_1,
+    on_stop_2,
+)
+
+#: Horizons after which joint motion is looked at as a whole.
+_LOOK = 64.0
+
+Lines = Sequence[Line]
+Waves = Sequence[Wave]
 
 #: What ends a flight.
 NO_EVENT = 0
@@ -32,49 +56,10 @@ RELEASE_UP = 5
 RELEASE_DOWN = 6
 STOP_ARRIVED_1 = 7
 STOP_ARRIVED_2 = 8
-
-
-class Flight(NamedTuple):
-    """
-    One flight: all that the motion after its origin depends on.
-
-    Positions and velocities are those at the origin, *after* the event that began the flight.
-    `relative_acceleration` is the relative acceleration there, exactly zero for a release.
-    `clearance_1` and `clearance_2` are the distances of m from stop 1 and stop 2, infinite for a
-    stop that is not there. What ends the flight:
-
-    - `joint` false: contact with a stop. With `direction` +1 (m moves down relative to M) or -1,
-      also the reversal of the relative velocity and, with `arrival` finite, that displacement of
-      m (the stop that follows it is then at its target). `direction` 0 is free flight.
-    - `joint` true, M and m move as one: the acceleration m needs from its support, X'' - `slope`,
-      leaves the interval from `support_low` to `support_high`.
-    - In both cases, after `deadline` s at the latest, what `deadline_kind` names: a moving stop
-      reaches its target, or m that does not move relative to M.
-
-    `stop_velocity_1` and `stop_velocity_2` are the velocities of the stops relative to M.
-    """
-
-    oscillator: Oscillator
-    constant: float
-    sines: tuple[float, ...]
-    cosines: tuple[float, ...]
-    x: float
-    velocity: float
-    acceleration: float
-    relative_velocity: float
-    relative_acceleration: float
-    clearance_1: float
-    clearance_2: float
-    joint: bool
-    direction: int
-    arrival: float
-    slope: float
-    support_low: float
-    support_high: float
-    stop_velocity_1: float = 0.0
-    stop_velocity_2: float = 0.0
-    deadline: float = inf
-    deadline_kind: int = 0
+#: The bounces of a chatter have accumulated.
+CHATTER_END = 9
+#: X passes through zero, which ends no flight.
+PASSAGE = 10
 
 
 class Motion(NamedTuple):
@@ -95,60 +80,6 @@ class Motion(NamedTuple):
     x_4: float
     x_5: float
     x_6: float
-
-
-class FlightEnd(NamedTuple):
-    """
-    How a flight ends, or how far it is known to go on.
-
-    Attributes
-    ----------
-    kind : int
-        The event, as `contact.first_event` names it.
-    tau : float
-        Its time since the origin, s; without an event, the time up to which there is none.
-    x, velocity, travel, relative_velocity : float
-        As in `Motion`, just before the event.
-    slope : float
-        Rate of the function whose root it is; meaningless for an event that is no root.
-    finished : bool
-        Whether all of these have been evaluated.
-    """
-
-    kind: int
-    tau: float
-    x: float
-    velocity: float
-    travel: float
-    relative_velocity: float
-    slope: float
-    finished: bool
-
-
-@kernel(inline=True)
-def unfinished(kind: int, tau: float) -> FlightEnd:
-    """Return an end, or that there is none up to a time, without the motion there."""
-    return FlightEnd(kind, tau, 0.0, 0.0, 0.0, 0.0, 0.0, False)
-
-
-class GridPoint(NamedTuple):
-    """
-    Motion of M at one point of the grid.
-
-    Attributes
-    ----------
-    offset : float
-        X from where it would rest under the constant force, m.
-    velocity : float
-        X', m/s.
-    sines, cosines : tuple of float
-        Sine and cosine of each harmonic's phase.
-    """
-
-    offset: float
-    velocity: float
-    sines: tuple[float, ...]
-    cosines: tuple[float, ...]
 
 
 class Series(NamedTuple):
@@ -172,30 +103,237 @@ class Series(NamedTuple):
 
 
 @kernel(inline=True)
-def series_at(oscillator: Oscillator, point: GridPoint) -> Series:
+def oscillator_of(rig: RigConstants, run: Run) -> Oscillator:
+    """Return the oscillator that moves: M alone, or M and m as one."""
+    return rig.joint if run.joint else rig.free
+
+
+@kernel(inline=True)
+def air_acceleration(rig: RigConstants, run: Run) -> float:
+    """Return the acceleration of m by the air force, away from the stop hit last."""
+    if run.last_stop == 1:
+        return -rig.air
+    if run.last_stop == 2:
+        return rig.air
+    return 0.0
+
+
+@kernel(inline=True)
+def set_waves(rig: RigConstants, lines: Lines, waves: Waves) -> None:
+    """Set the sines and cosines of the harmonics at the origin."""
+    for j in range(rig.harmonics):
+        wave = waves[j]
+        angle = wave.angle + lines[j].phase
+        wave.sine_0 = sin(angle)
+        wave.cosine_0 = cos(angle)
+
+
+@kernel(inline=True)
+def acceleration_at(
+    oscillator: Oscillator,
+    lines: Lines,
+    first: int,
+    waves: Waves,
+    constant: float,
+    x: float,
+    velocity: float,
+) -> float:
+    """Return X'' at the origin from the equation of motion."""
+    acceleration = constant - 2.0 * oscillator.decay * velocity - oscillator.omega_squared * x
+    for j in range(len(waves)):
+        acceleration += lines[first + j].force * waves[j].sine_0
+    return acceleration
+
+
+@kernel(inline=True)
+def support_need(
+    rig: RigConstants, lines: Lines, run: Run, waves: Waves, velocity: float
+) -> float:
+    """
+    Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops.
+
+    The sines of the harmonics are those of `set_waves`.
+    """
+    together = acceleration_at(
+        rig.joint, lines, rig.harmonics, waves, rig.share * rig.slope, run.x, velocity
+    )
+    return together - rig.slope - air_acceleration(rig, run)
+
+
+@kernel
+def rest(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """
+    Set the mode that follows when the relative velocity has become zero.
+
+    m rests on stop 1 while n <= grip, on stop 2 while n >= -grip, sticks in the gap while
+    |n| <= grip, and otherwise leaves in the direction in which its support fails. A stop that
+    moves is no support.
+    """
+    run.relative_velocity = 0.0
+    run.released = False
+    run.chatter_left = 0.0
+    set_waves(rig, lines, waves)
+    need = support_need(rig, lines, run, waves, run.velocity)
+    grip = rig.grip
+    if on_stop_1(run) and need <= grip:
+        run.mode = REST_1
+    elif on_stop_2(run) and need >= -grip:
+        run.mode = REST_2
+    elif grip == 0.0:
+        run.mode = FREE
+    elif need > grip:
+        run.mode = SLIDE_UP
+    elif need < -grip:
+        run.mode = SLIDE_DOWN
+    else:
+        run.mode = STICK
+
+
+@kernel(inline=True)
+def moving_mode(rig: RigConstants, relative_velocity: float) -> int:
+    """Return the mode of m that moves relative to M."""
+    if rig.grip == 0.0:
+        return FREE
+    return SLIDE_DOWN if relative_velocity > 0.0 else SLIDE_UP
+
+
+@kernel
+def set_deadline(run: Run) -> None:
+    """
+    Set the event of a moving stop whose time is known beforehand.
+
+    The stop arrives at its target, or at m if m does not move relative to M; at m if both happen
+    at once.
+    """
+    velocity_1 = run.stop_velocity_1
+    velocity_2 = run.stop_velocity_2
+    kind = NO_EVENT
+    first = inf
+    if run.mode >= STICK:
+        if velocity_1 < 0.0:
+            kind = CONTACT_1
+            first = run.clearance_1 / -velocity_1
+        if velocity_2 > 0.0 and run.clearance_2 / velocity_2 < first:
+            kind = CONTACT_2
+            first = run.clearance_2 / velocity_2
+    if velocity_1 != 0.0:
+        arrival = max(0.0, (run.target_1 - run.stop_1) / velocity_1)
+        if arrival < first:
+            kind = STOP_ARRIVED_1
+            first = arrival
+    if velocity_2 != 0.0:
+        arrival = max(0.0, (run.target_2 - run.stop_2) / velocity_2)
+        if arrival < first:
+            kind = STOP_ARRIVED_2
+            first = arrival
+    run.deadline_kind = kind
+    run.deadline = first
+
+
+@kernel(inline=True)
+def begin_joint(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """Begin a flight of both masses as one."""
+    run.joint = True
+    run.look = _LOOK * rig.joint.horizon
+    run.first = rig.harmonics
+    run.constant = rig.share * rig.slope
+    run.acceleration = acceleration_at(
+        rig.joint, lines, rig.harmonics, waves, run.constant, run.x, run.velocity
+    )
+    run.relative_velocity = 0.0
+    run.relative_acceleration = 0.0
+    run.direction = 0
+    need = rig.slope + air_acceleration(rig, run)
+    run.support_low = need - rig.grip
+    run.support_high = need + rig.grip
+    # Between two stops that both touch it, m cannot move at all; a chatter ends by itself.
+    if run.mode == REST_1 or run.mode >= CHATTER_1 or on_stop_1(run):
+        run.support_low = -inf
+    if run.mode == REST_2 or run.mode >= CHATTER_1 or on_stop_2(run):
+        run.support_high = inf
+
+
+@kernel(inline=True)
+def begin_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """Begin a flight in which m moves relative to M."""
+    air = air_acceleration(rig, run)
+    direction = 0
+    if run.mode == SLIDE_DOWN:
+        direction = 1
+    elif run.mode == SLIDE_UP:
+        direction = -1
+    run.joint = False
+    run.first = 0
+    run.constant = rig.mass_ratio * (direction * rig.grip - air)
+    acceleration = acceleration_at(rig.free, lines, 0, waves, run.constant, run.x, run.velocity)
+    run.acceleration = acceleration
+    relative = (rig.slope - direction * rig.grip + air) - acceleration
+    if run.released:
+        relative = 0.0
+    elif run.relative_velocity == 0.0 and (
+        direction * relative < 0.0
+        or (run.mode == FREE and on_stop_1(run) and relative > 0.0)
+        or (run.mode == FREE and on_stop_2(run) and relative < 0.0)
+    ):
+        # `rest` found m to leave the other way: the forces balance to round-off.
+        relative = 0.0
+    run.relative_acceleration = relative
+    # A stop held back by m follows it inwards until it is at its target.
+    inwards = run.relative_velocity
+    if inwards == 0.0:
+        inwards = relative
+    if on_stop_1(run) and run.stop_1 > run.target_1 and inwards <= 0.0:
+        run.arrival = run.stop_1 - run.target_1
+        direction = -1
+    elif on_stop_2(run) and run.stop_2 < run.target_2 and inwards >= 0.0:
+        run.arrival = run.target_2 - run.stop_2
+        direction = 1
+    run.direction = direction
+
+
+@kernel(inline=True)
+def begin_flight(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """Begin the flight from the present origin: all that follows from the stored state."""
+    run.kind = NO_EVENT
+    run.due = inf
+    run.searched = 0.0
+    run.crossing_side = 0
+    run.watched = 0.0
+    run.crossing = inf
+    run.counted = 0.0
+    run.arrival = inf
+    run.deadline = inf
+    run.deadline_kind = NO_EVENT
+    set_waves(rig, lines, waves)
+    if run.stop_velocity_1 != 0.0 or run.stop_velocity_2 != 0.0:
+        set_deadline(run)
+    if run.mode >= STICK:
+        begin_joint(rig, lines, run, waves)
+        if run.mode >= CHATTER_1 and run.chatter_left < run.deadline:
+            run.deadline = run.chatter_left
+            run.deadline_kind = CHATTER_END
+    else:
+        begin_moving(rig, lines, run, waves)
+
+
+@kernel(inline=True)
+def series_at(
+    oscillator: Oscillator,
+    lines: Lines,
+    first: int,
+    waves: Waves,
+    offset: float,
+    velocity: float,
+) -> Series:
     """Return the series around a point: each derivative from the two before it and the drive."""
-    grid = oscillator.grid
     # Negative zero is what adds nothing, which a compiler makes use of.
-    f_0 = -0.0
-    f_1 = -0.0
-    f_2 = -0.0
-    f_3 = -0.0
-    f_4 = -0.0
-    f_5 = -0.0
-    f_6 = -0.0
-    f_7 = -0.0
-    f_8 = -0.0
-    f_9 = -0.0
-    f_10 = -0.0
-    f_11 = -0.0
-    f_12 = -0.0
-    f_13 = -0.0
-    f_14 = -0.0
-    for j in range(len(point.sines)):
-        push = oscillator.harmonics[j].push
-        turn = oscillator.harmonics[j].turn
-        even = push * point.sines[j]
-        odd = push * turn * point.cosines[j]
+    f_0 = f_1 = f_2 = f_3 = f_4 = f_5 = f_6 = f_7 = -0.0
+    f_8 = f_9 = f_10 = f_11 = f_12 = f_13 = f_14 = -0.0
+    for j in range(len(waves)):
+        push = lines[first + j].push
+        turn = lines[first + j].turn
+        even = push * waves[j].sine
+        odd = push * turn * waves[j].cosine
         turned = -turn * turn
         f_0 += even
         f_1 += odd
@@ -225,11 +363,10 @@ def series_at(oscillator: Oscillator, point: GridPoint) -> Series:
         f_13 += odd
         even *= turned
         f_14 += even
-    spring = grid.spring
-    dashpot = grid.dashpot
-    d_0 = point.offset
-    d_1 = point.velocity * grid.step
-    d_2 = (f_0 - spring * d_0) - dashpot * d_1
+    spring = oscillator.spring
+    dashpot = oscillator.dashpot
+    d_1 = velocity * oscillator.step
+    d_2 = (f_0 - spring * offset) - dashpot * d_1
     d_3 = (f_1 - spring * d_1) - dashpot * d_2
     d_4 = (f_2 - spring * d_2) - dashpot * d_3
     d_5 = (f_3 - spring * d_3) - dashpot * d_4
@@ -299,178 +436,257 @@ def tail(series: Series, s: float) -> tuple[float, float, float]:
     return s * s_2 * value, s_2 * slope, s * bend
 
 
-class _Drive(NamedTuple):
-    """The driving acceleration and its first four derivatives."""
-
-    drive_0: float
-    drive_1: float
-    drive_2: float
-    drive_3: float
-    drive_4: float
+@kernel(inline=True)
+def coarse_tail(series: Series, s: float) -> tuple[float, float, float, float]:
+    """Return what the third to tenth power add to X and its first three derivatives."""
+    _, b_3, b_4, b_5, b_6, b_7, b_8, b_9, b_10 = series[:9]
+    s_2 = s * s
+    s_4 = s_2 * s_2
+    value = ((b_3 * (1.0 / 3.0) + 0.25 * b_4 * s) + (0.2 * b_5 + b_6 * (1.0 / 6.0) * s) * s_2) + (
+        (b_7 * (1.0 / 7.0) + 0.125 * b_8 * s) + (b_9 * (1.0 / 9.0) + 0.1 * b_10 * s) * s_2
+    ) * s_4
+    slope = ((b_3 + b_4 * s) + (b_5 + b_6 * s) * s_2) + (
+        (b_7 + b_8 * s) + (b_9 + b_10 * s) * s_2
+    ) * s_4
+    bend = (2.0 * b_3 + 3.0 * b_4 * s) + (4.0 * b_5 + 5.0 * b_6 * s) * s_2
+    third = (2.0 * b_3 + 6.0 * b_4 * s) + (12.0 * b_5 + 20.0 * b_6 * s) * s_2
+    return s * s_2 * value, s_2 * slope, s * bend, third
 
 
 @kernel(inline=True)
-def _with_harmonic(drive: _Drive, sine: float, cosine: float, frequency: float) -> _Drive:
-    """Add a harmonic, by its acceleration, and the same a quarter of a cycle later."""
-    square = frequency * frequency
-    rate = cosine * frequency
-    return _Drive(
-        drive.drive_0 + sine,
-        drive.drive_1 + rate,
-        drive.drive_2 - sine * square,
-        drive.drive_3 - rate * square,
-        drive.drive_4 + sine * square * square,
-    )
-
-
-@kernel(inline=True)
-def _differentiated(
-    flight: Flight,
+def with_derivatives(
+    oscillator: Oscillator,
+    lines: Lines,
+    first: int,
+    waves: Waves,
     x: float,
     velocity: float,
     travel: float,
     relative_velocity: float,
     relative_2: float,
     x_2: float,
-    drive: _Drive,
 ) -> Motion:
-    """Return the motion with the higher derivatives, from those of the drive."""
-    oscillator = flight.oscillator
-    a = oscillator.decay
+    """Return the motion where the waves are, with the higher derivatives of X."""
+    drive_1 = drive_2 = drive_3 = drive_4 = -0.0
+    for j in range(len(waves)):
+        frequency = lines[first + j].frequency
+        square = frequency * frequency
+        sine = lines[first + j].force * waves[j].sine
+        rate = lines[first + j].force * waves[j].cosine * frequency
+        drive_1 += rate
+        drive_2 -= sine * square
+        drive_3 -= rate * square
+        drive_4 += sine * square * square
+    twice = 2.0 * oscillator.decay
     omega_squared = oscillator.omega_squared
-    x_3 = drive.drive_1 - 2.0 * a * x_2 - omega_squared * velocity
-    x_4 = drive.drive_2 - 2.0 * a * x_3 - omega_squared * x_2
-    x_5 = drive.drive_3 - 2.0 * a * x_4 - omega_squared * x_3
-    x_6 = drive.drive_4 - 2.0 * a * x_5 - omega_squared * x_4
+    x_3 = drive_1 - twice * x_2 - omega_squared * velocity
+    x_4 = drive_2 - twice * x_3 - omega_squared * x_2
+    x_5 = drive_3 - twice * x_4 - omega_squared * x_3
+    x_6 = drive_4 - twice * x_5 - omega_squared * x_4
     return Motion(x, velocity, travel, relative_velocity, relative_2, x_2, x_3, x_4, x_5, x_6)
 
 
 @kernel(inline=True)
-def starting_motion(flight: Flight) -> Motion:
-    """Return the motion at a flight's origin."""
-    oscillator = flight.oscillator
-    drive = _Drive(-0.0, -0.0, -0.0, -0.0, -0.0)
-    for j in range(len(flight.sines)):
-        force = oscillator.harmonics[j].force
-        frequency = oscillator.harmonics[j].frequency
-        drive = _with_harmonic(
-            drive, force * flight.sines[j], force * flight.cosines[j], frequency
-        )
-    return _differentiated(
-        flight,
-        flight.x,
-        flight.velocity,
+def waves_to_origin(waves: Waves) -> None:
+    """Set the waves where the search is to those at the origin."""
+    for j in range(len(waves)):
+        waves[j].sine = waves[j].sine_0
+        waves[j].cosine = waves[j].cosine_0
+
+
+@kernel(inline=True)
+def starting_motion(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Motion:
+    """Return the motion at the origin."""
+    waves_to_origin(waves)
+    return with_derivatives(
+        oscillator_of(rig, run),
+        lines,
+        run.first,
+        waves,
+        run.x,
+        run.velocity,
         0.0,
-        flight.relative_velocity,
-        flight.relative_acceleration,
-        flight.acceleration,
-        drive,
+        run.relative_velocity,
+        run.relative_acceleration,
+        run.acceleration,
     )
 
 
-@kernel
-def _near_motion(flight: Flight, tau: float) -> Motion:
+@kernel(inline=True)
+def motion_near(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: float) -> Motion:
     """Sum the Taylor series: what bends the path away from its tangent parabola."""
-    oscillator = flight.oscillator
-    grid = oscillator.grid
-    rest = flight.constant / oscillator.omega_squared
-    start = GridPoint(flight.x - rest, flight.velocity, flight.sines, flight.cosines)
-    series: Series = series_at(oscillator, start)
-    s = tau * grid.inverse
+    oscillator = oscillator_of(rig, run)
+    first = run.first
+    waves_to_origin(waves)
+    offset = run.x - run.constant / oscillator.omega_squared
+    series: Series = series_at(oscillator, lines, first, waves, offset, run.velocity)
+    s = tau * oscillator.steps
     bend, bend_1, bend_2 = tail(series, s)
     # The last digits of the second derivative
     s_4 = s * s * s * s
     bend_2 += s_4 * s_4 * s * s * s * (12.0 * series.b_13 + 13.0 * series.b_14 * s)
-    bend_1 *= grid.inverse
-    bend_2 *= grid.inverse * grid.inverse
-    drive = _Drive(-0.0, -0.0, -0.0, -0.0, -0.0)
-    for j in range(len(flight.sines)):
-        force = oscillator.harmonics[j].force
-        frequency = oscillator.harmonics[j].frequency
-        sin_0 = flight.sines[j]
-        cos_0 = flight.cosines[j]
-        turned = frequency * tau
+    bend_1 *= oscillator.steps
+    bend_2 *= oscillator.steps * oscillator.steps
+    for j in range(len(waves)):
+        wave = waves[j]
+        turned = lines[first + j].frequency * tau
         sin_w = sin(turned)
         cos_w = cos(turned)
-        sine = force * (sin_0 * cos_w + cos_0 * sin_w)
-        cosine = force * (cos_0 * cos_w - sin_0 * sin_w)
-        drive = _with_harmonic(drive, sine, cosine, frequency)
-    rate = flight.relative_acceleration
-    return _differentiated(
-        flight,
-        flight.x + (flight.velocity * tau + 0.5 * flight.acceleration * tau * tau + bend),
-        flight.velocity + (flight.acceleration * tau + bend_1),
-        flight.relative_velocity * tau + 0.5 * rate * tau * tau - bend,
-        flight.relative_velocity + rate * tau - bend_1,
+        wave.sine = wave.sine_0 * cos_w + wave.cosine_0 * sin_w
+        wave.cosine = wave.cosine_0 * cos_w - wave.sine_0 * sin_w
+    rate = run.relative_acceleration
+    return with_derivatives(
+        oscillator,
+        lines,
+        first,
+        waves,
+        run.x + (run.velocity * tau + 0.5 * run.acceleration * tau * tau + bend),
+        run.velocity + (run.acceleration * tau + bend_1),
+        run.relative_velocity * tau + 0.5 * rate * tau * tau - bend,
+        run.relative_velocity + rate * tau - bend_1,
         rate - bend_2,
-        flight.acceleration + bend_2,
-        drive,
+        run.acceleration + bend_2,
     )
 
 
 @kernel(inline=True)
-def _far_motion(flight: Flight, tau: float) -> Motion:
+def motion_far(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: float) -> Motion:
     """Evaluate the closed form itself."""
-    oscillator = flight.oscillator
-    a = oscillator.decay
-    b = oscillator.frequency
+    oscillator = oscillator_of(rig, run)
+    first = run.first
     omega_squared = oscillator.omega_squared
-    constant = flight.constant
+    constant = run.constant
     free: Free = free_response(oscillator, tau)
-    x = flight.x * free.step + flight.velocity * free.impulse
+    x = run.x * free.step + run.velocity * free.impulse
     x += constant / omega_squared * (1.0 - free.step)
-    velocity = flight.velocity * free.rate
-    velocity += (constant - omega_squared * flight.x) * free.impulse
-    drive = _Drive(-0.0, -0.0, -0.0, -0.0, -0.0)
-    for j in range(len(flight.sines)):
-        harmonic = oscillator.harmonics[j]
-        force = harmonic.force
-        sin_0 = flight.sines[j]
-        cos_0 = flight.cosines[j]
-        driven: Driven = driven_response(
-            a, b, oscillator.inverse, omega_squared, harmonic, free, tau
-        )
+    velocity = run.velocity * free.rate
+    velocity += (constant - omega_squared * run.x) * free.impulse
+    drive = -0.0
+    for j in range(len(waves)):
+        line = lines[first + j]
+        wave = waves[j]
+        force = line.force
+        sin_0 = wave.sine_0
+        cos_0 = wave.cosine_0
+        driven: Driven = driven_response(oscillator, line, free, tau)
         x += force * (cos_0 * driven.sine + sin_0 * driven.cosine)
         velocity += force * (cos_0 * driven.rate_sine + sin_0 * driven.rate_cosine)
-        sine = force * (sin_0 * driven.turned_cosine + cos_0 * driven.turned_sine)
-        cosine = force * (cos_0 * driven.turned_cosine - sin_0 * driven.turned_sine)
-        drive = _with_harmonic(drive, sine, cosine, harmonic.frequency)
-    x_2 = drive.drive_0 + constant - 2.0 * a * velocity - omega_squared * x
-    damper_acceleration = flight.relative_acceleration + flight.acceleration
-    return _differentiated(
-        flight,
+        wave.sine = sin_0 * driven.turned_cosine + cos_0 * driven.turned_sine
+        wave.cosine = cos_0 * driven.turned_cosine - sin_0 * driven.turned_sine
+        drive += force * wave.sine
+    x_2 = drive + constant - 2.0 * oscillator.decay * velocity - omega_squared * x
+    fall = run.relative_acceleration + run.acceleration
+    return with_derivatives(
+        oscillator,
+        lines,
+        first,
+        waves,
         x,
         velocity,
-        (flight.relative_velocity + flight.velocity) * tau
-        + 0.5 * damper_acceleration * tau * tau
-        - (x - flight.x),
-        flight.relative_velocity + (damper_acceleration * tau - (velocity - flight.velocity)),
-        damper_acceleration - x_2,
+        (run.relative_velocity + run.velocity) * tau + 0.5 * fall * tau * tau - (x - run.x),
+        run.relative_velocity + (fall * tau - (velocity - run.velocity)),
+        fall - x_2,
         x_2,
-        drive,
     )
 
 
-@kernel(inline=True)
-def motion_at(flight: Flight, tau: float) -> Motion:
+@kernel
+def motion_at(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: float) -> Motion:
     """
-    Evaluate the closed form.
+    Evaluate the closed form; the waves then have the sines and cosines of that instant.
 
     Notes
     -----
     Bapat (1995), equations (3)-(5), in the form that the module describes.
     """
-    if tau == 0.0:
-        return starting_motion(flight)
-    if tau <= flight.oscillator.taylor_limit:
-        return _near_motion(flight, tau)
-    return _far_motion(flight, tau)
+    if tau <= oscillator_of(rig, run).taylor_limit:
+        return motion_near(rig, lines, run, waves, tau)
+    return motion_far(rig, lines, run, waves, tau)
+
+
+@kernel(inline=True)
+def turn_waves(lines: Lines, waves: Waves, tau: float) -> None:
+    """Turn the angles of the harmonics for a time, mod 2 pi."""
+    for j in range(len(waves)):
+        total = waves[j].angle + lines[j].frequency * tau
+        turns = floor(total * 0.15915494309189535)
+        # 2 pi in two parts: the reduction must not shift the frequency.
+        waves[j].angle = total - turns * 6.283185307179586 - turns * 2.4492935982947064e-16
+
+
+@kernel(inline=True)
+def places_after(run: Run, tau: float, travel: float) -> tuple[float, float, float, float]:
+    """Return clearances and stops after a time and a displacement of m relative to M."""
+    clearance_1 = run.clearance_1
+    clearance_2 = run.clearance_2
+    stop_1 = run.stop_1
+    stop_2 = run.stop_2
+    if run.stop_velocity_1 != 0.0:
+        stop_1 += run.stop_velocity_1 * tau
+        clearance_1 += run.stop_velocity_1 * tau
+    if run.stop_velocity_2 != 0.0:
+        stop_2 += run.stop_velocity_2 * tau
+        clearance_2 -= run.stop_velocity_2 * tau
+    if not run.joint:
+        if run.arrival == inf:
+            clearance_1 -= travel
+            clearance_2 += travel
+        elif run.direction < 0:
+            stop_1 += travel
+            clearance_2 += travel
+        else:
+            stop_2 += travel
+            clearance_1 -= travel
+    return max(0.0, clearance_1), max(0.0, clearance_2), stop_1, stop_2
+
+
+@kernel(inline=True)
+def stop_rates(run: Run, relative_velocity: float) -> tuple[float, float]:
+    """Return how fast the stops move in M."""
+    rate_1 = run.stop_velocity_1
+    rate_2 = run.stop_velocity_2
+    if not run.joint and run.arrival < inf:
+        if run.direction < 0:
+            rate_1 = relative_velocity
+        else:
+            rate_2 = relative_velocity
+    return rate_1, rate_2
+
+
+@kernel(inline=True)
+def move_origin(
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    tau: float,
+    x: float,
+    velocity: float,
+    travel: float,
+    relative_velocity: float,
+) -> None:
+    """Move the origin to a later instant of the flight; mode and commands stay."""
+    clearance_1, clearance_2, stop_1, stop_2 = places_after(run, tau, travel)
+    time, low = advance_time(run.time, run.time_low, tau)
+    run.time = time
+    run.time_low = low
+    turn_waves(lines, waves, tau)
+    run.x = x
+    run.velocity = velocity
+    run.relative_velocity = 0.0 if run.joint else relative_velocity
+    run.clearance_1 = clearance_1
+    run.clearance_2 = clearance_2
+    run.stop_1 = stop_1
+    run.stop_2 = stop_2
+    run.released = run.released and tau == 0.0
+    run.chatter_left = max(0.0, run.chatter_left - tau)
+    run.side = 0
 
 
 @kernel
-def end_at(flight: Flight, kind: int, tau: float) -> FlightEnd:
-    """Return the end of a flight at a given time."""
-    motion: Motion = motion_at(flight, tau)
-    return FlightEnd(
-        kind, tau, motion.x, motion.velocity, motion.travel, motion.relative_velocity, 0.0, True
+def move_to(rig: RigConstants, lines: Lines, run: Run, waves: Waves, time: float) -> None:
+    """Move the origin to an instant of the flight, s."""
+    tau = max(0.0, (time - run.time) - run.time_low)
+    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    move_origin(
+        lines, run, waves, tau, motion.x, motion.velocity, motion.travel, motion.relative_velocity
     )

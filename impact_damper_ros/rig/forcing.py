@@ -14,35 +14,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import count, islice
-from math import ceil, cos, floor, inf, sin, sqrt, tau
+from math import ceil, inf, sqrt, tau
 from typing import TYPE_CHECKING, NamedTuple
 
-from .kernels import elementwise
-
 if TYPE_CHECKING:
-    from .oscillator import Harmonic
     from .parameters import RigParameters
-
-
-@elementwise
-def turned_angles(angle: float, harmonic: Harmonic, tau: float) -> float:
-    """Return angles after turning with their harmonics for a time, reduced mod 2 pi."""
-    total = angle + harmonic.frequency * tau
-    turns = floor(total * 0.15915494309189535)
-    # 2 pi in two parts: the reduction must not shift the frequency.
-    return total - turns * 6.283185307179586 - turns * 2.4492935982947064e-16
-
-
-@elementwise
-def sines_of(phase: float, angle: float) -> float:
-    """Return the sine of each harmonic."""
-    return sin(angle + phase)
-
-
-@elementwise(results=2)
-def sines_and_cosines_of(phase: float, angle: float) -> tuple[float, float]:
-    """Return the sine and the cosine of each harmonic."""
-    return sin(angle + phase), cos(angle + phase)
 
 
 _MASK = (1 << 64) - 1

@@ -1,5 +1,5 @@
 """
-The primary mass as a driven damped oscillator: its response, its constants, its grid of steps.
+The primary mass as a driven damped oscillator: its constants, its response, its grid of steps.
 
     X'' + 2 a X' + w^2 X = c + sum_j f_j sin(phase_j + W_j tau),     a = zeta w,  b = eta w
 
@@ -9,18 +9,22 @@ the divided difference of exp over the eigenvalues l = -a + ib and conj(l), and 
 at resonance, where the particular and the homogeneous part of the textbook form do. Far above
 resonance the textbook form is more accurate and is used.
 
-From one point of the grid to the next, X, X' and the drive are multiplied by constants.
+From one point of the grid to the next, X, X' and the drive are multiplied by constants. Errors of
+these have the same sign at each step, and would grow with their number; they are therefore summed
+with the digits of `numpy.longdouble`, for many oscillators at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from decimal import Context, Decimal, localcontext
-from functools import lru_cache
-from math import cos, expm1, factorial, frexp, ldexp, sin, sqrt
+from math import cos, expm1, factorial, sin, sqrt
 from typing import Any, NamedTuple
 
-from .kernels import kernel
+import numpy as np
+import numpy.typing as npt
+
+from .compiled import kernel
+
+Array = npt.NDArray[Any]
 
 
 class Free(NamedTuple):
@@ -56,14 +60,14 @@ class Driven(NamedTuple):
     turned_sine: float
 
 
-class Harmonic(NamedTuple):
+class Line(NamedTuple):
     """
     One harmonic of the drive, and the constants of the response to it.
 
     Attributes
     ----------
-    force, frequency : float
-        Amplitude f, m/s^2, and circular frequency W, rad/s.
+    force, frequency, phase : float
+        Amplitude f, m/s^2, circular frequency W, rad/s, and phase, rad.
     detuning : float
         W - b, rad/s.
     near_re, near_im, far_re, far_im : float
@@ -79,6 +83,7 @@ class Harmonic(NamedTuple):
 
     force: float
     frequency: float
+    phase: float
     detuning: float
     near_re: float
     near_im: float
@@ -94,116 +99,215 @@ class Harmonic(NamedTuple):
     v_sine: float
 
 
-_EXACT = Context(prec=30)
+class Oscillator(NamedTuple):
+    """
+    Mass on spring and dashpot; all per unit mass, SI units.
+
+    Attributes
+    ----------
+    decay, frequency, inverse, omega_squared, inverse_square : float
+        Constants a, b, 1/b, w^2 and 1/w^2 of the equation of motion.
+    frequency_upper, frequency_low : float
+        The upper half of the digits of `frequency`, and what it lacks to b.
+    fastest : float
+        Circular frequency of the fastest of spring and harmonics.
+    taylor_limit : float
+        Longest time for which the Taylor series is summed, s.
+    horizon, jerk_bound : float
+        A time, s, and the most that the drive adds over it to the jerk of the free vibration.
+    step, steps : float
+        Time from point to point of the grid, s, and its inverse.
+    x_x, v_x, x_v, v_v : float
+        X and X' after a step from unit X, and from unit X', without drive.
+    spring, dashpot : float
+        Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
+    bound_3, bound_4, bound_5 : float
+        Bounds of what the drive adds to the third to fifth time derivative of X, beyond the free
+        vibration, over `POINTS` steps.
+    rate_3, rate_4, rate_5 : float
+        Bounds of the rates of these.
+    """
+
+    decay: float
+    frequency: float
+    inverse: float
+    omega_squared: float
+    inverse_square: float
+    frequency_upper: float
+    frequency_low: float
+    fastest: float
+    taylor_limit: float
+    horizon: float
+    jerk_bound: float
+    step: float
+    steps: float
+    x_x: float
+    v_x: float
+    x_v: float
+    v_v: float
+    spring: float
+    dashpot: float
+    bound_3: float
+    bound_4: float
+    bound_5: float
+    rate_3: float
+    rate_4: float
+    rate_5: float
+
+
+#: Points reached from one base. The bounds grow with their number, round-off with its square root.
+POINTS = 5
+#: Length of a step, as a phase of the fastest of spring and harmonics, rad, ...
+_STEP = 1.2
+#: ... of so few binary digits that the times of the points are exact.
+_STEP_DIGITS = 20
+#: Largest phase, of the fastest of spring and harmonics, at which the Taylor series is summed.
+_TAYLOR_REACH = 0.25
 #: 1/n! for each n: the last term of the series of a step is below 1e-24.
-_INVERSES = tuple(_EXACT.divide(Decimal(1), Decimal(factorial(n))) for n in range(26))
-#: From this number of harmonics on, extended precision of numpy takes the place of decimals.
-_MANY_HARMONICS = 8
+_INVERSES = [1 / np.longdouble(factorial(n)) for n in range(26)]
+# Splits a number in two halves, whose products are exact (Dekker 1971)
+_SPLIT = 134217729.0
 
 
-def _series(factors: Sequence[Any], variable: Any) -> Any:
+def _series(factors: Any, variable: Array) -> Array:
     """Return the sum of factors times powers of a variable."""
-    total = factors[-1]
+    total: Array = np.zeros_like(variable) + factors[-1]
     for factor in reversed(factors[:-1]):
         total = total * variable + factor
     return total
 
 
-class ExactStep(NamedTuple):
+def _bound_on_drive(
+    omega: Array, decay: Array, force: Array, circular: Array, order: int, horizon: Array
+) -> Array:
+    """Bound what the drive adds to a derivative of X beyond its free vibration."""
+    # Response from rest, by Duhamel's integral with |impulse response| <= min(1/w, t) ...
+    from_rest = horizon * np.minimum(1.0 / omega, horizon / 2.0)
+    # ... or the steady response and the free vibration that starts it from rest.
+    gain = np.hypot(omega**2 - circular**2, 2.0 * decay * circular)
+    with np.errstate(divide='ignore', over='ignore'):
+        steady = (1.0 + np.hypot(1.0, circular / omega)) / gain
+    bound: Array = np.abs(force) * circular**order * np.minimum(from_rest, steady)
+    return np.asarray(bound.sum(-1))
+
+
+def _bound_on_rate(
+    omega: Array, decay: Array, force: Array, circular: Array, order: int, horizon: Array
+) -> Array:
+    """Bound the rate of what `_bound_on_drive` bounds."""
+    gain = np.hypot(omega**2 - circular**2, 2.0 * decay * circular)
+    with np.errstate(divide='ignore', over='ignore'):
+        steady = (circular + np.hypot(omega, circular)) / gain
+    bound: Array = np.abs(force) * circular**order * np.minimum(horizon, steady)
+    return np.asarray(bound.sum(-1))
+
+
+def oscillators(
+    mass: Array, stiffness: Array, damping: Array, amplitudes: Array, frequencies: Array
+) -> tuple[dict[str, Array], dict[str, Array]]:
     """
-    A step of the grid with more digits than a float has, for constants right to the last digit.
+    Return the constants of oscillators and of their harmonics, without the phases.
 
-    Errors of these constants have the same sign at each step, and would grow with their number.
-
-    Attributes
+    Parameters
     ----------
-    span : Decimal
-        The step, s.
-    spring, dashpot : Decimal
-        Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
-    responses : tuple of Decimal
-        G_n: X after a step from rest if the drive is s^(n - 2)/(n - 2)!, with the time s in steps.
-    turning : tuple of Decimal
-        The same without spring and dashpot.
+    mass, stiffness, damping : ndarray, shape (n,)
+        In kg, N/m and N s/m.
+    amplitudes, frequencies : ndarray, shape (n, h)
+        Of the forces, N and rad/s.
+
+    Returns
+    -------
+    oscillators : dict of str to ndarray, shape (n,)
+        The fields of `Oscillator`.
+    lines : dict of str to ndarray, shape (n, h)
+        The fields of `Line` but `phase`.
     """
-
-    span: Any
-    spring: Any
-    dashpot: Any
-    responses: tuple[Any, ...]
-    turning: tuple[Any, ...] = _INVERSES
-
-    @classmethod
-    def of(cls, span: Decimal, spring: Decimal, dashpot: Decimal) -> ExactStep:
-        """
-        Return a step, given the constants of its equation of motion.
-
-        Notes
-        -----
-        G_n + dashpot G_{n+1} + spring G_{n+2} = 1/n!, the equation of motion integrated n times.
-        X' after the step is G_{n-1}; from unit X' and no drive, X is G_1 and X' is G_0.
-        """
-        found = [Decimal(0), Decimal(0)]
-        for inverse in reversed(_INVERSES):
-            found.append(inverse - dashpot * found[-1] - spring * found[-2])
-        return cls(span, spring, dashpot, tuple(reversed(found)))
-
-    def driven(self, force: Any, circular: Any, moving: Any) -> tuple[Any, ...]:
-        """
-        Return the fields of a `Harmonic` from `push` on.
-
-        `moving` is its frequency, or 0 without a force: the step may be a long one for it then.
-        """
-        push, turn, angle = self.span * self.span * force, self.span * circular, self.span * moving
-        square = -angle * angle
-        even, odd = (_series(self.responses[n::2], square) for n in (2, 3))
-        return (
-            push,
-            turn,
-            _series(self.turning[::2], square),
-            angle * _series(self.turning[1::2], square),
-            push * turn * odd,
-            push * even,
-            push * turn * even / self.span,
-            push * (self.responses[1] + square * odd) / self.span,
-        )
-
-    def driven_by(self, drive: Sequence[tuple[float, float]]) -> list[list[float]]:
-        """Return these fields for each force and frequency."""
-        if len(drive) < _MANY_HARMONICS:
-            exact = [(Decimal(force), Decimal(circular)) for force, circular in drive]
-            return [[*map(float, self.driven(f, w, w if f else f))] for f, w in exact]
-        import numpy as np
-
-        span, *numbers = (np.longdouble(str(number)) for number in (self.span, *self.responses))
-        turning = tuple(np.longdouble(str(number)) for number in self.turning)
-        step = self._replace(span=span, responses=tuple(numbers), turning=turning)
-        force, circular = np.array(drive, np.longdouble).T
-        columns = step.driven(force, circular, np.where(force, circular, 0.0))
-        return np.array(columns, float).T.tolist()  # type: ignore[no-any-return]
-
-
-def make_harmonic(
-    decay: float, damped: Decimal, force: float, circular: float, driven: Sequence[float]
-) -> Harmonic:
-    """Return a harmonic, given what it does in a step of the grid."""
-    frequency = float(damped)
-    detuning = float(Decimal(circular) - damped)
-    total = circular + frequency
-    if circular > 2.0 * frequency:
-        real = decay * decay + frequency * frequency - circular * circular
-        imaginary = 2.0 * decay * circular
-    else:
-        real, imaginary = decay, detuning
+    omega_squared = stiffness / mass
+    omega = np.sqrt(omega_squared)
+    decay = damping / (2.0 * mass)
+    force = amplitudes / mass[:, None]
+    acting = np.where((force != 0.0) & (frequencies != 0.0), frequencies, 0.0)
+    fastest = np.maximum(omega, acting.max(-1, initial=0.0))
+    digits, exponent = np.frexp(_STEP / fastest)
+    step = np.ldexp(np.round(digits * 2.0**_STEP_DIGITS), exponent - _STEP_DIGITS)
+    exact = [value.astype(np.longdouble) for value in (mass, stiffness, damping, step)]
+    spring, dashpot, span = exact[1] / exact[0], exact[2] / exact[0], exact[3]
+    damped = np.sqrt(spring - dashpot * dashpot / 4)
+    in_steps = spring * span * span, dashpot * span
+    # G_n: X after a step from rest if the drive is s^(n - 2)/(n - 2)!, with the time s in steps.
+    # G_n + dashpot G_{n+1} + spring G_{n+2} = 1/n!, the equation of motion integrated n times.
+    # X' after the step is G_{n-1}; from unit X' and no drive, X is G_1 and X' is G_0.
+    found = [np.zeros_like(span), np.zeros_like(span)]
+    for inverse in reversed(_INVERSES):
+        found.append(inverse - in_steps[1] * found[-1] - in_steps[0] * found[-2])
+    responses = found[::-1]
+    frequency = damped.astype(float)
+    large = frequency * _SPLIT
+    far_grid = POINTS * step[:, None]
+    bounds = omega[:, None], decay[:, None], force, acting
+    constants = {
+        'decay': decay,
+        'frequency': frequency,
+        'inverse': 1 / damped,
+        'omega_squared': omega_squared,
+        'inverse_square': 1.0 / omega_squared,
+        'frequency_upper': large - (large - frequency),
+        'frequency_low': damped - frequency,
+        'fastest': fastest,
+        'taylor_limit': _TAYLOR_REACH / fastest,
+        'horizon': 2.0 / omega,
+        'jerk_bound': _bound_on_drive(*bounds, 3, 2.0 / omega[:, None]),
+        'step': step,
+        'steps': 1.0 / step,
+        'x_x': 1 - in_steps[0] * responses[2],
+        'v_x': -in_steps[0] * responses[1] / span,
+        'x_v': span * responses[1],
+        'v_v': responses[0],
+        'spring': in_steps[0],
+        'dashpot': in_steps[1],
+        'bound_3': _bound_on_drive(*bounds, 3, far_grid),
+        'bound_4': _bound_on_drive(*bounds, 4, far_grid),
+        'bound_5': _bound_on_drive(*bounds, 5, far_grid),
+        'rate_3': _bound_on_rate(*bounds, 3, far_grid),
+        'rate_4': _bound_on_rate(*bounds, 4, far_grid),
+        'rate_5': _bound_on_rate(*bounds, 5, far_grid),
+    }
+    circular, wide = frequencies.astype(np.longdouble), span[:, None]
+    push, turn = wide * wide * force, wide * circular
+    # Without a force the step may be a long one for a harmonic.
+    angle = wide * acting
+    square = -angle * angle
+    columns = [response[:, None] for response in responses]
+    even, odd = _series(columns[2::2], square), _series(columns[3::2], square)
+    detuning, wide_b = (circular - damped[:, None]).astype(float), frequency[:, None]
+    above = frequencies > 2.0 * wide_b
+    wide_a = np.broadcast_to(decay[:, None], frequencies.shape)
+    real = np.where(above, wide_a**2 + wide_b**2 - frequencies**2, wide_a)
+    imaginary = np.where(above, 2.0 * wide_a * frequencies, detuning)
     near = real * real + imaginary * imaginary
-    if near > 0.0:
-        real, imaginary = real / near, imaginary / near
-    far = decay * decay + total * total
-    return Harmonic(force, circular, detuning, real, imaginary, decay / far, total / far, *driven)
-
-
-# Splits a number in two halves, whose products are exact (Dekker 1971)
-_SPLIT = 134217729.0
+    near = np.where(near > 0.0, near, 1.0)
+    far = wide_a**2 + (frequencies + wide_b) ** 2
+    lines = {
+        'force': force,
+        'frequency': frequencies,
+        'detuning': detuning,
+        'near_re': real / near,
+        'near_im': imaginary / near,
+        'far_re': wide_a / far,
+        'far_im': (frequencies + wide_b) / far,
+        'push': push,
+        'turn': turn,
+        'turn_cosine': _series(_INVERSES[::2], square),
+        'turn_sine': angle * _series(_INVERSES[1::2], square),
+        'x_cosine': push * turn * odd,
+        'x_sine': push * even,
+        'v_cosine': push * turn * even / wide,
+        'v_sine': push * (columns[1] + square * odd) / wide,
+    }
+    return (
+        {name: value.astype(float) for name, value in constants.items()},
+        {name: value.astype(float) for name, value in lines.items()},
+    )
 
 
 @kernel(inline=True)
@@ -237,23 +341,13 @@ def free_response(oscillator: Oscillator, tau: float) -> Free:
 
 
 @kernel(inline=True)
-def driven_response(
-    decay: float,
-    frequency: float,
-    inverse: float,
-    omega_squared: float,
-    harmonic: Harmonic,
-    free: Free,
-    tau: float,
-) -> Driven:
+def driven_response(oscillator: Oscillator, line: Line, free: Free, tau: float) -> Driven:
     """Return the response from rest to one harmonic after a time."""
-    circular = harmonic.frequency
-    near_re = harmonic.near_re
-    near_im = harmonic.near_im
-    far_re = harmonic.far_re
-    far_im = harmonic.far_im
+    circular = line.frequency
+    near_re = line.near_re
+    near_im = line.near_im
     # exp(i W tau) as exp(i b tau) exp(i beta tau), the latter from the half angle.
-    half = 0.5 * harmonic.detuning * tau
+    half = 0.5 * line.detuning * tau
     sin_half = sin(half)
     cos_half = cos(half)
     sin_beta = 2.0 * sin_half * cos_half
@@ -261,13 +355,13 @@ def driven_response(
     cos_beta = 1.0 - versine
     cos_w = free.cosine * cos_beta - free.sine * sin_beta
     sin_w = free.sine * cos_beta + free.cosine * sin_beta
-    if circular > 2.0 * frequency:
+    if circular > 2.0 * oscillator.frequency:
         # Steady vibration and the free one that starts it from rest
         top_re = cos_w - free.step
         top_im = sin_w - circular * free.impulse
         response_re = top_re * near_re + top_im * near_im
         response_im = top_im * near_re - top_re * near_im
-        top_re = omega_squared * free.impulse - circular * sin_w
+        top_re = oscillator.omega_squared * free.impulse - circular * sin_w
         top_im = circular * (cos_w - free.rate)
         rate_re = top_re * near_re + top_im * near_im
         rate_im = top_im * near_re - top_re * near_im
@@ -285,227 +379,26 @@ def driven_response(
     # second = (exp(iW tau) - exp(conj(l) tau)) / (iW - conj(l))
     top_re = cos_w - free.envelope * free.cosine
     top_im = sin_w + free.envelope * free.sine
-    second_re = top_re * far_re + top_im * far_im
-    second_im = top_im * far_re - top_re * far_im
+    second_re = top_re * line.far_re + top_im * line.far_im
+    second_im = top_im * line.far_re - top_re * line.far_im
     # Divided difference over l, conj(l), iW, and its time derivative
-    scale = 0.5 * inverse
+    scale = 0.5 * oscillator.inverse
     response_re = (first_im - second_im) * scale
     response_im = (second_re - first_re) * scale
-    rate_re = 0.5 * (first_re + second_re) - decay * response_re
-    rate_im = 0.5 * (first_im + second_im) - decay * response_im
+    rate_re = 0.5 * (first_re + second_re) - oscillator.decay * response_re
+    rate_im = 0.5 * (first_im + second_im) - oscillator.decay * response_im
     return Driven(response_re, response_im, rate_re, rate_im, cos_w, sin_w)
 
 
-#: Length of a step, as a phase of the fastest of spring and harmonics, rad.
-_STEP = 1.2
-#: Binary digits of this length.
-_STEP_DIGITS = 20
-#: Points reached from one base. The bounds grow with their number, round-off with its square root.
-_POINTS = 5
-
-
-class Grid(NamedTuple):
-    """
-    Constants of one step.
-
-    Attributes
-    ----------
-    step, inverse : float
-        Time from point to point, s, and its inverse.
-    points : int
-        Number of points for which the bounds hold.
-    x_x, v_x, x_v, v_v : float
-        X and X' after a step from unit X, and from unit X', without drive.
-    bound_3, bound_4, bound_5, bound_6 : float
-        As the oscillator's bounds, over all points.
-    spring, dashpot : float
-        Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
-    """
-
-    step: float
-    inverse: float
-    points: int
-    x_x: float
-    v_x: float
-    x_v: float
-    v_v: float
-    bound_3: float
-    bound_4: float
-    bound_5: float
-    bound_6: float
-    spring: float
-    dashpot: float
-
-
-def drive_bounds(
-    omega: float,
-    decay: float,
-    drive: Sequence[tuple[float, float]],
-    orders: Sequence[int],
-    horizon: float,
-) -> list[float]:
-    """Bound what the drive adds to derivatives of X beyond its free vibration."""
-    totals = [0.0] * len(orders)
-    # Response from rest, by Duhamel's integral with |impulse response| <= min(1/w, t) ...
-    from_rest = horizon * min(1.0 / omega, horizon / 2.0)
-    for force, frequency in drive:
-        # ... or the steady response and the free vibration that starts it from rest.
-        gain = sqrt((omega**2 - frequency**2) ** 2 + (2.0 * decay * frequency) ** 2)
-        response = from_rest
-        if gain > 0.0:
-            response = min(from_rest, (1.0 + sqrt(1.0 + frequency**2 / omega**2)) / gain)
-        for k, order in enumerate(orders):
-            totals[k] += abs(force) * frequency**order * response
-    return totals
-
-
-def make_grid(
-    omega: float,
-    decay: float,
-    drive: Sequence[tuple[float, float]],
-    step: float,
-    exact: ExactStep,
-) -> Grid:
-    """Return the grid of an oscillator."""
-    rate, x, x_held = exact.responses[:3]
-    bounds = drive_bounds(omega, decay, drive, (3, 4, 5, 6), _POINTS * step)
-    return Grid(
-        step=step,
-        inverse=1.0 / step,
-        points=_POINTS,
-        x_x=float(1 - exact.spring * x_held),
-        v_x=float(-exact.spring * x / exact.span),
-        x_v=float(exact.span * x),
-        v_v=float(rate),
-        bound_3=bounds[0],
-        bound_4=bounds[1],
-        bound_5=bounds[2],
-        bound_6=bounds[3],
-        spring=float(exact.spring),
-        dashpot=float(exact.dashpot),
-    )
-
-
-#: Largest phase, of the fastest of spring and harmonics, at which the Taylor series is summed.
-_TAYLOR_REACH = 0.25
-
-
-class Oscillator(NamedTuple):
-    """
-    Mass on spring and dashpot with its harmonic drive; all per unit mass, SI units.
-
-    Attributes
-    ----------
-    decay, frequency, inverse, omega_squared : float
-        Constants a, b, 1/b and w^2 of the equation of motion.
-    frequency_upper, frequency_low : float
-        The upper half of the digits of `frequency`, and what it lacks to b.
-    harmonics : tuple of Harmonic
-        The drive.
-    fastest : float
-        Circular frequency of the fastest of spring and harmonics.
-    taylor_limit : float
-        Longest time for which the Taylor series is summed.
-    horizon : float
-        Longest time for which the bounds hold, s.
-    bound_3, bound_4, bound_5 : float
-        Bounds of what the drive adds to the third to fifth time derivative of X, beyond the free
-        vibration, over the horizon.
-    grid : Grid
-        Steps of the quick search.
-    """
-
-    decay: float
-    frequency: float
-    frequency_upper: float
-    frequency_low: float
-    inverse: float
-    omega_squared: float
-    harmonics: tuple[Harmonic, ...]
-    fastest: float
-    taylor_limit: float
-    horizon: float
-    bound_3: float
-    bound_4: float
-    bound_5: float
-    grid: Grid
-
-
-@lru_cache(maxsize=64)
-def make_oscillator(
-    mass: float,
-    stiffness: float,
-    damping: float,
-    amplitudes: tuple[float, ...],
-    frequencies: tuple[float, ...],
-) -> Oscillator:
-    """Return the oscillator of one mass with the bounds of its drive."""
-    omega_squared = stiffness / mass
-    omega = sqrt(omega_squared)
-    decay = damping / (2.0 * mass)
-    drive = [(a / mass, w) for a, w in zip(amplitudes, frequencies, strict=True)]
-    fastest = max([omega, *(w for f, w in drive if f != 0.0 and w != 0.0)])
-    horizon = 2.0 / omega
-    bounds = drive_bounds(omega, decay, drive, (3, 4, 5), horizon)
-    digits, exponent = frexp(_STEP / fastest)
-    # So few digits that the times of the points of the grid are exact
-    step = ldexp(round(digits * 2.0**_STEP_DIGITS), exponent - _STEP_DIGITS)
-    with localcontext(_EXACT):
-        span = Decimal(step)
-        spring, dashpot = Decimal(stiffness) / Decimal(mass), Decimal(damping) / Decimal(mass)
-        exact = ExactStep.of(span, spring * span * span, dashpot * span)
-        damped = (spring - dashpot * dashpot / 4).sqrt()
-        frequency = float(damped)
-        low = float(damped - Decimal(frequency))
-        harmonics = tuple(
-            make_harmonic(decay, damped, *one, driven)
-            for one, driven in zip(drive, exact.driven_by(drive), strict=True)
-        )
-        grid = make_grid(omega, decay, drive, step, exact)
-    return Oscillator(
-        decay=decay,
-        frequency=frequency,
-        frequency_upper=frequency * _SPLIT - (frequency * _SPLIT - frequency),
-        frequency_low=low,
-        inverse=float(1 / damped),
-        omega_squared=omega_squared,
-        harmonics=harmonics,
-        fastest=fastest,
-        taylor_limit=_TAYLOR_REACH / fastest,
-        horizon=horizon,
-        bound_3=bounds[0],
-        bound_4=bounds[1],
-        bound_5=bounds[2],
-        grid=grid,
-    )
-
-
 @kernel(inline=True)
-def acceleration_at(
-    oscillator: Oscillator, constant: float, sines: tuple[float, ...], x: float, velocity: float
-) -> float:
-    """Return X'' from the equation of motion."""
-    acceleration = constant - 2.0 * oscillator.decay * velocity - oscillator.omega_squared * x
-    for j in range(len(sines)):
-        acceleration += oscillator.harmonics[j].force * sines[j]
-    return acceleration
-
-
-@kernel(inline=True)
-def derivative_bound(
-    oscillator: Oscillator, derivative: float, next_derivative: float, drive_bound: float
-) -> float:
+def free_bound(oscillator: Oscillator, derivative: float, next_derivative: float) -> float:
     """
-    Return a bound of a derivative of X over the oscillator's horizon.
+    Return a bound of a derivative of the free vibration from an instant on.
 
     Notes
     -----
-    The n-th derivative y obeys the same equation of motion. Its free vibration has
-    w^2 y^2 + y'^2 never growing; the drive adds at most `drive_bound`.
+    The n-th derivative y obeys the same equation of motion, in which w^2 y^2 + y'^2 never grows;
+    w times this is a bound of y'.
     """
-    return (
-        sqrt(
-            derivative * derivative + next_derivative * next_derivative / oscillator.omega_squared
-        )
-        + drive_bound
-    )
+    rate = next_derivative * next_derivative * oscillator.inverse_square
+    return sqrt(derivative * derivative + rate)

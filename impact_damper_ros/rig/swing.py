@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from .event import Event, Sample
+if TYPE_CHECKING:
+    from .event import Event, Sample
 
 
 def turning_point(

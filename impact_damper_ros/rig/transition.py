@@ -4,31 +4,52 @@ Transitions: impacts and all other events, from the state before to the state af
 Bapat (1995), equations (10)-(11); for complete chatter Budd and Dux (1994), Phil. Trans. R. Soc.
 Lond. A 347, and Nordmark and Piiroinen (2009), Nonlinear Dynamics 58.
 
-`resolve` takes the flight that an event ends and returns the origin of the next one.
+A moving stop never does work: where it meets m it stops, at rest relative to M, before m may hit
+it. Its velocity therefore enters no impact.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf, sqrt
-from typing import NamedTuple
 
-from .certificate import least_step
+from .compiled import kernel
+from .event import (
+    IMPACT,
+    RELEASE_EVENT,
+    REST_EVENT,
+    REVERSAL_EVENT,
+    STICK_EVENT,
+    STOP_ARRIVED,
+    STOP_TOUCHED,
+    EventRow,
+    write_event,
+    write_quiet,
+)
+from .first_event import set_side
 from .flight import (
     ARRIVAL,
+    CHATTER_END,
     CONTACT_1,
     CONTACT_2,
     RELEASE_UP,
     REVERSAL,
     STOP_ARRIVED_1,
     STOP_ARRIVED_2,
-    Flight,
-    FlightEnd,
+    Lines,
     Motion,
+    Waves,
+    begin_flight,
+    move_origin,
+    move_to,
+    moving_mode,
+    rest,
+    set_waves,
     starting_motion,
+    support_need,
 )
-from .forcing import sines_of
-from .kernels import kernel
-from .mode import (
+from .oscillator import free_bound
+from .state import (
     CHATTER_1,
     CHATTER_2,
     FREE,
@@ -38,12 +59,14 @@ from .mode import (
     SLIDE_UP,
     STICK,
     RigConstants,
-    launch,
-    mode_at_rest,
-    support_need,
+    Run,
+    on_stop_1,
+    on_stop_2,
+    place,
+    stop_under,
 )
-from .origin import Origin, carried, locked, on_stop
-from .oscillator import derivative_bound
+
+Log = Sequence[EventRow]
 
 #: A chatter is completed in closed form once the relative acceleration that drives it can change
 #: by at most this fraction until its end, and
@@ -55,26 +78,14 @@ CHATTER_INSTANT_TOLERANCE = 1e-12
 CHATTER_SPAN = 1e-4
 #: once no bounce that is left is higher than this fraction of the present gap.
 CHATTER_HEIGHT = 1e-9
+#: Shortest bounce that is resolved, in horizons.
+SHORTEST_BOUNCE = 1e-9
 
 
 @kernel(inline=True)
-def rebound(
-    velocity: float, relative_velocity: float, restitution: float, mass_ratio: float
-) -> tuple[float, float]:
-    """Return the velocities after an impact from those before it."""
-    share = mass_ratio / (1.0 + mass_ratio)
-    return (
-        velocity + share * (1.0 + restitution) * relative_velocity,
-        -restitution * relative_velocity,
-    )
-
-
-@kernel(inline=True)
-def impulse(
-    damper_mass: float, mass_ratio: float, restitution: float, relative_velocity: float
-) -> float:
-    """Return the impulse of an impact, N s, from the relative velocity just before it."""
-    return damper_mass * (1.0 + restitution) / (1.0 + mass_ratio) * abs(relative_velocity)
+def common_velocity(rig: RigConstants, run: Run) -> float:
+    """Return the velocity that M and m would have together."""
+    return run.velocity + rig.share * run.relative_velocity
 
 
 @kernel
@@ -85,19 +96,6 @@ def bounce_duration(speed: float, press: float, grip: float) -> float:
         return inf
     up = press + grip
     return speed * (1.0 / up + 1.0 / sqrt(up * down))
-
-
-@kernel(inline=True)
-def may_chatter(speed: float, push: float, jerk_bound: float, shortest: float) -> bool:
-    """
-    Return whether a chatter may be complete, or a bounce too short to be resolved.
-
-    Notes
-    -----
-    A bounce takes 2 speed/push at least.
-    """
-    twice = 2.0 * speed
-    return jerk_bound * twice <= CHATTER_TOLERANCE * push * push or twice <= shortest * push
 
 
 @kernel
@@ -133,205 +131,377 @@ def may_complete(
     )
 
 
-class Transition(NamedTuple):
+@kernel(inline=True)
+def may_chatter(rig: RigConstants, run: Run) -> bool:
     """
-    State and velocities before and after an event.
+    Return whether a chatter may be complete, or a bounce too short to be resolved.
 
-    Attributes
-    ----------
-    origin : Origin
-        State after the event.
-    stop : int
-        The stop hit, 1 or 2; 0 if none was.
-    velocity_before, relative_velocity_before : float
-        X' and Y' just before the event.
-    velocity_after, relative_velocity_after : float
-        X' and Y' just after it.
+    A bounce takes 2 speed/push at least. No sine is evaluated.
     """
-
-    origin: Origin
-    stop: int
-    velocity_before: float
-    relative_velocity_before: float
-    velocity_after: float
-    relative_velocity_after: float
-
-
-@kernel(inline=True)
-def impulse_of(rig: RigConstants, damper_mass: float, transition: Transition) -> float:
-    """Return the impulse of an impact, N s, from its transition."""
-    restitution = rig.restitution_1 if transition.stop == 1 else rig.restitution_2
-    if transition.relative_velocity_after == 0.0:
-        restitution = 0.0
-    return impulse(damper_mass, rig.mass_ratio, restitution, transition.relative_velocity_before)
-
-
-@kernel(inline=True)
-def moving_mode(rig: RigConstants, relative_velocity: float) -> int:
-    """Return the mode of m that moves relative to M."""
-    if rig.grip == 0.0:
-        return FREE
-    return SLIDE_DOWN if relative_velocity > 0.0 else SLIDE_UP
-
-
-@kernel
-def at_rest(rig: RigConstants, origin: Origin) -> Origin:
-    """Return the state that follows when the relative velocity has become zero."""
-    still = origin._replace(relative_velocity=0.0, released=False, chatter_left=0.0)
-    return still._replace(mode=mode_at_rest(rig, still, sines_of(rig.phases, still.angles)))
-
-
-@kernel(inline=True)
-def is_no_chatter(rig: RigConstants, hit: Origin, stop: int) -> bool:
-    """Return whether an impact certainly belongs to no chatter; evaluates no sine."""
     push = rig.push + (1.0 + rig.mass_ratio) * (
-        rig.joint.omega_squared * abs(hit.x)
-        + 2.0 * rig.joint.decay * abs(common_velocity(rig, hit))
+        rig.joint.omega_squared * abs(run.x)
+        + 2.0 * rig.joint.decay * abs(common_velocity(rig, run))
     )
-    speed = hit.relative_velocity if stop == 2 else -hit.relative_velocity
-    shortest = least_step(rig.free.horizon)
-    return not may_chatter(speed, push, rig.free.bound_3, shortest)
-
-
-@kernel(inline=True)
-def common_velocity(rig: RigConstants, origin: Origin) -> float:
-    """Return the velocity that M and m would have together."""
-    share = rig.mass_ratio / (1.0 + rig.mass_ratio)
-    return origin.velocity + share * origin.relative_velocity
+    twice = 2.0 * abs(run.relative_velocity)
+    return (
+        rig.free.jerk_bound * twice <= CHATTER_TOLERANCE * push * push
+        or twice <= SHORTEST_BOUNCE * rig.free.horizon * push
+    )
 
 
 @kernel
-def _last_bounces(rig: RigConstants, hit: Origin, stop: int, restitution: float) -> Origin:
-    """Return the state just after an impact, in the chatter that it belongs to if it does."""
-    common = common_velocity(rig, hit)
+def end_bounces(
+    rig: RigConstants, lines: Lines, run: Run, waves: Waves, stop: int, restitution: float
+) -> None:
+    """Go over to the chatter that an impact belongs to, if it does and can be completed."""
+    common = common_velocity(rig, run)
     away = 1.0 if stop == 2 else -1.0
-    speed = away * hit.relative_velocity
-    need = support_need(rig, hit, sines_of(rig.phases, hit.angles), common)
-    press = (1.0 + rig.mass_ratio) * away * need
+    speed = away * run.relative_velocity
+    set_waves(rig, lines, waves)
+    press = (1.0 + rig.mass_ratio) * away * support_need(rig, lines, run, waves, common)
     grip = (1.0 + rig.mass_ratio) * rig.grip
     left = chatter_duration(speed, press, grip, restitution)
     bounce = bounce_duration(speed, press, grip)
-    if bounce < least_step(rig.free.horizon):
+    if bounce < SHORTEST_BOUNCE * rig.free.horizon:
         # Bounces too short to be resolved. On an elastic stop they have no end, and no energy.
         left = left if left < inf else 0.0
     elif left < inf:
         omega = sqrt(rig.free.omega_squared)
         # Infinite with one stop only; there `CHATTER_SPAN` bounds the height.
-        gap = hit.clearance_1 + hit.clearance_2
+        gap = run.clearance_1 + run.clearance_2
         # The smallest possible bound of the jerk excludes most of the others.
-        jerk = rig.free.bound_3
+        jerk = rig.free.jerk_bound
         if not may_complete(left, speed, press, grip, jerk, omega, gap):
-            return hit
-        motion: Motion = starting_motion(launch(rig, hit))
-        jerk = derivative_bound(rig.free, motion.x_3, motion.x_4, jerk)
+            return
+        begin_flight(rig, lines, run, waves)
+        motion: Motion = starting_motion(rig, lines, run, waves)
+        jerk += free_bound(rig.free, motion.x_3, motion.x_4)
         if not may_complete(left, speed, press, grip, jerk, omega, gap):
-            return hit
+            return
     else:
-        return hit
-    mode = CHATTER_1 if stop == 1 else CHATTER_2
-    return hit._replace(mode=mode, velocity=common, relative_velocity=0.0, chatter_left=left)
+        return
+    run.mode = CHATTER_1 if stop == 1 else CHATTER_2
+    run.velocity = common
+    run.relative_velocity = 0.0
+    run.chatter_left = left
 
 
 @kernel(inline=True)
-def rebounded(rig: RigConstants, origin: Origin, stop: int) -> tuple[float, float, float, float]:
-    """Return the velocities at an impact."""
-    relative_before = origin.relative_velocity
+def strike(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, stop: int) -> None:
+    """Resolve and report an impact."""
+    before = run.velocity
+    relative_before = run.relative_velocity
     # Towards stop 1 is positive; round-off must not give a grazing contact a negative speed.
     if stop == 1:
         relative_before = max(relative_before, 0.0)
         restitution = rig.restitution_1
+        held = run.stop_1 > run.target_1
     else:
         relative_before = min(relative_before, 0.0)
         restitution = rig.restitution_2
-    if origin.clearance_1 == 0.0 and origin.clearance_2 == 0.0:
+        held = run.stop_2 < run.target_2
+    if run.clearance_1 == 0.0 and run.clearance_2 == 0.0:
         # With no room between the stops, impacts on both follow without end until m is at rest.
         restitution = 0.0
-    after, relative_after = rebound(origin.velocity, relative_before, restitution, rig.mass_ratio)
-    return restitution, relative_before, after, relative_after
+    after = before + rig.share * (1.0 + restitution) * relative_before
+    relative_after = -restitution * relative_before
+    run.velocity = after
+    run.last_stop = stop
+    run.released = False
+    run.chatter_left = 0.0
+    if relative_after == 0.0:
+        restitution = 0.0
+        # -0.0 would be taken for a direction.
+        relative_after = 0.0
+        rest(rig, lines, run, waves)
+    else:
+        run.relative_velocity = relative_after
+        run.mode = moving_mode(rig, relative_after)
+        if not held and may_chatter(rig, run):
+            end_bounces(rig, lines, run, waves, stop, restitution)
+    impulse = rig.damper_mass * (1.0 + restitution) / (1.0 + rig.mass_ratio) * abs(relative_before)
+    damper_after = after + relative_after
+    write_event(
+        run, log, IMPACT, stop, before, after, before + relative_before, damper_after, impulse
+    )
+    if run.mode == REST_1 or run.mode == REST_2:
+        write_event(run, log, REST_EVENT, stop, after, after, after, damper_after, 0.0)
 
 
 @kernel(inline=True)
-def struck(rig: RigConstants, origin: Origin, stop: int) -> Transition:
-    """Resolve an impact."""
-    before = origin.velocity
-    restitution, relative_before, after, relative_after = rebounded(rig, origin, stop)
-    if relative_after == 0.0:
-        # -0.0 would be taken for a direction
-        relative_after = 0.0
-        hit = origin._replace(velocity=after, relative_velocity=0.0, last_stop=stop)
-        return Transition(at_rest(rig, hit), stop, before, relative_before, after, relative_after)
-    hit = origin._replace(
-        mode=moving_mode(rig, relative_after),
-        velocity=after,
-        relative_velocity=relative_after,
-        last_stop=stop,
-        released=False,
-        chatter_left=0.0,
-    )
-    held = hit.stop_1 > hit.target_1 if stop == 1 else hit.stop_2 < hit.target_2
-    if not held and not is_no_chatter(rig, hit, stop):
-        hit = _last_bounces(rig, hit, stop, restitution)
-    return Transition(hit, stop, before, relative_before, after, relative_after)
+def put_on_stop(rig: RigConstants, run: Run, stop: int) -> None:
+    """Put m exactly on a stop."""
+    across = inf if rig.one_sided else max(0.0, run.stop_1 - run.stop_2)
+    run.clearance_1 = 0.0 if stop == 1 else across
+    run.clearance_2 = across if stop == 1 else 0.0
 
 
 @kernel
-def _touched(rig: RigConstants, there: Origin, stop: int) -> Transition:
-    """Resolve the contact of m with a moving stop, which stays there; m may hit it."""
-    before = there.velocity
-    relative_before = there.relative_velocity
-    there = locked(rig.one_sided, there, stop)
-    outward = relative_before > 0.0 if stop == 1 else relative_before < 0.0
-    if outward:
-        return struck(rig, there, stop)
-    if relative_before == 0.0:
-        there = at_rest(rig, there)
-    return Transition(there, stop, before, relative_before, before, relative_before)
+def lock_stop(rig: RigConstants, run: Run, stop: int) -> None:
+    """Let a moving stop that has met m stay there."""
+    if stop == 1:
+        # The stops never cross; with m on both there is no room between them.
+        if run.clearance_2 == 0.0 or (not rig.one_sided and run.stop_1 < run.stop_2):
+            run.stop_1 = run.stop_2
+        run.target_1 = run.stop_1
+        run.stop_velocity_1 = 0.0
+    else:
+        if run.clearance_1 == 0.0 or run.stop_2 > run.stop_1:
+            run.stop_2 = run.stop_1
+        run.target_2 = run.stop_2
+        run.stop_velocity_2 = 0.0
+    run.released = False
+    put_on_stop(rig, run, stop)
+
+
+@kernel
+def report_support(run: Run, log: Log, mode_before: int) -> None:
+    """Report the rest or the release that a change of support causes, if any."""
+    if mode_before >= STICK > run.mode:
+        write_quiet(run, log, RELEASE_EVENT, stop_under(mode_before))
+    elif run.mode in (REST_1, REST_2) and (mode_before < STICK or mode_before >= CHATTER_1):
+        write_quiet(run, log, REST_EVENT, stop_under(run.mode))
+
+
+@kernel
+def resolve_contact(
+    rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, stop: int
+) -> None:
+    """Resolve the contact of m with a stop, which stays there if it moves."""
+    if (run.stop_velocity_1 if stop == 1 else run.stop_velocity_2) == 0.0:
+        put_on_stop(rig, run, stop)
+        strike(rig, lines, run, waves, log, stop)
+        return
+    mode_before = run.mode
+    relative = run.relative_velocity
+    lock_stop(rig, run, stop)
+    write_quiet(run, log, STOP_TOUCHED, stop)
+    if relative > 0.0 if stop == 1 else relative < 0.0:
+        strike(rig, lines, run, waves, log, stop)
+    elif relative == 0.0:
+        rest(rig, lines, run, waves)
+        report_support(run, log, mode_before)
+
+
+@kernel
+def resolve_rest(
+    rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, kind: int
+) -> None:
+    """Resolve the end of a chatter, a reversal, or a support that gives way."""
+    mode_before = run.mode
+    before = run.velocity
+    relative_before = run.relative_velocity
+    if kind == REVERSAL and run.tau == 0.0:
+        # m does not leave its support after all: the forces balance to round-off.
+        run.mode = STICK
+        if on_stop_1(run):
+            run.mode = REST_1
+        elif on_stop_2(run):
+            run.mode = REST_2
+        run.relative_velocity = 0.0
+        run.released = False
+        run.chatter_left = 0.0
+    elif kind in (REVERSAL, CHATTER_END) or mode_before >= CHATTER_1:
+        rest(rig, lines, run, waves)
+    else:
+        # A support gives way, in the direction that the event names.
+        run.mode = FREE
+        if rig.grip > 0.0:
+            run.mode = SLIDE_UP if kind == RELEASE_UP else SLIDE_DOWN
+        run.relative_velocity = 0.0
+        run.released = True
+        run.chatter_left = 0.0
+    code = 0
+    stop = 0
+    if run.released:
+        code = RELEASE_EVENT
+        stop = stop_under(mode_before)
+    elif run.mode == REST_1 or run.mode == REST_2:
+        code = REST_EVENT
+        stop = stop_under(run.mode)
+    elif run.mode == STICK:
+        code = STICK_EVENT
+    elif kind == REVERSAL:
+        code = REVERSAL_EVENT
+    if code != 0:
+        write_event(run, log, code, stop, before, before, before + relative_before, before, 0.0)
 
 
 @kernel(inline=True)
-def resolve(rig: RigConstants, origin: Origin, flight: Flight, end: FlightEnd) -> Transition:
-    """Resolve the event that ends a flight."""
-    kind = end.kind
-    there = carried(origin, flight, end)
-    before = there.velocity
-    relative_before = there.relative_velocity
+def resolve(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -> None:
+    """Go to the event that ends the flight, resolve and report it, and begin the next flight."""
+    kind = run.kind
+    direction = run.direction
+    side = run.crossing_side
+    move_origin(
+        lines,
+        run,
+        waves,
+        run.tau,
+        run.end_x,
+        run.end_velocity,
+        run.end_travel,
+        run.end_relative_velocity,
+    )
     if kind in (CONTACT_1, CONTACT_2):
-        stop = 1 if kind == CONTACT_1 else 2
-        velocity = there.stop_velocity_1 if stop == 1 else there.stop_velocity_2
-        if velocity != 0.0:
-            return _touched(rig, there, stop)
-        there = on_stop(rig.one_sided, there, stop, there.stop_1, there.stop_2)
-        return struck(rig, there, stop)
-    if kind == ARRIVAL:
-        if flight.direction < 0:
-            there = on_stop(rig.one_sided, there, 1, there.target_1, there.stop_2)
+        resolve_contact(rig, lines, run, waves, log, 1 if kind == CONTACT_1 else 2)
+    elif kind == ARRIVAL:
+        stop = 1 if direction < 0 else 2
+        if stop == 1:
+            run.stop_1 = run.target_1
         else:
-            there = on_stop(rig.one_sided, there, 2, there.stop_1, there.target_2)
-        return Transition(there, 0, before, relative_before, before, relative_before)
-    if kind in (STOP_ARRIVED_1, STOP_ARRIVED_2):
-        stop = 1 if kind == STOP_ARRIVED_1 else 2
-        there = there._replace(
-            stop_1=there.target_1 if stop == 1 else there.stop_1,
-            stop_2=there.target_2 if stop == 2 else there.stop_2,
-            stop_velocity_1=0.0 if stop == 1 else there.stop_velocity_1,
-            stop_velocity_2=0.0 if stop == 2 else there.stop_velocity_2,
-        )
-        return Transition(there, 0, before, relative_before, before, relative_before)
-    if kind == REVERSAL and end.tau == 0.0:
-        # m does not leave its support after all: the forces balance to round-off.
-        mode = STICK
-        if there.clearance_1 == 0.0 and there.stop_velocity_1 == 0.0:
-            mode = REST_1
-        elif there.clearance_2 == 0.0 and there.stop_velocity_2 == 0.0:
-            mode = REST_2
-        there = there._replace(mode=mode, relative_velocity=0.0, released=False, chatter_left=0.0)
-        return Transition(there, 0, before, relative_before, before, 0.0)
-    if kind == REVERSAL or origin.mode >= CHATTER_1:
-        there = at_rest(rig, there)
-        return Transition(there, 0, before, relative_before, before, 0.0)
-    # A support gives way, in the direction that the event names.
-    mode = FREE
-    if rig.grip > 0.0:
-        mode = SLIDE_UP if kind == RELEASE_UP else SLIDE_DOWN
-    there = there._replace(mode=mode, relative_velocity=0.0, released=True, chatter_left=0.0)
-    return Transition(there, 0, before, 0.0, before, 0.0)
+            run.stop_2 = run.target_2
+        put_on_stop(rig, run, stop)
+        write_quiet(run, log, STOP_ARRIVED, stop)
+    elif kind == STOP_ARRIVED_1:
+        run.stop_1 = run.target_1
+        run.stop_velocity_1 = 0.0
+        write_quiet(run, log, STOP_ARRIVED, 1)
+    elif kind == STOP_ARRIVED_2:
+        run.stop_2 = run.target_2
+        run.stop_velocity_2 = 0.0
+        write_quiet(run, log, STOP_ARRIVED, 2)
+    else:
+        resolve_rest(rig, lines, run, waves, log, kind)
+    if side != 0:
+        set_side(rig, lines, run, waves, side)
+    begin_flight(rig, lines, run, waves)
+
+
+@kernel
+def begin_from(rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log) -> None:
+    """Begin from a state of unknown mode, with the impact of m that moves into its stop."""
+    relative = run.relative_velocity
+    if relative == 0.0:
+        mode = run.mode
+        left = run.chatter_left
+        rest(rig, lines, run, waves)
+        # A chatter that its stop still bears comes to rest when it would have done.
+        if mode >= CHATTER_1 and stop_under(run.mode) == stop_under(mode):
+            run.mode = mode
+            run.chatter_left = left
+    elif on_stop_1(run) and relative > 0.0:
+        strike(rig, lines, run, waves, log, 1)
+    elif on_stop_2(run) and relative < 0.0:
+        strike(rig, lines, run, waves, log, 2)
+    else:
+        run.mode = moving_mode(rig, relative)
+        run.chatter_left = 0.0
+    begin_flight(rig, lines, run, waves)
+
+
+#: A stop just after a command: it moves, is at its target, or touches m and cannot move further.
+MOVING = 0
+ARRIVED = 1
+TOUCHED = 2
+
+
+@kernel
+def send_stop(rig: RigConstants, run: Run, stop: int, target: float, speed: float) -> int:
+    """Send a stop to a target, at once or at a speed; velocities and mode stay."""
+    outwards = 1.0 if stop == 1 else -1.0
+    here = run.stop_1 if stop == 1 else run.stop_2
+    clearance = run.clearance_1 if stop == 1 else run.clearance_2
+    way = target - here
+    velocity = 0.0
+    if way != 0.0 and speed < inf:
+        velocity = speed if way > 0.0 else -speed
+    offset = place(run)
+    if stop == 1:
+        run.target_1 = target
+        run.stop_velocity_1 = velocity
+    else:
+        run.target_2 = target
+        run.stop_velocity_2 = velocity
+    if velocity != 0.0:
+        closing = outwards * (run.relative_velocity - velocity)
+        if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
+            lock_stop(rig, run, stop)
+            return TOUCHED
+        return MOVING
+    if way == 0.0:
+        return ARRIVED
+    touches = outwards * way < 0.0 and outwards * (target - offset) <= 0.0
+    if touches:
+        target = offset
+    # The clearance changes by what the stop moves, so that a small one keeps its digits.
+    clearance = max(0.0, clearance + outwards * way)
+    if stop == 1:
+        run.stop_1 = target
+        run.clearance_1 = clearance
+    else:
+        run.stop_2 = target
+        run.clearance_2 = clearance
+    if touches:
+        lock_stop(rig, run, stop)
+        return TOUCHED
+    return ARRIVED
+
+
+@kernel
+def move_stops(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Log,
+    stop_1: float,
+    stop_2: float,
+    speed: float,
+) -> None:
+    """Send stops to targets, Y in m, at the present time; NaN leaves a stop alone, or moving."""
+    side = run.crossing_side
+    move_to(rig, lines, run, waves, run.now)
+    if side != 0:
+        set_side(rig, lines, run, waves, side)
+    mode = run.mode
+    was_on_1 = on_stop_1(run)
+    was_on_2 = on_stop_2(run)
+    first = MOVING
+    second = MOVING
+    if stop_1 == stop_1:
+        first = send_stop(rig, run, 1, stop_1, speed)
+    if stop_2 == stop_2:
+        second = send_stop(rig, run, 2, stop_2, speed)
+    if first != MOVING:
+        write_quiet(run, log, STOP_ARRIVED if first == ARRIVED else STOP_TOUCHED, 1)
+    if second != MOVING:
+        write_quiet(run, log, STOP_ARRIVED if second == ARRIVED else STOP_TOUCHED, 2)
+    if on_stop_1(run) == was_on_1 and on_stop_2(run) == was_on_2:
+        begin_flight(rig, lines, run, waves)
+        return
+    written = run.written
+    begin_from(rig, lines, run, waves, log)
+    if run.written == written:
+        report_support(run, log, mode)
+
+
+@kernel
+def place_stops_at_gap(rig: RigConstants, run: Run) -> None:
+    """
+    Move both stops to half the gap of the rig, at once.
+
+    A stop that would pass m is placed at m and follows it inwards from then on.
+    """
+    offset = place(run)
+    half = rig.half_gap
+    stop_1 = max(half, offset)
+    stop_2 = -half if rig.one_sided else min(-half, offset)
+    # Clearances change by what the stops move, so that small ones keep their digits.
+    run.clearance_1 = max(0.0, run.clearance_1 + (stop_1 - run.stop_1))
+    if stop_1 == offset and stop_1 > half:
+        run.clearance_1 = 0.0
+    if rig.one_sided:
+        run.clearance_2 = inf
+    elif run.clearance_2 == inf:
+        run.clearance_2 = max(0.0, offset - stop_2)
+    else:
+        run.clearance_2 = max(0.0, run.clearance_2 - (stop_2 - run.stop_2))
+    if stop_2 == offset and stop_2 < -half and not rig.one_sided:
+        run.clearance_2 = 0.0
+    run.stop_1 = stop_1
+    run.stop_2 = stop_2
+    run.target_1 = half
+    run.target_2 = -half
+    run.stop_velocity_1 = 0.0
+    run.stop_velocity_2 = 0.0

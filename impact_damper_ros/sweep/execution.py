@@ -25,12 +25,11 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 
 import impact_damper_ros
-from impact_damper_ros.control import LawError, OwnLaw
-from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.rig import ParameterError, RigParameters, RunawayError
+from impact_damper_ros.control import LawError, OwnLaw, Rig
+from impact_damper_ros.rig import ParameterError, RunawayError
 from impact_damper_ros.rig.arguments import need, need_call
-from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.rig.parameter_spec import whole_number
+from impact_damper_ros.rig.snapshot import Snapshot
 
 from .journal import Done, Journal
 from .plan import Follow, RigSetup, Settings, SweepPlan
@@ -41,27 +40,29 @@ from .table import Row, failed_row, row_of
 _State = dict[str, Any]
 
 
-def _continued(state: _State, parameters: RigParameters) -> LongRun:
-    """Return a rig that continues from the state of another one, with its time from 0."""
-    run = LongRun.restore(state)
-    run.change(parameters)
-    snapshot = run.snapshot()
-    origin = dict(snapshot['origin'])
-    # A flight begins at a change of the parameters, or earlier if none is another
-    since = origin['time'] - snapshot['time']
-    origin['time'] = since + origin['time_low']
-    origin['time_low'] -= origin['time'] - since
-    return LongRun.restore({**snapshot, 'time': 0.0, 'origin': origin})
+def _rig_of(setup: RigSetup, state: _State | None) -> Rig:
+    """
+    Return a rig; with a state, it continues from there.
 
-
-def _controlled(setup: RigSetup, state: _State | None) -> ControlledRun:
-    """Return a rig under control; with a state, it continues at the time of that state."""
-    law = OwnLaw.from_text(setup.law) if setup.law else None
+    Under control it continues at the time of that state, without at time 0.
+    """
+    parameters, control = setup.parameters, setup.control
+    law = OwnLaw.from_text(setup.law) if setup.law and control.active else None
     if state is None:
-        return ControlledRun(setup.parameters, setup.initial, setup.control, law)
-    run = ControlledRun.restore(state, law)
-    run.change(setup.parameters, setup.control)
-    return run
+        return Rig(parameters, setup.initial, control=control, law=law, compiled=None)
+    if control.active:
+        rig = Rig.restore(state, law, compiled=None)
+        rig.change(parameters, control)
+        return rig
+    rig = Rig.resume(Snapshot.from_dict(state), compiled=None)
+    rig.change(parameters)
+    here = rig.state()
+    run = here.run
+    # A flight begins at a change of the parameters, or earlier if none is another
+    since, run.now = run.time - run.now, 0.0
+    run.time = since + run.time_low
+    run.time_low -= run.time - since
+    return Rig.resume(here, compiled=None)
 
 
 def rig_row(
@@ -70,14 +71,9 @@ def rig_row(
     """Run one rig of a sweep, from a state if given; return its columns and last state."""
     try:
         varied = setup.varied(settings)
-        rig, controlled = varied.parameters, varied.control.active
-        run: LongRun | ControlledRun
-        if controlled:
-            run = _controlled(varied, state)
-        else:
-            run = LongRun(rig, varied.initial) if state is None else _continued(state, rig)
-        row, last = row_of(steady_state(run, setup.settling), rig), run.snapshot()
-        if controlled:
+        rig = _rig_of(varied, state)
+        row, last = row_of(steady_state(rig, setup.settling), rig.parameters), rig.snapshot()
+        if varied.control.active:
             # The section holds nothing of the control
             row['state'] = json.dumps(last, separators=(',', ':'))
         return row, last

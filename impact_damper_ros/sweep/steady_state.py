@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.compare.measured_motion import cubic_swing
-from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control import Rig, RunResult
+from impact_damper_ros.control.rig import Events
 from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.lyapunov import (
     Deviations,
@@ -29,9 +30,8 @@ from impact_damper_ros.orbits.settling import (
     SettlingRig,
     relative_states,
 )
-from impact_damper_ros.rig import EventKind, Mode, ParameterError
-from impact_damper_ros.rig.long_run import EVENT_TYPE, Events, LongRun, RunResult
-from impact_damper_ros.rig.state_checks import LATEST
+from impact_damper_ros.rig import EVENT_TYPE, EventKind, Mode, ParameterError
+from impact_damper_ros.rig.snapshot import LATEST
 
 Array = NDArray[np.float64]
 
@@ -213,9 +213,7 @@ def _shares(result: RunResult, around: Events, start: float, end: float) -> Time
 def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     """Measure a motion; its period is 0 if it does not repeat, `before` are the events so far."""
     begun, cycle = rig.cycles, rig.cycle
-    finer = (
-        max([rig.omega, *(one.frequency for one in rig.machine.free.harmonics)]) * cycle / math.tau
-    )
+    finer = max([rig.omega, *(line.frequency for line in rig.machine.lines)]) * cycle / math.tau
     looks = math.ceil((_SAMPLES if period else _FEWER_SAMPLES) * min(max(finer, 1.0), _MOST_FINER))
     cycles = 2 * period or rig.settling.watch
     start, (mode, last_stop) = rig.time_after(begun), rig.state()
@@ -276,7 +274,7 @@ def _measured(rig: SettlingRig, before: Events, period: int) -> SteadyState:
     )
 
 
-def steady_state(run: LongRun | ControlledRun, settling: Settling) -> SteadyState:
+def steady_state(run: Rig, settling: Settling) -> SteadyState:
     """
     Run a rig until its motion repeats or the time is up, and measure the motion.
 

@@ -113,7 +113,7 @@ section_relative_velocity | doubles | m/s | Y' there.
 impact_stop | integers | - | Stop of each impact in the same cycles.
 impact_phase | doubles | - | Its phase in cycles of the force, from 0 to 1.
 impact_speed | doubles | m/s | Speed of approach of m and the stop.
-state | text | - | State of rig and control at the end, as ControlledRig.snapshot gives it, in
+state | text | - | State of rig and control at the end, as Rig.snapshot gives it, in
     JSON.
 """
 

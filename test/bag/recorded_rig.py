@@ -6,7 +6,7 @@ import random
 
 from bag import samples
 
-from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.replay.replayed_rig import Setting
 from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, RigParameters
 
@@ -47,12 +47,10 @@ class RecordedRig:
         rate=200.0,
         offset=samples.START,
         control=None,
-        version=3,
     ):
-        self.version = version
         self.initial = initial or InitialConditions()
         self.control = control or GapControlParameters()
-        self.rig = ControlledRig(parameters, self.initial, control=self.control)
+        self.rig = Rig(parameters, self.initial, control=self.control)
         self.rate, self.offset, self.tick, self.time_ns = rate, offset, 0, 0
         self.messages = []
         self.news = ''
@@ -88,7 +86,7 @@ class RecordedRig:
 
     def announce(self, reason):
         text = {
-            'format': self.version,
+            'format': 3,
             'stamp_offset_ns': self.offset,
             'time_ns': self.time_ns,
             'reason': reason,
@@ -99,10 +97,9 @@ class RecordedRig:
 
     @property
     def rest(self):
-        """Where M is in its static equilibrium, as messages of this version have it."""
+        """Where M is in its static equilibrium."""
         rig = self.rig.parameters
-        deflection = rig.primary_mass * rig.gravity * math.sin(rig.angle) / rig.stiffness
-        return deflection if self.version > 1 else -0.0
+        return rig.primary_mass * rig.gravity * math.sin(rig.angle) / rig.stiffness
 
     def impacts(self, events):
         for e in events:
@@ -127,18 +124,12 @@ class RecordedRig:
 
     def states(self):
         s = self.rig.sample()
-        incline = [self.rig.parameters.angle] if self.version > 2 else []
+        places = (s.x, s.z, s.stop_1, s.stop_2)
         content = samples.joint_state(
             self.offset + self.time_ns,
-            ['primary', 'damper', 'stop_1', 'stop_2', *('incline' for _ in incline)],
-            [*(place + self.rest for place in (s.x, s.z, s.stop_1, s.stop_2)), *incline],
-            [
-                s.primary_velocity,
-                s.damper_velocity,
-                s.stop_1_velocity if self.version > 1 else s.primary_velocity,
-                s.stop_2_velocity if self.version > 1 else s.primary_velocity,
-                *(0.0 for _ in incline),
-            ],
+            ['primary', 'damper', 'stop_1', 'stop_2', 'incline'],
+            [*(place + self.rest for place in places), self.rig.parameters.angle],
+            [s.primary_velocity, s.damper_velocity, s.stop_1_velocity, s.stop_2_velocity, 0.0],
         )
         self.write('/joint_states', content)
 

@@ -125,7 +125,7 @@ def diagnostics(stamp_ns: int, count: int = 2) -> bytes:
 
 
 def snapshot(stamp_ns: int) -> bytes:
-    text = json.dumps({'format': 1, 'stamp_offset_ns': stamp_ns, 'note': 'µ, "quoted"'})
+    text = json.dumps({'format': 3, 'stamp_offset_ns': stamp_ns, 'note': 'µ, "quoted"'})
     return serialise(STRING, make(STRING, text))
 
 

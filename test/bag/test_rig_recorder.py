@@ -16,7 +16,7 @@ from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.rig.description import robot_description
 
@@ -123,5 +123,5 @@ def test_rates_and_durations_that_no_recording_has(tmp_path, number):
         (10.0, number, r'duration is .*: give a number from 0 to 1e\+13'),
     ):
         with pytest.raises(ValueError, match=words):
-            RigRecorder(tmp_path / 'bag', ControlledRig(LIVELY), {}, rate, duration)
+            RigRecorder(tmp_path / 'bag', Rig(LIVELY), {}, rate, duration)
     assert not (tmp_path / 'bag').exists()

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.long_run import LongRun
 
 sys.path.append(str(Path(__file__).parents[2] / 'benchmarks'))
 peer_rigs = import_module('peer_rigs')
@@ -76,7 +76,7 @@ def test_a_batch_resets_each_lane_by_itself():
     batch = heyoka_rigs.HeyokaBatchRig(rig, gaps)
     for _ in range(2):
         for gap, (times, stops) in zip(gaps, batch.run_all(60.0), strict=True):
-            impacts = LongRun(rig.replace(gap=gap), compiled=False).advance(60.0).impacts()
+            impacts = Rig(rig.replace(gap=gap)).run(60.0).impacts()
             assert stops == impacts['stop'].tolist()
             assert times == pytest.approx(impacts['time'].tolist(), rel=1e-9)
             assert len(times) > 5

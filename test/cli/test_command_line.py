@@ -19,7 +19,7 @@ from impact_damper_ros.cli.reproduce_paper import main as reproduce_paper
 from impact_damper_ros.cli.rig_options import given_rig
 from impact_damper_ros.cli.study_gap_control import main as study_gap_control
 from impact_damper_ros.cli.sweep_rig import main as sweep_rig
-from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.event_budget import RunawayError
 
 
 @pytest.mark.parametrize(

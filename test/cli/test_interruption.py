@@ -14,7 +14,7 @@ from impact_damper_ros import entry_points
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.command_line import outcome
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.rig.hybrid_motion import RunawayError
+from impact_damper_ros.rig.event_budget import RunawayError
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 BENCH = ROOT / 'config' / 'bench_rig.yaml'

@@ -18,9 +18,10 @@ from impact_damper_ros.bag import recover_run
 from impact_damper_ros.bag.messages import JointStateLayout
 from impact_damper_ros.cli.replay_run import main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
+from impact_damper_ros.control import Rig
 from impact_damper_ros.replay.what_if import RecordedValues
 from impact_damper_ros.report.what_if_report import RunTotals, lost_energy
-from impact_damper_ros.rig import EventKind, Simulator
+from impact_damper_ros.rig import EventKind
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 
@@ -107,7 +108,7 @@ def test_what_if_is_what_simulate_rig_says(tmp_path, capsys):
     assert result['what_if']['what_if']['impacts'] == count > 20
     # Measured independently
     other = RunTotals()
-    rig = Simulator(LIVELY)
+    rig = Rig(LIVELY)
     energy = 0.0
     m_1, m_2 = LIVELY.primary_mass, LIVELY.damper_mass
     for k in range(401):
@@ -258,7 +259,7 @@ def test_long_runs_take_little_memory(tmp_path):
         with samples.RunWriter(tmp_path / str(count), samples.TOPICS, custom=NOTES) as writer:
             for message in rig.messages:
                 writer.write(*message)
-            follower = Simulator.restore(rig.rig.snapshot())
+            follower = Rig.restore(rig.rig.snapshot())
             for k in range(count):
                 stamp = rig.offset + rig.time_ns + (k + 1) * 1_000_000
                 follower.advance((stamp - rig.offset) / 1e9)

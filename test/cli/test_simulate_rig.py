@@ -17,8 +17,8 @@ from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.control import ControlledRig, GapControlParameters
-from impact_damper_ros.rig import EventKind, RigParameters, Sample, Simulator
+from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.rig import EventKind, RigParameters, Sample
 from impact_damper_ros.rig.swing import Swing
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -128,7 +128,7 @@ def test_events_show_the_frequency(tmp_path):
 
 def test_seventeen_digits_round_trip(tmp_path):
     _, rows = run(tmp_path, '--duration', '200')
-    exact = Simulator(RigParameters(gravity=1.0)).advance(200.0)
+    exact = Rig(RigParameters(gravity=1.0)).advance(200.0)
     assert [row['time'] for row in rows] == [event.time for event in exact]
     assert [row['x'] for row in rows] == [event.x for event in exact]
 
@@ -283,7 +283,7 @@ def test_interrupt_keeps_what_was_simulated(tmp_path):
     assert text.endswith('\n')
     rows = list(csv.reader(text.splitlines()))
     assert {len(row) for row in rows} == {7}
-    exact = Simulator(RigParameters(gravity=1.0)).advance(float(rows[50][0]))
+    exact = Rig(RigParameters(gravity=1.0)).advance(float(rows[50][0]))
     assert float(rows[50][0]) == exact[-1].time
 
 
@@ -300,7 +300,7 @@ def test_gap_control_from_the_command_line(tmp_path):
     files = ('--events', str(events), '--states', str(states), '--rate', '2')
     code, rows = run(tmp_path, '--duration', '400', *files, settings=settings)
     assert code == 0
-    rig = ControlledRig(
+    rig = Rig(
         RigParameters(gravity=0.0),
         control=GapControlParameters(
             gap_control='timed', gap_control_rate=5.0, actuator_speed=30.0, actuator_delay=0.1
@@ -365,10 +365,10 @@ def test_a_rig_with_events_without_end_is_said_in_a_line(tmp_path, capsys):
 
 
 def test_parameters_change_during_the_run(tmp_path):
-    """As `Simulator.change` makes it; changes at one time take effect together."""
+    """As `Rig.change` makes it; changes at one time take effect together."""
     words = ['--change', '20:gap=30', '--change', '33.25:friction=0.1', '--change', '20:angle=0.1']
     code, rows = run(tmp_path, '--duration', '80', *words, settings=['gravity=1'])
-    rig = Simulator(RigParameters(gravity=1.0))
+    rig = Rig(RigParameters(gravity=1.0))
     events = rig.advance(20.0)
     events += rig.change(rig.parameters.replace(gap=30.0, angle=0.1))
     events += rig.advance(33.25)

@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from control.controlled_rigs import run_in_one_form
 
 import impact_damper_ros
 from impact_damper_ros.cli.study_gap_control import main
@@ -23,7 +22,6 @@ def test_the_whole_study_in_small(tmp_path, monkeypatch, capsys):
         load_span=4.0,
     )  # fmt: skip
     monkeypatch.setattr(gap_study_plan.Extent, 'quick', classmethod(lambda _: small))
-    monkeypatch.setattr(gap_study_plan, 'run_case', run_in_one_form)
     assert main(['--quick', '--output', str(tmp_path / 'study'), '--jobs', '1']) == 0
     files = {path.name for path in (tmp_path / 'study').iterdir()}
     assert files == {'README.md', *(f'{figure}.png' for figure in FIGURES)}

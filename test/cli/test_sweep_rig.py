@@ -14,7 +14,7 @@ from small_disk import mounted
 
 import impact_damper_ros
 from impact_damper_ros.cli.sweep_rig import main
-from impact_damper_ros.rig.long_run import LongRun
+from impact_damper_ros.control import Rig
 
 pytest.importorskip('pyarrow')
 
@@ -265,10 +265,10 @@ def test_a_motion_that_settles_while_it_is_watched_is_periodic(tmp_path):
 
 
 def test_a_programming_error_is_no_row(tmp_path, monkeypatch, capsys):
-    def advance(*_, **__):
+    def fail(*_, **__):
         raise AssertionError('a state that cannot be')
 
-    monkeypatch.setattr(LongRun, 'advance', advance)
+    monkeypatch.setattr(Rig, 'run', fail)
     assert run(*BRIEF, '-o', tmp_path / 'a.parquet') == 1
     assert 'AssertionError: a state that cannot be' in capsys.readouterr().err
     assert not (tmp_path / 'a.parquet').exists()

@@ -8,7 +8,8 @@ from impact_damper_ros.compare.bag_stretches import LoggedRig, StretchBuilder
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts, RecordedStates
 from impact_damper_ros.compare.result import Beginning
 from impact_damper_ros.compare.verdict import compare_stretch
-from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
+from impact_damper_ros.control import Rig
+from impact_damper_ros.rig import EventKind, InitialConditions
 
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
@@ -21,7 +22,7 @@ def impact_rows(events):
 
 def recorded(parameters, cycles, initial=DISPLACED, per_cycle=40):
     """Return joint states, impacts and force of a run from its start."""
-    rig = Simulator(parameters, initial)
+    rig = Rig(parameters, initial)
     cycle = math.tau / parameters.force_frequencies[0]
     samples, events = [], []
     for k in range(round(cycles * per_cycle) + 1):

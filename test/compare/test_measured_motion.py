@@ -19,7 +19,8 @@ from impact_damper_ros.compare.measured_motion import (
 )
 from impact_damper_ros.compare.recorded_stretch import ForceClock, RecordedImpacts, knots_of
 from impact_damper_ros.compare.result import Overall
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.control import Rig
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.swing import Swing
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -44,10 +45,10 @@ def exact(clock, initial, times):
     piece leave nothing but round-off.
     """
     rig = clock.parameters
-    events = [e.time for e in Simulator(rig, initial).advance(float(times[-1]))]
+    events = [e.time for e in Rig(rig, initial).advance(float(times[-1]))]
     breaks = np.unique(np.concatenate([times, events]))
     begin, width = breaks[:-1], np.diff(breaks)
-    simulator, rows = Simulator(rig, initial), []
+    simulator, rows = Rig(rig, initial), []
     places = (begin[:, None] + 0.5 * (NODES + 1.0) * width[:, None]).ravel()
     for instant in places:
         simulator.advance(float(instant))
@@ -63,7 +64,7 @@ def exact(clock, initial, times):
 
 def largest_swing(rig, initial, times):
     """Return the largest |X|, with 10 samples for each one recorded."""
-    simulator, swing = Simulator(rig, initial), Swing()
+    simulator, swing = Rig(rig, initial), Swing()
     for begin, end in pairwise(times):
         for instant in np.linspace(begin, end, 10, endpoint=False):
             events = simulator.advance(float(instant))
@@ -107,7 +108,7 @@ def test_against_the_exact_motion(name, per_cycle):
     assert overall.dashpot_energy == pytest.approx(dashpot, **close)
     assert overall.force_work == pytest.approx(force, abs=overall.accuracy * there_and_back)
     assert overall.x_max == pytest.approx(largest_swing(rig, initial, states.time), **close)
-    events = Simulator(rig, initial).advance(float(span))
+    events = Rig(rig, initial).advance(float(span))
     hits = [e for e in events if e.kind is EventKind.IMPACT]
     assert overall.impacts == len(hits) > 10
     assert overall.impacts_on_stop_1 == sum(e.stop == 1 for e in hits)

@@ -18,6 +18,7 @@ from rigs import BENCH, FRICTION, OFF_RESONANCE
 
 from impact_damper_ros.compare.motion_kind import kind_of, largest_exponent
 from impact_damper_ros.compare.recorded_stretch import ForceClock
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits.irregularity import (
     Indications,
     average_spread,
@@ -26,8 +27,6 @@ from impact_damper_ros.orbits.irregularity import (
 )
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
-from impact_damper_ros.rig import Simulator
-from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.steady_state import steady_state
 
 sys.path.append(str(Path(__file__).parents[2] / 'benchmarks'))
@@ -45,14 +44,14 @@ def known():
 
 def found_of(name, cycles):
     case = known()[name]
-    run = LongRun(case.parameters, case.initial, compiled=False)
-    impacts = motion_kinds.impacts_of(case, run.advance(cycles * case.cycle).events)
+    run = Rig(case.parameters, case.initial)
+    impacts = motion_kinds.impacts_of(case, run.run(cycles * case.cycle).events)
     return kind_of(ForceClock(case.parameters, 0.0, (0.0,)), impacts)
 
 
 def test_the_third_stage_of_the_demonstration():
     """It was called quasi-periodic, at an exponent of +0.383 with a standard error of 0.143."""
-    rig = Simulator(BENCH.replace(gap=0.0145))
+    rig = Rig(BENCH.replace(gap=0.0145))
     rig.advance(30.0)
     rig.change(BENCH)
     rig.advance(60.0)
@@ -106,8 +105,8 @@ def test_short_recordings(name, cycles, kind):
 def test_a_recording_that_is_not_sound_counts_alone():
     """The rig of the theory is not the recorded one: how it would go on says nothing."""
     case = known()['bench, angle 0.2']
-    run = LongRun(case.parameters, case.initial, compiled=False)
-    impacts = motion_kinds.impacts_of(case, run.advance(60 * case.cycle).events)
+    run = Rig(case.parameters, case.initial)
+    impacts = motion_kinds.impacts_of(case, run.run(60 * case.cycle).events)
     found = kind_of(ForceClock(case.parameters, 0.0, (0.0,)), impacts, sound=False)
     assert found.kind is UNDECIDED
     assert found.measures['carried_cycles'] == 0.0
@@ -124,7 +123,7 @@ def test_a_recording_that_is_not_sound_counts_alone():
 )
 def test_a_sweep_says_the_same(name, cycles, kind):
     case = known()[name]
-    run = LongRun(case.parameters, case.initial, compiled=False)
+    run = Rig(case.parameters, case.initial)
     assert steady_state(run, Settling(cycles=cycles, watch=500)).kind is kind
 
 

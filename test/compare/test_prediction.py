@@ -10,10 +10,10 @@ from rig.endless_rigs import ENDLESS
 from rigs import FRICTION, HORIZONTAL, VERTICAL
 
 from impact_damper_ros.compare.prediction import predictions, run_ahead
-from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.recognition import Rhythm, turned_cycles
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.swing import Swing
 
 THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
@@ -29,7 +29,7 @@ THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
     ],
 )
 def test_the_predicted_motion_is_the_stable_one_of_the_theory(rig, stops):
-    *_, last = predictions(Simulator(rig))
+    *_, last = predictions(Rig(rig))
     assert last.complete
     assert (last.basis, last.reason) == ('run ahead', '')
     orbit = last.expected
@@ -52,14 +52,14 @@ def test_a_motion_with_cycles_without_impacts_is_recognised():
         initial_damper_offset=0.5 * rig.gap,
         initial_damper_velocity=theory.damper_velocity_after[0],
     )
-    found = next(each for each in predictions(Simulator(rig, start)) if each.basis == 'run ahead')
+    found = next(each for each in predictions(Rig(rig, start)) if each.basis == 'run ahead')
     assert (found.expected.stops, found.expected.cycles) == ((1,), 3)
     assert found.expected.stable
     assert found.expected.x_max == pytest.approx(theory.x_max, rel=1e-9)
 
 
 def test_a_quick_answer_comes_first_and_the_rig_stays_where_it_is():
-    rig = Simulator(FRICTION)
+    rig = Rig(FRICTION)
     rig.advance(20.0)
     before = rig.snapshot()
     first = next(predictions(rig))
@@ -72,11 +72,11 @@ def test_a_quick_answer_comes_first_and_the_rig_stays_where_it_is():
 def test_of_coexisting_motions_the_measured_one_is_predicted():
     mirrored = find_orbits(THREE, (1, 2, 2)).orbits[0]
     assert mirrored.stable
-    first = next(predictions(Simulator(THREE), motion_on(mirrored)))
+    first = next(predictions(Rig(THREE), motion_on(mirrored)))
     assert first.basis == 'measured'
     assert first.expected.stops == (1, 2, 2)
     # From rest the rig comes to the other one; both are listed.
-    *_, last = predictions(Simulator(THREE))
+    *_, last = predictions(Rig(THREE))
     assert last.expected.stops == (1, 1, 2)
     assert {o.stops for o in last.orbits if o.stable} == {(1, 1, 2), (1, 2, 2)}
 
@@ -85,11 +85,11 @@ def test_a_rig_in_motion_is_run_ahead_from_its_own_phase():
     cycle = math.tau / 1.05
     # A chaotic transient takes some hundred cycles, or more than are run ahead; not every time.
     for begun in (33.0, 34.0, 35.0, 36.0, 37.0, 38.0):
-        rig = Simulator(FRICTION)
+        rig = Rig(FRICTION)
         rig.advance(begun)
         rig.change(FRICTION.replace(force_frequencies=1.05))
         rig.advance(41.0)
-        course = run_ahead(Simulator.restore(rig.snapshot()))
+        course = run_ahead(Rig.restore(rig.snapshot()))
         if course.rhythm is not None:
             break
     turned = turned_cycles(rig.snapshot(), 1.05)
@@ -114,14 +114,14 @@ def test_a_rig_in_motion_is_run_ahead_from_its_own_phase():
     ],
 )
 def test_a_force_without_a_period_has_no_prediction_and_the_reason_is_given(rig, reason):
-    (only,) = predictions(Simulator(rig))
+    (only,) = predictions(Rig(rig))
     assert (only.orbits, only.expected, only.complete) == ((), None, True)
     assert reason in only.reason
 
 
 def test_stops_that_a_law_moves_are_not_predicted_but_where_they_come_to_rest():
     law = GapControlParameters(gap_control='amplitude', actuator_speed=0.5)
-    rig = ControlledRig(HORIZONTAL, control=law)
+    rig = Rig(HORIZONTAL, control=law)
     rig.advance(100.0)
     (only,) = predictions(rig)
     assert (only.expected, only.complete) == (None, True)
@@ -135,10 +135,10 @@ def test_two_harmonics_with_a_common_period():
     rig = HORIZONTAL.replace(
         force_amplitudes=(1.0, 0.2), force_frequencies=(1.0, 2.0), force_phases=(0.0, 0.0)
     )
-    *_, last = predictions(Simulator(rig))
+    *_, last = predictions(Rig(rig))
     assert last.basis == 'run ahead'
     assert last.expected.stable
-    simulator = Simulator(rig)
+    simulator = Rig(rig)
     simulator.advance(400 * math.tau)
     swing = Swing()
     for k in range(1, 241):
@@ -148,7 +148,7 @@ def test_two_harmonics_with_a_common_period():
 
 
 def test_a_harmonic_that_was_added_on_the_way_has_the_phase_of_then():
-    rig = Simulator(FRICTION)
+    rig = Rig(FRICTION)
     rig.advance(20.0)
     force = {'force_frequencies': (1.02, 1.7), 'force_phases': (0.1, 0.2)}
     rig.change(FRICTION.replace(force_amplitudes=(1.0, 0.1), **force))
@@ -166,7 +166,7 @@ def test_a_harmonic_that_was_added_on_the_way_has_the_phase_of_then():
 
 def test_where_no_stop_is_hit_or_nothing_repeats_the_reason_is_given():
     wide = RigParameters(gravity=0.0, gap=600.0)
-    *_, last = predictions(Simulator(wide))
+    *_, last = predictions(Rig(wide))
     assert last.expected is None
     assert 'no more impacts' in last.reason
     chaotic = RigParameters(
@@ -181,7 +181,7 @@ def test_where_no_stop_is_hit_or_nothing_repeats_the_reason_is_given():
         force_amplitudes=1.2,
         force_frequencies=31.416,
     )
-    search = predictions(Simulator(chaotic))
+    search = predictions(Rig(chaotic))
     next(search)
     second = next(search)
     assert 'does not repeat within 1500 cycles' in second.reason
@@ -210,7 +210,7 @@ def test_the_swing_between_coarse_samples_with_impacts():
     )
     phase = math.tau * orbit.phases[0]
     for samples, error in ((8, 2e-3), (20, 1e-4), (100, 1e-6)):
-        rig = Simulator(HORIZONTAL.replace(force_phases=phase), start)
+        rig = Rig(HORIZONTAL.replace(force_phases=phase), start)
         swing = Swing()
         swing.look(rig.sample(), [])
         for k in range(1, samples + 1):
@@ -224,7 +224,7 @@ def test_a_rig_with_impacts_without_end_is_not_run_ahead(name):
     parameters, initial = ENDLESS['tiny gap' if name == 'at once' else name]
     if name == 'at once':
         initial = InitialConditions(initial_damper_velocity=1e9)
-    first, second = itertools.islice(predictions(Simulator(parameters, initial)), 2)
+    first, second = itertools.islice(predictions(Rig(parameters, initial)), 2)
     assert not first.complete
     assert second.expected is None
     assert second.reason == (

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from control.controlled_rigs import IDEAL, TRIAL, control, one_form_of_the_loop
-from impact_damper_ros.control import Action, ControlledRig
-from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.rig import InitialConditions, RigParameters, Simulator
+from control.controlled_rigs import IDEAL, TRIAL, control
+from impact_damper_ros.control import Action, Rig
+from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.studies.gap_control.runs import broadband_rig
 
 INCLINE = RigParameters(angle=math.radians(45.0), friction=0.5, gravity=1.0)
@@ -16,10 +15,10 @@ INCLINE = RigParameters(angle=math.radians(45.0), friction=0.5, gravity=1.0)
 
 def rms(rig, law, settled=300.0, until=900.0):
     """Return the root mean square of X, m."""
-    run = ControlledRun(rig, control=law)
-    run.advance(settled, record=False)
+    run = Rig(rig, control=law, compiled=None)
+    run.run(settled, record=False)
     instants = np.linspace(settled, until, 1 + round((until - settled) / 0.2))
-    return float(np.sqrt(np.mean(run.advance(until, instants, record=False).samples['x'] ** 2)))
+    return float(np.sqrt(np.mean(run.run(until, instants, record=False).samples['x'] ** 2)))
 
 
 def amplitude_ratio(rig, law, cycles, watched):
@@ -88,24 +87,21 @@ def test_stops_of_their_own_on_an_incline():
     ],
     ids=['resonance', 'off resonance', 'broadband', 'incline'],
 )
-def test_the_law_that_knows_the_model_is_better(rig, share, monkeypatch):
+def test_the_law_that_knows_the_model_is_better(rig, share):
     """Than the timed law, which does not."""
-    one_form_of_the_loop(monkeypatch)
     assert rms(rig, control('predictive')) < share * rms(rig, control('timed'))
 
 
-def test_the_horizon_keeps_the_rhythm_of_weak_forces_on_inclines(monkeypatch):
+def test_the_horizon_keeps_the_rhythm_of_weak_forces_on_inclines():
     """One of 1.25 to 1.75 half cycles loses it at some of these angles."""
-    one_form_of_the_loop(monkeypatch)
     for angle in (43.0, 44.0, 45.0, 46.0, 47.0):
         rig = INCLINE.replace(angle=math.radians(angle), force_amplitudes=[0.25])
         found = [amplitude_ratio(rig, control(mode), 240, 60) for mode in ('predictive', 'timed')]
         assert found[0] < 1.02 * found[1]
 
 
-def test_a_shorter_horizon_is_worse_under_broadband_excitation(monkeypatch):
+def test_a_shorter_horizon_is_worse_under_broadband_excitation():
     """In the mean of some seeds."""
-    one_form_of_the_loop(monkeypatch)
     found = {}
     for horizon in (1.25, control('predictive').gap_control_horizon):
         law = control('predictive', gap_control_horizon=horizon)
@@ -123,8 +119,7 @@ def test_a_shorter_horizon_is_worse_under_broadband_excitation(monkeypatch):
         {'actuator_delay': 0.3, 'actuator_speed': 20.0},
     ],
 )
-def test_the_model_holds_the_actuators(values, monkeypatch):
-    one_form_of_the_loop(monkeypatch)
+def test_the_model_holds_the_actuators(values):
     assert ratio('predictive', cycles=120, **values) < 1.1 * IDEAL
 
 
@@ -146,7 +141,7 @@ def test_places_are_compared_at_equal_times():
     start = InitialConditions(
         initial_primary_position=-0.07, initial_damper_offset=2.0, initial_damper_velocity=-0.1
     )
-    rig = ControlledRig(slope, start, control=control('predictive'))
+    rig = Rig(slope, start, control=control('predictive'))
     rig.advance(6.0)
     # At the second passage, from which the law knows the half cycle
     first, second, sent = rig.records[:3]
@@ -154,7 +149,7 @@ def test_places_are_compared_at_equal_times():
     end = sent.time + rig.control.gap_control_horizon * (second.time - first.time)
     energies = []
     for places in ((None, None), (sent.target_1, sent.target_2)):
-        plain = Simulator(slope, start)
+        plain = Rig(slope, start)
         plain.advance(sent.time)
         plain.move_stops(*places)
         plain.advance(end)

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from control.controlled_rigs import TRIAL, control
-from impact_damper_ros.control import ControlledRig, damper_of
+from impact_damper_ros.control import Rig, damper_of
 from impact_damper_ros.control.actuator import (
     commands_full,
     next_command,
@@ -89,7 +89,7 @@ def test_no_passage_is_foreseen_just_after_one():
 @pytest.mark.parametrize('rate', [2.0, 5.0, 20.0])
 def test_impacts_are_found_between_the_samples(rate):
     """As the simulator has them, in a run without control."""
-    rig = ControlledRig(TRIAL)
+    rig = Rig(TRIAL)
     rig.advance(200.0)
     observer = Observer()
     rebound = damper_of(TRIAL).rebound
@@ -136,7 +136,7 @@ def test_commands_wait_for_the_delay_in_order():
     order_stops(there, 1.2, 1.0, -0.6)
     # One that is to be given later does not hold up the next.
     order_stops(there, 1.1, math.nan, -0.7)
-    assert [time for time, _, _ in there.waiting] == [1.5, 1.6, 1.7]
+    assert [command.time for command in there.waiting] == [1.5, 1.6, 1.7]
     assert next_command(there) == 1.5
     assert start_command(there, 1.0, -1.0) == (0.5, pytest.approx(math.nan, nan_ok=True))
     assert (actuators.velocity_1, actuators.velocity_2) == (-2.0, 0.0)
@@ -170,7 +170,7 @@ def test_no_command_is_lost_however_many_wait():
         elif expected:
             assert next_command(there) == expected[0][0]
             assert start_command(there, 0.0, 0.0)[0] == expected.pop(0)[1]
-        assert [(time, stop_1) for time, stop_1, _ in there.waiting] == expected
+        assert [(command.time, command.stop_1) for command in there.waiting] == expected
         largest = max(largest, len(expected))
     assert largest > 30
 
@@ -196,6 +196,6 @@ def test_optimal_gap_is_that_of_the_symmetric_flight():
 def test_prediction_sees_through_noise():
     """Small noise: the law works on as well as without it."""
     control_ = control('timed', gap_control_noise_position=0.03, gap_control_noise_velocity=0.03)
-    rig = ControlledRig(TRIAL, control=control_)
+    rig = Rig(TRIAL, control=control_)
     rig.advance(600.0)
     assert rig.amplitude == pytest.approx(2.75, rel=0.03)

@@ -7,12 +7,11 @@ import pytest
 
 from control import laws
 from control.controlled_rigs import IDEAL, TRIAL, amplitude_ratio, control
-from impact_damper_ros.control import Action, ControlledRig, GapControlParameters, LawError, OwnLaw
-from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control import Action, GapControlParameters, LawError, OwnLaw, Rig
 
 
 def follow_rig(**values):
-    return ControlledRig(TRIAL, control=control('timed', **values), law=laws.follow)
+    return Rig(TRIAL, control=control('timed', **values), law=laws.follow)
 
 
 def acts(rig, until):
@@ -27,7 +26,7 @@ def test_it_moves_the_stops_as_the_built_in_law_that_it_copies(values):
     rig = follow_rig()
     rig.advance(200.0)
     law = control('amplitude', gap_control_stops='symmetric')
-    built_in = ControlledRig(TRIAL, control=law)
+    built_in = Rig(TRIAL, control=law)
     built_in.advance(200.0)
     assert rig.stops == pytest.approx(built_in.stops, rel=0.02)
     assert rig.law == 'control.laws:follow'
@@ -35,7 +34,7 @@ def test_it_moves_the_stops_as_the_built_in_law_that_it_copies(values):
 
 def test_a_law_may_keep_the_smallest_gap():
     """Wherever m is, though round-off makes that gap a little smaller."""
-    rig = ControlledRig(TRIAL, control=control('timed', gap_min=0.3), law=laws.closest)
+    rig = Rig(TRIAL, control=control('timed', gap_min=0.3), law=laws.closest)
     rig.advance(30.0)
     assert sum(record.action is Action.COMMAND for record in rig.records) > 10
     targets = {record.target_1 - record.target_2 for record in rig.records}
@@ -50,12 +49,12 @@ def test_its_memory_goes_through_snapshots():
     held = json.loads(text)['gap_control']['law']
     assert held['name'] == 'control.laws:follow'
     assert held['memory'][:3] in ([30.0, 'nan', 0.0], [31.0, 'inf', 0.0], [30.0, 'inf', 0.0])
-    twin = ControlledRig.restore(json.loads(text), laws.follow)
+    twin = Rig.restore(json.loads(text), laws.follow)
     assert json.dumps(twin.snapshot()) == text
     assert acts(twin, 200.0) == acts(rig, 200.0)
     assert json.dumps(twin.snapshot()) == json.dumps(rig.snapshot())
     with pytest.raises(ValueError, match=r'the law control\.laws:follow, .* give the law'):
-        ControlledRig.restore(json.loads(text))
+        Rig.restore(json.loads(text))
 
 
 def test_the_run_does_not_depend_on_how_it_is_cut():
@@ -72,12 +71,12 @@ def test_the_run_does_not_depend_on_how_it_is_cut():
 
 
 def test_a_long_run_has_it_too():
-    run = ControlledRun(TRIAL, control=control('timed'), law=laws.push)
-    rig = ControlledRig(TRIAL, control=control('timed'), law=laws.push)
-    run.advance(60.0)
+    run = Rig(TRIAL, control=control('timed'), law=laws.push, compiled=None)
+    rig = Rig(TRIAL, control=control('timed'), law=laws.push)
+    run.run(60.0)
     rig.advance(60.0)
     assert run.snapshot() == rig.snapshot()
-    assert ControlledRun.restore(run.snapshot(), laws.push).snapshot() == rig.snapshot()
+    assert Rig.restore(run.snapshot(), laws.push, compiled=None).snapshot() == rig.snapshot()
     assert rig.amplitude > 0.0
 
 
@@ -86,13 +85,13 @@ def test_a_compiled_law_runs_in_the_compiled_loop(values):
     """As the law runs in plain Python, to the last bit, and from its snapshots."""
     numba = pytest.importorskip('numba')
     own = numba.njit(laws.push)
-    run = ControlledRun(TRIAL, control=control('timed', **values), law=own, compiled=True)
-    rig = ControlledRig(TRIAL, control=control('timed', **values), law=own)
+    run = Rig(TRIAL, control=control('timed', **values), law=own, compiled=True)
+    rig = Rig(TRIAL, control=control('timed', **values), law=own)
     for until in (31.0, 60.0):
-        run.advance(until)
+        run.run(until)
         rig.advance(until)
         assert run.snapshot() == rig.snapshot()
-        run = ControlledRun.restore(run.snapshot(), own, compiled=True)
+        run = Rig.restore(run.snapshot(), own, compiled=True)
     assert run.snapshot()['gap_control']['law']['name'] == 'control.laws:push'
     assert len(rig.records) > 10
 
@@ -111,16 +110,16 @@ def test_a_compiled_law_runs_in_the_compiled_loop(values):
 )
 def test_a_compiled_law_that_fails_is_named(law, words):
     numba = pytest.importorskip('numba')
-    rig = ControlledRig(TRIAL, control=control('timed'), law=numba.njit(law))
+    rig = Rig(TRIAL, control=control('timed'), law=numba.njit(law))
     before = rig.snapshot()
     with pytest.raises(LawError) as error:
-        ControlledRun.restore(before, rig.own_law, compiled=True).advance(50.0, record=False)
+        Rig.restore(before, rig.own_law, compiled=True).run(50.0, record=False)
     for word in words:
         assert word in str(error.value)
 
 
 def test_it_is_on_by_itself_and_can_be_switched_off():
-    rig = ControlledRig(TRIAL, law=laws.push)
+    rig = Rig(TRIAL, law=laws.push)
     rig.advance(60.0)
     assert rig.control.active
     assert len(rig.records) > 10
@@ -150,7 +149,7 @@ def test_it_is_on_by_itself_and_can_be_switched_off():
 )
 def test_a_law_that_fails_is_named_with_its_value(law, words):
     """And the rig is where it was before, with its control, to go on from there."""
-    rig = ControlledRig(TRIAL, control=control('timed'), law=law)
+    rig = Rig(TRIAL, control=control('timed'), law=law)
     rig.advance(2.0)
     before = rig.snapshot()
     with pytest.raises(LawError) as error:
@@ -201,6 +200,6 @@ def test_a_law_of_the_present_directory(tmp_path, monkeypatch):
     (tmp_path / 'my_own_laws.py').write_text('def hold(seen, memory):\n    return 5.0, -5.0\n')
     monkeypatch.chdir(tmp_path)
     law = OwnLaw.from_text('my_own_laws:hold')
-    rig = ControlledRig(TRIAL, law=law)
+    rig = Rig(TRIAL, law=law)
     rig.advance(30.0)
     assert (rig.law, rig.stops) == ('my_own_laws:hold', (5.0, -5.0))

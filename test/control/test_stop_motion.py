@@ -7,8 +7,8 @@ import pytest
 from rig.energy import Account, energy
 
 from control.controlled_rigs import TRIAL, control, random_controlled_rig
-from impact_damper_ros.control import Action, ControlledRig
-from impact_damper_ros.rig import EventKind, Simulator
+from impact_damper_ros.control import Action, Rig
+from impact_damper_ros.rig import EventKind
 
 SEEDS = range(10)
 
@@ -19,7 +19,7 @@ class ControlledAccount(Account):
     def advance(self, time):
         done = self.rig.advance(self.rig.time)
         self.impacts(done)
-        events = ControlledRig.restore(self.rig.snapshot()).advance(time)
+        events = Rig.restore(self.rig.snapshot()).advance(time)
         for end in [*(e.time for e in events), time]:
             if end > self.rig.time:
                 done += self._smooth(end)
@@ -44,12 +44,12 @@ def test_each_command_leaves_the_energy_as_it_is(seed):
     """At the instant of a command no energy appears; at most m hits the stop that stands."""
     rig = random_controlled_rig(f'm{seed}')
     rng = random.Random(seed)
-    plain = Simulator(rig.parameters)
+    plain = Rig(rig.parameters)
     moved = hits = 0
     for _ in range(200):
         rig.advance(rig.time + rng.expovariate(8.0))
         state = {k: v for k, v in rig.snapshot().items() if k != 'gap_control'}
-        plain = Simulator.restore(state)
+        plain = Rig.restore(state)
         before = plain.sample()
         targets = [rng.uniform(-1.0, 1.0) * rig.parameters.gap for _ in range(2)]
         if rig.parameters.one_sided:
@@ -73,7 +73,7 @@ def test_each_command_leaves_the_energy_as_it_is(seed):
 
 
 def test_a_stop_that_is_closed_meets_m_and_stands():
-    rig = ControlledRig(TRIAL, control=control('timed', actuator_speed=8.0))
+    rig = Rig(TRIAL, control=control('timed', actuator_speed=8.0))
     events = rig.advance(300.0)
     touched = [e for e in events if e.kind is EventKind.STOP_TOUCHED]
     assert len(touched) > 50
@@ -88,7 +88,7 @@ def test_a_stop_that_is_closed_meets_m_and_stands():
 
 def test_each_start_of_a_stop_is_paid_for():
     speed, mass = 8.0, 0.3
-    rig = ControlledRig(TRIAL, control=control('timed', actuator_speed=speed, actuator_mass=mass))
+    rig = Rig(TRIAL, control=control('timed', actuator_speed=speed, actuator_mass=mass))
     rig.advance(200.0)
     starts = [0, 0]
     velocities = [0.0, 0.0]
@@ -105,7 +105,7 @@ def test_each_start_of_a_stop_is_paid_for():
 
 
 def test_stops_that_move_at_once_spend_nothing():
-    rig = ControlledRig(TRIAL, control=control('timed'))
+    rig = Rig(TRIAL, control=control('timed'))
     rig.advance(200.0)
     assert rig.energies == (0.0, 0.0)
     assert {(r.velocity_1, r.velocity_2) for r in rig.records} == {(0.0, 0.0)}

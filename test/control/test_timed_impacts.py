@@ -5,7 +5,7 @@ import math
 import pytest
 
 from control.controlled_rigs import TRIAL, control
-from impact_damper_ros.control import Action, ControlledRig
+from impact_damper_ros.control import Action, Rig
 from impact_damper_ros.control.controller import ControlSettings
 from impact_damper_ros.control.law import damper_of
 from impact_damper_ros.control.sensors import Passage
@@ -35,7 +35,7 @@ def timed_impacts(rig, until):
 @pytest.mark.parametrize('name', RIGS)
 def test_both_conditions_hold_at_every_timed_impact(name, stops):
     parameters = RIGS[name]
-    rig = ControlledRig(parameters, control=control('timed', gap_control_stops=stops))
+    rig = Rig(parameters, control=control('timed', gap_control_stops=stops))
     impacts = timed_impacts(rig, 400.0)
     triggers = [r.time for r in rig.records if r.action is Action.CROSSING]
     assert len(impacts) > 0.3 * len(triggers)
@@ -66,7 +66,7 @@ def test_delay_and_speed_are_made_up_for():
         {'actuator_speed': 10.0},
         {'actuator_delay': 0.3, 'actuator_speed': 20.0},
     ):
-        rig = ControlledRig(TRIAL, control=control('timed', **values))
+        rig = Rig(TRIAL, control=control('timed', **values))
         rig.advance(600.0)
         impacts = timed_impacts(rig, 900.0)
         assert len(impacts) > 80

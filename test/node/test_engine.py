@@ -15,6 +15,7 @@ from std_msgs.msg import String
 
 from impact_damper_ros.bag import RunWriter
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME, recorded_topics
+from impact_damper_ros.control import Rig
 from impact_damper_ros.node.engine import LOG_BACKLOG, Engine, EngineCallbacks, EngineSettings
 from impact_damper_ros.node.motion_ahead import ticks_ahead
 from impact_damper_ros.node.pacing import CATCH_UP_NS
@@ -22,7 +23,7 @@ from impact_damper_ros.node.publishing import TopicPublisher
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from node.rig_client import DEADLINE_S, stamp_ns, until
 
 TYPES = {
@@ -114,11 +115,11 @@ def event_bytes(node='/rig'):
     return serialize_message(ParameterEvent(node=node))
 
 
-def test_states_and_impacts_are_those_of_the_simulator():
+def test_states_and_impacts_are_those_of_the_rig():
     with Bench() as bench:
         bench.run_to(60.0)
     states = bench.messages('states')
-    rig = Simulator(LIVELY)
+    rig = Rig(LIVELY)
     impacts = []
     for tick, message in enumerate(states):
         t_ns = tick * 10_000_000
@@ -175,7 +176,7 @@ def test_a_burst_of_chatter_goes_out_whole():
     with Bench(drop, rate=1.0) as bench:
         bench.run_to(30.0)
     count = len(bench.messages('states'))
-    rig = Simulator(drop)
+    rig = Rig(drop)
     events = rig.advance(float(count - 1))
     impacts = [e for e in events if e.kind is EventKind.IMPACT]
     assert len(impacts) > 100
@@ -208,7 +209,7 @@ def test_a_change_takes_effect_at_the_instant_recorded():
     # From the bag alone: the first snapshot, the change at its instant, every sample after.
     first = json.loads(deserialize_message(log.messages[0][1], String).data)
     assert first['reason'] == 'record'
-    rig = Simulator.restore(first['state'])
+    rig = Rig.restore(first['state'])
     for topic, data, stamp in log.messages:
         if topic != 'states':
             continue
@@ -399,7 +400,7 @@ def test_single_steps_of_a_paused_rig(clock, tmp_path):
         count = len(bench.samples())
         until(lambda: len(bench.samples()) > count + 30)
     samples = bench.samples()
-    rig = Simulator(LIVELY)
+    rig = Rig(LIVELY)
     for tick, message in enumerate(samples):
         rig.advance(tick * 10_000_000 / 1e9)
         sample = rig.sample()
@@ -648,7 +649,7 @@ def test_a_failure_is_reported_and_requests_are_turned_away(monkeypatch):
         def fail(_time, **_):
             raise RuntimeError('no root')
 
-        monkeypatch.setattr(bench.engine._simulator, 'advance', fail)
+        monkeypatch.setattr(bench.engine._rig, 'advance', fail)
         bench.engine.start()
         assert bench.failed.wait(DEADLINE_S)
         assert isinstance(bench.engine.failure, RuntimeError)

@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.control import GAP_CONTROL_SPECS, ControlledRig, GapControlParameters
+from impact_damper_ros.control import GAP_CONTROL_SPECS, GapControlParameters, Rig
 from impact_damper_ros.rig import RigParameters
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
@@ -121,7 +121,7 @@ def test_control_from_the_start_is_that_of_the_library(client, launch, namespace
     )
     until(lambda: len(acts) > 60 or not process.running(), 'the control does not act')
     assert process.running(), process.output
-    twin = ControlledRig(
+    twin = Rig(
         RigParameters(**{name: json.loads(str(value)) for name, value in LIVELY.items()}),
         control=GapControlParameters(**values),
     )

@@ -10,7 +10,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from impact_damper_ros.bag.rig_topics import PAUSED_FRAME
-from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+from impact_damper_ros.control import Rig
+from impact_damper_ros.rig import EventKind, RigParameters
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
 
@@ -30,7 +31,7 @@ def snapshot_after(rig, count, condition=lambda _: True):
 def expected_from(snapshot, states):
     """Return what an offline simulator makes of a snapshot, up to the last of the states."""
     offset = snapshot['stamp_offset_ns']
-    rig = Simulator.restore(snapshot['state'])
+    rig = Rig.restore(snapshot['state'])
     impacts, samples = [], []
     for message in states:
         events = rig.advance((stamp_ns(message.header.stamp) - offset) / 1e9)

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.node.motion_ahead import KEPT, MotionTrace
 from impact_damper_ros.node.motion_report import (
     MotionMonitor,
@@ -16,7 +17,7 @@ from impact_damper_ros.node.motion_report import (
 from impact_damper_ros.node.prediction import Answer, PredictedMotion, Predictor, PredictorStatus
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.recognition import MotionKind, Rhythm
-from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
+from impact_damper_ros.rig import RigParameters, load_parameters
 
 INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
 ORBIT = find_orbits(INCLINED, (1, 2)).orbits[0]
@@ -37,7 +38,7 @@ def traced(rig, cycles, trace=None, rate=RATE):
 
 
 def test_a_settled_rig_is_measured_as_the_theory_has_it():
-    measured = measure(traced(Simulator(INCLINED), 250), RATE)
+    measured = measure(traced(Rig(INCLINED), 250), RATE)
     assert (measured.kind, measured.settled) == (MotionKind.PERIODIC, True)
     assert measured.impacts_per_cycle == 2.0
     assert measured.cycles == pytest.approx(250, abs=0.1)
@@ -50,7 +51,7 @@ def test_a_settled_rig_is_measured_as_the_theory_has_it():
 
 
 def test_phases_go_on_where_the_frequency_changes():
-    rig = Simulator(INCLINED.replace(force_frequencies=1.2, angle=0.3))
+    rig = Rig(INCLINED.replace(force_frequencies=1.2, angle=0.3))
     traced(rig, 7.3)
     rig.change(INCLINED)
     measured = measure(traced(rig, 250), RATE)
@@ -64,7 +65,7 @@ def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_t
     sweep = INCLINED.replace(
         sweep_mode='up', sweep_low=1.01, sweep_high=1.02, sweep_step=0.01, sweep_dwell=40.0
     )
-    rig = Simulator(sweep)
+    rig = Rig(sweep)
     trace = traced(rig, 3)
     assert trace.frequency == 1.01
     trace = traced(rig, 300, trace)
@@ -75,7 +76,7 @@ def test_at_each_step_of_a_sweep_the_measurement_begins_anew_with_the_phase_of_t
 
 
 def test_states_on_the_way():
-    rig = Simulator(INCLINED)
+    rig = Rig(INCLINED)
     trace = MotionTrace.at(INCLINED, rig.snapshot())
     assert measure(trace, RATE).kind is MotionKind.UNDECIDED
     measured = measure(traced(rig, 3, trace), RATE)
@@ -88,17 +89,17 @@ def test_states_on_the_way():
 
 
 def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
-    wide = Simulator(RigParameters(gravity=0.0, gap=600.0))
+    wide = Rig(RigParameters(gravity=0.0, gap=600.0))
     measured = measure(traced(wide, 30), RATE)
     assert (measured.kind, measured.impacts_per_cycle) == (MotionKind.NO_IMPACTS, 0.0)
     assert measured.x_max > 50.0
-    chaotic = Simulator(INCLINED.replace(gap=60.0))
+    chaotic = Rig(INCLINED.replace(gap=60.0))
     measured = measure(traced(chaotic, 260), RATE)
     assert (measured.kind, measured.rhythm) == (MotionKind.UNDECIDED, None)
     assert 0.5 < measured.impacts_per_cycle < 4.0
-    constant = Simulator(RigParameters(force_frequencies=0.0))
+    constant = Rig(RigParameters(force_frequencies=0.0))
     assert measure(traced(constant, 3), RATE).kind is MotionKind.NOT_PERIODICALLY_DRIVEN
-    broadband = Simulator(INCLINED.replace(multisine_level=1.0))
+    broadband = Rig(INCLINED.replace(multisine_level=1.0))
     measured = measure(traced(broadband, 30), RATE)
     assert (measured.kind, measured.rhythm) == (MotionKind.NOT_PERIODICALLY_DRIVEN, None)
     assert measured.x_max > 0.1
@@ -107,7 +108,7 @@ def test_a_rig_that_hits_nothing_or_nothing_regular_or_has_no_cycles():
 def test_chaos_is_never_settled_nor_settling():
     """The tilted bench rig, from the first cycle on."""
     tilted = load_parameters('bench_rig')[0].replace(angle=0.2)
-    rig = Simulator(tilted)
+    rig = Rig(tilted)
     trace = MotionTrace.at(tilted, rig.snapshot())
     rate = 8.0 * 31.416 / math.tau
     for k in range(1, 2401):
@@ -122,7 +123,7 @@ def test_chaos_is_never_settled_nor_settling():
 
 
 def test_impacts_that_stop_are_no_rhythm():
-    rig = Simulator(INCLINED)
+    rig = Rig(INCLINED)
     trace = traced(rig, 200)
     assert measure(trace, RATE).rhythm is not None
     still = rig.sample()
@@ -132,7 +133,7 @@ def test_impacts_that_stop_are_no_rhythm():
 
 
 def test_too_few_samples_tell_no_largest_displacement():
-    measured = measure(traced(Simulator(INCLINED), 250, rate=0.7), 0.7)
+    measured = measure(traced(Rig(INCLINED), 250, rate=0.7), 0.7)
     assert measured.rhythm.phases == pytest.approx(ORBIT.phases, abs=1e-6)
     assert (measured.x_max, measured.amplitude_ratio) == (None, None)
     values = measured_report(measured).values
@@ -140,7 +141,7 @@ def test_too_few_samples_tell_no_largest_displacement():
 
 
 def test_the_trace_does_not_grow():
-    trace = traced(Simulator(INCLINED), 800)
+    trace = traced(Rig(INCLINED), 800)
     assert len(trace.impacts()) == KEPT
     assert len(trace._turns) == KEPT
 
@@ -273,7 +274,7 @@ def test_values_are_written_for_machines():
 
 def test_who_has_just_looked_may_look_again_a_little_later():
     predictor = Predictor(lambda: None, print, enabled=False)
-    monitor = MotionMonitor(lambda: traced(Simulator(INCLINED), 2), predictor, RATE)
+    monitor = MotionMonitor(lambda: traced(Rig(INCLINED), 2), predictor, RATE)
     assert [report.task for report in monitor.look()] == ['measured motion', 'predicted motion']
     assert not monitor.may_look(1e6)
     assert monitor.may_look(0.0)

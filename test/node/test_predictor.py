@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 from compare.observed import motion_on
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.node import prediction as module
 from impact_damper_ros.node.prediction import Predictor
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.recognition import Rhythm
-from impact_damper_ros.rig import RigParameters, Simulator
+from impact_damper_ros.rig import RigParameters
 from node.rig_client import DEADLINE_S, until
 
 HORIZONTAL = RigParameters(gravity=0.0)
@@ -22,7 +23,7 @@ THREE = RigParameters(gravity=0.0, gap=18.0, force_frequencies=1.02)
 
 
 def snapshot(rig):
-    return json.dumps({'state': Simulator(rig).snapshot()})
+    return json.dumps({'state': Rig(rig).snapshot()})
 
 
 def alive(pid):
@@ -195,7 +196,7 @@ def test_a_stopped_process_holds_up_neither_the_requests_nor_the_end(start, monk
     asked.answer(1)
     pid = asked.status.process
     os.kill(pid, signal.SIGSTOP)
-    long = json.dumps({'state': Simulator(THREE).snapshot(), 'padding': 'x' * 100_000})
+    long = json.dumps({'state': Rig(THREE).snapshot(), 'padding': 'x' * 100_000})
     asking = threading.Thread(target=lambda: [asked.predictor.ask(long) for _ in range(5)])
     asking.start()
     asking.join(DEADLINE_S)

@@ -12,10 +12,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from impact_damper_ros.bag import RunReader, recover_run
+from impact_damper_ros.control import Rig
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
-from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, RigParameters
 from impact_damper_ros.rig.description import robot_description
 from node.rig_client import LIVELY, RigParametersClient, stamp_ns, until
 
@@ -69,7 +70,7 @@ def replay(bag, namespace='', cut=False):
         stamp_ns = stamp_of(stamp)
         return stamp_ns - max((o for at, o in offsets if at <= stamp_ns), default=offsets[0][1])
 
-    rig = Simulator.restore(first['state'])
+    rig = Rig.restore(first['state'])
     changes = [
         (
             rig_ns(event.stamp),

@@ -119,17 +119,17 @@ def test_a_paused_node_ends_too(client, launch, namespace):
 
 FAILING_ENGINE = """
 import sys
+from impact_damper_ros import Rig
 from impact_damper_ros.node import sim_node
-from impact_damper_ros.rig import Simulator
 
-advance = Simulator.advance
+advance = Rig.advance
 
-def fail_later(rig, time, *others):
+def fail_later(rig, time, *others, **options):
     if time > 0.5:
         raise RuntimeError('no first root')
-    return advance(rig, time, *others)
+    return advance(rig, time, *others, **options)
 
-Simulator.advance = fail_later
+Rig.advance = fail_later
 sys.exit(sim_node.main())
 """
 

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import ImpactEquations, OrbitError, find_orbits, plausible_stops
-from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
 RIG = RigParameters(
     friction=0.3,
@@ -98,7 +99,7 @@ def test_velocities_keep_momentum_and_restitution():
 
 def test_simulated_flights_satisfy_the_equations():
     """Four alternating impacts in a row, whatever else the motion does."""
-    rig = Simulator(RIG, InitialConditions(initial_primary_position=5.0))
+    rig = Rig(RIG, InitialConditions(initial_primary_position=5.0))
     events = rig.advance(400.0)
     windows = [
         events[i : i + 4]

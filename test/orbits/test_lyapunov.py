@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits.event_map import follow_trajectory
+from impact_damper_ros.orbits.flights import Flight, machine_of
 from impact_damper_ros.orbits.lyapunov import deviations, growth_exponent, monodromy_of
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
-from impact_damper_ros.rig.long_run import LongRun
-from impact_damper_ros.rig.mode import rig_constants
-from impact_damper_ros.rig.origin import Origin
+from impact_damper_ros.rig.state import Wave
 from impact_damper_ros.sweep.steady_state import steady_state
 
 #: Frictionless and horizontal, with many impacts that never repeat.
@@ -38,16 +38,16 @@ RIGS = {
 
 def along_run(parameters, initial, start, end):
     """Return the run at the start, at the end, and the deviations between."""
-    run = LongRun(parameters, initial)
-    run.advance(start, record=False)
-    begun = run.snapshot()
-    stretch = run.advance(end)
+    run = Rig(parameters, initial, compiled=None)
+    run.run(start, record=False)
+    begun, state = Rig.restore(run.snapshot()), run.state()
+    stretch = run.run(end)
     along = deviations(
-        rig_constants(parameters),
+        machine_of(parameters),
         (0.0,) * len(parameters.force_phases),
         stretch.events,
-        begun['origin']['mode'],
-        begun['origin']['last_stop'],
+        state.run.mode,
+        state.run.last_stop,
         start,
         end,
     )
@@ -64,12 +64,11 @@ def run_from(parameters, state):
         initial_damper_offset=min(max(z - x, -half), half),
         initial_damper_velocity=damper,
     )
-    # A few events: not worth compiling for each number of harmonics
-    return LongRun(parameters, initial, compiled=False)
+    return Rig(parameters, initial)
 
 
 def state_of(run):
-    sample = run.simulator().sample()
+    sample = run.sample()
     return np.array([sample.x, sample.primary_velocity, sample.z, sample.damper_velocity])
 
 
@@ -81,19 +80,19 @@ def test_matrix_is_the_derivative_of_the_flow(name):
     start = np.array([1.3, -0.4, 1.3 + 0.3 * half, 9.0])
     if name == 'chattering':
         # In the flight of the settled motion: impact, chatter, rest, release and flight again
-        settled = steady_state(LongRun(rig, ON_THE_STOP), Settling()).section[-1]
+        settled = steady_state(Rig(rig, ON_THE_STOP, compiled=None), Settling()).section[-1]
         start = np.array([*settled[:2], *(settled[2:] + settled[:2])])
         assert settled[2] < half - 1e-5
     cycle = math.tau / rig.force_frequencies[0]
     end = (1.0 if name == 'chattering' else 1.7) * cycle
     run = run_from(rig, start)
-    begun, stretch = run.snapshot(), run.advance(end)
+    begun, stretch = run.snapshot(), run.run(end)
     kinds = {EventKind(kind) for kind in stretch.events['kind']}
     assert EventKind.IMPACT in kinds
     assert (EventKind.STICK in kinds) is (name == 'sticking')
     assert (EventKind.REST in kinds) is (name == 'chattering')
     along = deviations(
-        rig_constants(rig),
+        machine_of(rig),
         begun['origin']['angles'],
         stretch.events,
         begun['origin']['mode'],
@@ -109,7 +108,7 @@ def test_matrix_is_the_derivative_of_the_flow(name):
             disturbed = start.copy()
             disturbed[column] += sign * step
             other = run_from(rig, disturbed)
-            other.advance(end)
+            other.run(end)
             ends.append(state_of(other))
         difference = (ends[0] - ends[1]) / (2.0 * step)
         assert matrix[:, column] == pytest.approx(difference, rel=2e-4, abs=2e-5), column
@@ -120,14 +119,13 @@ def test_product_is_that_of_the_event_map(name):
     rig = RIGS[name]
     cycle = math.tau / rig.force_frequencies[0]
     start, end = 30.0 * cycle, 33.0 * cycle
-    begun, stretch, along = along_run(rig, None, start, end)
+    run, stretch, along = along_run(rig, None, start, end)
     products = monodromy_of(along, np.linspace(start, end, 4)[1:])
     whole = products[2] @ products[1] @ products[0]
-    origin = {**begun['origin'], 'angles': tuple(begun['origin']['angles'])}
-    origin = {k: math.inf if v is None else v for k, v in origin.items()}
-    first = Origin(**origin)
-    lead = follow_trajectory(rig_constants(rig), first, start - first.time - first.time_low)
-    course = follow_trajectory(rig_constants(rig), lead.end, end - start)
+    state = run.state()
+    since, waves = start - state.run.time, [Wave(angle) for angle in state.angles]
+    first = Flight(machine_of(rig), state.run, waves).begun()
+    course = follow_trajectory(first.after(since), end - start)
     assert len(course.events) == len(stretch.events) > 5
     assert whole == pytest.approx(course.matrix, rel=1e-7, abs=1e-7 * np.abs(whole).max())
 
@@ -143,7 +141,7 @@ def test_determinant_is_what_damping_and_impacts_leave():
 
 def test_exponent_of_a_chaotic_rig_against_pairs_of_motions():
     """Benettin's method: a second motion, 1e-7 off, brought near again after each cycle."""
-    found = steady_state(LongRun(CHAOTIC), Settling(cycles=300, watch=1500))
+    found = steady_state(Rig(CHAOTIC, compiled=None), Settling(cycles=300, watch=1500))
     assert found.kind is MotionKind.CHAOTIC
     cycle = found.cycle
     x, velocity, offset, relative = found.section[-1]
@@ -154,7 +152,7 @@ def test_exponent_of_a_chaotic_rig_against_pairs_of_motions():
         ends = []
         for state in (here, here + offset):
             run = run_from(CHAOTIC, state)
-            run.advance(cycle, record=False)
+            run.run(cycle, record=False)
             ends.append(state_of(run))
         apart = ends[1] - ends[0]
         size = float(np.linalg.norm(apart))

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from rigs import FRICTION, HORIZONTAL, INCLINED, VERTICAL
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
 from impact_damper_ros.orbits.multipliers import monodromy, multipliers_of
-from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions
 
 CASES = {
     'horizontal': (HORIZONTAL, (1, 2), 1),
@@ -66,7 +67,7 @@ def section_map(rig, orbit, state):
         initial_damper_offset=half,
         initial_damper_velocity=damper_velocity,
     )
-    events = Simulator(shifted, start).advance(1.05 * orbit.period)
+    events = Rig(shifted, start).advance(1.05 * orbit.period)
     impacts = [event for event in events if event.kind is EventKind.IMPACT]
     last = impacts[orbit.impacts - 1]
     assert tuple(e.stop for e in impacts[: orbit.impacts]) == orbit.stops[1:] + orbit.stops[:1]
@@ -139,7 +140,7 @@ def test_air_force_against_the_simulator():
     assert orbit.stable
     impacts = [
         event
-        for event in Simulator(rig).advance(500 * orbit.period)
+        for event in Rig(rig).advance(500 * orbit.period)
         if event.kind is EventKind.IMPACT and event.stop == 1
     ]
     away = np.array([abs(event.x - orbit.x[0]) for event in impacts])

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from control.controlled_rigs import TRIAL, control
 
-from impact_damper_ros.control import ControlledRig
-from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control import Rig
 from impact_damper_ros.control.nearby_rig import NearbyRig, Scales
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits import lyapunov as neighbours
@@ -16,7 +15,6 @@ from impact_damper_ros.orbits.lyapunov import parting_exponent
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.steady_state import steady_state
 
 START = InitialConditions(initial_primary_position=1.0)
@@ -44,7 +42,7 @@ def near(x, velocity, offset, relative):
 
 def settled(rig, law, settling=SETTLING, start=START):
     """Return the steady state of a rig, and the rig in it."""
-    run = ControlledRun(rig, start, law)
+    run = Rig(rig, start, control=law, compiled=None)
     return steady_state(run, settling), run
 
 
@@ -66,7 +64,7 @@ def settled(rig, law, settling=SETTLING, start=START):
 def test_a_control_that_is_held_has_the_multiplier_of_the_rig(rig, start, stops):
     """The law is on, samples, estimates, and lets the stops stand where they are."""
     state, _ = settled(rig, held(rig.gap), start=start)
-    plain = steady_state(LongRun(rig, start), SETTLING)
+    plain = steady_state(Rig(rig, start, compiled=None), SETTLING)
     assert ','.join(state.stops) == ','.join(plain.stops) == stops
     assert state.period == plain.period
     # A free m has a double multiplier of one, which is known to half of the digits
@@ -80,7 +78,7 @@ def test_a_control_that_is_held_has_the_multiplier_of_the_rig(rig, start, stops)
 def test_stops_that_have_come_to_a_stand_have_the_multiplier_of_the_periodic_solver():
     """The law has placed them, within its dead band; its samples fall elsewhere in each cycle."""
     state, run = settled(TRIAL, control('amplitude', gap_control_stops='symmetric'))
-    stops = ControlledRig.restore(run.snapshot()).stops
+    stops = Rig.restore(run.snapshot()).stops
     gap = stops[0] - stops[1]
     assert abs(gap - TRIAL.gap) > 1.0
     (orbit,) = [
@@ -100,7 +98,7 @@ def test_stops_that_have_come_to_a_stand_have_the_multiplier_of_the_periodic_sol
 def test_a_chaotic_rig_whose_control_is_held(rig):
     long = Settling(cycles=100, watch=400)
     state, _ = settled(rig, held(rig.gap), long)
-    plain = steady_state(LongRun(rig, START), long)
+    plain = steady_state(Rig(rig, START, compiled=None), long)
     assert plain.kind is MotionKind.CHAOTIC
     assert state.exponent.value > 4.0 * state.exponent.uncertainty
     assert state.exponent.value == pytest.approx(
@@ -133,11 +131,11 @@ def test_a_motion_with_stops_that_move_forgets_a_kick_by_its_multiplier(rig, law
     assert (state.period, state.stops) == (1, ('1', '2'))
     begun, cycle, first, last = run.time, state.cycle, 8, 38
     ends = begun + cycle * np.array([first, first + 1, last, last + 1])
-    kicked, alone = (ControlledRun.restore(run.snapshot()) for _ in range(2))
+    kicked, alone = (Rig.restore(run.snapshot(), compiled=None) for _ in range(2))
     kicked.change(rig.replace(force_amplitudes=1.001), law)
-    kicked.advance(begun + 0.3 * cycle)
+    kicked.run(begun + 0.3 * cycle)
     kicked.change(rig, law)
-    samples = [one.advance(ends[-1], ends).samples for one in (kicked, alone)]
+    samples = [one.run(ends[-1], ends).samples for one in (kicked, alone)]
     apart = np.hypot(*(samples[0][n] - samples[1][n] for n in ('x', 'primary_velocity')))
     # Of a turning pair either of two cycles in a row may show little
     left = max(apart[2:]) / max(apart[:2])
@@ -153,7 +151,7 @@ def test_the_middle_of_the_motion_of_m_is_nobodys_business():
     state, run = settled(TRIAL, law)
     assert state.multiplier == pytest.approx(1.0, abs=1e-5)
     assert abs(state.exponent.value) <= state.exponent.uncertainty < 1e-5
-    rig = NearbyRig.restore(run.snapshot())
+    rig = NearbyRig.restore(run.snapshot(), compiled=None)
     rig.go_between_samples()
     here = rig.numbers()
     moved = here.numbers.copy()
@@ -161,7 +159,7 @@ def test_the_middle_of_the_motion_of_m_is_nobodys_business():
         moved[here.places.index(('origin', place))] += by
     other = rig.at(here, moved)
     until = rig.time + 40.0 * state.cycle
-    ends = [one.advance(until, [until]).samples[0] for one in (rig, other)]
+    ends = [one.run(until, [until]).samples[0] for one in (rig, other)]
     assert ends[1]['x'] == pytest.approx(ends[0]['x'], abs=1e-6)
     assert ends[1]['z'] - ends[0]['z'] == pytest.approx(0.01, rel=1e-3)
 
@@ -189,13 +187,13 @@ def test_where_neighbours_decide_differently_there_is_no_exponent(monkeypatch):
 
 def test_neighbours_are_where_m_can_be():
     rig = NearbyRig(INCLINED.replace(gap=2.0), START, control=held(2.0))
-    rig.advance(100.0)
+    rig.run(100.0)
     state = rig.numbers()
     same = rig.at(state, state.numbers)
     # It begins a flight here, whose first instant is known to round-off.
     assert same.numbers().numbers == pytest.approx(state.numbers, rel=1e-14, abs=1e-15)
     assert same.numbers().alike(state)
-    later = [one.advance(120.0, [120.0]).samples.tolist()[0] for one in (rig, same)]
+    later = [one.run(120.0, [120.0]).samples.tolist()[0] for one in (rig, same)]
     assert later[1] == pytest.approx(later[0], rel=1e-9)
     beyond = state.numbers.copy()
     beyond[state.places.index(('origin', 'clearance_1'))] = -1e-9

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from rigs import HORIZONTAL
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.orbits.optimum import Limit, _without_impacts, gap_range, optimal_gap
-from impact_damper_ros.rig import InitialConditions, Simulator
+from impact_damper_ros.rig import InitialConditions
 
 
 def brute_force(rig, gaps):
@@ -87,7 +88,7 @@ def test_vibrations_that_reach_no_stop():
     for rig, words in ((free, 'without impacts'), (held, 'with m held by friction')):
         ((told, swing),) = _without_impacts(rig)
         assert told == words
-        run = Simulator(rig, InitialConditions(initial_primary_position=-0.5 * swing))
+        run = Rig(rig, InitialConditions(initial_primary_position=-0.5 * swing))
         run.advance(2000.0)
         xs = []
         for k in range(200):

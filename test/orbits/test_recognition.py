@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rigs import FRICTION
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import find_orbits, orbit_near
 from impact_damper_ros.orbits.recognition import (
     RECOGNISED,
@@ -19,7 +20,7 @@ from impact_damper_ros.orbits.recognition import (
     period_distances,
     rhythm_of,
 )
-from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, RigParameters
 
 
 def repeating(phases, x, cycles, periods, wobble=lambda _: 0.0):
@@ -31,7 +32,7 @@ def repeating(phases, x, cycles, periods, wobble=lambda _: 0.0):
 def impacts_after(rig, cycles):
     """Return the impacts of a run from rest and their instants in cycles of the force."""
     cycle = math.tau / rig.force_frequencies[0]
-    events = Simulator(rig).advance(cycles * cycle)
+    events = Rig(rig).advance(cycles * cycle)
     impacts = [event for event in events if event.kind is EventKind.IMPACT]
     return impacts, [event.time / cycle for event in impacts]
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from rigs import FRICTION, INCLINED, VERTICAL
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.orbits.recognition import repeated_impacts
 from impact_damper_ros.orbits.search import carried_over, settled_sections
 from impact_damper_ros.orbits.settling import settled_impacts
 from impact_damper_ros.orbits.shooting import section_on, shoot
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
 
 PLASTIC = RigParameters(
     one_sided=True,
@@ -131,7 +132,7 @@ def begun_on(orbit):
         initial_damper_velocity=orbit.damper_velocity_after[0],
     )
     phase = rig.force_phases[0] + math.tau * orbit.phases[0]
-    return Simulator(rig.replace(force_phases=(phase,)), start)
+    return Rig(rig.replace(force_phases=(phase,)), start)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +168,7 @@ def test_multipliers_are_those_of_the_simulators_map(rig, mode, zeros, kinds):
 
     def after_a_period(state):
         x, velocity, beyond, relative = (*state, *(0.0, 0.0)[len(state) - 2 :])
-        run = Simulator(
+        run = Rig(
             rig.replace(force_phases=(rig.force_frequencies[0] * section.instant,)),
             InitialConditions(
                 initial_primary_position=x,
@@ -230,7 +231,7 @@ def test_a_chatter_that_ends_in_rest_is_found_without_friction():
     assert (orbit.stable, orbit.viable) == (True, True)
     assert [event.kind for event in orbit.events] == [EventKind.RELEASE, EventKind.REST]
     assert found.report.simulated_converged > 0
-    events = Simulator(rig).advance(700 * orbit.cycle)
+    events = Rig(rig).advance(700 * orbit.cycle)
     (rest,) = [event for event in events if event.kind is EventKind.REST][-1:]
     assert rest.time / orbit.cycle % 1.0 == pytest.approx(orbit.events[1].phase % 1.0, abs=1e-6)
     impacts = [event for event in events if event.kind is EventKind.IMPACT]

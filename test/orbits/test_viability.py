@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from rigs import INCLINED
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import ImpactEquations, find_orbits
 from impact_damper_ros.orbits.viability import assumed_flights, extremes
-from impact_damper_ros.rig import EventKind, InitialConditions, Simulator
-from impact_damper_ros.rig.flight import motion_at
+from impact_damper_ros.rig import EventKind, InitialConditions
 
 
 def simulated(orbit, periods=1.0):
@@ -23,7 +23,7 @@ def simulated(orbit, periods=1.0):
         initial_damper_velocity=orbit.damper_velocity_after[0],
     )
     turned = rig.force_phases[0] + rig.force_frequencies[0] * orbit.instants[0]
-    run = Simulator(rig.replace(force_phases=(math.remainder(turned, math.tau),)), start)
+    run = Rig(rig.replace(force_phases=(math.remainder(turned, math.tau),)), start)
     return run.advance(periods * orbit.period * (1 + 1e-9))
 
 
@@ -87,7 +87,7 @@ def test_reason_another_impact_with_the_true_depth():
             i = orbit.stops.index(int(start))
             flight = assumed_flights(equations, x, instants, at)[i]
             grid = np.linspace(0.0, orbit.durations[i], 20001)
-            travel = np.array([motion_at(flight, tau).travel for tau in grid])
+            travel = np.array([flight.motion(tau).travel for tau in grid])
             y = travel + (1.5 if start == '1' else -1.5)
             beyond = y.max() - 1.5 if stop == '1' else -1.5 - y.min()
             assert float(depth) == pytest.approx(beyond, rel=1e-3)
@@ -111,7 +111,7 @@ def test_largest_displacement_is_the_simulators():
         initial_damper_offset=0.5 * rig.gap,
         initial_damper_velocity=orbit.damper_velocity_after[0],
     )
-    run = Simulator(rig.replace(force_phases=(math.tau * orbit.phases[0],)), start)
+    run = Rig(rig.replace(force_phases=(math.tau * orbit.phases[0],)), start)
     largest = 0.0
     for tau in np.linspace(0.0, orbit.period, 40001):
         run.advance(tau)
@@ -129,7 +129,7 @@ def test_turning_points_against_a_dense_look():
         instants = np.sort(rng.uniform(0.0, equations.period, 2))
         flight = assumed_flights(equations, x, instants, equations.velocities(x, instants))[0]
         duration = float(rng.uniform(1.0, 20.0))
-        motions = [motion_at(flight, tau) for tau in np.linspace(0.0, duration, 5001)]
+        motions = [flight.motion(tau) for tau in np.linspace(0.0, duration, 5001)]
         swing = extremes(flight, duration, relative=False)
         relative = extremes(flight, duration, relative=True)
         for exact, seen in (
@@ -139,5 +139,5 @@ def test_turning_points_against_a_dense_look():
             span = max(seen) - min(seen)
             assert -1e-12 * span <= exact.high - max(seen) < 1e-4 * span
             assert -1e-12 * span <= min(seen) - exact.low < 1e-4 * span
-        assert motion_at(flight, swing.high_time).x == swing.high
-        assert motion_at(flight, relative.low_time).travel == relative.low
+        assert flight.motion(swing.high_time).x == swing.high
+        assert flight.motion(relative.low_time).travel == relative.low

@@ -19,7 +19,7 @@ from impact_damper_ros.bag import (
     recover_run,
 )
 from impact_damper_ros.compare import ForceClock, compare_bag, predicted_curve, predictions
-from impact_damper_ros.control import ControlledRig
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import (
     Continuation,
     ImpactEquations,
@@ -65,7 +65,7 @@ START = InitialConditions()
 ORBIT = find_orbits(LEVEL, (1, 2)).orbits[0]
 CLOCK = ForceClock(LEVEL, 0.0, (0.0,))
 TOPICS = [Topic('/text', 'std_msgs/msg/String')]
-RIG = ControlledRig(LEVEL)
+RIG = Rig(LEVEL)
 ALONG = {'along': Continuation('gap', 30.0, 40.0)}
 
 NOTHING = (None, object(), 1j)

@@ -12,7 +12,8 @@ import yaml
 from launched import Launched
 
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, JOINTS
-from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, RigParameters, Simulator
+from impact_damper_ros.control import Rig
+from impact_damper_ros.rig import PARAMETER_SPECS, EventKind, RigParameters
 from impact_damper_ros.rig import load_parameters as load
 from impact_damper_ros.rig.description import picture_size, robot_description, rviz_setup
 
@@ -27,7 +28,7 @@ def bench() -> RigParameters:
 
 def impacts_and_peak(parameters: RigParameters, start: float, end: float):
     """Run from rest; return the impacts and the largest |X| between two instants."""
-    simulator = Simulator(parameters)
+    simulator = Rig(parameters)
     simulator.advance(start)
     events, peak = [], 0.0
     steps = 20_000

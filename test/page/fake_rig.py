@@ -6,7 +6,7 @@ from impact_damper_ros.bag import String
 from impact_damper_ros.bag.messages import CdrWriter, encode
 from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.bag.rig_topics import RigMessages, snapshot_text
-from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.page.knobs import knobs_of
 from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 
@@ -42,7 +42,7 @@ class FakeLink:
 
     def __init__(self, name='/sim_node', rig=None, reason='start'):
         self.name = name
-        self.rig = ControlledRig(rig or RigParameters(gravity=0.0), InitialConditions())
+        self.rig = Rig(rig or RigParameters(gravity=0.0), InitialConditions())
         self.messages = Messages()
         self.calls = []
         self.answers = True
@@ -98,7 +98,7 @@ class FakeLink:
 
     def restart(self, rig, reason='start', later_s=0):
         """Be a node that was started anew; the last of its snapshots is what there is."""
-        self.rig = ControlledRig(rig, InitialConditions())
+        self.rig = Rig(rig, InitialConditions())
         self._tick = 0
         self._offset_ns = OFFSET_NS + later_s * 10**9
         self._announce(reason)

@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.page.frames import GHOST, PAUSED, REPLACE, REPLACE_GHOST, View
 from impact_damper_ros.page.measures import RigNumbers, slow_motion, state_at
 from impact_damper_ros.page.motion import ForcePhase, MotionHistory, impact_rows
-from impact_damper_ros.rig import EventKind, RigParameters, Simulator
-from impact_damper_ros.rig.simulator import Snapshot
+from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.rig.snapshot import Snapshot
 
 from .browser import taken_apart
 
@@ -22,7 +23,7 @@ def force_phase(simulator):
 
 def recorded(rig, seconds, rate=RATE):
     """Return the motion of a rig from rest, as a recording of it would hold it."""
-    simulator = Simulator(rig)
+    simulator = Rig(rig)
     phase = force_phase(simulator)
     motion = MotionHistory(100_000, 10_000)
     samples, impacts = [], []
@@ -223,10 +224,10 @@ def test_the_newest_rows_are_kept():
 
 
 def test_phase_of_the_force(rig):
-    phase = force_phase(Simulator(rig.replace(force_phases=(0.3,))))
+    phase = force_phase(Rig(rig.replace(force_phases=(0.3,))))
     time = np.array([0.0, 0.1, 7.3])
     assert phase.at(time) == pytest.approx((31.6 * time + 0.3) / math.tau % 1.0)
-    still = force_phase(Simulator(rig.replace(force_amplitudes=(0.0,))))
+    still = force_phase(Rig(rig.replace(force_amplitudes=(0.0,))))
     assert np.isnan(still.at(time)).all()
 
 
@@ -235,7 +236,7 @@ def test_phase_of_a_stepped_sine_is_that_of_the_rig(rig):
     swept = rig.replace(
         sweep_mode='up_down', sweep_low=20.0, sweep_high=22.0, sweep_step=0.7, sweep_dwell=0.9
     )
-    simulator = Simulator(swept)
+    simulator = Rig(swept)
     phase = force_phase(simulator)
     for time in (0.5, 1.0, 2.5, 4.1, 9.0):
         simulator.advance(time)
@@ -251,7 +252,7 @@ def test_slow_motion_goes_through_the_impacts(rig, motion):
     assert [hit['stop'] for hit in slow['impacts']] == motion.impacts[
         motion.impacts[:, 0] <= 11.0
     ][-4:, 1].tolist()
-    simulator = Simulator(rig)
+    simulator = Rig(rig)
     exact = []
     for time in t:
         simulator.advance(time)
@@ -266,7 +267,7 @@ def test_slow_motion_goes_through_the_impacts(rig, motion):
 
 
 def test_state_between_samples(rig, motion):
-    simulator = Simulator(rig)
+    simulator = Rig(rig)
     for time in np.arange(9.0, 9.5, 0.0013):
         simulator.advance(time)
         s, row = simulator.sample(), state_at(motion, time)

@@ -5,9 +5,9 @@ import re
 
 import pytest
 
-from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.page.presets import load_presets, preset_with
-from impact_damper_ros.rig import EventKind, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, RigParameters
 
 PRESETS = {preset.name: preset for preset in load_presets()}
 #: Of the rigs that settle: stops of a period of one cycle, Xmax/A, and cycles until then.
@@ -24,7 +24,7 @@ SETTLED = {
 
 def run(preset, start, cycles, control=None):
     """Return impacts and X of some cycles of the force."""
-    rig = ControlledRig(preset.rig, preset.initial, control=control or preset.control)
+    rig = Rig(preset.rig, preset.initial, control=control or preset.control)
     cycle = math.tau / preset.rig.force_frequencies[0]
     rig.advance(start * cycle)
     impacts, x = [], []
@@ -91,7 +91,7 @@ def test_paper_rigs_are_those_of_the_paper():
 
 def test_the_best_gap_is_not_reached_from_rest():
     preset = PRESETS['figure_5_best_gap']
-    rig = Simulator(preset.rig)
+    rig = Rig(preset.rig)
     rig.advance(100.0)
     events = [e for e in rig.advance(110.0) if e.kind is EventKind.IMPACT]
     assert len(events) != 40
@@ -99,7 +99,7 @@ def test_the_best_gap_is_not_reached_from_rest():
 
 def test_bouncing_ball_bounces_high_and_low_in_turn_under_more_force():
     preset = PRESETS['bouncing_ball']
-    rig = ControlledRig(preset.rig.replace(force_amplitudes=(1060.0,)), preset.initial)
+    rig = Rig(preset.rig.replace(force_amplitudes=(1060.0,)), preset.initial)
     rig.advance(60.0)
     speeds = [e.damper_velocity_after for e in rig.advance(62.0) if e.kind is EventKind.IMPACT]
     assert len(speeds) == 10
@@ -109,7 +109,7 @@ def test_bouncing_ball_bounces_high_and_low_in_turn_under_more_force():
 
 def test_conveyor_carries_the_mass_to_stop_1_again_and_again():
     preset = PRESETS['conveyor']
-    rig = ControlledRig(preset.rig, preset.initial)
+    rig = Rig(preset.rig, preset.initial)
     start = rig.sample().z - rig.sample().x
     events = [e for e in rig.advance(30.0) if e.kind is EventKind.IMPACT]
     assert start == -0.09
@@ -119,10 +119,10 @@ def test_conveyor_carries_the_mass_to_stop_1_again_and_again():
 
 def test_chaos_never_repeats_and_feels_its_start():
     preset = PRESETS['chaos']
-    one = ControlledRig(preset.rig, preset.initial)
+    one = Rig(preset.rig, preset.initial)
     one.advance(20.0)
     state = one.snapshot()
-    other = ControlledRig.restore(state)
+    other = Rig.restore(state)
     other.change(preset.rig.replace(gap=preset.rig.gap * (1 + 1e-9)))
     one.advance(60.0)
     other.advance(60.0)

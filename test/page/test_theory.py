@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.orbits import find_orbits, optimal_gap
 from impact_damper_ros.page.measures import estimated_optimum
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.page.theorist import Theorist
 from impact_damper_ros.page.theory import theory
-from impact_damper_ros.rig import RigParameters, Simulator, load_parameters
+from impact_damper_ros.rig import RigParameters, load_parameters
 from impact_damper_ros.rig.parameters_file import preset_file
 
 from .browser import in_loop, live_page
@@ -28,7 +28,7 @@ INCLINED = RigParameters(angle=0.7853981633974483, gravity=1.0, friction=0.5).re
 
 
 def messages(rig, control=None, **wanted):
-    state = ControlledRig(rig, control=control or GapControlParameters()).snapshot()
+    state = Rig(rig, control=control or GapControlParameters()).snapshot()
     found = list(theory(state, **{'orbit': True, 'curve': True, **wanted}))
     # As they are sent
     return json.loads(json.dumps(found, allow_nan=False))
@@ -61,7 +61,7 @@ def test_drawn_orbit_is_the_motion_of_the_rig():
     t, x, z = (np.array(last[name]) for name in ('t', 'x', 'z'))
     assert (np.diff(t) >= 0.0).all()
     assert last['t_zero'] == pytest.approx(0.0)
-    rig = Simulator(INCLINED)
+    rig = Rig(INCLINED)
     rig.advance(1000 * last['period'])
     began = rig.time
     for share in (0.05, 0.3, 0.55, 0.9):
@@ -290,7 +290,7 @@ async def test_only_the_newest_rig_is_answered():
             done.set()
 
     theorist = Theorist(take)
-    slow = ControlledRig(RigParameters(gravity=0.0, gap=8.0)).snapshot()
+    slow = Rig(RigParameters(gravity=0.0, gap=8.0)).snapshot()
     for _ in range(5):
         theorist.ask(slow)
         await asyncio.sleep(0.02)
@@ -298,7 +298,7 @@ async def test_only_the_newest_rig_is_answered():
         await asyncio.sleep(0.01)
     number = found[-1]['for']
     found.clear()
-    theorist.ask(ControlledRig(RigParameters(gravity=0.0)).snapshot())
+    theorist.ask(Rig(RigParameters(gravity=0.0)).snapshot())
     assert theorist.known() == []
     await asyncio.wait_for(done.wait(), 100.0)
     await theorist.close()

@@ -16,12 +16,13 @@ from impact_damper_ros.bag.bag_file import BagFile
 from impact_damper_ros.bag.messages import CdrError, JointStateLayout, decode, header_ns
 from impact_damper_ros.bag.rig_recorder import parameter_event
 from impact_damper_ros.compare import compare_bag
+from impact_damper_ros.control import Rig
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.what_if import WhatIf
-from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError, Simulator
-from impact_damper_ros.rig.simulator import ARITHMETIC
+from impact_damper_ros.rig import EventKind, InitialConditions, ParameterError
+from impact_damper_ros.rig.snapshot import ARITHMETIC
 
 
 def replayed(bag, node=None):
@@ -121,104 +122,37 @@ def test_excitation_changed_on_the_way(tmp_path, seed):
     assert not findings.remarks
 
 
-def of_version_0_1(messages):
-    """Return the messages as they were before stops moved and frequencies were swept."""
-    new = ('multisine_', 'sweep_')
-    old = []
-    for topic, content, stamp in messages:
-        if topic == '/snapshot':
-            text = json.loads(content[8:-1])
-            state = text['state']
-            state['format'] = 1
-            del state['sweep']
-            names = ['target_1', 'target_2', 'stop_velocity_1', 'stop_velocity_2', 'side']
-            for name in names:
-                del state['origin'][name]
-            parameters = state['parameters']
-            state['parameters'] = {n: v for n, v in parameters.items() if not n.startswith(new)}
-            message = samples.make(samples.STRING, json.dumps(text))
-            content = samples.serialise(samples.STRING, message)
-        elif topic == '/parameter_events':
-            event = decode(samples.PARAMETER_EVENT, content)
-            if event.new_parameters:
-                listed = {p.name: p.value for p in event.new_parameters}
-                listed = {n: v for n, v in listed.items() if not n.startswith(new)}
-                content = parameter_event(event.stamp_ns, event.node, listed, new=True)
-        old.append((topic, content, stamp))
-    return old
-
-
-@pytest.mark.parametrize('seed', range(4))
-def test_bags_of_version_0_1_are_replayed(tmp_path, seed):
-    rig = random_run(seed, ticks=200, version=1)
-    messages = of_version_0_1(rig.messages)
-    assert all(b'sweep' not in content for _, content, _ in messages)
-    findings = replayed(samples.record(tmp_path / 'bag', messages, custom=NOTES))
-    assert findings.verdict is ReplayVerdict.IDENTICAL
-    assert findings.snapshots == len(places(messages, '/snapshot'))
-
-
 def test_positions_are_those_in_the_laboratory(tmp_path):
-    """They go on where the static equilibrium moves; in a bag of format 1 they count from it."""
+    """They go on where the static equilibrium moves."""
     changes = (
         {'angle': 0.3},
         {'gravity': 3.0},
         {'stiffness': 1500.0, 'primary_mass': 4.0},
         {'angle': -0.2, 'gravity': 9.81},
     )
-    steps, second = {}, []
-    for version in (1, 2, 3):
-        rig = RecordedRig(rate=1000.0, version=version).start().run(500)
-        for change in changes:
-            rig.run(400, ('change', change))
-        bag = rig.save(tmp_path / f'bag_{version}')
-        findings = replayed(bag)
-        assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
-        assert findings.impacts > 50
-        assert findings.changes == len(changes)
-        assert RecordedRun(bag).start.version == version
-        second = rig.messages if version == 2 else second
-        # A tick carries a stretch of a thousandth of a second with it.
-        states = [
-            decode('sensor_msgs/msg/JointState', rig.messages[place][1])
-            for place in places(rig.messages, '/joint_states')
-        ]
-        steps[version] = [
-            abs((b - a) - 0.5e-3 * (v + w)) / (0.5e-3 * abs(w - v) + 1e-4)
-            for one, other in pairwise(states)
-            for a, b, v, w in islice(
-                zip(one.position, other.position, one.velocity, other.velocity, strict=True), 4
-            )
-        ]
-        # The angle is shown from the sample on at which it changes.
-        if version > 2:
-            angles = [state.position[4] for state in states]
-            assert angles == [0.0] * 501 + [0.3] * 1200 + [-0.2] * 400
-    assert max(steps[2]) < 1.0
-    assert steps[2] == steps[3]
-    # All four joints jump at the four changes, by a millimetre and more.
-    assert sum(step > 5.0 for step in steps[1]) == 16
-    mistaken = [
-        (topic, content.replace(b'"format": 2', b'"format": 1', 1), stamp)
-        for topic, content, stamp in second
-    ]
-    assert (
-        replayed(samples.record(tmp_path / 'mistaken', mistaken)).verdict
-        is ReplayVerdict.DIFFERENT
-    )
-    # What a what-if holds against is X, whatever the messages show.
-    recorded = [list(Replay(RecordedRun(tmp_path / f'bag_{v}')).ticks()) for v in (1, 2, 3)]
-    for one in recorded[:2]:
-        assert [tick.x for tick in one] == [tick.x for tick in recorded[2]]
-    assert all(tick.x == tick.sample.x for tick in recorded[2])
-
-
-@pytest.mark.parametrize('version', [1, 2])
-@pytest.mark.parametrize('seed', range(4))
-def test_histories_of_older_formats_come_out_too(tmp_path, seed, version):
-    rig = random_run(seed, ticks=200, version=version)
-    findings = replayed(rig.save(tmp_path / 'bag'))
+    rig = RecordedRig(rate=1000.0).start().run(500)
+    for change in changes:
+        rig.run(400, ('change', change))
+    bag = rig.save(tmp_path / 'bag')
+    findings = replayed(bag)
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
+    assert findings.impacts > 50
+    assert findings.changes == len(changes)
+    # A tick carries a stretch of a thousandth of a second with it.
+    states = [
+        decode('sensor_msgs/msg/JointState', rig.messages[place][1])
+        for place in places(rig.messages, '/joint_states')
+    ]
+    for one, other in pairwise(states):
+        for a, b, v, w in islice(
+            zip(one.position, other.position, one.velocity, other.velocity, strict=True), 4
+        ):
+            assert abs((b - a) - 0.5e-3 * (v + w)) < 0.5e-3 * abs(w - v) + 1e-4
+    # The angle is shown from the sample on at which it changes.
+    angles = [state.position[4] for state in states]
+    assert angles == [0.0] * 501 + [0.3] * 1200 + [-0.2] * 400
+    # What a what-if holds against is X, whatever the messages show.
+    assert all(tick.x == tick.sample.x for tick in Replay(RecordedRun(bag)).ticks())
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -232,6 +166,17 @@ def test_a_run_recorded_by_ros2_bag_is_replayed_too(tmp_path, seed):
     assert findings.impacts == len(places(messages, '/impacts'))
     retraced = [fault for fault in findings.faults if 'cannot be retraced' not in fault]
     assert retraced == []
+
+
+def test_how_far_the_node_has_looked_ahead_is_no_difference(tmp_path):
+    rig = RecordedRig(LIVELY.replace(gap=0.4)).start().run(20)
+    searched = rig.rig.snapshot()['origin']['searched']
+    rig.rig.preview([rig.rig.time + 0.2])
+    assert rig.rig.snapshot()['origin']['searched'] > searched
+    rig.serve(('resume', 5))
+    findings = replayed(rig.run(200).save(tmp_path / 'bag'))
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
+    assert findings.pauses == 1
 
 
 def test_a_quiet_run_recorded_by_ros2_bag(tmp_path):
@@ -540,14 +485,24 @@ def test_a_bag_may_end_anywhere(tmp_path, messages, lost):
     assert findings.impacts == len(places(messages[:end], '/impacts'))
 
 
+def of_format(message, version, name='format'):
+    """Return a snapshot as one of another format, or with a state of another one."""
+    topic, content, stamp = message
+    held = json.loads(decode(samples.STRING, content).data)
+    (held['state'] if name == 'state' else held)['format'] = version
+    text = samples.make(samples.STRING, json.dumps(held))
+    return topic, samples.serialise(samples.STRING, text), stamp
+
+
 def test_other_formats_are_refused(tmp_path, messages):
-    topic, content, stamp = messages[0]
-    other = (topic, content.replace(b'"format": 3', b'"format": 7', 1), stamp)
-    with pytest.raises(RecordingError, match='of format 7; this version reads format 1, 2 and 3'):
-        replayed(samples.record(tmp_path / 'all', [other, *messages[1:]], custom=NOTES))
+    for name, version in (('format', 7), ('format', 2), ('state', 2), ('state', None)):
+        others = [of_format(messages[0], version, name), *messages[1:]]
+        words = f'of format {version}; this version reads format 3'
+        with pytest.raises(RecordingError, match=words) as caught:
+            replayed(samples.record(tmp_path / f'{name}_{version}', others, custom=NOTES))
+        assert 'use the version of impact_damper_ros that recorded the bag' in str(caught.value)
     place = places(messages, '/snapshot')[-1]
-    topic, content, stamp = messages[place]
-    messages[place] = (topic, content.replace(b'"format": 3', b'"format": 4', 1), stamp)
+    messages[place] = of_format(messages[place], 4)
     findings = replayed(samples.record(tmp_path / 'later', messages, custom=NOTES))
     assert findings.verdict is ReplayVerdict.PARTIAL
     assert findings.samples == 201
@@ -637,7 +592,7 @@ def test_what_if_is_the_direct_simulation(tmp_path):
     rig.run(100, ('change', {'gap': 0.02}), ('reset', None))
     other, rows = what_if(rig.save(tmp_path / 'bag'), gap=0.006)
     assert other.from_initial
-    direct = Simulator(LIVELY.replace(gap=0.006))
+    direct = Rig(LIVELY.replace(gap=0.006))
     for time_ns, sample, events in rows:
         expected = direct.advance(time_ns / 1e9)
         if time_ns == 505_000_000:
@@ -655,7 +610,7 @@ def test_what_if_in_the_middle_of_a_run_is_a_change_at_its_start(tmp_path):
     rig.record()
     start = json.loads(json.dumps(rig.rig.snapshot()))
     rig.run(100)
-    direct = Simulator.restore(start)
+    direct = Rig.restore(start)
     offset = abs(direct.sample().z - direct.sample().x)
     # Too narrow for m where it is
     gap = offset

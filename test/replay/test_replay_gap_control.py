@@ -1,6 +1,5 @@
 """Runs under gap control replayed from their logs: acts, noise and live switching included."""
 
-import json
 import random
 import struct
 
@@ -9,9 +8,9 @@ from bag import samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig
 from replay.test_replay import flipped, places, replayed, with_arrival_times
 
-from impact_damper_ros.bag.messages import CdrWriter, JointStateLayout, decode
+from impact_damper_ros.bag.messages import JointStateLayout
 from impact_damper_ros.cli.replay_run import main as replay_run
-from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.replay.findings import ReplayVerdict
 
 # Of a rig of 5 Hz that moves centimetres
@@ -25,12 +24,6 @@ CONTROL = GapControlParameters(
     actuator_speed=0.5,
     actuator_delay=0.004,
 )
-
-
-def _without_control(content):
-    held = json.loads(decode('std_msgs/msg/String', content).data)
-    del held['state']['gap_control']
-    return bytes(CdrWriter().string(json.dumps(held)).content)
 
 
 def random_switch(rng):
@@ -151,19 +144,6 @@ def test_a_bag_may_end_anywhere(tmp_path):
         assert findings.difference_count == 0, end
 
 
-def test_a_bag_from_before_there_was_control(tmp_path):
-    """Neither its snapshots nor its parameters know of it."""
-    rig = RecordedRig().start().run(200).run(200, ('change', {'gap': 0.02}))
-    stripped = [m for m in rig.messages if m[0] != '/gap_control']
-    for k, (topic, content, stamp) in enumerate(stripped):
-        if topic == '/snapshot':
-            stripped[k] = (topic, _without_control(content), stamp)
-    notes = {name: topic for name, topic in NOTES.items() if name != 'gap_control'}
-    findings = replayed(samples.record(tmp_path / 'bag', stripped, custom=notes))
-    assert findings.verdict is ReplayVerdict.IDENTICAL
-    assert (findings.snapshots, findings.control) == (3, 0)
-
-
 def test_what_if_the_control_had_been_on(tmp_path, capsys):
     rig = RecordedRig(LIVELY.replace(gap=0.06)).start().run(2400)
     path = rig.save(tmp_path / 'bag')
@@ -175,6 +155,6 @@ def test_what_if_the_control_had_been_on(tmp_path, capsys):
     assert "gap_control = 'timed' (recorded: 'off')" in text
     ratio = float(text.partition('rms X [m]')[2].split()[2])
     assert ratio < 0.9
-    twin = ControlledRig(rig.rig.parameters, control=CONTROL)
+    twin = Rig(rig.rig.parameters, control=CONTROL)
     twin.advance(rig.time_ns / 1e9)
     assert twin.control.active

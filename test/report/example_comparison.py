@@ -23,8 +23,9 @@ from impact_damper_ros.compare.result import (
     SwingEnvelope,
     Verdict,
 )
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import Continuation, continue_orbit, find_orbits
-from impact_damper_ros.rig import EventKind, Simulator
+from impact_damper_ros.rig import EventKind
 
 
 def _impact_curve(hits, cycle):
@@ -34,7 +35,7 @@ def _impact_curve(hits, cycle):
 
 
 def _motion(parameters, start, end):
-    rig, rows, events = Simulator(parameters), [], []
+    rig, rows, events = Rig(parameters), [], []
     for t in np.arange(0.0, end, 0.05):
         for e in rig.advance(float(t)):
             events.append(e)
@@ -49,7 +50,7 @@ def _motion(parameters, start, end):
 
 
 def _predicted(orbit):
-    rig = Simulator(orbit.parameters)
+    rig = Rig(orbit.parameters)
     rig.advance(400 * orbit.cycle)
     rows = []
     for p in np.arange(400.0, 401.0, 0.004) + orbit.phases[0]:

@@ -3,8 +3,8 @@ Try to break the certified first event: random and near-grazing flights by the m
 
     PYTHONPATH=.:test python -m rig.break_contact --count 2000000
 
-Each flight's first event, as `first_event` claims it, is checked by the dense search of the
-oracle. With numba the compiled kernels are tried; without it the plain ones.
+Each flight's first event, as `find_event` claims it, is checked by the dense search of the oracle.
+With numba the compiled kernels are tried; without it the plain ones.
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from math import cos, inf, sin
+from math import inf
+from types import FunctionType
 
 import numpy as np
 
-from impact_damper_ros.rig import contact, kernels
-from impact_damper_ros.rig.flight import Flight
-from impact_damper_ros.rig.oscillator import acceleration_at, make_oscillator
+from impact_damper_ros.rig.compiled import compiled_namespace, dtype_of, has_numba
+from impact_damper_ros.rig.flight import begin_flight
+from impact_damper_ros.rig.oscillator import Line, Oscillator, oscillators
+from impact_damper_ros.rig.run import ALL_STEPS, find_event
+from impact_damper_ros.rig.state import Mode, RigConstants, Run, Wave
 from oracle.dense_check import FALSE, MISSED, Verdict, check
 from oracle.flight_cases import EPS, FlightCases
 from oracle.flight_generators import near_grazing_flights, random_flights
@@ -28,6 +31,8 @@ GENERATORS = {'random': random_flights, 'near-grazing': near_grazing_flights}
 #: In round-offs of positions and velocities. All but a few in ten thousand are below 64 of them; a
 #: drive a hundred times faster than the natural frequency costs the closed form some thousand.
 TOLERANCE = 32768.0
+#: Of the masses: the air force then gives M any constant acceleration, and m next to none.
+MASS_RATIO = 2.0**60
 
 
 def launchable(cases: FlightCases) -> FlightCases:
@@ -38,58 +43,107 @@ def launchable(cases: FlightCases) -> FlightCases:
     return cases.take(~pressed)
 
 
-def flight_of(cases: FlightCases, i: int) -> Flight:
-    """Return one of the oracle's flights as the package sees it."""
-    omega, damping = float(cases.omega0[i]), float(cases.zeta[i])
-    oscillator = make_oscillator(
-        1.0,
-        omega * omega,
-        2.0 * damping * omega,
-        tuple(cases.force_acc[i].tolist()),
-        tuple(cases.force_freq[i].tolist()),
+def records(cls, shape, **columns):
+    """Return records of a class with the given columns."""
+    rows = np.zeros(shape, dtype_of(cls)).view(np.recarray)
+    for name, column in columns.items():
+        rows[name] = column
+    return rows
+
+
+def flights_of(cases: FlightCases):
+    """Return rigs, harmonics, states and waves of the oracle's flights."""
+    mass = np.ones(len(cases))
+    square, dashpot = cases.omega0**2, 2.0 * cases.zeta * cases.omega0
+    constants, of_lines = oscillators(mass, square, dashpot, cases.force_acc, cases.force_freq)
+    oscillator = records(Oscillator, len(cases), **constants)
+    rigs = records(
+        RigConstants,
+        len(cases),
+        free=oscillator,
+        joint=oscillator,
+        harmonics=cases.force_acc.shape[1],
+        mass_ratio=MASS_RATIO,
+        slope=cases.gz,
+        air=-cases.const_acc / MASS_RATIO,
+        half_gap=cases.half_gap,
+        one_sided=cases.one_sided,
     )
-    phases = cases.force_phase0[i].tolist()
-    sines = tuple(sin(p) for p in phases)
-    x, velocity, constant = float(cases.x0[i]), float(cases.v0[i]), float(cases.const_acc[i])
-    acceleration = acceleration_at(oscillator, constant, sines, x, velocity)
-    relative = float(cases.gz[i]) - acceleration
-    speed = float(cases.w0[i])
-    if speed == 0.0 and abs(relative) <= 1e3 * EPS * float(cases.strength[i]):
-        relative = 0.0  # a release
-    half, offset = float(cases.half_gap[i]), float(cases.y0[i])
-    return Flight(
-        oscillator=oscillator,
-        constant=constant,
-        sines=sines,
-        cosines=tuple(cos(p) for p in phases),
-        x=x,
-        velocity=velocity,
-        acceleration=acceleration,
-        relative_velocity=speed,
-        relative_acceleration=relative,
-        clearance_1=half - offset,
-        clearance_2=inf if cases.one_sided[i] else half + offset,
-        joint=False,
-        direction=int(cases.slide[i]) if cases.watch_reversal[i] else 0,
-        arrival=inf,
-        slope=0.0,
-        support_low=-inf,
-        support_high=inf,
+    lines = records(Line, cases.force_acc.shape, phase=cases.force_phase0, **of_lines)
+    waves = records(Wave, cases.force_acc.shape)
+    force = (cases.force_acc * np.sin(cases.force_phase0)).sum(axis=1)
+    drag = square * cases.x0 + dashpot * cases.v0
+    relative = cases.gz - (cases.const_acc + force - drag)
+    flat = np.abs(relative) <= 1e3 * EPS * cases.strength
+    sliding = np.where(cases.slide > 0, Mode.SLIDE_DOWN, Mode.SLIDE_UP)
+    runs = records(
+        Run,
+        len(cases),
+        mode=np.where(cases.watch_reversal, sliding, Mode.FREE),
+        x=cases.x0,
+        velocity=cases.v0,
+        relative_velocity=cases.w0,
+        clearance_1=cases.half_gap - cases.y0,
+        clearance_2=np.where(cases.one_sided, inf, cases.half_gap + cases.y0),
+        stop_1=cases.half_gap,
+        stop_2=-cases.half_gap,
+        target_1=cases.half_gap,
+        target_2=-cases.half_gap,
+        last_stop=2,
+        released=(cases.w0 == 0.0) & flat,
+        steps=ALL_STEPS,
+    )
+    return rigs, lines, runs, waves
+
+
+def find_all(rigs, lines, runs, waves, horizons):
+    """Find the first event of each flight."""
+    for i in range(len(runs)):
+        begin_flight(rigs[i], lines[i], runs[i], waves[i])
+        find_event(rigs[i], lines[i], runs[i], waves[i], horizons[i])
+
+
+def compiled_find_all():
+    """Return `find_all` with compiled kernels."""
+    import numba
+
+    names = {name: compiled_namespace()[name] for name in ('begin_flight', 'find_event')}
+    twin = FunctionType(find_all.__code__, names)
+    return numba.njit(twin, error_model='numpy', _nrt=False)
+
+
+def plain(rigs, lines, runs, waves):
+    """Return the same as objects of plain Python."""
+    return (
+        [
+            RigConstants(Oscillator(*row[0]), Oscillator(*row[1]), *row[2:])
+            for row in rigs.tolist()
+        ],
+        [[Line(*row) for row in of_one] for of_one in lines.tolist()],
+        [Run(*row) for row in runs.tolist()],
+        [[Wave(*row) for row in of_one] for of_one in waves.tolist()],
     )
 
 
-def claims(cases: FlightCases, first_event=contact.first_event) -> tuple[np.ndarray, np.ndarray]:
-    """Return kind and instant of the first event of every flight."""
-    kind, tau = np.zeros(len(cases), dtype=int), np.zeros(len(cases))
-    for i in range(len(cases)):
-        kind[i], tau[i] = first_event(flight_of(cases, i), 0.0, float(cases.horizon[i]))
-    return kind, tau
+def plain_find_all(rigs, lines, runs, waves, horizons):
+    """Find the first event of each flight by the plain kernels."""
+    flights = plain(rigs, lines, runs, waves)
+    find_all(*flights, horizons.tolist())
+    for name in ('kind', 'tau', 'searched'):
+        runs[name] = [getattr(run, name) for run in flights[2]]
 
 
-def trial(name: str, count: int, seed: int, first_event=contact.first_event) -> Verdict:
+def claims(cases: FlightCases, find=plain_find_all) -> tuple[np.ndarray, np.ndarray]:
+    """Return kind and instant of each first event; no kind: how far there is none."""
+    rigs, lines, runs, waves = flights_of(cases)
+    find(rigs, lines, runs, waves, cases.horizon)
+    return runs.kind, np.where(runs.kind == 0, runs.searched, runs.tau)
+
+
+def trial(name: str, count: int, seed: int, find=plain_find_all) -> Verdict:
     """Claim and check one batch of flights; round-off is that of positions and velocities."""
     cases = launchable(GENERATORS[name](count, np.random.default_rng(seed)))
-    return check(cases, *claims(cases, first_event), tolerance=TOLERANCE, unit='position')
+    return check(cases, *claims(cases, find), tolerance=TOLERANCE, unit='position')
 
 
 def main() -> int:
@@ -100,11 +154,11 @@ def main() -> int:
     parser.add_argument('--batch', type=int, default=20_000)
     parser.add_argument('--plain', action='store_true', help='leave numba aside')
     options = parser.parse_args()
-    first_event = contact.first_event
+    find = plain_find_all
     if not options.plain:
-        try:
-            (first_event,) = kernels.compiled('first_event')
-        except ImportError:
+        if has_numba():
+            find = compiled_find_all()
+        else:
             print('numba is not installed: plain kernels', file=sys.stderr)
     done = dict.fromkeys(GENERATORS, 0)
     wrong = {name: [0, 0] for name in GENERATORS}
@@ -113,7 +167,7 @@ def main() -> int:
         name = list(GENERATORS)[batch % 2]
         size = min(options.batch, options.count - sum(done.values()))
         seed = options.seed * 1_000_000 + batch
-        verdict = trial(name, size, seed, first_event)
+        verdict = trial(name, size, seed, find)
         done[name] += len(verdict.status)
         wrong[name][0] += verdict.missed
         wrong[name][1] += verdict.false

@@ -6,29 +6,31 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.rig import EventKind, RigParameters, Sample, Simulator
+from impact_damper_ros.control import Rig
+from impact_damper_ros.rig import EventKind, RigParameters, Sample
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-def energy(parameters: RigParameters, sample: Sample) -> float:
-    """Return the mechanical energy of M and m, from the static equilibrium of M."""
+def parts(parameters: RigParameters, sample: Sample) -> tuple[float, float]:
+    """Return the energy of motion and spring of M and m, and minus that of the weight of m."""
     p = parameters
     kinetic = p.primary_mass * sample.primary_velocity**2 + p.damper_mass * (
         sample.damper_velocity**2
     )
     weight = p.damper_mass * p.gravity * math.sin(p.angle)
-    return 0.5 * (kinetic + p.stiffness * sample.x**2) - weight * sample.z
+    return 0.5 * (kinetic + p.stiffness * sample.x**2), weight * sample.z
+
+
+def energy(parameters: RigParameters, sample: Sample) -> float:
+    """Return the mechanical energy of M and m, from the static equilibrium of M."""
+    own, weight = parts(parameters, sample)
+    return own - weight
 
 
 def turnover(parameters: RigParameters, sample: Sample) -> float:
     """Return the sum of the moduli of all parts of the energy."""
-    p = parameters
-    kinetic = p.primary_mass * sample.primary_velocity**2 + p.damper_mass * (
-        sample.damper_velocity**2
-    )
-    weight = p.damper_mass * p.gravity * math.sin(p.angle)
-    return 0.5 * (kinetic + p.stiffness * sample.x**2) + abs(weight * sample.z)
+    return sum(map(abs, parts(parameters, sample)))
 
 
 class Account:
@@ -43,7 +45,7 @@ class Account:
         Sum of the moduli of all that.
     """
 
-    def __init__(self, rig: Simulator) -> None:
+    def __init__(self, rig: Rig) -> None:
         self.rig = rig
         # An impact with which it starts is in the state already.
         rig.advance(rig.time)
@@ -80,7 +82,7 @@ class Account:
         # What a command has left to happen at this very instant
         done = self.rig.advance(self.rig.time)
         self.impacts(done)
-        events = Simulator.restore(self.rig.snapshot()).advance(time)
+        events = Rig.restore(self.rig.snapshot()).advance(time)
         for end in [*(e.time for e in events), time]:
             if end > self.rig.time:
                 done += self._smooth(end)

@@ -7,7 +7,11 @@ import math
 import random
 from typing import Any
 
-from impact_damper_ros.rig import Event, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.control import Rig
+from impact_damper_ros.rig import EVENT_TYPE, Event, InitialConditions, RigParameters
+
+#: Events to the last field, as the tables of `Rig.run` have them but for the mode.
+_NAMES = EVENT_TYPE.names[:-1]
 
 
 def random_parameters(rng: random.Random, **fixed: Any) -> RigParameters:
@@ -52,7 +56,26 @@ def random_rig(seed: int | str, **fixed: Any) -> tuple[RigParameters, InitialCon
     return parameters, random_initial(rng, parameters)
 
 
-def random_command(rng: random.Random, rig: Simulator) -> tuple[float | None, float | None, float]:
+def random_change(rng: random.Random, parameters: RigParameters) -> RigParameters:
+    """Return changed parameters of the kinds a user turns knobs at."""
+    fresh = random_parameters(rng)
+    names = rng.choice(
+        [
+            *[('gap',)] * 3,
+            ('angle',),
+            ('gravity', 'friction'),
+            ('stiffness',),
+            ('primary_mass', 'damper_mass'),
+            ('restitution_1', 'restitution_2'),
+            ('air_force',),
+            ('one_sided',),
+            ('force_amplitudes', 'force_frequencies', 'force_phases'),
+        ]
+    )
+    return parameters.replace(damping=0.1, **{n: getattr(fresh, n) for n in names})
+
+
+def random_command(rng: random.Random, rig: Rig) -> tuple[float | None, float | None, float]:
     """Return places and a speed: closing past m, opening, one stop or both, any speed."""
     half = rig.parameters.gap / 2
     width = rng.choice([rng.uniform(-1.2, 1.2), rng.uniform(-1.0, 1.0), 1.0, rng.uniform(0, 3)])
@@ -63,12 +86,23 @@ def random_command(rng: random.Random, rig: Simulator) -> tuple[float | None, fl
     return first, second, rng.choice([math.inf, 10 ** rng.uniform(-2, 1.5)])
 
 
-def through_json(rig: Simulator) -> Simulator:
+def through_json(rig: Rig) -> Rig:
     """Return the rig after a journey of its snapshot through a JSON text."""
-    return Simulator.restore(json.loads(json.dumps(rig.snapshot(), allow_nan=False)))
+    text = json.dumps(rig.snapshot(), allow_nan=False)
+    return Rig.restore(json.loads(text), rig.own_law, compiled=rig.compiled)
 
 
-def run(rig: Simulator, until: float, most: int = 4000) -> list[Event]:
+def rows(events: list[Event]) -> list[tuple[float, ...]]:
+    """Return events as the table of a run has them, without the mode."""
+    return [tuple(getattr(event, name) for name in _NAMES) for event in events]
+
+
+def without_mode(table: Any) -> list[tuple[float, ...]]:
+    """Return the rows of the table of a run, without the mode."""
+    return [row[:-1] for row in table.tolist()]
+
+
+def run(rig: Rig, until: float, most: int = 4000) -> list[Event]:
     """Advance in steps, and stop early where an elastic chatter has very many impacts."""
     events: list[Event] = []
     start, steps = rig.time, 64

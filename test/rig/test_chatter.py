@@ -5,7 +5,8 @@ import random
 
 import pytest
 
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.control import Rig
+from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
 from oracle.hybrid_oracle import mp
 from oracle.hybrid_oracle import run as run_precisely
 
@@ -52,7 +53,7 @@ def pressed_rig(seed):
 def test_rest_is_where_the_bounces_end(params):
     """Its instant to 1e-12/omega; X and X' to 1e-12 of the amplitude."""
     p = RigParameters(**params)
-    events = Simulator(p).advance(20.0)
+    events = Rig(p).advance(20.0)
     rest = next(event for event in events if event.kind is EventKind.REST)
     omega = math.sqrt(p.stiffness / p.primary_mass)
     precise = run_precisely(params, rest.time + 1e-3 / omega)
@@ -71,7 +72,7 @@ def test_rest_is_where_the_bounces_end(params):
 @pytest.mark.parametrize('params', LIGHT.values(), ids=LIGHT)
 def test_no_bounce_higher_than_a_billionth_of_the_gap_is_left_out(params):
     p = RigParameters(**params)
-    impacts = [e for e in Simulator(p).advance(20.0) if e.kind is EventKind.IMPACT]
+    impacts = [e for e in Rig(p).advance(20.0) if e.kind is EventKind.IMPACT]
     last = impacts[-1]
     speed = abs(last.damper_velocity_after - last.primary_velocity_after)
     assert speed**2 / (2.0 * p.gravity) < 1e-9 * p.gap
@@ -79,10 +80,10 @@ def test_no_bounce_higher_than_a_billionth_of_the_gap_is_left_out(params):
 
 def chatter(params):
     """Return a rig in the middle of a completed chatter, its last impact, and its rest."""
-    events = Simulator(RigParameters(**params)).advance(20.0)
+    events = Rig(RigParameters(**params)).advance(20.0)
     rest = next(event for event in events if event.kind is EventKind.REST)
     last = max((e for e in events if e.time < rest.time), key=lambda event: event.time)
-    rig = Simulator(RigParameters(**params))
+    rig = Rig(RigParameters(**params))
     rig.advance(0.5 * (last.time + rest.time))
     assert rig.mode is Mode.CHATTER_1
     return rig, last, rest
@@ -118,15 +119,15 @@ def test_the_cut_does_not_depend_on_the_gap_of_a_rig_with_one_stop():
     for gap in (1e-3, 1.0, 1e3):
         p = RigParameters(**{**BOUNCING_BALL, 'gap': gap})
         start = InitialConditions(initial_damper_offset=0.5 * gap - 1e-6)
-        counts.add(impacts_before_rest(Simulator(p, start)))
+        counts.add(impacts_before_rest(Rig(p, start)))
     assert len(counts) == 1
     assert counts.pop() > 3
 
 
 def test_the_cut_is_that_of_the_stops_where_they_are():
     values = {**BOUNCING_BALL, 'one_sided': False}
-    narrow = Simulator(RigParameters(**{**values, 'gap': 1e-3}))
-    moved = Simulator(RigParameters(**values))
+    narrow = Rig(RigParameters(**{**values, 'gap': 1e-3}))
+    moved = Rig(RigParameters(**values))
     moved.move_stops(5e-4, -5e-4)
     assert impacts_before_rest(moved) == impacts_before_rest(narrow)
 

@@ -5,11 +5,9 @@ import re
 
 import pytest
 
-from impact_damper_ros.control import ControlledRig, GapControlParameters
-from impact_damper_ros.control.controlled_run import ControlledRun
-from impact_damper_ros.rig import EventKind, RigParameters, RunawayError, Simulator
+from impact_damper_ros.control import GapControlParameters, Rig
+from impact_damper_ros.rig import EventKind, RigParameters, RunawayError
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget, fastest_rate
-from impact_damper_ros.rig.long_run import LongRun
 from rig.endless_rigs import ENDLESS
 
 MOST = 700
@@ -30,11 +28,7 @@ def run_until_stopped(budget, rig):
 def test_a_rig_is_stopped_at_an_event(name, law):
     parameters, initial = ENDLESS[name]
     control = GapControlParameters(gap_control=law if law != 'none' else 'off')
-    rig = (
-        Simulator(parameters, initial)
-        if law == 'none'
-        else ControlledRig(parameters, initial, control=control)
-    )
+    rig = Rig(parameters, initial) if law == 'none' else Rig(parameters, initial, control=control)
     events, error = run_until_stopped(EventBudget(MOST, 'do something'), rig)
     assert isinstance(error, RunawayError)
     # Under control, events at the instant of a sample belong to it.
@@ -53,7 +47,7 @@ def test_a_rig_is_stopped_at_an_event(name, law):
 @pytest.mark.parametrize('step', [1e-6, 3.3e-7, 7e-6])
 def test_the_steps_of_a_run_do_not_matter(step):
     parameters, initial = ENDLESS['weight']
-    rig, budget = Simulator(parameters, initial), EventBudget(MOST)
+    rig, budget = Rig(parameters, initial), EventBudget(MOST)
 
     def run():
         for k in range(1, 1000):
@@ -66,7 +60,7 @@ def test_the_steps_of_a_run_do_not_matter(step):
 
 def test_the_motion_goes_on_from_there():
     parameters, initial = ENDLESS['weight']
-    whole, cut = Simulator(parameters, initial), Simulator(parameters, initial)
+    whole, cut = Rig(parameters, initial), Rig(parameters, initial)
     end = 1e-5
     events = []
     for _ in range(100):
@@ -82,15 +76,15 @@ def test_the_motion_goes_on_from_there():
 
 def test_as_many_events_as_allowed_are_not_too_many():
     parameters, initial = ENDLESS['weight']
-    count = len(Simulator(parameters, initial).advance(1e-6))
-    rig = Simulator(parameters, initial)
+    count = len(Rig(parameters, initial).advance(1e-6))
+    rig = Rig(parameters, initial)
     assert len(EventBudget(count + 1).advance(rig, 1e-6)) == count
     with pytest.raises(EndlessEventsError):
-        EventBudget(count - 1).advance(Simulator(parameters, initial), 1e-6)
+        EventBudget(count - 1).advance(Rig(parameters, initial), 1e-6)
 
 
 def test_a_long_run_may_have_more_if_they_come_one_by_one():
-    rig, plain = (Simulator(RigParameters(gravity=0.0)) for _ in range(2))
+    rig, plain = (Rig(RigParameters(gravity=0.0)) for _ in range(2))
     budget = EventBudget(20)
     events = [e for k in range(1, 41) for e in budget.advance(rig, 25.0 * k)]
     assert events == plain.advance(1000.0)
@@ -109,7 +103,7 @@ def test_a_rig_that_chatters_in_each_cycle_is_within_the_budget():
         damper_mass=0.01,
         gap=0.1,
     )
-    rig = Simulator(chattering)
+    rig = Rig(chattering)
     events = EventBudget(200).advance(rig, 60.0)
     assert rig.time == 60.0
     assert len(events) > 600
@@ -118,7 +112,7 @@ def test_a_rig_that_chatters_in_each_cycle_is_within_the_budget():
 
 def test_a_change_of_the_rig_counts_anew():
     parameters, initial = ENDLESS['weight']
-    rig, budget = Simulator(parameters, initial), EventBudget(MOST)
+    rig, budget = Rig(parameters, initial), EventBudget(MOST)
     with pytest.raises(EndlessEventsError):
         budget.advance(rig, 1.0)
     first = rig.time
@@ -128,38 +122,35 @@ def test_a_change_of_the_rig_counts_anew():
 
 
 LEVEL = RigParameters(gravity=0.0)
-WITHOUT_COMPILER = {'compiled': False}
-RUNS = [
-    (Simulator, {}),
-    (ControlledRig, {'control': GapControlParameters(gap_control='timed')}),
-    (LongRun, WITHOUT_COMPILER),
-    (ControlledRun, {'control': GapControlParameters(gap_control='timed'), **WITHOUT_COMPILER}),
-]
+CONTROLS = [None, GapControlParameters(gap_control='timed')]
+WAYS = [Rig.advance, Rig.run]
 
 
-@pytest.mark.parametrize(('kind', 'how'), RUNS)
-def test_a_number_of_events_is_rounded_up(kind, how):
-    """A fraction of an event left over once kept a Simulator from ever coming back."""
+@pytest.mark.parametrize('go', WAYS)
+@pytest.mark.parametrize('control', CONTROLS)
+def test_a_number_of_events_is_rounded_up(go, control):
+    """A fraction of an event left over once kept a rig from ever coming back."""
     stops = []
     for most in (14.67, 15, 14):
-        rig = kind(LEVEL, **how)
-        rig.advance(500.0, most_events=most)
+        rig = Rig(LEVEL, control=control)
+        go(rig, 500.0, most_events=most)
         stops.append(rig.time)
     assert stops[0] == stops[1] < 500.0
     assert stops[2] <= stops[1]
-    rig.advance(500.0, most_events=math.inf)
+    go(rig, 500.0, most_events=math.inf)
     assert rig.time == 500.0
 
 
-@pytest.mark.parametrize(('kind', 'how'), RUNS)
+@pytest.mark.parametrize('go', WAYS)
+@pytest.mark.parametrize('control', CONTROLS)
 @pytest.mark.parametrize('most', [math.nan, -1, -math.inf])
-def test_what_is_no_number_of_events_is_refused(kind, how, most):
-    rig = kind(LEVEL, **how)
+def test_what_is_no_number_of_events_is_refused(go, control, most):
+    rig = Rig(LEVEL, control=control)
     before = rig.snapshot()
     with pytest.raises(ValueError, match=rf'most_events is {most!r}: give a number from 0 on'):
-        rig.advance(100.0, most_events=most)
+        go(rig, 100.0, most_events=most)
     assert rig.snapshot() == before
-    rig.advance(100.0, most_events=0)
+    go(rig, 100.0, most_events=0)
     assert rig.time < 100.0
 
 

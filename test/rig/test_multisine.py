@@ -7,10 +7,10 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import OrbitError, find_orbits
-from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters, Simulator
+from impact_damper_ros.rig import InitialConditions, ParameterError, RigParameters
 from impact_damper_ros.rig.forcing import multisine, split_mix
-from impact_damper_ros.rig.long_run import LongRun
 from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
 from rig.random_rigs import random_rig, through_json
 
@@ -89,7 +89,7 @@ def test_it_moves_the_rig_as_plain_arrays_do(seed):
     noisy = parameters.replace(multisine_level=0.4, multisine_lines=5, multisine_seed=seed)
     names = ('force_amplitudes', 'force_frequencies', 'force_phases')
     plain = parameters.replace(**dict(zip(names, noisy.harmonics, strict=True)))
-    one, other = Simulator(noisy, initial), Simulator(plain, initial)
+    one, other = Rig(noisy, initial), Rig(plain, initial)
     for k in range(1, 9):
         assert one.advance(k * 1.0) == other.advance(k * 1.0)
         assert one.sample() == other.sample()
@@ -98,7 +98,7 @@ def test_it_moves_the_rig_as_plain_arrays_do(seed):
 
 def test_it_agrees_with_110_digits():
     free = NOISY.replace(gap=1e6, multisine_lines=40)
-    rig = Simulator(free, InitialConditions(initial_primary_position=0.5))
+    rig = Rig(free, InitialConditions(initial_primary_position=0.5))
     oscillator = Oscillator(
         mp.mpf(1),
         mp.mpf(free.damping),
@@ -115,7 +115,7 @@ def test_it_agrees_with_110_digits():
 
 def test_a_change_is_no_long_computation():
     """Which would stall a live rig: counted in lines of Python, since seconds vary."""
-    rig = Simulator(NOISY.replace(multisine_lines=128))
+    rig = Rig(NOISY.replace(multisine_lines=128))
     changed = rig.parameters.replace(damping=0.2)
     assert len(changed.harmonics[0]) == 129
     count = 0
@@ -137,9 +137,9 @@ def test_a_change_is_no_long_computation():
 def test_impacts_are_those_of_a_force_in_parts(lines):
     """With twice as many harmonics at half the force each: the same motion to round-off."""
     noisy = NOISY.replace(gap=2.0, multisine_lines=lines)
-    rig = Simulator(noisy)
+    rig = Rig(noisy)
     force, frequency, phase = rig.parameters.harmonics
-    parts = Simulator(
+    parts = Rig(
         noisy.replace(
             multisine_level=0.0,
             force_amplitudes=[0.5 * part for part in force] * 2,
@@ -154,8 +154,8 @@ def test_impacts_are_those_of_a_force_in_parts(lines):
 
 
 def test_long_runs_take_it():
-    run, rig = LongRun(NOISY, compiled=False), Simulator(NOISY)
-    stretch = run.advance(40.0, instants=[10.0, 40.0])
+    run, rig = Rig(NOISY, compiled=False), Rig(NOISY)
+    stretch = run.run(40.0, instants=[10.0, 40.0])
     events = rig.advance(40.0)
     assert tuple(stretch.samples[-1]) == tuple(rig.sample())
     assert len(stretch.events) == len(events)
@@ -176,7 +176,7 @@ def turned(got, want):
 
 def test_harmonics_and_lines_keep_their_angles_apart():
     """Whatever is added or taken away among the ones leaves the others as they are."""
-    rig = Simulator(NOISY)
+    rig = Rig(NOISY)
     rig.advance(11.0)
     lines = [11.0 * w for w in NOISY.harmonics[1][1:]]
     rig.change(
@@ -206,7 +206,7 @@ def test_harmonics_and_lines_keep_their_angles_apart():
 
 
 def test_a_band_the_wrong_way_round_changes_nothing():
-    rig = Simulator(NOISY)
+    rig = Rig(NOISY)
     with pytest.raises(ParameterError, match='multisine_high'):
         rig.change(rig.parameters.replace(multisine_high=0.3))
     assert rig.parameters == NOISY

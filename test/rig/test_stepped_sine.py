@@ -6,11 +6,10 @@ import random
 import numpy as np
 import pytest
 
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
 from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
-from impact_damper_ros.rig.long_run import LongRun, Outcome
-from rig.long_run_events import rows, without_mode
-from rig.random_rigs import random_command, random_rig, through_json
+from rig.random_rigs import random_rig, rows, through_json, without_mode
 
 STEP = EventKind.FREQUENCY_STEP
 SWEPT = RigParameters(
@@ -53,7 +52,7 @@ def test_a_whole_number_of_steps_ends_with_the_last():
 @pytest.mark.parametrize('start', [0.0, 1e6 / 3])
 def test_steps_are_at_exact_instants(start):
     """Start + n dwell, rounded once, however far along."""
-    rig = Simulator(SWEPT.replace(sweep_step=0.0005), time=start)
+    rig = Rig(SWEPT.replace(sweep_step=0.0005), time=start)
     assert rig.force_frequency == 0.8
     events = rig.advance(start + 200.0)
     assert [e.time for e in events] == [start + k * 0.1 for k in range(1, 1001)]
@@ -67,8 +66,8 @@ def test_steps_are_at_exact_instants(start):
 
 def test_a_sweep_is_a_series_of_changes():
     """Of the frequency alone, at the same instants: the phase is continuous."""
-    swept = Simulator(SWEPT.replace(sweep_mode='up_down', sweep_step=0.01, sweep_dwell=0.37))
-    hand = Simulator(SWEPT.replace(sweep_mode='off', force_frequencies=[0.8]))
+    swept = Rig(SWEPT.replace(sweep_mode='up_down', sweep_step=0.01, sweep_dwell=0.37))
+    hand = Rig(SWEPT.replace(sweep_mode='off', force_frequencies=[0.8]))
     for k in range(1, 101):
         (event,) = swept.advance(k * 0.37)
         assert event.kind == STEP
@@ -87,7 +86,7 @@ def test_fine_steps_are_a_chirp():
     angles = []
     for fine in (1e-2, 1e-3):
         rate = 0.01
-        rig = Simulator(SWEPT.replace(sweep_step=fine, sweep_dwell=fine / rate))
+        rig = Rig(SWEPT.replace(sweep_step=fine, sweep_dwell=fine / rate))
         rig.advance(40.0)
         origin = rig.snapshot()['origin']
         angles.append(origin['angles'][0] + rig.force_frequency * (40.0 - origin['time']))
@@ -101,9 +100,7 @@ def test_fine_steps_are_a_chirp():
 
 def test_the_response_curve_of_the_linear_rig():
     """At the end of each dwell the amplitude is that of the theory, up and down."""
-    rig = Simulator(
-        SWEPT.replace(sweep_mode='up_down', sweep_step=0.1, sweep_dwell=300.0, damping=0.2)
-    )
+    rig = Rig(SWEPT.replace(sweep_mode='up_down', sweep_step=0.1, sweep_dwell=300.0, damping=0.2))
     for k in range(11):
         frequency = rig.force_frequency
         rig.advance((k + 1) * 300.0 - math.tau / frequency)
@@ -127,7 +124,7 @@ def test_up_and_down_differ_where_two_motions_are_stable():
         sweep_step=0.02,
         sweep_dwell=1500.0,
     )
-    rig, seen = Simulator(parameters), {}
+    rig, seen = Rig(parameters), {}
     for step in range(frequency_steps(parameters) + 1):
         frequency, end = rig.force_frequency, (step + 1) * 1500.0
         rig.advance(end - 200.0)
@@ -151,7 +148,7 @@ def test_up_and_down_differ_where_two_motions_are_stable():
 
 def test_changes_on_the_way():
     """Those of the sweep start it anew; others leave it where it is, and so does time."""
-    rig = Simulator(SWEPT)
+    rig = Rig(SWEPT)
     rig.advance(0.25)
     assert rig.force_frequency == 0.8 + 2 * 0.2
     rig.change(rig.parameters.replace(gap=1e5, force_amplitudes=[2.0]))
@@ -172,7 +169,7 @@ def test_changes_on_the_way():
 
 
 def test_other_harmonics_and_the_multisine_are_left_alone():
-    rig = Simulator(
+    rig = Rig(
         SWEPT.replace(
             force_amplitudes=[1, 1],
             force_frequencies=[1, 3],
@@ -211,34 +208,6 @@ def swept_rig(seed):
     )
 
 
-@pytest.mark.parametrize('seed', range(20))
-def test_runs_may_be_cut_up_anywhere(seed):
-    """Events, samples and snapshots are the same bits, in the middle of a sweep, too."""
-    rng = random.Random(seed)
-    whole = Simulator(*swept_rig(seed))
-    pieces, want, got = through_json(whole), [], []
-    for k in range(6):
-        want += whole.advance(whole.time + rng.choice([0.31, rng.uniform(0, 1.0)]))
-        while pieces.time < whole.time:
-            end = min(whole.time, pieces.time + rng.choice([0.05, rng.uniform(0, 0.3)]))
-            got += pieces.advance(end) if rng.random() < 0.7 else pieces.advance_to_crossing(end)
-            if rng.random() < 0.4:
-                pieces = through_json(pieces)
-            assert pieces.force_frequency == through_json(pieces).force_frequency
-        assert pieces.snapshot() == whole.snapshot()
-        assert pieces.sample() == whole.sample()
-        if k % 2:
-            command = random_command(rng, whole)
-            want += whole.move_stops(*command)
-            got += pieces.move_stops(*command)
-        else:
-            changed = whole.parameters.replace(sweep_dwell=rng.choice([0.05, 0.31]))
-            want += whole.change(changed)
-            got += pieces.change(changed)
-    assert [e for e in got if e.kind != EventKind.CROSSING] == want
-    assert steps(want)
-
-
 @pytest.fixture(params=[False, True], ids=['plain', 'compiled'])
 def compiled(request):
     if request.param:
@@ -251,8 +220,8 @@ def test_long_runs_sweep_as_the_simulator_does(compiled):
     modes, kinds = set(), set()
     for seed in range(40):
         rng = random.Random(seed)
-        rig = Simulator(*swept_rig(seed))
-        run = LongRun(*swept_rig(seed), compiled=compiled)
+        rig = Rig(*swept_rig(seed))
+        run = Rig(*swept_rig(seed), compiled=compiled)
         for _ in range(5):
             # Some advances end, and some samples lie, at the very instant of a step
             dwell = rig.parameters.sweep_dwell
@@ -265,7 +234,7 @@ def test_long_runs_sweep_as_the_simulator_does(compiled):
             for instant in sorted(instants):
                 events += rig.advance(instant)
                 samples.append(tuple(rig.sample()))
-            stretch = run.advance(end, sorted(instants))
+            stretch = run.run(end, sorted(instants))
             assert stretch.outcome == Outcome.COMPLETE
             assert stretch.samples.tolist() == samples
             assert without_mode(stretch.events) == rows(events)
@@ -275,9 +244,9 @@ def test_long_runs_sweep_as_the_simulator_does(compiled):
             modes |= set(stretch.events['mode'].tolist())
             kinds |= set(stretch.events['kind'].tolist())
             if rng.random() < 0.3:
-                run = LongRun.restore(through_json(rig).snapshot(), compiled=compiled)
+                run = Rig.restore(through_json(rig).snapshot(), compiled=compiled)
             elif rng.random() < 0.3:
-                rig = run.simulator()
+                rig = Rig.restore(run.snapshot())
             command = rig.parameters.replace(sweep_dwell=rng.choice([0.05, 0.31]))
             if rng.random() < 0.3:
                 assert run.change(command) == rig.change(command)
@@ -290,8 +259,8 @@ def test_time_in_mode_across_steps(compiled):
     parameters = SWEPT.replace(
         angle=math.pi / 4, gravity=1.0, friction=0.5, gap=37.0, sweep_mode='up_down'
     )
-    run = LongRun(parameters, compiled=compiled)
-    parts = [run.advance(t) for t in (0.15, 0.7, 40.0)]
+    run = Rig(parameters, compiled=compiled)
+    parts = [run.run(t) for t in (0.15, 0.7, 40.0)]
     events = np.concatenate([part.events for part in parts])
     release = events['time'][events['kind'] == EventKind.RELEASE]
     stick = events['time'][events['kind'] == EventKind.STICK]
@@ -303,40 +272,40 @@ def test_time_in_mode_across_steps(compiled):
 def test_the_budget_of_events_holds_across_steps(compiled):
     """Steps count; the rig stops short of one it may not have any more, and goes on from there."""
     rig = SWEPT.replace(sweep_step=0.0005)
-    run = LongRun(rig, compiled=compiled)
-    stretch = run.advance(200.0, [0.0, 0.7, 0.71, 9.0], most_events=7)
+    run = Rig(rig, compiled=compiled)
+    stretch = run.run(200.0, [0.0, 0.7, 0.71, 9.0], most_events=7)
     assert stretch.outcome == Outcome.TOO_MANY_EVENTS
     assert stretch.reason.startswith('7 events from 0.0 s to 0.8 s')
     assert stretch.event_count == len(stretch.events) == 7
     assert stretch.samples['time'].tolist() == [0.0, 0.7, 0.71]
     assert run.time == 0.8
-    rest = run.advance(200.0)
+    rest = run.run(200.0)
     assert rest.event_count == 1000 - 7
-    alone = Simulator(rig)
+    alone = Rig(rig)
     assert rows(alone.advance(200.0)) == without_mode(stretch.events) + without_mode(rest.events)
     assert run.snapshot() == alone.snapshot()
-    silent = LongRun(rig, compiled=compiled)
-    assert silent.advance(200.0, record=False).event_count == 1000
+    silent = Rig(rig, compiled=compiled)
+    assert silent.run(200.0, record=False).event_count == 1000
     assert silent.snapshot() == alone.snapshot()
 
 
 def test_a_signal_leaves_a_long_run_where_it_was(compiled, monkeypatch):
     """Not with the frequency of one instant and the motion of another."""
-    run = LongRun(SWEPT, compiled=compiled)
-    run.advance(0.05)
+    run = Rig(SWEPT, compiled=compiled)
+    run.run(0.05)
     before = run.snapshot(), run.force_frequency
 
-    def ring(_):
+    def ring(*_):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr('impact_damper_ros.rig.long_run.step_event', ring)
+        patch.setattr('impact_damper_ros.control.rig.constants_of', ring)
         with pytest.raises(KeyboardInterrupt):
-            run.advance(0.15)
+            run.run(0.15)
     assert (run.snapshot(), run.force_frequency) == before
-    alone = Simulator(SWEPT)
+    alone = Rig(SWEPT)
     alone.advance(0.2)
-    run.advance(0.2)
+    run.run(0.2)
     assert run.snapshot() == alone.snapshot()
 
 
@@ -345,5 +314,5 @@ def test_m_at_rest_stays_at_rest():
     pressed = SWEPT.replace(
         gap=2.0, gravity=1.0, angle=math.pi / 2, force_amplitudes=[0.01], sweep_dwell=0.01
     )
-    rig = Simulator(pressed, InitialConditions(initial_damper_offset=1.0))
+    rig = Rig(pressed, InitialConditions(initial_damper_offset=1.0))
     assert {e.kind for e in rig.advance(0.5)} == {STEP}

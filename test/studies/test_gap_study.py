@@ -4,9 +4,8 @@ import math
 from dataclasses import replace
 
 import pytest
-from control.controlled_rigs import one_form_of_the_loop
 
-from impact_damper_ros.control import ControlledRig, GapControlParameters
+from impact_damper_ros.control import GapControlParameters, Rig
 from impact_damper_ros.rig import EventKind, Swing
 from impact_damper_ros.studies.gap_control.findings import Target, broadband, level_sweep, targets
 from impact_damper_ros.studies.gap_control.runs import (
@@ -27,13 +26,6 @@ from impact_damper_ros.studies.gap_control.runs import (
 )
 
 QUICK = replace(Extent.quick(), settle=130.0, watch=30.0, broadband=100.0, levels=(0.25, 1.0, 4.0))
-
-
-@pytest.fixture(scope='module', autouse=True)
-def _one_form():
-    with pytest.MonkeyPatch.context() as patch:
-        one_form_of_the_loop(patch)
-        yield
 
 
 @pytest.fixture(scope='module')
@@ -130,10 +122,10 @@ def test_a_fixed_gap_beats_the_law_where_it_suits_the_force():
 
 @pytest.mark.parametrize('name', ['fixed', 'amplitude', 'timed'])
 def test_a_run_measures_what_the_live_rig_shows(name):
-    """Samples, largest |X| and losses from `ControlledRig`, step by step."""
+    """Samples, largest |X| and losses from `Rig`, step by step."""
     control = law(name, RIG) if name != 'fixed' else GapControlParameters()
     run = run_case(Case(key=(), rig=RIG, control=control, settle=20.0, watch=3.0))
-    rig = ControlledRig(RIG, control=control)
+    rig = Rig(RIG, control=control)
     rig.advance(math.tau * 20.0)
     swing, squares, impacts, lost = Swing(), 0.0, 0, 0.0
     swing.look(rig.sample(), [])
@@ -186,7 +178,7 @@ def test_power_is_balanced():
     """What the force puts in, impacts and dashpot take; what actuators spend is no part of it."""
     control = law('timed', RIG, actuator_speed=16.0)
     run = run_case(Case(key=(), rig=RIG, control=control, settle=160.0, watch=40.0))
-    rig = ControlledRig(RIG, control=control)
+    rig = Rig(RIG, control=control)
     rig.advance(math.tau * 160.0)
     work, steps = 0.0, 40 * 400
     for k in range(steps):
@@ -231,7 +223,7 @@ def test_broadband_force_has_the_level_asked_for():
 
 def test_impacts_are_counted():
     run = run_case(Case(key=(), rig=RIG, settle=100.0, watch=10.0))
-    rig = ControlledRig(RIG)
+    rig = Rig(RIG)
     rig.advance(math.tau * 100.0)
     events = rig.advance(math.tau * 110.0)
     assert isinstance(run, Measured)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import find_orbits
-from impact_damper_ros.rig import InitialConditions, Simulator
+from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.studies.paper.claim import Judgement, stable_width
 from impact_damper_ros.studies.paper.curves import (
     Curve,
@@ -72,7 +73,7 @@ def test_three_impacts_with_friction_are_followed():
     values = tuple(float(v) for v in np.arange(13.0, 22.0, 0.5))
     rig = OPERATIONS[2].rig(ABOVE, 1.0)
     plan = SeriesPlan('test', rig, 'gap', values, (16.0,), (3,))
-    motion = settle(Simulator(plan.at(16.0)), 16.0)
+    motion = settle(Rig(plan.at(16.0)), 16.0)
     assert motion.stops == (1, 1, 2)
     assert motion.orbit is not None
     assert motion.difference < 1e-6
@@ -104,7 +105,7 @@ def test_curves_do_not_depend_on_where_they_start():
         carried_starts(plan, frictionless_motions(replace(plan, rig=rig), [gap]))
         for rig, gap in others
     ]
-    settled = settle(Simulator(plan.at(16.0), InitialConditions(initial_primary_position=1e-9)))
+    settled = settle(Rig(plan.at(16.0), InitialConditions(initial_primary_position=1e-9)))
     ways.append([(16.0, settled.orbit)])
     found = []
     for starts in ways:
@@ -211,7 +212,7 @@ def test_simulation_must_be_on_the_curves():
     gaps = (45.0, 50.0)
     plan = replace(plan, values=gaps, marks=gaps)
     curves = tuple(enumerated_curves(plan))
-    marks = [settle(Simulator(plan.at(gap)), gap) for gap in gaps]
+    marks = [settle(Rig(plan.at(gap)), gap) for gap in gaps]
     assert all(mark.stops for mark in marks)
     agree = simulation_claim({'one': Series(plan, curves, tuple(marks))})
     assert agree.judgement is Judgement.REPRODUCED
@@ -260,7 +261,7 @@ def test_every_figure_has_its_series():
 def test_reversal_between_alternating_impacts_is_followed():
     values = tuple(float(v) for v in np.arange(19.0, 23.0, 0.5))
     plan = SeriesPlan('test', OPERATIONS[2].rig(ABOVE, 2.0), 'gap', values, (20.0,), (2,))
-    motion = settle(Simulator(plan.at(20.0)), 20.0)
+    motion = settle(Rig(plan.at(20.0)), 20.0)
     assert motion.stops == (1, 2)
     assert motion.orbit is not None
     assert motion.orbit.events

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters, Simulator
+from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
 from impact_damper_ros.rig.event_budget import EndlessEventsError
-from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.steady_state import steady_state
 
 DISPLACED = InitialConditions(initial_primary_position=1.0)
@@ -20,7 +20,7 @@ STICKING = RigParameters(gravity=1.0, friction=8.0, gap=30.0)
 
 
 def settled(parameters, initial=None, compiled=None, **options):
-    return steady_state(LongRun(parameters, initial, compiled=compiled), Settling(**options))
+    return steady_state(Rig(parameters, initial, compiled=compiled), Settling(**options))
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_exponent_is_that_of_the_largest_multiplier(friction):
 def test_largest_and_rms_displacement_against_dense_samples():
     rig = RigParameters(gravity=0.0, force_frequencies=1.02, gap=16.0)
     state = settled(rig, DISPLACED)
-    simulator = Simulator(rig, DISPLACED)
+    simulator = Rig(rig, DISPLACED)
     count, x = 20_000, []
     for k in range(count):
         simulator.advance((600 + (k + 0.5) / count) * state.cycle)
@@ -91,11 +91,10 @@ def test_shares_of_chatter_and_rest_against_the_event_log():
     state = settled(CHATTERING, ON_THE_STOP)
     assert state.stops == ('1~',)
     assert state.period == 1
-    run = LongRun(CHATTERING, ON_THE_STOP)
-    run.advance(700.0 * state.cycle, record=False)
-    simulator = run.simulator()
+    rig = Rig(CHATTERING, ON_THE_STOP, compiled=None)
+    rig.run(700.0 * state.cycle, record=False)
     # One period, from a release on: the flight, the chatter, and the rest
-    events = simulator.advance(704.0 * state.cycle)
+    events = rig.advance(704.0 * state.cycle)
     begin, after = [e.time for e in events if e.kind is EventKind.RELEASE][:2]
     inside = [e for e in events if begin < e.time <= after]
     impacts = [e.time for e in inside if e.kind is EventKind.IMPACT]
@@ -110,7 +109,7 @@ def test_shares_of_chatter_and_rest_against_the_event_log():
 
 def test_share_of_sticking_against_the_event_log():
     state = settled(STICKING)
-    simulator = Simulator(STICKING)
+    simulator = Rig(STICKING)
     simulator.advance(400.0 * state.cycle)
     stuck, since = 0.0, simulator.time if simulator.mode is Mode.STICK else None
     for event in simulator.advance(401.0 * state.cycle):

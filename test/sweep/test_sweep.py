@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 from sweep.made_tables import Shuffled, table_of
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions, RigParameters
-from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.execution import LocalWorkers, WorkersError, rig_row
 from impact_damper_ros.sweep.journal import Done, Journal, JournalError, journal_path
 from impact_damper_ros.sweep.plan import Follow, SweepPlan, axis_from_text
@@ -169,7 +169,7 @@ def test_table_tells_units_meanings_and_inputs(tmp_path):
     assert table.attrs['units']['x_max'] == 'm'
     assert table.attrs['inputs'] == MIXED.inputs()
     assert SweepTable(path).plan == MIXED
-    state = steady_state(LongRun(RIG.replace(gap=37.0), START), BRIEF)
+    state = steady_state(Rig(RIG.replace(gap=37.0), START, compiled=None), BRIEF)
     row = table[table.gap == 37.0].iloc[0]
     assert row.x_max == state.x_max
     assert row.lyapunov_exponent == state.exponent.value

@@ -11,13 +11,11 @@ from control import laws
 from control.controlled_rigs import IDEAL, TRIAL, control
 from sweep.made_tables import Shuffled, table_of
 
-from impact_damper_ros.control import ControlledRig
-from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits.recognition import MotionKind
 from impact_damper_ros.orbits.settling import Settling
 from impact_damper_ros.rig import InitialConditions
 from impact_damper_ros.rig.event_budget import EndlessEventsError
-from impact_damper_ros.rig.long_run import LongRun
 from impact_damper_ros.sweep.execution import rig_row
 from impact_damper_ros.sweep.optimum import find_optimum
 from impact_damper_ros.sweep.plan import AxisError, Follow, SweepPlan, axis_from_text
@@ -52,7 +50,7 @@ FOLLOWED = plan_of(
 
 def sampled_rms(law, cycles, watched):
     """Return the rms of X over the last cycles, by many samples of the controlled rig."""
-    rig = ControlledRig(TRIAL, START, control=law)
+    rig = Rig(TRIAL, START, control=law)
     rig.advance(math.tau * (cycles - watched))
     squares = []
     for k in range(1, 64 * watched + 1):
@@ -62,7 +60,7 @@ def sampled_rms(law, cycles, watched):
 
 
 def test_a_timed_law_in_step_repeats():
-    state = steady_state(ControlledRun(TRIAL, START, TIMED), BRIEF)
+    state = steady_state(Rig(TRIAL, START, control=TIMED, compiled=None), BRIEF)
     assert state.kind is MotionKind.PERIODIC
     assert (state.period, state.impacts, state.stops) == (1, 2, ('1', '2'))
     assert state.impacts_per_cycle == 2.0
@@ -78,7 +76,7 @@ def test_samples_out_of_step_or_noisy_are_measured_all_the_same():
         control('amplitude', gap_control_rate=5.0),
         control('timed', gap_control_rate=IN_STEP, gap_control_noise_position=0.02),
     ):
-        state = steady_state(ControlledRun(TRIAL, START, law), BRIEF)
+        state = steady_state(Rig(TRIAL, START, control=law, compiled=None), BRIEF)
         assert state.kind is MotionKind.NOT_PERIODICALLY_DRIVEN
         assert (state.period, state.settling_cycles, state.measured_cycles) == (0, 200, 25)
         assert state.impacts_per_cycle == pytest.approx(2.0, abs=0.05)
@@ -87,7 +85,7 @@ def test_samples_out_of_step_or_noisy_are_measured_all_the_same():
 
 def test_a_law_whose_stops_come_to_a_stand_repeats_whenever_it_samples():
     law = control('amplitude', gap_control_rate=5.0, gap_control_stops='symmetric')
-    state = steady_state(ControlledRun(TRIAL, START, law), BRIEF)
+    state = steady_state(Rig(TRIAL, START, control=law, compiled=None), BRIEF)
     assert state.kind is MotionKind.PERIODIC
     assert (state.period, state.stops) == (1, ('1', '2'))
 
@@ -96,8 +94,8 @@ def test_stops_on_their_way_are_not_a_settled_motion():
     """The damper at rest and far off, the stops creep towards it for a hundred cycles."""
     rig = TRIAL.replace(damping=1.0, gap=900.0)
     law = control('amplitude', gap_control_rate=IN_STEP, actuator_speed=0.5)
-    state = steady_state(ControlledRun(rig, control=law), BRIEF)
-    fixed = steady_state(LongRun(rig), BRIEF)
+    state = steady_state(Rig(rig, control=law, compiled=None), BRIEF)
+    fixed = steady_state(Rig(rig, compiled=None), BRIEF)
     assert fixed.kind is MotionKind.NO_IMPACTS
     assert fixed.settling_cycles == 50
     assert state.settling_cycles > 2 * fixed.settling_cycles
@@ -201,8 +199,9 @@ def test_endless_events_are_a_reason():
         restitution_1=1.0, restitution_2=1.0, air_force=0.3, gap=2.0, force_amplitudes=[3.0]
     )
     law = control('amplitude', gap_max=2.0)
+    trial = Rig(rig, START, control=law, compiled=None)
     with pytest.raises(EndlessEventsError, match='allow more events'):
-        steady_state(ControlledRun(rig, START, law), Settling(cycles=100, events=3000))
+        steady_state(trial, Settling(cycles=100, events=3000))
 
 
 def test_plans_with_control():
@@ -221,7 +220,7 @@ def test_rigs_move_their_stops_by_a_law_of_the_users_own():
     plan = replace(plan_of('force_amplitudes=0.5,1'), law='control.laws:follow')
     assert SweepPlan.from_inputs(json.loads(json.dumps(plan.inputs()))) == plan
     row, last = rig_row(plan.setup, [])
-    rig = ControlledRig(TRIAL, START, control=TIMED, law=laws.follow)
+    rig = Rig(TRIAL, START, control=TIMED, law=laws.follow)
     rig.advance(last['time'])
     assert rig.snapshot()['gap_control'] == last['gap_control']
     assert row['period'] == 1

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.compare.measured_motion import turning_points
-from impact_damper_ros.control import GapControlParameters, damper_of
-from impact_damper_ros.control.controlled_run import ControlledRun
+from impact_damper_ros.control import GapControlParameters, Rig, damper_of
 from impact_damper_ros.rig import RigParameters
 from impact_damper_ros.rig.event_budget import EndlessEventsError
 
@@ -94,8 +93,7 @@ class Measured:
 class _Stretch:
     """What is measured of a stretch of a run."""
 
-    def __init__(self, run: ControlledRun, samples: Any, impacts: Any) -> None:
-        rig = run.parameters
+    def __init__(self, rig: RigParameters, samples: Any, impacts: Any) -> None:
         x, speed = samples['x'][1:], samples['primary_velocity'][1:]
         before = impacts['damper_velocity_before'] - impacts['primary_velocity_before']
         after = impacts['damper_velocity_after'] - impacts['primary_velocity_after']
@@ -131,27 +129,27 @@ class _Meter:
     """Advance a rig and measure it on the way."""
 
     def __init__(self, case: Case) -> None:
-        self.run = ControlledRun(case.rig, control=case.control)
+        self.rig = Rig(case.rig, control=case.control, compiled=None)
         self.step = math.tau / case.rig.omega / _SAMPLES
         self.levels = [(start * _SAMPLES, amplitude) for start, amplitude in sorted(case.levels)]
         self.ticks = 0
 
     def spent(self) -> float:
         """Return the energy that the actuators have spent so far, J."""
-        return sum(self.run.simulator().energies)
+        return sum(self.rig.energies)
 
     def advance(self, ticks: int, *, measured: bool = True) -> _Stretch | None:
         """Advance by some sampling intervals; the force changes before the first of them only."""
-        run = self.run
+        rig = self.rig
         if self.levels and self.ticks >= self.levels[0][0]:
             _, amplitude = self.levels.pop(0)
-            run.change(run.parameters.replace(force_amplitudes=[amplitude]))
+            rig.change(rig.parameters.replace(force_amplitudes=[amplitude]))
         first, self.ticks = self.ticks, self.ticks + ticks
         instants = self.step * np.arange(first, self.ticks + 1) if measured else ()
-        found = run.advance(self.step * self.ticks, instants, record=measured)
+        found = rig.run(self.step * self.ticks, instants, record=measured)
         if found.reason:
             raise EndlessEventsError(found.reason)
-        return _Stretch(run, found.samples, found.impacts()) if measured else None
+        return _Stretch(rig.parameters, found.samples, found.impacts()) if measured else None
 
     def result(self, ticks: int, peaks: Sequence[float] = ()) -> Measured:
         """Advance by some sampling intervals and return the result."""

@@ -16,17 +16,18 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
+from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import PeriodicOrbit, find_orbits, orbit_near, plausible_stops
 from impact_damper_ros.orbits.recognition import repeated_impacts
 from impact_damper_ros.orbits.search import carried_over, counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles
 from impact_damper_ros.orbits.shooting import Section, section_on, shoot
-from impact_damper_ros.rig import Event, InitialConditions, RigParameters, Simulator
+from impact_damper_ros.rig import Event, InitialConditions, RigParameters
 from impact_damper_ros.rig.event_budget import EventBudget
+from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.swing import Swing
 
 from .rigs import VARIABLES
@@ -65,9 +66,9 @@ class SettledMotion:
         )
 
 
-def disturbed(orbit: PeriodicOrbit, share: float = 0.001) -> Simulator:
+def disturbed(orbit: PeriodicOrbit, share: float = 0.001) -> Rig:
     """
-    Return a simulator that starts near a periodic motion, just before its first impact.
+    Return a rig that starts near a periodic motion, just before its first impact.
 
     The velocity of M is off by a share of its amplitude. Just after the impact would be another
     motion where air drives m: no air acts before the first impact of a run.
@@ -82,28 +83,26 @@ def disturbed(orbit: PeriodicOrbit, share: float = 0.001) -> Simulator:
         initial_damper_offset=half if orbit.stops[0] == 1 else -half,
         initial_damper_velocity=orbit.damper_velocity_before[0],
     )
-    return Simulator(rig.replace(force_phases=(math.remainder(phase, math.tau),)), initial)
+    return Rig(rig.replace(force_phases=(math.remainder(phase, math.tau),)), initial)
 
 
-def _largest(rig: RigParameters, simulator: Simulator, cycles: int, begun: int) -> float:
+def _largest(rig: Rig, cycles: int, begun: int) -> float:
     """Return the largest |X| over some cycles."""
     swing, budget = Swing(), EventBudget()
-    cycle = math.tau / rig.force_frequencies[0]
+    cycle = math.tau / rig.parameters.force_frequencies[0]
     for k in range(cycles * _SAMPLES_PER_CYCLE + 1):
-        events = budget.advance(simulator, (begun + k / _SAMPLES_PER_CYCLE) * cycle)
-        swing.look(simulator.sample(), events)
+        events = budget.advance(rig, (begun + k / _SAMPLES_PER_CYCLE) * cycle)
+        swing.look(rig.sample(), events)
     return swing.largest
 
 
-def settle(
-    simulator: Simulator, value: float = 0.0, most_cycles: int = MOST_CYCLES
-) -> SettledMotion:
+def settle(rig: Rig, value: float = 0.0, most_cycles: int = MOST_CYCLES) -> SettledMotion:
     """Simulate until the motion repeats."""
-    rig = simulator.parameters
-    cycle = math.tau / rig.force_frequencies[0]
-    begun = math.ceil(simulator.time / cycle)
+    parameters = rig.parameters
+    cycle = math.tau / parameters.force_frequencies[0]
+    begun = math.ceil(rig.time / cycle)
     recent: list[Event] = []
-    for look in run_by_cycles(simulator, CYCLES_BETWEEN_LOOKS, most_cycles, first=begun):
+    for look in run_by_cycles(rig, CYCLES_BETWEEN_LOOKS, most_cycles, first=begun):
         k, recent = begun + look.cycles, look.impacts
         if len(recent) > _MOST_IMPACTS_PER_CYCLE * CYCLES_BETWEEN_LOOKS:
             return SettledMotion(value, (), 0, math.nan, (), None)
@@ -114,12 +113,12 @@ def settle(
         period, cycles = repeated
         instants = [e.time for e in period]
         ends = [*instants[1:], instants[0] + cycles * cycle]
-        orbit = orbit_near(rig, recent[-1], recent[-1].time / cycle, cycles)
+        orbit = orbit_near(parameters, recent[-1], recent[-1].time / cycle, cycles)
         return SettledMotion(
             value=value,
             stops=tuple(e.stop for e in period),
             cycles=cycles,
-            ratio=_largest(rig, simulator, cycles, k) / rig.response_amplitude,
+            ratio=_largest(rig, cycles, k) / parameters.response_amplitude,
             durations=tuple(2.0 * (b - a) / cycle for a, b in zip(instants, ends, strict=True)),
             orbit=orbit,
         )
@@ -139,7 +138,7 @@ def settled_motions(
     """
     found: list[list[_Run]] = [[] for _ in rigs]
     for runs, (value, rig) in zip(found, rigs, strict=True):
-        _take(runs, Simulator(rig), value)
+        _take(runs, Rig(rig), value)
         for orbit in predicted.get(value, ()):
             _take(runs, disturbed(orbit), value, _cycles_near(orbit))
     if carried:
@@ -152,9 +151,9 @@ def settled_motions(
                         motion.stops == other.stops and motion.cycles == other.cycles
                         for other, _ in found[j]
                     ):
-                        simulator = Simulator.restore(state)
-                        simulator.change(rig)
-                        _take(found[j], simulator, value)
+                        here = Rig.resume(state)
+                        here.change(rig)
+                        _take(found[j], here, value)
     return [motion for runs in found for motion, _ in runs]
 
 
@@ -165,16 +164,14 @@ def _cycles_near(orbit: PeriodicOrbit) -> int:
     return round(min(max(needed, least), most))
 
 
-_Run = tuple[SettledMotion, dict[str, Any]]
+_Run = tuple[SettledMotion, Snapshot]
 
 
-def _take(
-    runs: list[_Run], simulator: Simulator, value: float, most_cycles: int = MOST_CYCLES
-) -> None:
+def _take(runs: list[_Run], rig: Rig, value: float, most_cycles: int = MOST_CYCLES) -> None:
     """Add the motion that a rig settles into, if it is new."""
-    motion = settle(simulator, value, most_cycles)
+    motion = settle(rig, value, most_cycles)
     if not any(_same(motion, other) for other, _ in runs):
-        runs.append((motion, simulator.snapshot()))
+        runs.append((motion, rig.state()))
 
 
 def _same(one: SettledMotion, other: SettledMotion) -> bool:

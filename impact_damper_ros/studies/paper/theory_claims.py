@@ -17,7 +17,7 @@ import numpy as np
 from impact_damper_ros.orbits import find_orbits
 from impact_damper_ros.orbits.multipliers import free_vibration
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.mode import rig_constants
+from impact_damper_ros.rig.state import constants_of
 
 from .claim import Claim, Judgement, judged
 from .curves import TOLERANCE, CurvePoint, Status, alike, disturbed, point_of, settle
@@ -39,7 +39,7 @@ def symmetric_displacements(rig: RigParameters) -> tuple[float, ...]:
     mu, restitution = rig.mass_ratio, rig.restitution_1
     rate = rig.force_frequencies[0]
     half = math.pi / rate
-    phi = free_vibration(rig_constants(rig).free, np.array([half]))[0]
+    phi = free_vibration(constants_of(rig)[0].free, np.array([half]))[0]
     k = (1.0 + phi[0, 0]) / phi[0, 1]
     after = -(1.0 - restitution - 2.0 * mu * restitution) / (1.0 + restitution)
     # Free part of X over v; then X - free = A sin, and its rate over Omega = A cos

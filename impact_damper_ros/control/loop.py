@@ -1,0 +1,303 @@
+"""
+The run loop: the next event or the next act of the control, whichever is earlier.
+
+Samples of the control lie on the grid k/rate; passages of X through zero and the starts of stops
+are at their own exact instants. With the control off, or without one, nothing but events happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import MutableSequence, Sequence
+from math import inf
+from typing import Any
+
+from impact_damper_ros.rig.compiled import kernel
+from impact_damper_ros.rig.event import (
+    ROWS_AT_ONCE,
+    STOP_ARRIVED,
+    STOP_TOUCHED,
+    EventRow,
+    sample_at,
+    write_passage,
+)
+from impact_damper_ros.rig.first_event import pass_zero
+from impact_damper_ros.rig.flight import Lines, Motion, Waves, motion_at, places_after
+from impact_damper_ros.rig.run import (
+    COMMANDS_FULL,
+    DONE,
+    FULL,
+    GOING,
+    LAW_FAILED,
+    PAUSED,
+    SPENT,
+    count_modes,
+    find_event,
+    find_passage,
+    next_event,
+)
+from impact_damper_ros.rig.state import RigConstants, Run, offset_of
+from impact_damper_ros.rig.transition import move_stops
+
+from .actuator import commands_full, next_command, start_command, stop_stopped
+from .controller import (
+    Control,
+    end_sample,
+    holds_off,
+    measured,
+    next_sample,
+    take_crossing,
+    take_sample,
+    trigger_number,
+)
+from .own_law import law_failed
+from .record import Action, ActRow
+from .sensors import Measurement
+
+_COMMAND_ACTION = int(Action.COMMAND)
+_ARRIVED_ACTION = int(Action.ARRIVED)
+_TOUCHED_ACTION = int(Action.TOUCHED)
+_CROSSING_ACTION = int(Action.CROSSING)
+_NAN = float('nan')
+
+
+@kernel
+def measure(
+    rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control, index: int
+) -> Measurement:
+    """Return the sample of an index that the sensors take at the present time."""
+    tau = max(0.0, (run.now - run.time) - run.time_low)
+    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    clearance_1, clearance_2, stop_1, stop_2 = places_after(run, tau, motion.travel)
+    speed = 0.0 if run.joint else motion.relative_velocity
+    offset = offset_of(clearance_1, clearance_2, stop_1, stop_2)
+    return measured(
+        control, index, run.now, motion.x, motion.velocity, offset, speed, stop_1, stop_2
+    )
+
+
+@kernel
+def stops_now(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> tuple[float, float]:
+    """Return where the stops are at the present time, Y in m."""
+    tau = max(0.0, (run.now - run.time) - run.time_low)
+    travel = 0.0
+    if run.arrival < inf:
+        # A stop follows m.
+        motion: Motion = motion_at(rig, lines, run, waves, tau)
+        travel = motion.travel
+    _, _, stop_1, stop_2 = places_after(run, tau, travel)
+    return stop_1, stop_2
+
+
+@kernel
+def write_act(control: Control, acts: Sequence[ActRow], action: int, time: float) -> None:
+    """Write what the control did, but not the same twice: stops arrive together."""
+    controller = control.controller
+    if controller.room == 0:
+        return
+    actuators = control.actuators
+    x_rate = control.observer.x_rate
+    row = acts[controller.recorded]
+    row.time = time
+    row.action = action
+    row.target_1 = actuators.target_1
+    row.target_2 = actuators.target_2
+    row.amplitude = control.observer.amplitude
+    row.velocity_1 = actuators.velocity_1
+    row.velocity_2 = actuators.velocity_2
+    row.x_rate = x_rate if x_rate == x_rate else 0.0
+    row.energy_1 = actuators.energy_1
+    row.energy_2 = actuators.energy_2
+    if controller.recorded > 0:
+        last = acts[controller.recorded - 1]
+        if (
+            last.time == row.time
+            and last.action == row.action
+            and last.target_1 == row.target_1
+            and last.target_2 == row.target_2
+            and last.amplitude == row.amplitude
+            and last.velocity_1 == row.velocity_1
+            and last.velocity_2 == row.velocity_2
+            and last.x_rate == row.x_rate
+            and last.energy_1 == row.energy_1
+            and last.energy_2 == row.energy_2
+        ):
+            return
+    controller.recorded += 1
+
+
+@kernel
+def note_stops(
+    run: Run, log: Sequence[EventRow], control: Control, acts: Sequence[ActRow], first: int
+) -> None:
+    """Note the stops that have arrived or met m, by the events from a row on."""
+    for k in range(first, run.written):
+        row = log[k]
+        if row.kind == STOP_ARRIVED:
+            # Not the Y of an arrival, which is that of m: the encoder shows the target.
+            stop_stopped(control, row.stop, _NAN)
+            write_act(control, acts, _ARRIVED_ACTION, row.time)
+        elif row.kind == STOP_TOUCHED:
+            stop_stopped(control, row.stop, row.y)
+            write_act(control, acts, _TOUCHED_ACTION, row.time)
+
+
+@kernel
+def perform_passage(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Sequence[EventRow],
+    control: Control,
+    acts: Sequence[ActRow],
+) -> None:
+    """Let the control act on the passage of X through zero that the last event reports."""
+    if holds_off(control, run.now):
+        return
+    rising = log[run.written - 1].primary_velocity_after > 0.0
+    seen = measure(rig, lines, run, waves, control, trigger_number(control))
+    take_crossing(control, seen, rising, rig, lines, run, waves, log)
+    write_act(control, acts, _CROSSING_ACTION, run.now)
+
+
+@kernel
+def perform_command(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Sequence[EventRow],
+    in_mode: MutableSequence[float],
+    control: Control,
+    acts: Sequence[ActRow],
+) -> None:
+    """Carry out the command that is due."""
+    place_1, place_2 = stops_now(rig, lines, run, waves)
+    target_1, target_2 = start_command(control, place_1, place_2)
+    write_act(control, acts, _COMMAND_ACTION, run.now)
+    first = run.written
+    count_modes(run, in_mode)
+    move_stops(rig, lines, run, waves, log, target_1, target_2, control.settings.speed)
+    run.happened += run.written - first
+    note_stops(run, log, control, acts, first)
+
+
+@kernel
+def perform_sample(
+    rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control
+) -> None:
+    """Take the sample that is due, and act on it."""
+    if control.settings.law != 0:
+        index = control.controller.sample_index
+        take_sample(control, measure(rig, lines, run, waves, control, index))
+    place_1 = 0.0
+    place_2 = 0.0
+    if control.controller.returning:
+        place_1, place_2 = stops_now(rig, lines, run, waves)
+    end_sample(control, run.now, place_1, place_2)
+
+
+@kernel
+def run_to(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Sequence[EventRow],
+    in_mode: MutableSequence[float],
+    control: Any,
+    acts: Any,
+    end: float,
+) -> int:
+    """
+    Go from event to event and act to act, up to an instant, s; return why it stopped.
+
+    `control` and `acts` are None for a rig without control: its compiled loop has no code of it.
+    """
+    while True:
+        until = end
+        command = inf
+        sample = inf
+        if control is not None:
+            if 0 < run.room < run.written + ROWS_AT_ONCE:
+                return FULL
+            if 0 < control.controller.room < control.controller.recorded + ROWS_AT_ONCE:
+                return FULL
+            if commands_full(control):
+                return COMMANDS_FULL
+            run.watch = control.settings.law != 0
+            command = next_command(control)
+            sample = next_sample(control)
+            # A command may be due in the past, after the delay has been shortened.
+            until = max(run.now, min(command, sample, end))
+        if run.steps <= 0 and run.now < end:
+            return PAUSED
+        run.steps -= 1
+        if not find_event(rig, lines, run, waves, until):
+            return PAUSED
+        if control is not None:
+            if run.watch and not find_passage(rig, lines, run, waves, until):
+                return PAUSED
+            if run.crossing <= until and run.crossing <= run.due and run.watch:
+                if run.happened >= run.most:
+                    return SPENT
+                run.now = run.crossing
+                write_passage(rig, lines, run, waves, log)
+                pass_zero(run)
+                run.happened += 1
+                perform_passage(rig, lines, run, waves, log, control, acts)
+                if law_failed(control):
+                    return LAW_FAILED
+                continue
+        if run.due <= until:
+            first = run.written
+            status = next_event(rig, lines, run, waves, log, in_mode)
+            if status != GOING:
+                return status
+            if control is not None:
+                note_stops(run, log, control, acts, first)
+            continue
+        run.now = until
+        if control is not None:
+            if command <= until:
+                if run.happened >= run.most:
+                    return SPENT
+                perform_command(rig, lines, run, waves, log, in_mode, control, acts)
+                continue
+            if sample <= until:
+                perform_sample(rig, lines, run, waves, control)
+                if law_failed(control):
+                    return LAW_FAILED
+                continue
+        return DONE
+
+
+@kernel
+def run_through(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Sequence[EventRow],
+    in_mode: MutableSequence[float],
+    control: Any,
+    acts: Any,
+    end: float,
+    instants: Any,
+    sampled: int,
+    samples: Any,
+) -> tuple[int, int]:
+    """Let a rig run to a later time, as `run_to` does, with samples at instants."""
+    status = DONE
+    while sampled < len(instants):
+        instant = instants[sampled]
+        status = run_to(rig, lines, run, waves, log, in_mode, control, acts, instant)
+        if status != DONE:
+            break
+        row = sample_at(rig, lines, run, waves, instant)
+        for k in range(9):
+            samples[sampled, k] = row[k]
+        sampled += 1
+    if status == DONE:
+        status = run_to(rig, lines, run, waves, log, in_mode, control, acts, end)
+    return status, sampled

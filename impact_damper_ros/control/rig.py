@@ -1,0 +1,1051 @@
+"""The rig: its motion from event to event, exactly, with or without gap control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from math import ceil, inf, nan
+from operator import attrgetter
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from impact_damper_ros.rig import GapControlParameters, InitialConditions, RigParameters
+from impact_damper_ros.rig.arguments import as_float
+from impact_damper_ros.rig.compiled import (
+    called,
+    compiled,
+    dtype_of,
+    has_numba,
+    packed,
+    packed_rows,
+    reported,
+    unpack,
+)
+from impact_damper_ros.rig.event import (
+    EVENT_TYPE,
+    ROWS_AT_ONCE,
+    SAMPLE_TYPE,
+    Event,
+    EventKind,
+    EventRow,
+    Sample,
+    events_of,
+    sample_at,
+)
+from impact_damper_ros.rig.event_budget import RunawayError
+from impact_damper_ros.rig.first_event import set_side
+from impact_damper_ros.rig.flight import (
+    Motion,
+    begin_flight,
+    motion_at,
+    move_to,
+    places_after,
+    stop_rates,
+)
+from impact_damper_ros.rig.forcing import SWEEP_FIELDS, SteppedSine, frequency_at
+from impact_damper_ros.rig.oscillator import Line
+from impact_damper_ros.rig.parameter_spec import ParameterError
+from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.rig.run import (
+    ALL_STEPS,
+    COMMANDS_FULL,
+    DONE,
+    FULL,
+    LAW_FAILED,
+    MOST_AT_ONCE,
+    PAUSED,
+    RUNAWAY,
+    SPENT,
+    count_modes,
+    find_event,
+)
+from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot, check_whole
+from impact_damper_ros.rig.state import Mode, Run, Wave, constants_of
+from impact_damper_ros.rig.transition import begin_from, move_stops, place_stops_at_gap
+
+from .actuator import settle_stops
+from .controller import Control, ControlSettings, forget_all, next_sample, relearn_laws
+from .loop import run_through, write_act
+from .own_law import Law, LawError, OwnLaw
+from .record import Action, ActRow, ControlRecord
+
+#: Steps of a search between two calls of `interrupted`; few flights take more.
+_STEPS_AT_A_STRETCH = 4
+#: Rows that plain kernels write between two looks at their tables.
+_PLAIN_ROWS = 64
+#: Initial rows of the table of a run; rows of 4 MB, and most rows allotted beyond twice the size.
+_ROWS = 4096
+_LARGE = 2**22 // EVENT_TYPE.itemsize + 1
+_MOST_AHEAD = 1_000_000
+#: More events than any run has.
+_MOST = 2**62
+_COMMAND = int(Action.COMMAND)
+#: What a float lacks, at most, to the instant that it stands for, relative to that.
+_MARGIN = 1e-15
+_FARTHEST = 1e9
+_SLOWEST = 1e-9
+
+Events = npt.NDArray[np.void]
+_run_fields = attrgetter(*Run.__dataclass_fields__)
+_wave_fields = attrgetter(*Wave.__dataclass_fields__)
+_row_fields = attrgetter(*EventRow.__dataclass_fields__)
+#: Compiled runs do not report the acts of the control.
+_NO_ACTS: Any = np.empty(0, dtype_of(ActRow))
+
+
+class Outcome(IntEnum):
+    """How a run ended."""
+
+    #: The requested time was reached.
+    COMPLETE = DONE
+    #: The rig had as many events as allowed; it may go on.
+    TOO_MANY_EVENTS = SPENT
+    #: The rig has events without end at one instant, and cannot go on.
+    RUNAWAY = RUNAWAY
+
+    def reason(self, happened: int, since: float, time: float, mode: str) -> str:
+        """Return why a run ended before its time, and the remedy; empty if it did not."""
+        if self is Outcome.COMPLETE:
+            return ''
+        if self is Outcome.TOO_MANY_EVENTS:
+            return (
+                f'{happened} events from {since!r} s to {time!r} s, the last of them in mode '
+                f'{mode}: allow more events, or make the stops less elastic'
+            )
+        return (
+            f'events without end at {time!r} s, in mode {mode}: make the stops less elastic, '
+            'or report it with the snapshot if they are not'
+        )
+
+
+class RunResult(NamedTuple):
+    """
+    Result of a run.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        Whether the requested time was reached.
+    reason : str
+        If not, why, and the remedy; else empty.
+    time : float
+        Time reached, s.
+    samples : ndarray of SAMPLE_TYPE
+        Motion at each of the requested instants that were reached.
+    events : ndarray of EVENT_TYPE
+        Events in order; empty if they were not recorded.
+    event_count : int
+        Number of transitions, recorded or not; an impact that ends in rest is one.
+    time_in_mode : ndarray of float, shape (8,)
+        Time spent in each `Mode`, s.
+    """
+
+    outcome: Outcome
+    reason: str
+    time: float
+    samples: npt.NDArray[np.void]
+    events: Events
+    event_count: int
+    time_in_mode: npt.NDArray[np.float64]
+
+    def impacts(self, stop: int = 0) -> Events:
+        """Return the impacts among the events; those with one stop, if one is given."""
+        wanted = self.events['kind'] == EventKind.IMPACT
+        if stop:
+            wanted &= self.events['stop'] == stop
+        if wanted.all():
+            return self.events
+        # Ten times as fast as an index by booleans, with rows of this size
+        found: Events = self.events.take(np.flatnonzero(wanted))
+        return found
+
+
+def _most(most_events: float) -> int:
+    """Return a number of events, rounded up; or raise a ValueError."""
+    number = as_float(most_events)
+    if not number >= 0.0:
+        raise ValueError(
+            f'most_events is {shown(most_events)}: give a number from 0 on, infinity for no limit'
+        )
+    return _MOST if number >= _MOST else ceil(number)
+
+
+def _later(time: float, now: float) -> float:
+    """Return a time to which a rig can run, s; or raise a ValueError."""
+    end = as_float(time)
+    if not now <= end < inf:
+        raise ValueError(
+            f'cannot advance to {shown(time)} s: give a finite time not before {now!r} s'
+        )
+    if end > LATEST:
+        raise ValueError(f'cannot advance to {end!r} s: give a time up to {LATEST:g} s')
+    return end
+
+
+def _check_target(one_sided: bool, stop: int, target: float, speed: float) -> None:
+    """Check the target and speed of a stop."""
+    name = f'stop_{stop}'
+    if stop == 2 and one_sided:
+        raise ParameterError(
+            name,
+            f'{name} is {target!r} m but the rig is one-sided: give None, or one_sided: false',
+        )
+    if not -_FARTHEST <= as_float(target) <= _FARTHEST:
+        raise ParameterError(
+            name,
+            f'{name} is {shown(target)} m: give the place Y where it is to go, a number from '
+            f'{-_FARTHEST:g} to {_FARTHEST:g} m',
+        )
+    if not speed >= _SLOWEST:
+        raise ParameterError(
+            'speed',
+            f'speed is {speed!r} m/s: give a number from {_SLOWEST:g} m/s, or inf for at once',
+        )
+
+
+def own_law_of(law: Law | None) -> OwnLaw | None:
+    """Return a law of the user's own, with its name."""
+    return law if law is None or isinstance(law, OwnLaw) else OwnLaw(law)
+
+
+class _EventTable:
+    """The events of a run while it goes on."""
+
+    def __init__(self, *, keep: bool) -> None:
+        self._keep = keep
+        self._rows: Any = np.empty(_ROWS if keep else 0, dtype_of(EventRow))
+        self._written = 0
+        #: The part of the run that is done.
+        self.done = 0.0
+
+    @property
+    def events(self) -> Events:
+        """The events so far."""
+        events: Events = self._rows[: self._written].view(EVENT_TYPE)
+        return events
+
+    def add(self, events: Sequence[Event], mode: int) -> None:
+        """Add events, all of them followed by one mode."""
+        if self._keep and events:
+            self.take([(event.time, *event[3:], event.kind, event.stop, mode) for event in events])
+
+    def take(self, rows: Sequence[tuple[Any, ...]]) -> None:
+        """Add rows."""
+        if self._keep and rows:
+            self.room(len(rows))[: len(rows)] = rows
+            self._written += len(rows)
+
+    def wrote(self, count: int) -> None:
+        """Count rows that have been written into the room."""
+        self._written += count if self._keep else 0
+
+    def room(self, least: int = ROWS_AT_ONCE) -> Any:
+        """Return the free rows, some at least."""
+        if self._keep and self._written + least > len(self._rows):
+            wanted = 1.1 * self._written / self.done if self.done > 0.0 else inf
+            double = max(2 * len(self._rows), self._written + least)
+            size = int(min(max(wanted, double), double + _MOST_AHEAD))
+            # numpy asks for large pages from 4 MB on; small ones cost as much as the run.
+            if size > _LARGE // 8:
+                size = max(size, _LARGE)
+            larger = np.empty(size, dtype_of(EventRow))
+            larger[: self._written] = self._rows[: self._written]
+            self._rows = larger
+        return self._rows[self._written :]
+
+
+class Rig:
+    """
+    A rig in motion.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    initial : InitialConditions, optional
+        Where it starts; at rest with m in the middle of the gap, if not given.
+    time : float, optional
+        Time at the start, s; from -1e13 to 1e13.
+    control : GapControlParameters, optional
+        Its gap control; off, if not given.
+    law : callable, optional
+        A law of one's own, `law(seen, memory) -> (stop_1, stop_2)`, that moves the stops in place
+        of the one that `gap_control` names, unless that is off; see `own_law.LawInput`. The
+        control is on, if it is not given.
+    compiled : bool, optional
+        Whether compiled code runs; plain Python, if not given. None stands for wherever numba is
+        installed and, with a law of one's own, has compiled that. The motion is the same, to the
+        last bit.
+
+    Raises
+    ------
+    ParameterError
+        If m would not start between the stops.
+    ValueError
+        If the time is out of range.
+    LawError
+        If the law cannot be called so.
+    ImportError
+        If `compiled` without numba (extra ``compiled``).
+
+    Examples
+    --------
+    >>> rig = Rig(RigParameters(gravity=0.0))
+    >>> first = rig.advance(45.0)[0]
+    >>> first.stop, round(first.time, 9)
+    (1, 43.622660097)
+    >>> settled = rig.run(2000.0, record=False)
+    >>> stretch = rig.run(2100.0, instants=np.arange(2000.0, 2100.0))
+    >>> len(stretch.samples), len(stretch.impacts(stop=1))
+    (100, 16)
+    """
+
+    def __init__(
+        self,
+        parameters: RigParameters,
+        initial: InitialConditions | None = None,
+        time: float = 0.0,
+        control: GapControlParameters | None = None,
+        law: Law | None = None,
+        *,
+        compiled: bool | None = False,
+    ) -> None:
+        """Start the rig."""
+        start = as_float(time)
+        if not -LATEST <= start <= LATEST:
+            raise ValueError(
+                f'the rig cannot start at {shown(time)} s: give a number from {-LATEST:g} to '
+                f'{LATEST:g} s'
+            )
+        self._law = own_law_of(law)
+        default = GapControlParameters(gap_control='off' if law is None else 'timed')
+        self._gap_control = control or default
+        self._parameters = parameters
+        self.compiled = self._may_compile() if compiled is None else compiled
+        self._start(initial or InitialConditions(), start)
+
+    def _may_compile(self) -> bool:
+        return has_numba() and (self._law is None or hasattr(self._law.function, 'py_func'))
+
+    def _start(self, initial: InitialConditions, time: float) -> None:
+        parameters = self._parameters
+        initial.check_within(parameters)
+        self._sweep = SteppedSine.begun(parameters, time)
+        self._tune()
+        half, offset = self._rig.half_gap, initial.initial_damper_offset
+        self._run = Run(
+            time=time,
+            x=initial.initial_primary_position,
+            velocity=initial.initial_primary_velocity,
+            relative_velocity=initial.initial_damper_velocity - initial.initial_primary_velocity,
+            clearance_1=half - offset,
+            clearance_2=inf if parameters.one_sided else half + offset,
+            stop_1=half,
+            stop_2=-half,
+            target_1=half,
+            target_2=-half,
+            now=time,
+        )
+        self._waves = [Wave() for _ in range(self._rig.harmonics)]
+        self._records: list[ControlRecord] = []
+        # An impact at the very start, of m that moves into the stop it is on
+        self._unreported: list[Event] = []
+        self._unreported = self._begin()
+        control = Control.of(self._gap_control, parameters, self._law)
+        self._control = control.for_harmonics(self._rig.harmonics)
+        if self._gap_control.active:
+            self._control.begin(time)
+
+    def _tune(self) -> None:
+        """Take the constants at the present frequency."""
+        frequency = frequency_at(self._parameters, self._sweep.step)
+        self._rig, self._lines = constants_of(self._parameters, frequency)
+        self._step_due = self._sweep.due(self._parameters)
+        self._packed: Any = None
+        self._scratch = (
+            [EventRow() for _ in range(_PLAIN_ROWS)],
+            [ActRow() for _ in range(_PLAIN_ROWS)],
+        )
+
+    def _begin(self) -> list[Event]:
+        """Begin from a state of unknown mode; return what happens there."""
+        rows = [EventRow() for _ in range(8)]
+        self._run.room, self._run.written = len(rows), 0
+        begin_from(self._rig, self._lines, self._run, self._waves, rows)
+        return events_of(rows, self._run.written)
+
+    @property
+    def time(self) -> float:
+        """Time reached, s."""
+        return self._run.now
+
+    @property
+    def parameters(self) -> RigParameters:
+        """The present parameters."""
+        return self._parameters
+
+    @property
+    def control(self) -> GapControlParameters:
+        """The present parameters of the control."""
+        return self._gap_control
+
+    @property
+    def law(self) -> str:
+        """Name of the law that moves the stops."""
+        return self._gap_control.gap_control if self._law is None else self._law.name
+
+    @property
+    def own_law(self) -> OwnLaw | None:
+        """The law of the user's own, if there is one."""
+        return self._law
+
+    @property
+    def mode(self) -> Mode:
+        """Present mode, after any event at the present time."""
+        return Mode(self._run.mode)
+
+    @property
+    def force_frequency(self) -> float:
+        """Present circular frequency of the first harmonic, rad/s; a sweep changes it."""
+        return self._lines[0].frequency
+
+    def _motion(self) -> tuple[float, Motion]:
+        run = self._run
+        tau = max(0.0, (run.now - run.time) - run.time_low)
+        return tau, motion_at(self._rig, self._lines, run, self._waves, tau)
+
+    @property
+    def stops(self) -> tuple[float, float]:
+        """Present positions Y of stop 1 and stop 2, m."""
+        tau, motion = self._motion()
+        return places_after(self._run, tau, motion.travel)[2:]
+
+    @property
+    def stop_velocities(self) -> tuple[float, float]:
+        """Present velocities of stop 1 and stop 2 relative to M, m/s."""
+        _, motion = self._motion()
+        return stop_rates(self._run, motion.relative_velocity)
+
+    @property
+    def amplitude(self) -> float:
+        """The controller's estimate of the amplitude of X, m."""
+        return self._control.observer.amplitude
+
+    @property
+    def energies(self) -> tuple[float, float]:
+        """Energy spent by the actuator of each stop since the start or the last reset, J."""
+        actuators = self._control.actuators
+        return actuators.energy_1, actuators.energy_2
+
+    @property
+    def records(self) -> list[ControlRecord]:
+        """What the control did in the last call of `advance`, `change` or `reset`."""
+        return self._records
+
+    @property
+    def acts(self) -> bool:
+        """Whether a control moves the stops, or stops are on their way by it."""
+        control = self._control
+        return bool(control.active or control.controller.returning or control.actuators.waiting)
+
+    def mark(self) -> dict[str, Any]:
+        """Return a mark for `go_back`; far cheaper than a snapshot."""
+        state = self.__dict__.copy()
+        # All the rest of it is immutable, or made anew by `advance`.
+        state['_run'] = Run(*_run_fields(self._run))
+        state['_waves'] = [Wave(*_wave_fields(wave)) for wave in self._waves]
+        if self._gap_control.active or not self._control.idles or self._law is not None:
+            state['_control'] = self._control.copied()
+        return state
+
+    def go_back(self, mark: dict[str, Any]) -> None:
+        """Undo all that `advance` or `run` did since a mark; each may be used once."""
+        self.__dict__.update(mark)
+        self._records = []
+
+    def advance(
+        self,
+        time: float,
+        most_events: float = inf,
+        interrupted: Callable[[], bool] | None = None,
+    ) -> list[Event]:
+        """
+        Let the rig run to a later time.
+
+        Parameters
+        ----------
+        time : float
+            Time to reach, s; not before the present one.
+        most_events : float, optional
+            After so many events (rounded up; under control, about so many) the rig stops, at an
+            event, if more are due before that time; it may go on from there.
+        interrupted : callable, optional
+            Called now and then; once it returns true, the rig stops.
+
+        Returns
+        -------
+        list of Event
+            All events after the present time up to and including the new one; under control also
+            the passages of X through zero, and what the stops do.
+
+        Raises
+        ------
+        ValueError
+            If the time is before the present one or after 1e13 s, or the number of events is
+            negative or NaN.
+        RunawayError
+            If the rig has events without end at one instant; `go_back` undoes the advance.
+        LawError
+            If a law of the user's own fails; the rig is then where it was.
+        """
+        time = _later(time, self.time)
+        most = _most(most_events)
+        before = self.mark() if self._law is not None else None
+        events, self._unreported, self._records = list(self._unreported), [], []
+        try:
+            self._go_on(time, most, interrupted, events)
+        except LawError:
+            assert before is not None
+            self.go_back(before)
+            raise
+        return events
+
+    def _go_on(
+        self,
+        time: float,
+        most: int,
+        interrupted: Callable[[], bool] | None,
+        events: list[Event],
+    ) -> None:
+        while True:
+            steps = ALL_STEPS if interrupted is None else _STEPS_AT_A_STRETCH
+            end = min(time, self._step_due)
+            status, new = self._go(end, most - len(events), steps)
+            events += new
+            if status == RUNAWAY:
+                raise RunawayError(MOST_AT_ONCE, self._run.instant)
+            if status == PAUSED:
+                assert interrupted is not None
+                if self.time == time:
+                    # All events of an instant that has been reached belong to it.
+                    interrupted = None
+                elif interrupted():
+                    return
+            elif status in (SPENT, FULL, COMMANDS_FULL) and len(events) < most:
+                if interrupted is not None and self.time < time and interrupted():
+                    return
+            elif status != DONE or self._step_due > time or len(events) >= most:
+                return
+            else:
+                events.append(self._step_frequency())
+
+    def _go(self, end: float, most: int, steps: int) -> tuple[int, list[Event]]:
+        """Run up to an instant in plain Python; return why it stopped, and the events."""
+        controlled = self.acts
+        rows, acts = self._scratch
+        run, control = self._run, self._control
+        run.room, run.written, run.happened = _PLAIN_ROWS, 0, 0
+        run.most, run.steps = min(most, _PLAIN_ROWS), steps
+        control.controller.recorded, control.controller.room = 0, _PLAIN_ROWS
+        status, _ = run_through(
+            self._rig,
+            self._lines,
+            run,
+            self._waves,
+            rows,
+            [0.0] * len(Mode),
+            control if controlled else None,
+            acts,
+            end,
+            (),
+            0,
+            (),
+        )
+        if controlled:
+            self._note(acts[: control.controller.recorded])
+        self._after(status)
+        return status, events_of(rows, run.written)
+
+    def _note(self, acts: Sequence[Any]) -> None:
+        records = ControlRecord.of(acts)
+        again = bool(records) and self._records[-1:] == records[:1]
+        self._records += records[1:] if again else records
+
+    def _after(self, status: int) -> None:
+        if status == COMMANDS_FULL:
+            self._control = self._control.enlarged()
+        elif status == LAW_FAILED:
+            assert self._law is not None
+            raise self._law.refused(self._control)
+
+    def _step_frequency(self) -> Event:
+        """Go on to the next frequency of the stepped sine, at an exact instant."""
+        run, side = self._run, self._run.crossing_side
+        move_to(self._rig, self._lines, run, self._waves, self._step_due)
+        run.time, run.time_low, run.now = self._step_due, 0.0, self._step_due
+        if side:
+            set_side(self._rig, self._lines, run, self._waves, side)
+        self._sweep = SteppedSine(self._sweep.start, self._sweep.step + 1)
+        self._tune()
+        begin_flight(self._rig, self._lines, run, self._waves)
+        velocity = run.velocity
+        damper = velocity + run.relative_velocity
+        y = self.sample().z - run.x
+        kind = EventKind.FREQUENCY_STEP
+        return Event(run.time, kind, 0, run.x, y, velocity, velocity, damper, damper, 0.0)
+
+    def run(
+        self,
+        time: float,
+        instants: npt.ArrayLike = (),
+        *,
+        record: bool = True,
+        most_events: float = 1_000_000,
+    ) -> RunResult:
+        """
+        Let the rig run to a later time; as `advance`, but events and samples are arrays.
+
+        Parameters
+        ----------
+        time : float
+            Time to reach, s; not before the present one.
+        instants : array_like of float, optional
+            Instants at which to sample, s: ascending, from the present time to the one to reach.
+        record : bool, optional
+            Whether to return the events.
+        most_events : float, optional
+            Most events (rounded up), the steps of a stepped sine among them. With elastic stops
+            to which m is pressed they may have no end; the run then ends here, as the outcome
+            says.
+
+        Returns
+        -------
+        RunResult
+            Samples and events, and whether the time was reached.
+
+        Raises
+        ------
+        ValueError
+            If a time is before the present one, not finite, or not in order, or the number of
+            events is negative or NaN.
+        LawError
+            If a law of the user's own fails; the rig is then where it was.
+        """
+        most, time, since = _most(most_events), _later(time, self.time), self.time
+        try:
+            when = np.array(instants, dtype=float).reshape(-1)
+        except (OverflowError, TypeError, ValueError) as error:
+            raise ValueError(f'instants are {shown(instants)}: give a list of times, s') from error
+        in_order = bool(np.all(when[1:] >= when[:-1]))
+        if len(when) and not (in_order and when[0] >= since and when[-1] <= time):
+            raise ValueError(
+                f'instants must ascend from {since!r} s to {time!r} s: sort them, and leave '
+                'out those before and after'
+            )
+        before = self.mark()
+        try:
+            return self._run_through(time, when, record, most)
+        except BaseException:
+            self.go_back(before)
+            raise
+
+    def _run_through(
+        self, time: float, when: npt.NDArray[np.float64], record: bool, most: int
+    ) -> RunResult:
+        since, happened, sampled = self.time, 0, 0
+        samples = np.empty((len(when), len(Sample._fields)))
+        in_mode = np.zeros(len(Mode))
+        table = _EventTable(keep=record)
+        table.add(self._unreported, self.mode)
+        self._unreported, self._records = [], []
+        go = self._go_compiled if self.compiled else self._go_plain
+        while True:
+            due = self._step_due
+            end, count = time, len(when)
+            if due <= time:
+                # A sample at the instant of a step shows what comes after it.
+                end, count = due, int(np.searchsorted(when, due))
+            status = FULL
+            while status in (FULL, COMMANDS_FULL):
+                self._run.most, self._run.happened = most - happened, 0
+                table.done = (self.time - since) / (time - since or 1.0)
+                status, sampled = go(end, when[:count], sampled, samples, in_mode, table)
+                happened += self._run.happened
+                self._after(status)
+            if status == DONE and due <= time and happened >= most:
+                status = SPENT
+            count_modes(self._run, in_mode)  # type: ignore[arg-type]
+            if status != DONE or due > time:
+                break
+            table.add([self._step_frequency()], self.mode)
+            happened += 1
+        outcome = Outcome(status)
+        return RunResult(
+            outcome,
+            outcome.reason(happened, since, self.time, self.mode.name.lower()),
+            self.time,
+            samples[:sampled].view(SAMPLE_TYPE).reshape(-1),
+            table.events,
+            happened,
+            in_mode,
+        )
+
+    def _go_plain(
+        self,
+        end: float,
+        when: npt.NDArray[np.float64],
+        sampled: int,
+        samples: Any,
+        in_mode: Any,
+        table: _EventTable,
+    ) -> tuple[int, int]:
+        """Run up to an instant; return why it stopped, and the number of samples taken."""
+        run, control = self._run, self._control
+        rows, _ = self._scratch
+        run.room, run.written, run.steps = len(rows), 0, ALL_STEPS
+        control.controller.recorded = control.controller.room = 0
+        found = run_through(
+            self._rig,
+            self._lines,
+            run,
+            self._waves,
+            rows,
+            in_mode,
+            control if self.acts else None,
+            (),
+            end,
+            when.tolist(),
+            sampled,
+            samples,
+        )
+        table.take([_row_fields(row) for row in rows[: run.written]])
+        return found
+
+    def _go_compiled(
+        self,
+        end: float,
+        when: npt.NDArray[np.float64],
+        sampled: int,
+        samples: Any,
+        in_mode: Any,
+        table: _EventTable,
+    ) -> tuple[int, int]:
+        """Run as `_go_plain` does, compiled; the rig changes at the end only."""
+        run, control, controlled = self._run, self._control, self.acts
+        if self._packed is None:
+            self._packed = packed(self._rig), packed_rows(self._lines, Line)
+        rows = table.room()
+        if controlled and not len(rows):
+            # What the stops do is read from the events.
+            rows = np.empty(_ROWS, dtype_of(EventRow))
+        run.room, run.written, run.steps = len(rows), 0, ALL_STEPS
+        control.controller.recorded = control.controller.room = 0
+        state, waves = packed(run), packed_rows(self._waves, Wave)
+        acting = control.packed() if controlled else None
+        try:
+            with reported(f'{run_through.__name__} {controlled}'):
+                found: tuple[int, int] = called(
+                    compiled(run_through.__name__),
+                    *self._packed,
+                    state,
+                    waves,
+                    rows,
+                    in_mode,
+                    acting,
+                    _NO_ACTS,
+                    end,
+                    when,
+                    sampled,
+                    samples,
+                )
+        except SystemError as error:
+            # What a signal raises just as compiled code returns
+            if isinstance(error.__cause__, KeyboardInterrupt):
+                raise error.__cause__ from None
+            raise
+        unpack(state, run)
+        self._waves = [Wave(*row) for row in waves.tolist()]
+        if acting is not None:
+            self._control = control.unpacked(acting)
+        table.wrote(run.written)
+        return found
+
+    def change(
+        self, parameters: RigParameters, control: GapControlParameters | None = None
+    ) -> list[Event]:
+        """
+        Let new parameters take effect at the present time, exactly.
+
+        Parameters
+        ----------
+        parameters : RigParameters
+            The new rig.
+        control : GapControlParameters, optional
+            The new control; as it was, if not given.
+
+        Returns
+        -------
+        list of Event
+            The impact that closing the gap on m causes, if any.
+
+        Notes
+        -----
+        The angle turned by each harmonic is continuous, so that a change of frequency does not
+        jump the force; an added harmonic starts at its phase. A change of a parameter of the
+        stepped sine starts it anew, any other change leaves it alone. The position of M in the
+        laboratory is continuous where its static deflection changes.
+
+        Another `gap` or `one_sided` places both stops at half the gap from the middle, at once,
+        and ends their movements. A stop that would pass m is placed at m instead; m hits it if m
+        moves outwards, and the stop follows if m moves inwards. An active law moves the stops
+        from there. Switching the control off sends them back to the gap by the actuators. Another
+        law begins anew, with the present amplitude.
+        """
+        self._records = []
+        before, old, own = self._parameters, self._gap_control, self._law is not None
+        settings = None
+        if control is not None and control != old:
+            settings = ControlSettings.of(control, parameters, own=own)
+        events = self._change(parameters) if parameters != before else []
+        here = self._control._replace(settings=ControlSettings.of(old, parameters, own=own))
+        self._control = here.for_harmonics(self._rig.harmonics)
+        if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
+            settle_stops(here)
+            relearn_laws(here)
+            here.controller.returning = False
+            if old.active:
+                rows = [ActRow()]
+                here.controller.recorded, here.controller.room = 0, 1
+                write_act(here, rows, _COMMAND, self.time)
+                self._records = ControlRecord.of(rows)
+            else:
+                forget_all(here)
+        if control is not None and settings is not None:
+            self._gap_control = control
+            self._control = self._control.switched(settings, self.time)
+        return events
+
+    def _change(self, parameters: RigParameters) -> list[Event]:
+        before, run, side = self._parameters, self._run, self._run.crossing_side
+        shift = before.static_deflection - parameters.static_deflection
+        own = len(before.force_phases), len(parameters.force_phases)
+        move_to(self._rig, self._lines, run, self._waves, run.now)
+        if side and shift == 0.0:
+            set_side(self._rig, self._lines, run, self._waves, side)
+        self._parameters = parameters
+        if any(getattr(parameters, name) != getattr(before, name) for name in SWEEP_FIELDS):
+            self._sweep = SteppedSine.begun(parameters, run.now)
+        self._tune()
+        # A harmonic keeps its angle by its index, in the force arrays or among the lines of the
+        # multisine; an added one begins with zero.
+        first, others = self._waves[: own[0]][: own[1]], self._waves[own[0] :]
+        lines = self._rig.harmonics - own[1]
+        first += [Wave() for _ in range(own[1] - len(first))]
+        others += [Wave() for _ in range(lines - len(others))]
+        self._waves = first + others[:lines]
+        # An impact of the last reset is reported later, with X from the new equilibrium.
+        self._unreported = [event._replace(x=event.x + shift) for event in self._unreported]
+        if (parameters.gap, parameters.one_sided) != (before.gap, before.one_sided):
+            place_stops_at_gap(self._rig, run)
+        run.x += shift
+        return self._begin()
+
+    def move_stops(
+        self, stop_1: float | None, stop_2: float | None, speed: float = inf
+    ) -> list[Event]:
+        """
+        Move stops to other places in M, from the present time on.
+
+        Parameters
+        ----------
+        stop_1, stop_2 : float or None
+            Target Y of each stop, m; None leaves the stop as it is, or moving.
+        speed : float, optional
+            Speed relative to M, m/s; if infinite, the stops are there at once.
+
+        Returns
+        -------
+        list of Event
+            Events at the present time. Each movement ends with one event, now or later, unless
+            another command comes before: `STOP_ARRIVED` at its target, or `STOP_TOUCHED` at m.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such stop or a number is not admissible; nothing changes then.
+
+        Notes
+        -----
+        A moving stop never does work. Where it meets m it stays until its next command
+        (`STOP_TOUCHED`); if m moves outwards, m then hits the standing stop (`IMPACT`). A stop
+        whose target is beyond m and that moves at once is placed at m. A stop that moves away
+        from m at rest on it leaves m without support: friction holds m, or m leaves (`RELEASE`)
+        and may catch up with the stop. Between two stops that both touch it, m cannot move in M,
+        and the impact that ends its motion there is plastic.
+        """
+        speed = as_float(speed)
+        for stop, target in ((1, stop_1), (2, stop_2)):
+            if target is not None:
+                _check_target(self._rig.one_sided, stop, target, speed)
+        rows = [EventRow() for _ in range(8)]
+        self._run.room, self._run.written = len(rows), 0
+        move_stops(
+            self._rig,
+            self._lines,
+            self._run,
+            self._waves,
+            rows,
+            nan if stop_1 is None else float(stop_1),
+            nan if stop_2 is None else float(stop_2),
+            speed,
+        )
+        return events_of(rows, self._run.written)
+
+    def reset(self, initial: InitialConditions | None = None) -> None:
+        """
+        Put the rig back to its initial conditions; the force starts anew, time goes on.
+
+        Raises
+        ------
+        ParameterError
+            If m would not start between the stops; the rig then runs on as before.
+        """
+        self._start(initial or InitialConditions(), self.time)
+
+    def sample(self) -> Sample:
+        """Return the motion at the present time, after any event at that instant."""
+        return self._sample(self.time)
+
+    def _sample(self, time: float) -> Sample:
+        return Sample(*sample_at(self._rig, self._lines, self._run, self._waves, time))
+
+    def preview(
+        self, times: Sequence[float], interrupted: Callable[[], bool] | None = None
+    ) -> list[Sample]:
+        """
+        Return the motion at those of the later instants that the present flight reaches.
+
+        Under control there are none.
+        """
+        if not len(times) or self.acts:
+            return []
+        run = self._run
+        run.steps = ALL_STEPS if interrupted is None else _STEPS_AT_A_STRETCH
+        until = inf
+        while not find_event(self._rig, self._lines, run, self._waves, max(times)):
+            assert interrupted is not None
+            if interrupted():
+                until = run.time + run.searched - _MARGIN * abs(run.time)
+                break
+            run.steps = _STEPS_AT_A_STRETCH
+        until = min(self._step_due, run.due, until)
+        samples = []
+        for time in times:
+            if not time < until:
+                break
+            samples.append(self._sample(time))
+            if interrupted is not None and interrupted():
+                break
+        return samples
+
+    def state(self) -> Snapshot:
+        """Return the motion of the rig, without its control, as a record."""
+        return Snapshot(
+            self._parameters,
+            Run(*_run_fields(self._run)),
+            tuple(wave.angle for wave in self._waves),
+            tuple(self._unreported),
+            self._sweep,
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """
+        Return all that the future of rig and control depends on.
+
+        Returns
+        -------
+        dict
+            The origin of the present flight, the parameters and the time reached, and under
+            `gap_control` the control; JSON keeps it exactly.
+        """
+        control = self._control
+        held: dict[str, Any] = {
+            'parameters': self._gap_control.as_dict(),
+            'state': control.as_dict(),
+        }
+        if self._law is not None:
+            memory = [float(v) if abs(v) < inf else str(float(v)) for v in control.memory]
+            held['law'] = {'name': self._law.name, 'memory': memory}
+        return {**self.state().as_dict(), 'gap_control': held}
+
+    @classmethod
+    def restore(
+        cls, snapshot: dict[str, Any], law: Law | None = None, *, compiled: bool | None = False
+    ) -> Self:
+        """
+        Continue from a snapshot, bit for bit.
+
+        Raises
+        ------
+        ValueError
+            If the snapshot is of another format or lacks something, or is of a rig with a law of
+            the user's own that is not given.
+        """
+        return cls.resume(
+            Snapshot.from_dict(snapshot), snapshot.get('gap_control'), law, compiled=compiled
+        )
+
+    @classmethod
+    def resume(
+        cls,
+        state: Snapshot,
+        control: dict[str, Any] | None = None,
+        law: Law | None = None,
+        *,
+        compiled: bool | None = False,
+    ) -> Self:
+        """Continue from a result of `state`, with the control of a snapshot or none."""
+        rig = cls.__new__(cls)
+        rig._law, rig._parameters, rig._sweep = own_law_of(law), state.parameters, state.sweep
+        rig.compiled = rig._may_compile() if compiled is None else compiled
+        rig._tune()
+        rig._run, rig._waves = Run(*_run_fields(state.run)), [Wave(a) for a in state.angles]
+        rig._records, rig._unreported = [], list(state.unreported)
+        kept = state.run
+        begin_flight(rig._rig, rig._lines, rig._run, rig._waves)
+        rig._run.searched, rig._run.crossing_side = kept.searched, kept.crossing_side
+        rig._run.watched, rig._run.crossing = kept.watched, kept.crossing
+        rig._run.counted = (kept.now - kept.time) - kept.time_low
+        rig._gap_control, rig._control = _restored(control, rig)
+        return rig
+
+
+def _restored(held: dict[str, Any] | None, rig: Rig) -> tuple[GapControlParameters, Control]:
+    """Return the control of a snapshot; off, if it has none."""
+    if held is None:
+        parameters = GapControlParameters()
+        control = Control.of(parameters, rig.parameters, rig.own_law)
+        return parameters, control.for_harmonics(rig._rig.harmonics)
+    try:
+        parameters = GapControlParameters(**held['parameters'])
+        control = Control.of(parameters, rig.parameters, rig.own_law).restored(held['state'])
+        kept = held.get('law')
+        if kept is not None:
+            if rig.own_law is None:
+                raise LawError(
+                    f'its stops were moved by the law {kept["name"]}, which is no part of it: '
+                    'give the law, too'
+                )
+            control.memory[:] = map(float, kept['memory'])
+        index = control.controller.sample_index
+        check_whole('sample_index', index)
+        if next_sample(control) < rig.time - SAME_TIME:
+            raise ValueError(
+                f'sample_index is {index}, a sample at {index / parameters.gap_control_rate!r} '
+                f's: it must be the next one after time, {rig.time!r} s'
+            )
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f'gap_control is not complete: {error}') from error
+    return parameters, control.for_harmonics(rig._rig.harmonics)

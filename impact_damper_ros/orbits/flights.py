@@ -1,0 +1,158 @@
+"""Single flights of a rig in plain Python, for solvers that go from flight to flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf
+from typing import NamedTuple
+
+from impact_damper_ros.rig import RigParameters
+from impact_damper_ros.rig.event import ROWS_AT_ONCE, EventRow
+from impact_damper_ros.rig.flight import (
+    NO_EVENT,
+    Motion,
+    begin_flight,
+    motion_at,
+    move_to,
+    moving_mode,
+    rest,
+    starting_motion,
+    turn_waves,
+)
+from impact_damper_ros.rig.oscillator import Line
+from impact_damper_ros.rig.run import ALL_STEPS, find_event
+from impact_damper_ros.rig.state import (
+    REST_1,
+    REST_2,
+    RigConstants,
+    Run,
+    Wave,
+    constants_of,
+)
+from impact_damper_ros.rig.transition import resolve, strike
+
+
+class Machine(NamedTuple):
+    """Constants of a rig, and of its harmonics."""
+
+    constants: RigConstants
+    lines: list[Line]
+
+
+def machine_of(parameters: RigParameters) -> Machine:
+    """Return the constants of a rig."""
+    return Machine(*constants_of(parameters))
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight of a rig, from its origin on, which is at time 0."""
+
+    machine: Machine
+    run: Run
+    waves: list[Wave]
+
+    def motion(self, tau: float) -> Motion:
+        """Return the motion some time after the origin, s."""
+        if tau == 0.0:
+            return starting_motion(*self.machine, self.run, self.waves)
+        return motion_at(*self.machine, self.run, self.waves, tau)
+
+    def first_event(self, limit: float) -> tuple[int, float]:
+        """Return the first event up to a time since the origin, s, and when; or `NO_EVENT`."""
+        self.run.steps = ALL_STEPS
+        find_event(*self.machine, self.run, self.waves, self.run.time + limit)
+        if self.run.kind == NO_EVENT or self.run.tau > limit:
+            return NO_EVENT, limit
+        return self.run.kind, self.run.tau
+
+    def copy(self) -> Flight:
+        """Return another flight in the same state."""
+        waves = [Wave(w.angle, w.sine_0, w.cosine_0, w.sine, w.cosine) for w in self.waves]
+        return Flight(self.machine, replace(self.run), waves)
+
+    def after(self, tau: float) -> Flight:
+        """Return the flight that goes on from a time since the origin, s."""
+        there = self.copy()
+        move_to(*self.machine, there.run, there.waves, self.run.time + tau)
+        return there.begun()
+
+    def begun(self) -> Flight:
+        """Begin the flight at its origin, and return it."""
+        self.run.time = self.run.time_low = self.run.now = 0.0
+        begin_flight(*self.machine, self.run, self.waves)
+        return self
+
+    def struck(self, velocity: float, relative_velocity: float) -> Flight:
+        """Return the flight after an impact on the stop hit last, with velocities before it."""
+        there = self.copy()
+        there.run.velocity, there.run.relative_velocity = velocity, relative_velocity
+        there.run.room = 0
+        strike(*self.machine, there.run, there.waves, [], there.run.last_stop)
+        return there.begun()
+
+    def resolved(self) -> tuple[Flight, list[EventRow]]:
+        """Return the flight after the event that ends this one, and the events as rows."""
+        there, rows = self.copy(), [EventRow() for _ in range(ROWS_AT_ONCE)]
+        there.run.room, there.run.written = len(rows), 0
+        resolve(*self.machine, there.run, there.waves, rows)
+        return there.begun(), rows[: there.run.written]
+
+
+def flight_at(
+    machine: Machine,
+    instant: float,
+    x: float,
+    velocity: float,
+    beyond: float,
+    relative_velocity: float,
+    resting: int,
+    last_stop: int,
+) -> Flight:
+    """
+    Return the flight from a state on the force's clock (s).
+
+    `beyond` is Y - d/2, the way m has gone beyond stop 1: not positive, and exact near the
+    stop of a one-sided rig, whose gap is meaningless. It and Y' do not count where `resting`
+    is `STICK`, `REST_1` or `REST_2`; 0 says that m moves. `last_stop` is 0 if none was hit
+    yet.
+    """
+    rig, lines = machine
+    half = rig.half_gap
+    if resting == REST_1:
+        beyond = 0.0
+    elif resting == REST_2:
+        beyond = -2.0 * half
+    run = Run(
+        mode=resting,
+        x=x,
+        velocity=velocity,
+        relative_velocity=relative_velocity,
+        clearance_1=max(0.0, -beyond),
+        clearance_2=inf if rig.one_sided else max(0.0, 2.0 * half + beyond),
+        stop_1=half,
+        stop_2=-half,
+        target_1=half,
+        target_2=-half,
+        last_stop=last_stop,
+    )
+    waves = [Wave() for _ in range(rig.harmonics)]
+    turn_waves(lines, waves, instant)
+    if resting:
+        rest(rig, lines, run, waves)
+    else:
+        run.mode = moving_mode(rig, relative_velocity)
+    return Flight(machine, run, waves).begun()
+
+
+def flight_after_impact(
+    machine: Machine,
+    instant: float,
+    stop: int,
+    x: float,
+    velocity: float,
+    damper_velocity: float,
+) -> Flight:
+    """Return the flight from just after an impact, at an instant of the force's clock, s."""
+    beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
+    return flight_at(machine, instant, x, velocity, beyond, damper_velocity - velocity, 0, stop)

@@ -1,0 +1,267 @@
+"""
+Kernels: functions of numbers and records that run as plain Python or compiled by numba.
+
+A program starts with the plain functions, without waiting for a compiler. `compiled` returns the
+same ones compiled; both do the same floating-point operations in the same order. Constants are
+named tuples and states are dataclasses in plain Python; compiled kernels take both as `packed`
+numpy records, which they read and change where they are. Rows (harmonics, events, samples) are
+lists of such objects, or arrays of records.
+
+numba caches compiled code by the source file of a function, but a kernel calls kernels of other
+files. All of them therefore share one stamp file in place of their sources, in a directory named
+by a digest of everything that compiled code depends on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import sys
+import threading
+import types
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints, overload
+
+import numpy as np
+
+F = TypeVar('F', bound=Callable[..., Any])
+
+_KERNELS: dict[str, types.FunctionType] = {}
+_INLINE: set[str] = set()
+
+
+@overload
+def kernel(function: F) -> F: ...
+
+
+@overload
+def kernel(
+    *, inline: bool = False, twin: Callable[..., Any] | None = None
+) -> Callable[[F], F]: ...
+
+
+def kernel(
+    function: F | None = None, *, inline: bool = False, twin: Callable[..., Any] | None = None
+) -> F | Callable[[F], F]:
+    """Mark a function as a kernel and return it unchanged; its `twin` is compiled in its place."""
+
+    def mark(function: F) -> F:
+        name = function.__name__
+        if name in _KERNELS:
+            raise ValueError(f'there are two kernels named {name}: they share a namespace')
+        source = twin or function
+        assert isinstance(source, types.FunctionType)
+        _KERNELS[name] = source
+        if inline:
+            _INLINE.add(name)
+        return function
+
+    return mark if function is None else mark(function)
+
+
+@cache
+def has_numba() -> bool:
+    """Return whether there is a compiler."""
+    return find_spec('numba') is not None
+
+
+@cache
+def dtype_of(cls: Any) -> np.dtype[Any]:
+    """Return the dtype of the records of a class, by the annotations of its fields."""
+    kinds: dict[Any, Any] = {float: 'f8', int: 'i8', bool: 'i8'}
+    hints = get_type_hints(cls)
+    names = [f.name for f in fields(cls)] if is_dataclass(cls) else cls._fields
+    entries = [(name, kinds.get(hints[name]) or dtype_of(hints[name])) for name in names]
+    return np.dtype(entries)
+
+
+@cache
+def _reader(cls: Any) -> Callable[[Any], Any]:
+    """Return what reads the numbers of an object of a class."""
+    if is_dataclass(cls):
+        return attrgetter(*(field.name for field in fields(cls)))
+    if not hasattr(cls, '_fields'):
+        return lambda number: number
+    readers = [_reader(kind) for kind in get_type_hints(cls).values()]
+    return lambda values: tuple(read(v) for read, v in zip(readers, values, strict=True))
+
+
+def packed(state: Any) -> Any:
+    """Return a copy of constants or of a state as a record."""
+    return packed_rows([state], type(state))[0]
+
+
+def packed_rows(rows: Sequence[Any], cls: Any) -> Any:
+    """Return copies of objects of a class as an array of records."""
+    return np.array(list(map(_reader(cls), rows)), dtype_of(cls))
+
+
+@cache
+def _kinds(cls: Any) -> list[tuple[str, Any]]:
+    return [(field.name, type(field.default)) for field in fields(cls)]
+
+
+def unpack(record: Any, state: Any) -> None:
+    """Set a state to what compiled kernels have made of its record."""
+    cls: Any = type(state)
+    for (name, kind), value in zip(_kinds(cls), record.item(), strict=True):
+        setattr(state, name, bool(value) if kind is bool else value)
+
+
+#: Folders of the package that have kernels.
+_FOLDERS = ('rig', 'control')
+_STAMP = 'kernels.py'
+
+
+def _digest() -> str:
+    """Return a digest of all sources of kernels and of the versions of the compiler."""
+    digest = hashlib.sha256()
+    for text in (sys.version, version('numba'), version('llvmlite')):
+        digest.update(text.encode() + b'\0')
+    package = Path(__file__).parent.parent
+    for path in sorted(path for folder in _FOLDERS for path in package.glob(f'{folder}/*.py')):
+        digest.update(path.name.encode() + b'\0' + path.read_bytes() + b'\0')
+    return digest.hexdigest()[:24]
+
+
+@cache
+def stamp() -> Path | None:
+    """Return the stamp file, beside which numba caches compiled kernels; None without a place."""
+    places = [os.environ.get('NUMBA_CACHE_DIR'), os.environ.get('XDG_CACHE_HOME'), '~/.cache']
+    for base in filter(None, places):
+        try:
+            path = Path(base).expanduser() / 'impact_damper_ros' / f'kernels-{_digest()}' / _STAMP
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if not path.exists():
+                draft = path.with_name(f'{os.getpid()}.part')
+                draft.write_text('# Stands for the sources of the kernels\n', encoding='utf-8')
+                os.utime(draft, (0, 0))
+                draft.replace(path)
+            if os.access(path.parent, os.W_OK):
+                return path
+        except (OSError, PackageNotFoundError, RuntimeError):
+            continue
+    return None
+
+
+#: After so long, s, a compilation is reported.
+_PATIENCE = 3.0
+
+
+#: What has been compiled or loaded in this process.
+_READY: set[str] = set()
+
+
+@contextmanager
+def reported(form: str) -> Iterator[None]:
+    """Log a compilation, which the first call of a form may need, once it has taken some time."""
+    if form in _READY:
+        yield
+        return
+    text = 'compiling the simulator, once for each version (some 15 s, 30 s under gap control)'
+    notice = threading.Timer(_PATIENCE, logging.getLogger(__package__).warning, (text,))
+    notice.daemon = True
+    notice.start()
+    try:
+        yield
+    finally:
+        notice.cancel()
+    _READY.add(form)
+
+
+def _namespace() -> dict[str, Any]:
+    """Return the globals that the kernels refer to, in one namespace."""
+    namespace: dict[str, Any] = {}
+    for function in _KERNELS.values():
+        for name in _names(function.__code__):
+            value = function.__globals__.get(name, namespace)
+            if value is namespace:
+                continue
+            if namespace.setdefault(name, value) is not value and namespace[name] != value:
+                raise ValueError(
+                    f'kernels share a namespace, and {name} is {value!r} in '
+                    f'{function.__module__} but {namespace[name]!r} elsewhere: rename one'
+                )
+    return namespace
+
+
+def _names(code: types.CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for inner in code.co_consts:
+        if isinstance(inner, types.CodeType):
+            yield from _names(inner)
+
+
+@cache
+def compiled_namespace() -> dict[str, Any]:
+    """Return all kernels, each compiled at its first call, and what they refer to."""
+    import numba
+
+    namespace = _namespace()
+    for name, function in _KERNELS.items():
+        # No fast-math: the operations and their order stay those of the plain kernel. Kernels are
+        # called by compiled code alone; half of the time of compiling one would go into more.
+        twin = types.FunctionType(
+            function.__code__, namespace, name, function.__defaults__, function.__closure__
+        )
+        twin.__module__, twin.__qualname__ = function.__module__, name
+        namespace[name] = _once_for_all_values(
+            numba.njit(
+                twin,
+                nogil=True,
+                error_model='numpy',
+                forceinline=name in _INLINE,
+                no_cpython_wrapper=True,
+                no_cfunc_wrapper=True,
+                _nrt=False,
+            )
+        )
+    return namespace
+
+
+def _once_for_all_values(function: Any) -> Any:
+    """Return a compiled function that has one form for all whole numbers, not one for each."""
+    from numba.core.types import unliteral  # type: ignore[attr-defined]
+
+    template = function.get_call_template
+
+    def of_types(arguments: Any, named: Any) -> Any:
+        kinds = {name: unliteral(kind) for name, kind in named.items()}
+        return template(tuple(map(unliteral, arguments)), kinds)
+
+    function.get_call_template = of_types
+    return function
+
+
+@cache
+def compiled(name: str) -> Any:
+    """Return a kernel that Python is to call, compiled and kept for other processes."""
+    import numba
+
+    function, keep = _KERNELS[name], stamp()
+    code = function.__code__
+    if keep is not None:
+        code = code.replace(co_filename=str(keep))
+    twin = types.FunctionType(code, compiled_namespace(), name, function.__defaults__)
+    twin.__module__, twin.__qualname__ = function.__module__, f'{name}_entry'
+    return numba.njit(twin, nogil=True, error_model='numpy', cache=keep is not None, _nrt=False)
+
+
+def called(loop: Any, *arguments: Any) -> Any:
+    """Call a compiled kernel; one that cannot be kept, as on a full disk, serves this process."""
+    try:
+        return loop(*arguments)
+    except OSError as error:
+        logging.getLogger(__package__).warning(
+            'the compiled code cannot be kept (%s): the next process compiles it again',
+            error.strerror or error,
+        )
+        return loop(*arguments)

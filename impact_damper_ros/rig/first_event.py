@@ -1,0 +1,971 @@
+"""
+The certified first event of a flight, and the next passage of X through zero.
+
+Every function that is watched (a clearance, the relative speed, the support left, X itself) is
+parabola(tau) + k X^(d)(tau) with d = 0, 1 or 2. Where it and its rate are known at two instants,
+and the third and fourth derivatives of its X^(d) are bounded between them, it is certain to be
+positive (`keeps_sign`), or to fall (`falls`) and to have one root if it is not positive at the
+end. Where neither is certain, the step is halved. A function that comes to zero within its
+round-off and goes away again has no root.
+
+Most steps need less: along the grid, as long as m certainly approaches one stop, only the
+clearance there is looked at, and the root is found by a Taylor series about the nearest point,
+which needs neither a sine nor the closed form.
+
+"Just left the stop" is handled here only. A flight that begins on a stop has exactly zero
+clearance and a positive rate there. A flight that begins with a release has neither; its jerk
+leads it away.
+"""
+
+from __future__ import annotations
+
+from math import copysign, inf, nextafter, sqrt
+
+from .compiled import kernel
+from .flight import (
+    ARRIVAL,
+    CONTACT_1,
+    CONTACT_2,
+    NO_EVENT,
+    PASSAGE,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    REVERSAL,
+    Lines,
+    Motion,
+    Series,
+    Waves,
+    coarse_tail,
+    motion_at,
+    oscillator_of,
+    series_at,
+    starting_motion,
+    tail,
+    with_derivatives,
+)
+from .oscillator import POINTS, Oscillator, free_bound
+from .state import RigConstants, Run, advance_time, on_stop_1, on_stop_2
+
+_EPSILON = 2.220446049250313e-16
+#: Error of a watched function at an instant, relative to its terms.
+ERROR = 1e-13
+#: A sum this small compared with its terms is zero to round-off.
+ROUND_OFF = 16.0 * _EPSILON
+# Below this, lengths, speeds and accelerations are zero: bounds need squares, and no float is as
+# small as those.
+_NO_LENGTH = 1e-120
+#: Shortest step, over that of the grid.
+_SHORTEST = 1e-13
+#: The series is complete this far from its point, in steps; half a step is what it takes.
+_SERIES_REACH = 0.6
+#: A last step this long, in steps of the grid and relative to the time since the flight's origin,
+#: leaves nothing behind.
+_LAST_STEP = 1e-8
+#: Where slopes differ by more than this factor, the inverse function is a poor guess.
+_UNEVEN = 0.2
+_GUESS = 1e-4
+
+
+@kernel(inline=True)
+def keeps_sign(f_a: float, d_a: float, f_b: float, d_b: float, step: float, bound: float) -> bool:
+    """
+    Return whether a function is certain to be positive between two instants.
+
+    Notes
+    -----
+    With s = (t - t_a)/step the function is no less than
+
+        f_a (1-s)^3 + 3 c_1 s (1-s)^2 + 3 c_2 s^2 (1-s) + f_b s^3 - bound step^4/24 s^2 (1-s)^2
+
+    where c_1 and c_2 are the inner Bernstein coefficients of the Hermite cubic; either inner term
+    outweighs the last one, if its coefficient is at least bound step^4/72.
+    """
+    third = step * (1.0 / 3.0)
+    c_1 = f_a + third * d_a
+    c_2 = f_b - third * d_b
+    least = bound * (step * step) * (step * step) * (1.0 / 72.0)
+    return f_a >= 0.0 and f_b > 0.0 and c_1 >= 0.0 and c_2 >= 0.0 and max(c_1, c_2) >= least
+
+
+@kernel(inline=True)
+def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) -> float:
+    """Return a guess of where a falling function is zero between two instants."""
+    change = f_b - f_a
+    part = -f_a / change
+    if d_a < _UNEVEN * d_b and d_b < _UNEVEN * d_a:
+        # The inverse function as a Hermite cubic
+        m_a = change / d_a
+        m_b = change / d_b
+        c_2 = 3.0 * step - 2.0 * m_a - m_b
+        c_3 = m_a + m_b - 2.0 * step
+        return part * (m_a + part * (c_2 + part * c_3))
+    m_a = d_a * step
+    m_b = d_b * step
+    c_2 = 3.0 * change - 2.0 * m_a - m_b
+    c_3 = m_a + m_b - 2.0 * change
+    low = 0.0
+    high = 1.0
+    for _ in range(16):
+        value = f_a + part * (m_a + part * (c_2 + part * c_3))
+        slope = m_a + part * (2.0 * c_2 + 3.0 * part * c_3)
+        if value > 0.0:
+            low = part
+        else:
+            high = part
+        following = 0.5 * (low + high)
+        if slope < 0.0 and low < part - value / slope < high:
+            following = part - value / slope
+        change = following - part
+        part = following
+        if abs(change) < _GUESS:
+            break
+    return part * step
+
+
+@kernel
+def watched(
+    rig: RigConstants, run: Run, kind: int, tau: float, motion: Motion
+) -> tuple[float, float, float, float]:
+    """Return a watched function and its first two derivatives, and the size of its terms."""
+    oscillator = oscillator_of(rig, run)
+    if kind in (CONTACT_1, CONTACT_2, ARRIVAL):
+        side = 1.0
+        left = run.clearance_1
+        opening = run.stop_velocity_1
+        if kind == CONTACT_2:
+            side = -1.0
+            left = run.clearance_2
+            opening = -run.stop_velocity_2
+        elif kind == ARRIVAL:
+            side = 1.0 * run.direction
+            left = run.arrival
+            opening = 0.0
+        terms = left + abs(opening) * tau
+        if tau <= oscillator.taylor_limit:
+            rate = run.relative_acceleration
+            terms += abs(run.relative_velocity) * tau + 0.5 * abs(rate) * tau * tau
+            terms += abs(motion.travel)
+        else:
+            fall = run.relative_acceleration + run.acceleration
+            terms += abs(run.relative_velocity + run.velocity) * tau + 0.5 * abs(fall) * tau * tau
+            terms += abs(motion.x) + abs(run.x)
+            terms += abs(run.velocity) * min(tau, oscillator.horizon)
+        return (
+            left + opening * tau - side * motion.travel,
+            opening - side * motion.relative_velocity,
+            -side * motion.relative_2,
+            terms,
+        )
+    if kind == REVERSAL:
+        side = 1.0 * run.direction
+        rate = abs(run.relative_acceleration) * tau
+        terms = abs(motion.relative_velocity) + abs(run.relative_velocity) + rate
+        if tau > oscillator.taylor_limit:
+            terms += abs(motion.velocity) + abs(run.velocity) + abs(run.acceleration) * tau
+        return (
+            side * motion.relative_velocity,
+            side * motion.relative_2,
+            -side * motion.x_3,
+            terms,
+        )
+    if kind == PASSAGE:
+        side = 1.0 * run.crossing_side
+        terms = abs(motion.x) + abs(run.x) + abs(motion.velocity) * oscillator.horizon
+        terms += (abs(motion.x_2) + abs(run.constant)) / oscillator.omega_squared
+        return side * motion.x, side * motion.velocity, side * motion.x_2, terms
+    side = 1.0 if kind == RELEASE_UP else -1.0
+    most = run.support_high if kind == RELEASE_UP else -run.support_low
+    terms = oscillator.omega_squared * (abs(motion.x) + abs(motion.velocity) * oscillator.horizon)
+    terms += abs(motion.x_2) + abs(most)
+    return most - side * motion.x_2, -side * motion.x_3, -side * motion.x_4, terms
+
+
+@kernel(inline=True)
+def set_end(
+    run: Run,
+    kind: int,
+    tau: float,
+    x: float,
+    velocity: float,
+    travel: float,
+    relative_velocity: float,
+) -> None:
+    """Set the event that ends the flight, and the motion just before it."""
+    run.kind = kind
+    run.tau = tau
+    run.end_x = x
+    run.end_velocity = velocity
+    run.end_travel = travel
+    run.end_relative_velocity = relative_velocity
+    instant, _ = advance_time(run.time, run.time_low, tau)
+    run.due = instant
+
+
+@kernel
+def end_near(run: Run, kind: int, tau: float, motion: Motion, step: float) -> float:
+    """Let the flight end a tiny step after an instant, unless that is a passage; return when."""
+    if kind != PASSAGE:
+        set_end(
+            run,
+            kind,
+            tau + step,
+            motion.x + step * (motion.velocity + 0.5 * step * motion.x_2),
+            motion.velocity + step * motion.x_2,
+            motion.travel + step * (motion.relative_velocity + 0.5 * step * motion.relative_2),
+            motion.relative_velocity + step * motion.relative_2,
+        )
+    return tau + step
+
+
+@kernel
+def first_root(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    kind: int,
+    start: float,
+    motion: Motion,
+    end: float,
+    step: float,
+) -> float:
+    """
+    Return the first root of a watched function between two times of at most `POINTS` steps.
+
+    `motion` is that at the start, and `step` the first one tried. The time is infinite if there is
+    no root; else, unless it is a passage of X, the flight ends there.
+    """
+    oscillator = oscillator_of(rig, run)
+    f_a, d_a, e_a, size = watched(rig, run, kind, start, motion)
+    bound_3, bound_4 = bounds_of(oscillator, kind, motion)
+    t_a = start
+    if f_a <= 0.0:
+        falling = d_a < 0.0 or (d_a == 0.0 and (e_a < 0.0 or (kind == REVERSAL and e_a == 0.0)))
+        if falling and (kind != PASSAGE or f_a < -ERROR * size - _NO_LENGTH or start > 0.0):
+            return end_near(run, kind, start, motion, 0.0)
+    square = d_a * d_a - 2.0 * e_a * max(f_a, 0.0)
+    if e_a < 0.0 < d_a:
+        # Up to before the root of the parabola; after that the function falls.
+        step = min(step, max(0.75 * (d_a + sqrt(square)) / -e_a, _SHORTEST * step))
+    elif d_a < 0.0 < f_a and square > 0.0:
+        # Beyond that root
+        step = min(step, 2.5 * f_a / (sqrt(square) - d_a))
+    shortest = max(_SHORTEST * oscillator.step, 2.0 * _EPSILON * end)
+    while t_a < end:
+        t_b = min(t_a + step, end)
+        span = t_b - t_a
+        motion = motion_at(rig, lines, run, waves, t_b)
+        f_b, d_b, _, size = watched(rig, run, kind, t_b, motion)
+        sag = 0.125 * span * span * bound_3
+        error = ERROR * size + _NO_LENGTH + 2.0 * max(0.0, -f_a)
+        if max(d_a, d_b) + sag < 0.0:
+            if f_b <= 0.0:
+                return root_between(rig, lines, run, waves, kind, t_a, f_a, d_a, t_b, f_b, d_b)
+        elif not keeps_sign(f_a + error, d_a, f_b + error, d_b, span, bound_4):
+            if span > shortest:
+                step = 0.5 * span
+                continue
+            if f_b < -error:
+                return end_near(run, kind, t_b, motion, 0.0)
+        t_a = t_b
+        f_a = f_b
+        d_a = d_b
+        step = 2.0 * span
+    return inf
+
+
+@kernel
+def bounds_of(oscillator: Oscillator, kind: int, motion: Motion) -> tuple[float, float]:
+    """Return bounds of the third and fourth derivative of a watched function."""
+    omega = sqrt(oscillator.omega_squared)
+    if kind in (RELEASE_UP, RELEASE_DOWN):
+        free = free_bound(oscillator, motion.x_5, motion.x_6)
+        return free + oscillator.bound_5, omega * free + oscillator.rate_5
+    if kind == REVERSAL:
+        free = free_bound(oscillator, motion.x_4, motion.x_5)
+        return free + oscillator.bound_4, omega * free + oscillator.rate_4
+    free = free_bound(oscillator, motion.x_3, motion.x_4)
+    return free + oscillator.bound_3, omega * free + oscillator.rate_3
+
+
+@kernel
+def root_between(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    kind: int,
+    low: float,
+    f_low: float,
+    d_low: float,
+    high: float,
+    f_high: float,
+    d_high: float,
+) -> float:
+    """Return the root of a watched function that falls between two times; as `first_root`."""
+    oscillator = oscillator_of(rig, run)
+    tau = low
+    if f_low > 0.0:
+        tau = low + falling_root(f_low, d_low, f_high, d_high, high - low)
+        if not low <= tau <= high:
+            tau = 0.5 * (low + high)
+    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    if f_low <= 0.0:
+        return end_near(run, kind, tau, motion, 0.0)
+    for _ in range(60):
+        value, rate, bend, _ = watched(rig, run, kind, tau, motion)
+        if value > 0.0:
+            low = tau
+        else:
+            high = tau
+        change = 0.5 * (low + high) - tau
+        if rate < 0.0:
+            newton = -value / rate
+            last = abs(newton) <= _LAST_STEP * min(oscillator.step, tau)
+            newton -= 0.5 * bend / rate * newton * newton
+            if last:
+                return end_near(run, kind, tau, motion, newton)
+            if low < tau + newton < high:
+                change = newton
+        if tau + change == tau:
+            break
+        tau += change
+        motion = motion_at(rig, lines, run, waves, tau)
+    return end_near(run, kind, tau, motion, 0.0)
+
+
+@kernel(inline=True)
+def leaves_support(run: Run) -> bool:
+    """Return whether m begins to move as its support gives way, without speed and acceleration."""
+    still = run.relative_velocity == 0.0 and run.relative_acceleration == 0.0
+    return still and (run.direction != 0 or on_stop_1(run) or on_stop_2(run))
+
+
+@kernel
+def leap(rig: RigConstants, lines: Lines, run: Run, waves: Waves, longest: float) -> float:
+    """
+    Return how long m certainly moves on after its support has given way; negative if it stays.
+
+    Relative velocity and acceleration are zero then. With jerk j and a bound B of the next
+    derivative the speed is positive for u < 3 j/B, the clearance left behind for u < 4 j/B.
+    """
+    oscillator: Oscillator = rig.free
+    motion: Motion = starting_motion(rig, lines, run, waves)
+    away = run.direction
+    if away == 0:
+        away = -1 if run.clearance_1 == 0.0 else 1
+    jerk = -away * motion.x_3
+    terms = (
+        oscillator.omega_squared * abs(motion.velocity)
+        + 2.0 * oscillator.decay * abs(motion.x_2)
+        + oscillator.jerk_bound
+    )
+    if jerk < -ROUND_OFF * terms:
+        return -1.0
+    if jerk <= ROUND_OFF * terms:
+        # The sign of the jerk is round-off; within this step m moves by less than round-off.
+        return 1e-9 * oscillator.horizon
+    bound = free_bound(oscillator, motion.x_4, motion.x_5) + oscillator.bound_4
+    return min(1.5 * jerk / bound, longest) if bound > 0.0 else longest
+
+
+@kernel
+def look_for(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    kind: int,
+    start: float,
+    motion: Motion,
+    end: float,
+    motion_end: Motion,
+) -> None:
+    """Let the flight end at the first root of a function, if it is earlier than what is found."""
+    f_a, d_a, _, _ = watched(rig, run, kind, start, motion)
+    f_b, d_b, _, size = watched(rig, run, kind, end, motion_end)
+    bound_3, bound_4 = bounds_of(oscillator_of(rig, run), kind, motion)
+    span = end - start
+    error = ERROR * size
+    if keeps_sign(f_a - error, d_a, f_b - error, d_b, span, bound_4):
+        return
+    if f_a > error and max(d_a, d_b) + 0.125 * span * span * bound_3 < 0.0:
+        if f_b <= 0.0 and end <= run.tau:
+            root_between(rig, lines, run, waves, kind, start, f_a, d_a, end, f_b, d_b)
+            return
+        if f_b > 0.0:
+            return
+    first_root(rig, lines, run, waves, kind, start, motion, min(end, run.tau), 0.5 * span)
+
+
+@kernel
+def first_of(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    start: float,
+    motion_a: Motion,
+    end: float,
+    motion_b: Motion,
+) -> None:
+    """Let the flight end at the first event between two times, if there is one."""
+    run.tau = inf
+    if run.joint:
+        if run.support_high < inf:
+            look_for(rig, lines, run, waves, RELEASE_UP, start, motion_a, end, motion_b)
+        if run.support_low > -inf:
+            look_for(rig, lines, run, waves, RELEASE_DOWN, start, motion_a, end, motion_b)
+        return
+    after = start
+    motion_c = motion_a
+    if start == 0.0 and leaves_support(run):
+        after = leap(rig, lines, run, waves, end)
+        if after < 0.0:
+            end_near(run, REVERSAL, 0.0, motion_a, 0.0)
+            return
+        motion_c = motion_at(rig, lines, run, waves, after)
+    if run.direction != 0:
+        if run.arrival < inf:
+            look_for(rig, lines, run, waves, ARRIVAL, start, motion_a, end, motion_b)
+        look_for(rig, lines, run, waves, REVERSAL, after, motion_c, end, motion_b)
+    # The stop that m leaves is watched only if it moves after m.
+    if run.direction >= 0 or run.stop_velocity_1 < 0.0:
+        if on_stop_1(run):
+            look_for(rig, lines, run, waves, CONTACT_1, after, motion_c, end, motion_b)
+        else:
+            look_for(rig, lines, run, waves, CONTACT_1, start, motion_a, end, motion_b)
+    if (run.direction <= 0 or run.stop_velocity_2 > 0.0) and run.clearance_2 < inf:
+        if on_stop_2(run):
+            look_for(rig, lines, run, waves, CONTACT_2, after, motion_c, end, motion_b)
+        else:
+            look_for(rig, lines, run, waves, CONTACT_2, start, motion_a, end, motion_b)
+
+
+@kernel(inline=True)
+def next_point(
+    lines: Lines,
+    first: int,
+    waves: Waves,
+    offset: float,
+    velocity: float,
+    x_x: float,
+    x_v: float,
+    v_x: float,
+    v_v: float,
+) -> tuple[float, float]:
+    """Return X from rest and X' at the next point of the grid, and go on to the waves there."""
+    # Negative zero is what adds nothing, which a compiler makes use of.
+    pushed = -0.0
+    speeded = -0.0
+    for j in range(len(waves)):
+        line = lines[first + j]
+        wave = waves[j]
+        sine = wave.sine
+        cosine = wave.cosine
+        pushed += cosine * line.x_cosine + sine * line.x_sine
+        speeded += cosine * line.v_cosine + sine * line.v_sine
+        turn_cosine = line.turn_cosine
+        turn_sine = line.turn_sine
+        wave.sine = sine * turn_cosine + cosine * turn_sine
+        wave.cosine = cosine * turn_cosine - sine * turn_sine
+    # Terms that are known early come first: each point waits for the one before.
+    return (
+        (pushed + offset * x_x) + velocity * x_v,
+        (speeded + offset * v_x) + velocity * v_v,
+    )
+
+
+@kernel(inline=True)
+def turn_back(lines: Lines, first: int, waves: Waves) -> None:
+    """Go back to the waves at the point of the grid before."""
+    for j in range(len(waves)):
+        line = lines[first + j]
+        wave = waves[j]
+        sine = wave.sine
+        cosine = wave.cosine
+        wave.sine = sine * line.turn_cosine - cosine * line.turn_sine
+        wave.cosine = cosine * line.turn_cosine + sine * line.turn_sine
+
+
+@kernel(inline=True)
+def drive_at(lines: Lines, first: int, waves: Waves) -> float:
+    """Return the acceleration by the harmonics where the waves are."""
+    drive = -0.0
+    for j in range(len(waves)):
+        drive += lines[first + j].force * waves[j].sine
+    return drive
+
+
+@kernel(inline=True)
+def contact_by_series(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    side: float,
+    t: float,
+    offset: float,
+    x: float,
+    velocity: float,
+    travel: float,
+    guess: float,
+    low: float,
+    high: float,
+) -> bool:
+    """Set the end of the flight by a contact near a point of the grid; or return that it fails."""
+    oscillator: Oscillator = rig.free
+    step = oscillator.step
+    fall = run.relative_acceleration + run.acceleration
+    launched = run.relative_velocity + run.velocity
+    speed_here = launched + fall * t - velocity
+    rate_here = fall - (
+        drive_at(lines, 0, waves)
+        - 2.0 * oscillator.decay * velocity
+        - oscillator.omega_squared * offset
+    )
+    if t == 0.0:
+        speed_here = run.relative_velocity
+        rate_here = run.relative_acceleration
+    left = (run.clearance_1 if side > 0.0 else run.clearance_2) - side * travel
+    series: Series = series_at(oscillator, lines, 0, waves, offset, velocity)
+    speed = speed_here * step
+    scaled = rate_here * step * step
+    s = guess * oscillator.steps
+    # First to within a last step of the root, by most of the series
+    bend, bend_1, bend_2, bend_3 = coarse_tail(series, s)
+    rate = -side * (speed + s * scaled - bend_1)
+    if rate < 0.0:
+        inverse = -1.0 / rate
+        u = (left - side * (s * (speed + 0.5 * s * scaled) - bend)) * inverse
+        v_2 = -0.5 * side * (scaled - bend_2) * inverse * u
+        v_3 = side * bend_3 * inverse * (u * u) * (1.0 / 6.0)
+        s += u + u * (v_2 + (2.0 * v_2 * v_2 + v_3))
+    for _ in range(6):
+        if not abs(s) <= _SERIES_REACH:
+            return False
+        bend, bend_1, bend_2 = tail(series, s)
+        moved = s * (speed + 0.5 * s * scaled) - bend
+        closing = speed + s * scaled - bend_1
+        closing_1 = scaled - bend_2
+        rate = -side * closing
+        if rate >= 0.0:
+            return False
+        # Newton's step, bent as the function is
+        inverse = -1.0 / rate
+        u = (left - side * moved) * inverse
+        last = abs(u) <= _LAST_STEP * min(1.0, t * oscillator.steps + s)
+        u -= 0.5 * side * closing_1 * inverse * u * u
+        if last:
+            tau = t + (s + u) * step
+            if not low < tau <= high:
+                return False
+            scaled_velocity = velocity * step
+            x_2 = series.x_2
+            set_end(
+                run,
+                CONTACT_1 if side > 0.0 else CONTACT_2,
+                tau,
+                x
+                + (
+                    s * (scaled_velocity + 0.5 * s * x_2)
+                    + bend
+                    + u * (scaled_velocity + s * x_2 + bend_1 + 0.5 * u * (x_2 + bend_2))
+                ),
+                velocity + (s * x_2 + bend_1 + u * (x_2 + bend_2)) * oscillator.steps,
+                travel + (moved + u * (closing + 0.5 * u * closing_1)),
+                speed_here + (s * scaled - bend_1 + u * closing_1) * oscillator.steps,
+            )
+            return True
+        s += u
+    return False
+
+
+@kernel(inline=True)
+def acceleration_now(
+    oscillator: Oscillator, lines: Lines, run: Run, waves: Waves, x: float, velocity: float
+) -> float:
+    """Return X'' where the waves are."""
+    x_2 = run.constant + drive_at(lines, run.first, waves)
+    return x_2 - (2.0 * oscillator.decay * velocity + oscillator.omega_squared * x)
+
+
+@kernel
+def gathers_speed(
+    f_a: float, d_a: float, f_b: float, d_b: float, step: float, bound: float
+) -> bool:
+    """
+    Return whether a speed, which may begin with zero, is certain to be positive in a step.
+
+    Notes
+    -----
+    It is no less than the parabolas through either end, with the bound of its second derivative.
+    """
+    if not (f_a >= 0.0 and d_a > 0.0 and f_b > 0.0):
+        return False
+    ahead = (d_a + sqrt(d_a * d_a + 2.0 * bound * f_a)) / bound if bound > 0.0 else inf
+    behind = (sqrt(d_b * d_b + 2.0 * bound * f_b) - d_b) / bound if bound > 0.0 else inf
+    return ahead + behind > step
+
+
+@kernel(inline=True)
+def search_moving(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """Search the next steps of the grid while m moves between standing stops."""
+    oscillator: Oscillator = rig.free
+    tau = run.searched
+    # m alone
+    fall = run.relative_acceleration + run.acceleration
+    launched = run.relative_velocity + run.velocity
+    resting = run.constant * oscillator.inverse_square
+    if tau == 0.0:
+        motion: Motion = starting_motion(rig, lines, run, waves)
+    else:
+        motion = motion_at(rig, lines, run, waves, tau)
+    step = oscillator.step
+    # How far the speed may fall below its values at both points
+    free = free_bound(oscillator, motion.x_3, motion.x_4)
+    sag = 0.125 * step * step * (free + oscillator.bound_3)
+    leading = 1.0 * run.direction
+    x_x = oscillator.x_x
+    x_v = oscillator.x_v
+    v_x = oscillator.v_x
+    v_v = oscillator.v_v
+    start_x = run.x
+    clearance_1 = run.clearance_1
+    clearance_2 = run.clearance_2
+    x_a = motion.x
+    offset_a = motion.x - resting
+    velocity_a = motion.velocity
+    travel_a = motion.travel
+    speed_a = motion.relative_velocity
+    t_a = tau
+    for k in range(POINTS):
+        offset_b, velocity_b = next_point(
+            lines, 0, waves, offset_a, velocity_a, x_x, x_v, v_x, v_v
+        )
+        t_b = tau + step * (k + 1)
+        x_b = resting + offset_b
+        travel_b = t_b * (launched + 0.5 * fall * t_b) - (x_b - start_x)
+        speed_b = launched + fall * t_b - velocity_b
+        # The stop that m approaches, as long as the speeds are clear
+        side = leading if leading != 0.0 else copysign(1.0, speed_a)
+        error = ERROR * (abs(velocity_b) + abs(speed_b) + abs(speed_a))
+        approaching = min(side * speed_a, side * speed_b) > sag + error
+        if not approaching and t_a == 0.0:
+            rate_b = fall - acceleration_now(oscillator, lines, run, waves, x_b, velocity_b)
+            if leading == 0.0 and speed_a == 0.0:
+                side = copysign(1.0, run.relative_acceleration)
+            approaching = gathers_speed(
+                side * speed_a,
+                side * run.relative_acceleration,
+                side * speed_b - error,
+                side * rate_b,
+                step,
+                free + oscillator.bound_3,
+            )
+        left = (clearance_1 if side > 0.0 else clearance_2) - side * travel_b
+        if approaching and left <= 0.0:
+            guess = falling_root(
+                left + side * (travel_b - travel_a), -side * speed_a, left, -side * speed_b, step
+            )
+            # By the nearer point
+            t, x, travel = t_b, x_b, travel_b
+            if guess > 0.5 * step:
+                guess -= step
+                offset_a = offset_b
+                velocity_a = velocity_b
+            else:
+                t, x, travel = t_a, x_a, travel_a
+                turn_back(lines, 0, waves)
+            found = contact_by_series(
+                rig,
+                lines,
+                run,
+                waves,
+                side,
+                t,
+                offset_a,
+                x,
+                velocity_a,
+                travel,
+                guess,
+                t_a,
+                t_b,
+            )
+            if found:
+                return
+        if (approaching and left <= 0.0) or (
+            not approaching
+            and not clears_stops(
+                rig, run, free, travel_a, speed_a, travel_b, speed_b, abs(x_b) + abs(start_x)
+            )
+        ):
+            if approaching:
+                motion_b: Motion = motion_at(rig, lines, run, waves, t_b)
+                motion_a: Motion = motion_at(rig, lines, run, waves, t_a)
+            else:
+                motion_b = grid_motion(rig, lines, run, waves, x_b, velocity_b, travel_b, speed_b)
+                turn_back(lines, 0, waves)
+                motion_a = grid_motion(rig, lines, run, waves, x_a, velocity_a, travel_a, speed_a)
+                if t_a == 0.0:
+                    motion_a = starting_motion(rig, lines, run, waves)
+            first_of(rig, lines, run, waves, t_a, motion_a, t_b, motion_b)
+            # The waves are elsewhere now: the search begins again from here.
+            if run.kind == NO_EVENT:
+                run.searched = t_b
+            return
+        t_a = t_b
+        x_a = x_b
+        offset_a = offset_b
+        velocity_a = velocity_b
+        travel_a = travel_b
+        speed_a = speed_b
+    run.searched = t_a
+
+
+@kernel
+def grid_motion(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    x: float,
+    velocity: float,
+    travel: float,
+    speed: float,
+) -> Motion:
+    """Return the motion at a point of the grid, where the waves are."""
+    oscillator = oscillator_of(rig, run)
+    x_2 = acceleration_now(oscillator, lines, run, waves, x, velocity)
+    fall = run.relative_acceleration + run.acceleration
+    return with_derivatives(
+        oscillator, lines, run.first, waves, x, velocity, travel, speed, fall - x_2, x_2
+    )
+
+
+@kernel
+def clears_stops(
+    rig: RigConstants,
+    run: Run,
+    free: float,
+    travel_a: float,
+    speed_a: float,
+    travel_b: float,
+    speed_b: float,
+    size: float,
+) -> bool:
+    """Return whether m turns in a step without an event: it touches no stop, without friction."""
+    if run.direction != 0:
+        return False
+    oscillator: Oscillator = rig.free
+    bound = sqrt(oscillator.omega_squared) * free + oscillator.rate_3
+    error = ERROR * (size + abs(travel_a) + abs(travel_b))
+    return keeps_sign(
+        run.clearance_1 - travel_a - error,
+        -speed_a,
+        run.clearance_1 - travel_b - error,
+        -speed_b,
+        oscillator.step,
+        bound,
+    ) and (
+        run.clearance_2 == inf
+        or keeps_sign(
+            run.clearance_2 + travel_a - error,
+            speed_a,
+            run.clearance_2 + travel_b - error,
+            speed_b,
+            oscillator.step,
+            bound,
+        )
+    )
+
+
+@kernel
+def search_joint(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """Search the next steps of the grid for the support to give way."""
+    oscillator: Oscillator = rig.joint
+    first = run.first
+    tau = run.searched
+    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    _, bound = bounds_of(oscillator, RELEASE_UP, motion)
+    offset = motion.x - run.constant / oscillator.omega_squared
+    velocity = motion.velocity
+    x_2 = motion.x_2
+    x_3 = motion.x_3
+    t_a = tau
+    for k in range(POINTS):
+        offset, velocity = next_point(
+            lines,
+            first,
+            waves,
+            offset,
+            velocity,
+            oscillator.x_x,
+            oscillator.x_v,
+            oscillator.v_x,
+            oscillator.v_v,
+        )
+        t_b = tau + oscillator.step * (k + 1)
+        x_2_b = drive_at(lines, first, waves)
+        x_2_b -= 2.0 * oscillator.decay * velocity + oscillator.omega_squared * offset
+        x_3_b = -2.0 * oscillator.decay * x_2_b - oscillator.omega_squared * velocity
+        for j in range(len(waves)):
+            x_3_b += lines[first + j].force * lines[first + j].frequency * waves[j].cosine
+        error = ERROR * (
+            oscillator.omega_squared * (abs(offset) + abs(velocity) * oscillator.horizon)
+            + abs(x_2_b)
+            + abs(run.constant)
+        )
+        high = run.support_high - error
+        low = run.support_low + error
+        if not (
+            (high == inf or keeps_sign(high - x_2, -x_3, high - x_2_b, -x_3_b, t_b - t_a, bound))
+            and (low == -inf or keeps_sign(x_2 - low, x_3, x_2_b - low, x_3_b, t_b - t_a, bound))
+        ):
+            x_b = offset + run.constant / oscillator.omega_squared
+            motion_b: Motion = grid_motion(rig, lines, run, waves, x_b, velocity, 0.0, 0.0)
+            motion_a: Motion = motion_at(rig, lines, run, waves, t_a)
+            first_of(rig, lines, run, waves, t_a, motion_a, t_b, motion_b)
+            if run.kind == NO_EVENT:
+                run.searched = t_b
+            return
+        t_a = t_b
+        x_2 = x_2_b
+        x_3 = x_3_b
+    run.searched = t_a
+
+
+#: Later than any motion lasts, s.
+FOR_EVER = 1e300
+#: Part of a bound by which the support must exceed it.
+_MARGIN = 1e-6
+
+
+@kernel
+def holds_for_ever(rig: RigConstants, lines: Lines, run: Run, waves: Waves, tau: float) -> bool:
+    """
+    Return whether joint motion certainly goes on for ever after a time.
+
+    X'' is the sum of the steady vibration, whose amplitude is known, and of a free one, which
+    never grows.
+    """
+    oscillator: Oscillator = rig.joint
+    omega_squared = oscillator.omega_squared
+    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    free = motion.x_2
+    rate = motion.x_3
+    most = 0.0
+    for j in range(len(waves)):
+        line = lines[run.first + j]
+        frequency = line.frequency
+        square = frequency * frequency
+        stiff = omega_squared - square
+        dashpot = 2.0 * oscillator.decay * frequency
+        gain = stiff * stiff + dashpot * dashpot
+        if gain == 0.0:
+            return False
+        sine = waves[j].sine
+        cosine = waves[j].cosine
+        push = square * line.force / gain
+        free += push * (stiff * sine - dashpot * cosine)
+        rate += push * frequency * (stiff * cosine + dashpot * sine)
+        most += abs(push) * sqrt(gain)
+    most += sqrt(free * free + rate * rate / omega_squared)
+    most += _MARGIN * (most + abs(run.constant) + abs(rig.slope))
+    return most < run.support_high and -most > run.support_low
+
+
+@kernel(inline=True)
+def search_on(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """
+    Search the flight a few steps of the grid further, up to its first event.
+
+    The steps do not depend on how far the run is to go.
+    """
+    if run.joint:
+        search_joint(rig, lines, run, waves)
+        if run.kind == NO_EVENT and run.searched >= run.look:
+            # m may stick for days.
+            run.look = 2.0 * run.searched
+            if holds_for_ever(rig, lines, run, waves, run.searched):
+                run.searched = FOR_EVER
+    elif run.arrival == inf and run.stop_velocity_1 == 0.0 and run.stop_velocity_2 == 0.0:
+        # Only `first_of` knows of a support that m leaves.
+        if run.searched == 0.0 and leaves_support(run):
+            search_all(rig, lines, run, waves)
+        else:
+            search_moving(rig, lines, run, waves)
+    else:
+        search_all(rig, lines, run, waves)
+    if run.tau > run.deadline if run.kind != NO_EVENT else run.searched >= run.deadline:
+        # A snapshot keeps what is searched, not what was found.
+        run.searched = min(run.searched, run.deadline)
+        motion: Motion = motion_at(rig, lines, run, waves, run.deadline)
+        end_near(run, run.deadline_kind, run.deadline, motion, 0.0)
+
+
+@kernel
+def search_all(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """Search the next step of the grid for all that may end the flight."""
+    start = run.searched
+    end = start + oscillator_of(rig, run).step
+    motion_a: Motion = motion_at(rig, lines, run, waves, start)
+    motion_b: Motion = motion_at(rig, lines, run, waves, end)
+    first_of(rig, lines, run, waves, start, motion_a, end, motion_b)
+    if run.kind == NO_EVENT:
+        run.searched = end
+
+
+@kernel
+def starting_side(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> int:
+    """Return the sign of X just after the origin: as stored, or if that is 0 from X."""
+    if run.side != 0:
+        return run.side
+    motion: Motion = starting_motion(rig, lines, run, waves)
+    leading = motion.x
+    if leading == 0.0:
+        leading = motion.velocity
+    if leading == 0.0:
+        leading = motion.x_2
+    if leading == 0.0:
+        leading = motion.x_3
+    if leading == 0.0:
+        leading = motion.x_4
+    return -1 if leading < 0.0 else 1
+
+
+@kernel
+def search_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
+    """Search the flight a few steps of the grid further for a passage of X through zero."""
+    if run.crossing_side == 0:
+        run.crossing_side = starting_side(rig, lines, run, waves)
+    end = run.watched + POINTS * oscillator_of(rig, run).step
+    motion: Motion = motion_at(rig, lines, run, waves, run.watched)
+    step = oscillator_of(rig, run).step
+    root = first_root(rig, lines, run, waves, PASSAGE, run.watched, motion, end, step)
+    if root == inf:
+        run.watched = end
+        return
+    run.watched = root
+    instant, _ = advance_time(run.time, run.time_low, root)
+    # A passage at the origin belongs to this flight and comes after it.
+    run.crossing = max(nextafter(run.time, inf), instant)
+
+
+@kernel
+def pass_zero(run: Run) -> None:
+    """Go on to look for the passage after one."""
+    run.crossing_side = -run.crossing_side
+    run.crossing = inf
+
+
+_NEAR_ZERO = 1e-9
+
+
+@kernel
+def set_side(rig: RigConstants, lines: Lines, run: Run, waves: Waves, before: int) -> None:
+    """Take over the side of X at a new origin from the flight before, where X is zero there."""
+    scale = abs(run.velocity) * rig.free.horizon
+    for j in range(len(waves)):
+        scale += abs(lines[j].force) / rig.free.omega_squared
+    run.side = 0 if abs(run.x) > _NEAR_ZERO * scale else before

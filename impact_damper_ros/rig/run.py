@@ -1,0 +1,141 @@
+"""
+From event to event, as far as a run is to go.
+
+A flight is never begun anew to sample, watch or pause it. Hence the motion does not depend on the
+sampling rate or on how a run is cut into pieces, to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import MutableSequence, Sequence
+from math import inf
+
+from .compiled import kernel
+from .event import ROWS_AT_ONCE, EventRow
+from .first_event import search_on, search_passage
+from .flight import NO_EVENT, Lines, Waves, begin_flight, move_to, rest
+from .state import REST_1, RigConstants, Run
+from .transition import common_velocity, resolve
+
+#: The instant was reached.
+DONE = 0
+#: The table of events is full.
+FULL = 1
+#: The rig has had its most events.
+SPENT = 2
+#: The rig has events without end at one instant.
+RUNAWAY = 3
+#: The steps of a search were made after which to pause.
+PAUSED = 4
+#: There is no room for more commands that wait.
+COMMANDS_FULL = 5
+#: A law of the user's own has returned what are no places.
+LAW_FAILED = 6
+#: An event was resolved.
+GOING = 7
+
+#: More events than any chatter has, at one instant to round-off.
+MOST_AT_ONCE = 10_000
+#: More steps than any search takes.
+ALL_STEPS = 2**62
+# The tolerance of the search, so that an event which rounds to the end of a search belongs to it
+_NEXT = 4.440892098500626e-16
+
+
+@kernel(inline=True)
+def find_event(rig: RigConstants, lines: Lines, run: Run, waves: Waves, until: float) -> bool:
+    """Search for the event that ends the flight, up to an instant; return false to pause."""
+    limit = (until - run.time) - run.time_low + _NEXT * abs(until)
+    while run.kind == NO_EVENT and run.searched <= limit:
+        if run.steps <= 0 and run.now < until:
+            return False
+        run.steps -= 1
+        search_on(rig, lines, run, waves)
+    return True
+
+
+@kernel
+def find_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves, until: float) -> bool:
+    """Search for the next passage of X through zero, as `find_event` does."""
+    last = min(until, run.due)
+    limit = (last - run.time) - run.time_low + _NEXT * abs(last)
+    while True:
+        if run.crossing <= run.now:
+            # It is past: the search began in the middle of a flight.
+            run.crossing_side = -run.crossing_side
+            run.crossing = inf
+        if run.crossing < inf or run.watched > limit:
+            return True
+        if run.steps <= 0 and run.now < until:
+            return False
+        run.steps -= 1
+        search_passage(rig, lines, run, waves)
+
+
+@kernel(inline=True)
+def next_event(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Sequence[EventRow],
+    in_mode: MutableSequence[float],
+) -> int:
+    """Go to the event that is due, resolve and report it; return `GOING`, or why not."""
+    if run.happened >= run.most:
+        return SPENT
+    if run.at_once > MOST_AT_ONCE:
+        return RUNAWAY
+    if 0 < run.room < run.written + ROWS_AT_ONCE:
+        return FULL
+    in_mode[run.mode] += run.tau - run.counted
+    resolve(rig, lines, run, waves, log)
+    run.happened += 1
+    run.now = max(run.now, run.time)
+    if run.time > run.instant + 0.5e-9 * rig.joint.horizon:
+        run.instant = run.time
+        run.at_once = 0
+    run.at_once += 1
+    return GOING
+
+
+@kernel(inline=True)
+def count_modes(run: Run, in_mode: MutableSequence[float]) -> None:
+    """Bring the account of the modes up to the present time."""
+    since = (run.now - run.time) - run.time_low
+    if since > run.counted:
+        in_mode[run.mode] += since - run.counted
+        run.counted = since
+
+
+#: Most flights that are followed. M then carries m, which rattles on a stop or in a narrow gap.
+_MOST_FLIGHTS = 200
+
+
+@kernel
+def go_ahead(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    log: Sequence[EventRow],
+    end: float,
+) -> None:
+    """Move a run without control to a later instant; what happens on the way is not reported."""
+    run.room = 0
+    run.steps = ALL_STEPS
+    for _ in range(_MOST_FLIGHTS):
+        since = max(0.0, (end - run.time) - run.time_low)
+        find_event(rig, lines, run, waves, end)
+        if run.kind == NO_EVENT or run.tau > since:
+            move_to(rig, lines, run, waves, end)
+            return
+        resolve(rig, lines, run, waves, log)
+    run.velocity = common_velocity(rig, run)
+    run.relative_velocity = 0.0
+    run.mode = REST_1
+    run.stop_velocity_1 = 0.0
+    run.stop_velocity_2 = 0.0
+    begin_flight(rig, lines, run, waves)
+    move_to(rig, lines, run, waves, end)
+    rest(rig, lines, run, waves)

@@ -1,0 +1,193 @@
+"""Snapshots: all that the future of a rig depends on, as numbers, texts, lists and mappings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf
+from typing import Any, NamedTuple
+
+from .event import Event, EventKind
+from .forcing import SteppedSine, frequency_steps
+from .parameters import RigParameters
+from .quoting import shown
+from .state import STORED, STORED_TYPES, Mode, Run
+
+FORMAT = 3
+#: Raised when the same motion gets other last bits: older runs then agree to round-off only.
+#: 1 polished roots by certified steps alone, 2 by the closed form, 3 completed a chatter however
+#: high its bounces were, 4 polished the passages of X through zero by bisection and took the
+#: measured Y from the difference of Z and X, 5 looked for these passages by certified steps alone,
+#: 6 summed short flights harmonic by harmonic and polished passages by the closed form, 7 rounded
+#: the sine of a harmonic's turn in a step twice, took the nominal gap for the bound of a chatter,
+#: and began the estimate of the amplitude at 0, 8 looked for events by certified steps where the
+#: grid was in doubt.
+ARITHMETIC = 9
+#: Latest time that a rig can reach, s; there the floats are 2 ms apart.
+LATEST = 1e13
+#: Rounding: what a state says of its time may differ by this, s.
+SAME_TIME = 1e-6
+#: Largest number of a motion; the products of larger ones are not finite.
+_LARGEST = 1e100
+#: Values allowed for the fields of a run that are not plain numbers.
+_CHOICES: dict[str, tuple[int, ...]] = {
+    'mode': tuple(int(mode) for mode in Mode),
+    'last_stop': (0, 1, 2),
+    'side': (-1, 0, 1),
+    'crossing_side': (-1, 0, 1),
+    'released': (False, True),
+}
+#: Infinite where there is none; JSON has no number for that.
+_MAY_BE_INFINITE = ('clearance_2', 'crossing')
+_NOT_NEGATIVE = ('clearance_1', 'clearance_2', 'chatter_left', 'searched', 'watched')
+
+
+def check_number(name: str, value: object, largest: float = _LARGEST) -> None:
+    """Check that a value is a number, not too large."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < inf:
+        raise ValueError(f'{name} is {shown(value)}: it must be a finite number')
+    if abs(value) > largest:
+        raise ValueError(
+            f'{name} is {shown(value)}: it must be a number from {-largest:g} to {largest:g}'
+        )
+
+
+def check_numbers(name: str, values: object) -> None:
+    """Check that a value is a list of numbers, none too large."""
+    if not isinstance(values, list | tuple):
+        raise ValueError(f'{name} is {shown(values)}: it must be a list of numbers')
+    for value in values:
+        check_number(f'an entry of {name}', value)
+
+
+def check_whole(name: str, value: object, low: int = -(2**63), high: int = 2**63 - 1) -> None:
+    """Check that a value is a whole number in a range, by default one of 64 bits."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f'{name} is {shown(value)}: it must be a whole number')
+    if not low <= value <= high:
+        raise ValueError(f'{name} is {shown(value)}: it must be from {low} to {high}')
+
+
+def _check_state(state: Mapping[str, Any], time: float, harmonics: int) -> None:
+    """Check the stored state of a rig at a time, s, with so many harmonics."""
+    for name in STORED:
+        value = state[name]
+        if name in _CHOICES:
+            if value not in _CHOICES[name]:
+                allowed = ', '.join(map(str, _CHOICES[name]))
+                raise ValueError(f'origin.{name} is {shown(value)}: it must be one of {allowed}')
+        elif not (name in _MAY_BE_INFINITE and value is None):
+            check_number(f'origin.{name}', value, inf if name == 'searched' else _LARGEST)
+            if name in _NOT_NEGATIVE and value < 0.0:
+                raise ValueError(f'origin.{name} is {shown(value)}: it must be from 0 on')
+    check_number('origin.time', state['time'], LATEST)
+    check_number('origin.time_low', state['time_low'], 1.0)
+    if state['time'] > time + SAME_TIME:
+        raise ValueError(f'origin.time is {state["time"]!r} s, after time, {time!r} s')
+    check_numbers('origin.angles', state['angles'])
+    if len(state['angles']) != harmonics:
+        raise ValueError(
+            f'origin.angles has {len(state["angles"])} entries, the force has {harmonics} '
+            'harmonics: give one each'
+        )
+
+
+def _check_sweep(sweep: SteppedSine, parameters: RigParameters, time: float) -> None:
+    """Check a stored sweep of a rig at a time, s: the steps due by then, and no more, are done."""
+    check_number('sweep.start', sweep.start, LATEST)
+    check_whole('sweep.step', sweep.step, 0, frequency_steps(parameters))
+    done = sweep.start + sweep.step * parameters.sweep_dwell
+    due = sweep.due(parameters)
+    if parameters.sweep_mode != 'off' and not done - SAME_TIME <= time <= due + SAME_TIME:
+        raise ValueError(
+            f'sweep.step is {sweep.step}, from {done!r} s to {due!r} s: it must be the one at '
+            f'time, {time!r} s'
+        )
+
+
+class Snapshot(NamedTuple):
+    """
+    A rig at one instant.
+
+    Attributes
+    ----------
+    parameters : RigParameters
+        The rig.
+    run : Run
+        Its state.
+    angles : tuple of float
+        Angle turned by each harmonic at the origin of the present flight, rad.
+    unreported : tuple of Event
+        Events at the start that have not been reported yet.
+    sweep : SteppedSine
+        State of the stepped sine.
+    """
+
+    parameters: RigParameters
+    run: Run
+    angles: tuple[float, ...]
+    unreported: tuple[Event, ...]
+    sweep: SteppedSine
+
+    @property
+    def time(self) -> float:
+        """Time reached, s; the flight's origin may be earlier."""
+        return self.run.now
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the snapshot as numbers, texts, lists and dictionaries."""
+        state = {name: getattr(self.run, name) for name in STORED}
+        return {
+            'format': FORMAT,
+            'arithmetic': ARITHMETIC,
+            'time': self.run.now,
+            'origin': {
+                **{name: None if value == inf else value for name, value in state.items()},
+                'angles': list(self.angles),
+            },
+            'unreported': [list(event) for event in self.unreported],
+            'sweep': self.sweep._asdict(),
+            'parameters': {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in self.parameters.as_dict().items()
+            },
+        }
+
+    @classmethod
+    def from_dict(cls, stored: dict[str, Any]) -> Snapshot:
+        """
+        Read a snapshot written by `as_dict`.
+
+        Raises
+        ------
+        ValueError
+            If the snapshot is of another format or lacks something, or no rig can be in that
+            state.
+        """
+        if not isinstance(stored, dict):
+            raise ValueError(f'snapshot is {shown(stored)}: give a dictionary, as it was taken')
+        if stored.get('format') != FORMAT:
+            version = shown(stored.get('format'))
+            raise ValueError(f'snapshot of format {version}: this version reads {FORMAT}')
+        try:
+            parameters = RigParameters(**stored['parameters'])
+            time, held = stored['time'], stored['origin']
+            check_number('time', time, LATEST)
+            _check_state(held, time, len(parameters.harmonics[0]))
+            sweep = SteppedSine(**stored['sweep'])
+            _check_sweep(sweep, parameters, time)
+            values: dict[str, Any] = {
+                name: inf if held[name] is None else STORED_TYPES[name](held[name])
+                for name in STORED
+            }
+            return cls(
+                parameters,
+                Run(**values, now=float(time)),
+                tuple(map(float, held['angles'])),
+                tuple(
+                    Event(event[0], EventKind(event[1]), *event[2:])
+                    for event in stored['unreported']
+                ),
+                sweep,
+            )
+        except (AttributeError, IndexError, KeyError, TypeError) as error:
+            raise ValueError(f'snapshot is not complete: {error}') from error

@@ -1,0 +1,382 @@
+"""
+The rig and its run as records: the constants of a rig, its harmonics, and its state.
+
+A run is a sequence of flights: closed-form motions between two events. Its state is that at the
+origin of the present flight, *after* the event that began it, with what is known of the flight's
+end. `flight.begin_flight` derives all that is not in `STORED` from that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from functools import lru_cache
+from math import cos, inf, sin
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
+
+from .compiled import kernel
+from .oscillator import Array, Line, Oscillator, oscillators
+from .parameters import RigParameters
+
+FREE = 0
+SLIDE_DOWN = 1
+SLIDE_UP = 2
+STICK = 3
+REST_1 = 4
+REST_2 = 5
+CHATTER_1 = 6
+CHATTER_2 = 7
+
+
+class Mode(IntEnum):
+    """How m moves relative to M."""
+
+    #: Without friction, in either direction.
+    FREE = FREE
+    #: Downwards relative to M, against friction.
+    SLIDE_DOWN = SLIDE_DOWN
+    #: Upwards relative to M, against friction.
+    SLIDE_UP = SLIDE_UP
+    #: Held by friction inside the gap.
+    STICK = STICK
+    #: Resting on stop 1.
+    REST_1 = REST_1
+    #: Resting on stop 2.
+    REST_2 = REST_2
+    #: In the last bounces on stop 1 before rest, which are not resolved.
+    CHATTER_1 = CHATTER_1
+    #: In the last bounces on stop 2 before rest, which are not resolved.
+    CHATTER_2 = CHATTER_2
+
+
+class RigConstants(NamedTuple):
+    """
+    Constants of a rig, as the kernels need them.
+
+    Attributes
+    ----------
+    free, joint : Oscillator
+        M alone, and M and m as one mass.
+    harmonics : int
+        Number of harmonics: those of `free` are the first rows of the lines, those of `joint`
+        follow.
+    mass_ratio, share, damper_mass, restitution_1, restitution_2 : float
+        As in `RigParameters`; the share is m/(M + m).
+    slope, grip, air : float
+        Accelerations g sin(angle), friction g cos(angle) and air_force/m, m/s^2.
+    push : float
+        Bound of the relative acceleration at rest, without spring and dashpot, m/s^2.
+    half_gap : float
+        Distance of each stop from the middle, m.
+    one_sided : bool
+        Whether stop 2 is absent.
+    """
+
+    free: Oscillator
+    joint: Oscillator
+    harmonics: int
+    mass_ratio: float
+    share: float
+    damper_mass: float
+    restitution_1: float
+    restitution_2: float
+    slope: float
+    grip: float
+    air: float
+    push: float
+    half_gap: float
+    one_sided: bool
+
+
+def _columns(constants: dict[str, Array], cls: Any, row: int) -> Any:
+    return cls(**{name: column[row].item() for name, column in constants.items()})
+
+
+@lru_cache(maxsize=64)
+def _oscillators_of(
+    parameters: RigParameters, frequency: float | None
+) -> tuple[Oscillator, Oscillator, tuple[Line, ...]]:
+    amplitudes, frequencies, phases = parameters.harmonics
+    if frequency is not None:
+        frequencies = (frequency, *frequencies[1:])
+    mass = parameters.primary_mass
+    masses = np.array([mass, mass + parameters.damper_mass])
+    scalars, of_lines = oscillators(
+        masses,
+        np.full(2, parameters.stiffness),
+        np.full(2, parameters.damping),
+        np.array([amplitudes, amplitudes]),
+        np.array([frequencies, frequencies]),
+    )
+    rows = np.stack([of_lines.get(n, np.array([phases, phases])) for n in Line._fields], -1)
+    lines = tuple(Line(*row) for row in rows.reshape(-1, len(Line._fields)).tolist())
+    free, joint = (_columns(scalars, Oscillator, row) for row in range(2))
+    return free, joint, lines
+
+
+def constants_of(
+    parameters: RigParameters, frequency: float | None = None
+) -> tuple[RigConstants, list[Line]]:
+    """Return a rig's constants and harmonics, the first of them at a frequency if it is given."""
+    free, joint, lines = _oscillators_of(parameters, frequency)
+    # At 90 degrees, as 1.5708 or as pi/2 rounded, there is no normal force.
+    cosine = cos(parameters.angle)
+    if cosine < 1e-5:
+        cosine = 0.0
+    mass_ratio = parameters.mass_ratio
+    slope = parameters.gravity * sin(parameters.angle)
+    grip = parameters.friction * parameters.gravity * cosine
+    air = parameters.air_force / parameters.damper_mass
+    amplitudes = parameters.harmonics[0]
+    forces = sum(map(abs, amplitudes)) / (parameters.primary_mass + parameters.damper_mass)
+    constants = RigConstants(
+        free=free,
+        joint=joint,
+        harmonics=len(amplitudes),
+        mass_ratio=mass_ratio,
+        share=mass_ratio / (1.0 + mass_ratio),
+        damper_mass=parameters.damper_mass,
+        restitution_1=parameters.restitution_1,
+        restitution_2=parameters.restitution_2,
+        slope=slope,
+        grip=grip,
+        air=air,
+        push=(1.0 + mass_ratio) * (forces + 2.0 * abs(slope) + air + grip),
+        half_gap=0.5 * parameters.gap,
+        one_sided=parameters.one_sided,
+    )
+    return constants, list(lines)
+
+
+@dataclass(slots=True)
+class Wave:
+    """
+    State of one harmonic.
+
+    Attributes
+    ----------
+    angle : float
+        Angle turned since it was switched on, without its phase, mod 2 pi, at the origin.
+    sine_0, cosine_0 : float
+        Sine and cosine of its phase at the origin.
+    sine, cosine : float
+        The same where the search is.
+    """
+
+    angle: float = 0.0
+    sine_0: float = 0.0
+    cosine_0: float = 0.0
+    sine: float = 0.0
+    cosine: float = 0.0
+
+
+@dataclass(slots=True)
+class Run:
+    """
+    State of a run.
+
+    Attributes
+    ----------
+    time, time_low : float
+        Instant of the origin, s, as an unevaluated sum: a long run loses no digits.
+    mode : int
+        The mode that begins.
+    x, velocity, relative_velocity : float
+        X, X' and Y'.
+    clearance_1, clearance_2 : float
+        Distance of m from each stop, m; infinite for a stop that is not there.
+    stop_1, stop_2 : float
+        Position Y of each stop, m; beyond its target where m holds back a stop that is to
+        close.
+    last_stop : int
+        Stop hit last, 0 before the first impact; the air force points away from it.
+    released : bool
+        The support has just given way: the relative acceleration is exactly zero.
+    chatter_left : float
+        Time until a chatter accumulates, s; 0 in other modes.
+    target_1, target_2 : float
+        Position Y at which each stop is to be, m.
+    stop_velocity_1, stop_velocity_2 : float
+        Velocity relative to M of each stop that moves to its target, m/s. A stop at rest away
+        from its target follows m inwards.
+    side : int
+        Sign of X just after the origin, +1 or -1, where X is zero to round-off; else 0.
+    now : float
+        The present time, s.
+    searched : float
+        Time since the origin up to which there is no event, s.
+
+    joint : bool
+        Whether both masses move as one.
+    look : float
+        Time since the origin at which joint motion is looked at as a whole, s.
+    first : int
+        First row of the harmonics of the oscillator that moves.
+    constant, acceleration, relative_acceleration : float
+        Constant acceleration of M, and X'' and Y'' at the origin, m/s^2.
+    direction : int
+        +1 where m moves down relative to M, -1 up, 0 either.
+    arrival : float
+        Displacement of m at which the stop that follows it is at its target, m; else infinite.
+    support_low, support_high : float
+        Range of X'' in which m needs no more than its support, m/s^2.
+    deadline, deadline_kind : float, int
+        What ends the flight at the latest, s since the origin.
+
+    kind, tau : int, float
+        What ends the flight, and when since the origin, s; `NO_EVENT` before it is known.
+    due : float
+        Instant of that event, s; infinite before it is known.
+    end_x, end_velocity, end_travel, end_relative_velocity : float
+        X, X', Y - Y(origin) and Y' then.
+    crossing_side : int
+        Sign of X before its next passage through zero; 0 before the first look.
+    watched : float
+        Time since the origin that has been searched for passages, s.
+    crossing : float
+        Instant of the next passage, s; infinite before it is known.
+
+    watch : bool
+        Whether to report passages of X through zero.
+    counted : float
+        Time since the origin that is in the account of the modes, s.
+    instant, at_once : float, int
+        When the last events happened, s, and how many, to round-off.
+    happened, most : int
+        Transitions since the advance began, and the most of them.
+    room, written : int
+        Rows of the table of events, 0 for none, and how many of them are written.
+    steps : int
+        Steps of the search that are left before a pause.
+    """
+
+    time: float = 0.0
+    time_low: float = 0.0
+    mode: int = STICK
+    x: float = 0.0
+    velocity: float = 0.0
+    relative_velocity: float = 0.0
+    clearance_1: float = 0.0
+    clearance_2: float = 0.0
+    stop_1: float = 0.0
+    stop_2: float = 0.0
+    last_stop: int = 0
+    released: bool = False
+    chatter_left: float = 0.0
+    target_1: float = 0.0
+    target_2: float = 0.0
+    stop_velocity_1: float = 0.0
+    stop_velocity_2: float = 0.0
+    side: int = 0
+    now: float = 0.0
+    searched: float = 0.0
+    joint: bool = False
+    look: float = 0.0
+    first: int = 0
+    constant: float = 0.0
+    acceleration: float = 0.0
+    relative_acceleration: float = 0.0
+    direction: int = 0
+    arrival: float = inf
+    support_low: float = 0.0
+    support_high: float = 0.0
+    deadline: float = inf
+    deadline_kind: int = 0
+    kind: int = 0
+    tau: float = 0.0
+    due: float = inf
+    end_x: float = 0.0
+    end_velocity: float = 0.0
+    end_travel: float = 0.0
+    end_relative_velocity: float = 0.0
+    crossing_side: int = 0
+    watched: float = 0.0
+    crossing: float = inf
+    watch: bool = False
+    counted: float = 0.0
+    instant: float = -inf
+    at_once: int = 0
+    happened: int = 0
+    most: int = 0
+    room: int = 0
+    written: int = 0
+    steps: int = 0
+
+
+#: Fields of `Run` that a snapshot keeps: the state at the origin, and how far it is searched.
+STORED = (
+    *[field.name for field in fields(Run)][:18],
+    *('searched', 'crossing_side', 'watched', 'crossing'),
+)
+#: Their types.
+STORED_TYPES: dict[str, Any] = {n: t for n, t in get_type_hints(Run).items() if n in STORED}
+
+
+@kernel
+def copy_state(run: Run, waves: Sequence[Wave], other: Run, others: Sequence[Wave]) -> None:
+    """Set the state at the origin of another run to that of a run."""
+    other.time = run.time
+    other.time_low = run.time_low
+    other.mode = run.mode
+    other.x = run.x
+    other.velocity = run.velocity
+    other.relative_velocity = run.relative_velocity
+    other.clearance_1 = run.clearance_1
+    other.clearance_2 = run.clearance_2
+    other.stop_1 = run.stop_1
+    other.stop_2 = run.stop_2
+    other.last_stop = run.last_stop
+    other.released = run.released
+    other.chatter_left = run.chatter_left
+    other.target_1 = run.target_1
+    other.target_2 = run.target_2
+    other.stop_velocity_1 = run.stop_velocity_1
+    other.stop_velocity_2 = run.stop_velocity_2
+    other.side = run.side
+    for j in range(len(waves)):
+        others[j].angle = waves[j].angle
+
+
+@kernel(inline=True)
+def advance_time(time: float, time_low: float, tau: float) -> tuple[float, float]:
+    """Add a duration to an instant held as an unevaluated sum."""
+    total = time + tau
+    back = total - time
+    low = time_low + ((time - (total - back)) + (tau - back))
+    rounded = total + low
+    return rounded, low - (rounded - total)
+
+
+@kernel(inline=True)
+def offset_of(clearance_1: float, clearance_2: float, stop_1: float, stop_2: float) -> float:
+    """Return Y from the clearances and positions of the stops, by the nearer one, m."""
+    return stop_1 - clearance_1 if clearance_1 <= clearance_2 else stop_2 + clearance_2
+
+
+@kernel(inline=True)
+def place(run: Run) -> float:
+    """Return Y at the origin, m."""
+    return offset_of(run.clearance_1, run.clearance_2, run.stop_1, run.stop_2)
+
+
+@kernel(inline=True)
+def on_stop_1(run: Run) -> bool:
+    """Return whether m is on stop 1 while that stands."""
+    return run.clearance_1 == 0.0 and run.stop_velocity_1 == 0.0
+
+
+@kernel(inline=True)
+def on_stop_2(run: Run) -> bool:
+    """Return whether m is on stop 2 while that stands."""
+    return run.clearance_2 == 0.0 and run.stop_velocity_2 == 0.0
+
+
+@kernel(inline=True)
+def stop_under(mode: int) -> int:
+    """Return the stop on which m rests or ends its chatter; 0 for none."""
+    if mode in (REST_1, CHATTER_1):
+        return 1
+    return 2 if mode in (REST_2, CHATTER_2) else 0

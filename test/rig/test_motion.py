@@ -1,0 +1,454 @@
+"""The whole hybrid motion: golden values, references, and properties of random rigs."""
+
+import itertools
+import math
+import random
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.control import Rig
+from impact_damper_ros.rig import (
+    EventKind,
+    InitialConditions,
+    Mode,
+    RigParameters,
+)
+from impact_damper_ros.rig.event import events_of_table
+from oracle.reference import kept, load_reference
+from rig.random_rigs import random_rig, run, through_json
+
+EPS = 2.0**-52
+SLOPE = {'angle': math.pi / 4, 'gravity': 1.0, 'force_frequencies': [1.02]}
+SEEDS = range(40)
+
+
+class TestGoldenValues:
+    def test_first_impacts_at_resonance(self):
+        events = Rig(RigParameters(gravity=0.0)).advance(51.0)
+        times = [43.62266009691099, 45.40718583180668, 46.77474766084761, 50.874097144989875]
+        assert [e.time for e in events] == pytest.approx(times, rel=1e-13)
+        assert [e.stop for e in events] == [1, 2, 1, 2]
+
+    def test_first_events_on_the_slope(self):
+        events = Rig(RigParameters(friction=0.5, **SLOPE)).advance(25.0)
+        events = [e for e in events if e.kind != EventKind.REVERSAL]
+        want = [
+            (EventKind.STICK, 0, 0.733769482104),
+            (EventKind.RELEASE, 0, 1.71677134162),
+            (EventKind.IMPACT, 1, 10.061379083930),
+            (EventKind.IMPACT, 2, 20.433504840227),
+            (EventKind.IMPACT, 1, 22.929063529950),
+            (EventKind.IMPACT, 2, 24.931810684244),
+        ]
+        assert [(e.kind, e.stop) for e in events] == [w[:2] for w in want]
+        for event, (_, _, time) in zip(events, want, strict=True):
+            assert event.time == pytest.approx(time, abs=6e-12)
+
+    @pytest.mark.parametrize(
+        ('rig', 'stop_1', 'stop_2', 'digits', 'ratio'),
+        [
+            (
+                {'gravity': 0.0},
+                (0.733784, 9.9294, -1.9340, -18.0987),
+                (0.233784, -9.9294, 1.9340, 18.0987),
+                (6, 4),
+                None,
+            ),
+            (
+                SLOPE,
+                (0.7513744, 4.2199719, -1.3654370, -15.4743588),
+                (0.2632173, -4.0551342, 1.8294568, 13.9932174),
+                (7, 7),
+                0.2032358,
+            ),
+            (
+                {**SLOPE, 'friction': 0.5},
+                (0.7579950, 4.1321400, -1.9067334, -15.9650212),
+                (0.2697923, -3.9291024, 2.3620421, 14.4522209),
+                (7, 7),
+                0.2113439,
+            ),
+        ],
+        ids=['horizontal', 'slope', 'friction'],
+    )
+    def test_steady_state(self, rig, stop_1, stop_2, digits, ratio):
+        """Two impacts per cycle, and the largest X, to all the digits of the periodic theory."""
+        parameters = RigParameters(**rig)
+        period = 2 * math.pi / parameters.force_frequencies[0]
+        motion = Rig(parameters)
+        motion.run(900 * period)
+        result = motion.run(902 * period, np.linspace(900 * period, 902 * period, 8001))
+        events = events_of_table(result.impacts())
+        assert sorted(e.stop for e in events) == [1, 1, 2, 2]
+        for event in events:
+            phase, *state = stop_1 if event.stop == 1 else stop_2
+            tolerance = [0.51 * 10.0**-d for d in digits]
+            assert event.time / period % 1 == pytest.approx(phase, abs=tolerance[0])
+            got = (event.x, event.primary_velocity_after, event.damper_velocity_after)
+            assert got == pytest.approx(state, abs=tolerance[1])
+        if ratio is not None:
+            top = np.abs(result.samples['x']).max()
+            assert top / parameters.response_amplitude == pytest.approx(ratio, abs=3e-7)
+
+    @pytest.mark.parametrize(
+        ('gap', 'count'), [(8.0, 4), (16.0, 3), (18.0, 3), (24.0, 2), (30.0, 2), (37.0, 2)]
+    )
+    def test_attractors(self, gap, count):
+        """Impacts per cycle of the frictionless horizontal rig at r = 1.02, from X = 1."""
+        parameters = RigParameters(gravity=0.0, gap=gap, force_frequencies=[1.02])
+        initial = InitialConditions(initial_primary_position=1.0, initial_damper_offset=-1.0)
+        motion = Rig(parameters, initial)
+        period = 2 * math.pi / 1.02
+        motion.run(1000 * period)
+        assert len(motion.run(1100 * period).impacts()) == count * 100
+
+    def test_range_of_the_vertical_one_sided_rig(self):
+        """One impact per cycle is stable for 0.454 < A W^2/g < 1.1265, followed from within."""
+        gain = 100 / math.hypot(99.0, 1.0)
+        rig = {
+            'damping': 0.1,
+            'damper_mass': 0.01,
+            'gravity': 1.0,
+            'angle': math.pi / 2,
+            'one_sided': True,
+            'gap': 1.0,
+            'force_frequencies': [10.0],
+        }
+        period = 2 * math.pi / 10
+        for path, inside in (
+            ((0.8, 0.6, 0.5, 0.47, 0.456), True),
+            ((0.8, 0.6, 0.5, 0.47, 0.456, 0.450), False),
+            ((0.8, 1.0, 1.08, 1.11, 1.124), True),
+            ((0.8, 1.0, 1.08, 1.11, 1.124, 1.132), False),
+        ):
+            motion = Rig(
+                RigParameters(**rig, force_amplitudes=[path[0] / gain]),
+                InitialConditions(initial_damper_offset=0.5, initial_damper_velocity=-0.3),
+            )
+            cycle = 0
+            for value in path:
+                motion.change(motion.parameters.replace(force_amplitudes=[value / gain]))
+                cycle += 800
+                motion.run(cycle * period)
+            events = motion.run((cycle + 40) * period).impacts()
+            gaps = np.diff(events['time'])
+            one = len(events) == 40 and float(np.ptp(gaps)) < 1e-6 * period
+            assert one == inside, path
+
+
+KINDS = {
+    'impact': EventKind.IMPACT,
+    'rest': EventKind.REST,
+    'stick': EventKind.STICK,
+    'release': EventKind.RELEASE,
+    'reversal': EventKind.REVERSAL,
+}
+
+
+def without_last_bounces(events, reference):
+    """Leave out the bounces of the reference that the simulator sums in closed form."""
+    left = list(reference)
+    for k, event in enumerate(events):
+        while k < len(left) and event.kind == EventKind.REST and left[k].kind == 'impact':
+            assert left[k].stop == event.stop
+            assert event.time - 1e-5 < left[k].time <= event.time + 1e-12
+            del left[k]
+    return left
+
+
+@pytest.mark.parametrize('reference', load_reference(), ids=lambda reference: reference.name)
+def test_30_digit_runs_of_the_oracle(reference):
+    """Events and states, each to what its condition lets round-off become."""
+    rig = Rig(RigParameters(**reference.params), InitialConditions(**reference.initial))
+    last = reference.events[-1]
+    end = last.time * (1 + 1e-9 + min(64 * EPS * last.condition, 1e-3))
+    states = [state.time for state in reference.states]
+    result = rig.run(max([end, *states]), states)
+    for got, want in zip(result.samples, reference.states, strict=True):
+        blur = 64 * EPS * (1 + want.condition)
+        assert abs(got['x'] - want.x) <= blur * reference.x_scale
+        assert abs(got['z'] - want.z) <= blur * max(reference.x_scale, rig.parameters.gap)
+        for name in ('primary_velocity', 'damper_velocity'):
+            assert abs(got[name] - getattr(want, name)) <= blur * reference.v_scale
+    events = events_of_table(result.events[result.events['time'] <= end])
+    speeds = [e.damper_velocity_before - e.primary_velocity_before for e in events]
+    mask = kept([e.kind.name.lower() for e in events], speeds, reference.floor)
+    events = [e for e, keep in zip(events, mask, strict=True) if keep]
+    expected = without_last_bounces(events, reference.events)
+    for got, want in zip(events, expected, strict=False):
+        assert got.kind == KINDS[want.kind]
+        assert got.stop == want.stop
+        blur = 64 * EPS * (1 + want.condition)
+        if blur > 1e-3:
+            return
+        assert abs(got.time - want.time) <= blur * want.time
+        state = 64 * EPS * (1 + want.state_condition)
+        assert abs(got.x - want.x) <= state * reference.x_scale
+        for name in got._fields[5:9]:
+            assert abs(getattr(got, name) - getattr(want, name)) <= state * reference.v_scale
+    assert len(events) >= len(expected)
+
+
+def force(parameters, time):
+    rows = zip(
+        parameters.force_amplitudes,
+        parameters.force_frequencies,
+        parameters.force_phases,
+        strict=True,
+    )
+    return sum(f * math.sin(w * time + p) for f, w, p in rows)
+
+
+def energy(parameters, x, v, z, w):
+    p = parameters
+    pull = p.damper_mass * p.gravity * math.sin(p.angle)
+    return (p.primary_mass * v * v + p.stiffness * x * x + p.damper_mass * w * w) / 2 - pull * z
+
+
+def grip_of(parameters):
+    return parameters.friction * parameters.gravity * max(0.0, math.cos(parameters.angle))
+
+
+class TestProperties:
+    @pytest.mark.parametrize('seed', SEEDS)
+    def test_samples_and_events(self, seed):
+        """M stays between the stops; impacts approach, keep momentum and lose energy exactly."""
+        parameters, initial = random_rig(seed)
+        rig = Rig(parameters, initial)
+        half, M, m = parameters.gap / 2, parameters.primary_mass, parameters.damper_mass
+        last, step = 0.0, 0
+        while rig.time < 40.0 and step < 2000:
+            step += 1
+            events = rig.advance(rig.time + 0.02)
+            if len(events) > 500:
+                break
+            sample = rig.sample()
+            y, blur = sample.z - sample.x, 2 * EPS * (abs(sample.x) + abs(sample.z))
+            assert y <= half + blur
+            assert parameters.one_sided or y >= -half - blur
+            assert all(map(math.isfinite, sample))
+            for e in events:
+                assert last <= e.time <= rig.time
+                last = e.time
+                assert e.y <= half
+                assert parameters.one_sided or e.y >= -half
+                v, V = e.primary_velocity_before, e.primary_velocity_after
+                w, W = e.damper_velocity_before, e.damper_velocity_after
+                if e.kind != EventKind.IMPACT:
+                    assert e.impulse == 0.0
+                    assert abs(V - v) <= 1e-14 * (abs(v) + abs(V))
+                    continue
+                fast = abs(v) + abs(w)
+                side = 1 if e.stop == 1 else -1
+                restitution = parameters.restitution_1 if e.stop == 1 else parameters.restitution_2
+                assert e.y == side * half
+                assert side * (w - v) >= -4 * EPS * fast
+                assert M * V + m * W == pytest.approx(M * v + m * w, abs=9 * EPS * (M + m) * fast)
+                assert pytest.approx(-restitution * (w - v), abs=9 * EPS * fast) == W - V
+                assert e.impulse == pytest.approx(abs(M * (V - v)), abs=9 * EPS * (M + m) * fast)
+                loss = (M * (v * v - V * V) + m * (w * w - W * W)) / 2
+                want = M * m / (M + m) * (1 - restitution**2) * (w - v) ** 2 / 2
+                assert loss == pytest.approx(want, abs=20 * EPS * (M + m) * fast**2)
+
+    @pytest.mark.parametrize('seed', SEEDS)
+    def test_thresholds(self, seed):
+        """At a release |n| is the grip, to round-off; at a rest or sticking n is within."""
+        p, initial = random_rig(seed)
+        rig, air = Rig(p, initial), 0.0
+        grip, pull = grip_of(p), p.gravity * math.sin(p.angle)
+        together = p.primary_mass + p.damper_mass
+        for e in run(rig, 40.0, 1500):
+            if e.kind == EventKind.IMPACT:
+                air = p.air_force / p.damper_mass * (-1 if e.stop == 1 else 1)
+            if e.kind not in (EventKind.RELEASE, EventKind.REST, EventKind.STICK):
+                continue
+            assert e.damper_velocity_after == pytest.approx(e.primary_velocity_after, abs=1e-15)
+            terms = (
+                force(p, e.time),
+                p.damper_mass * pull,
+                -p.damping * e.primary_velocity_after,
+                -p.stiffness * e.x,
+            )
+            need = sum(terms) / together - pull - air
+            # A REST after a chatter is known to the chatter's tolerance.
+            blur = 1e-12 * (sum(map(abs, terms)) / together + abs(pull) + abs(air) + grip)
+            if e.kind == EventKind.RELEASE:
+                if e.time == 0.0:
+                    continue
+                limit = {1: grip, 2: -grip}.get(e.stop, math.copysign(grip, need))
+                assert need == pytest.approx(limit, abs=blur)
+            elif e.kind == EventKind.STICK:
+                assert abs(need) <= grip + blur
+            else:
+                assert (need <= grip + blur) if e.stop == 1 else (need >= -grip - blur)
+
+
+class TestLimits:
+    def test_light_damper_does_not_disturb(self):
+        """Mu -> 0: M moves as the free oscillator, to O(mu)."""
+        for mu in (1e-4, 1e-7):
+            p = RigParameters(
+                damper_mass=mu, restitution_1=1.0, restitution_2=1.0, gap=2.0, gravity=0.0
+            )
+            rig, free = Rig(p), Rig(p.replace(gap=1e6))
+            assert len(rig.advance(30.0)) > 5
+            assert free.advance(30.0) == []
+            a, b = rig.sample(), free.sample()
+            assert a.x == pytest.approx(b.x, abs=2e3 * mu)
+
+    def test_elastic_impacts_keep_the_energy(self):
+        """R = 1, no friction, no dashpot, no force: for hundreds of impacts."""
+        p = RigParameters(
+            damping=0.0, restitution_1=1.0, restitution_2=1.0, gap=2.0, force_amplitudes=[0.0]
+        )
+        initial = InitialConditions(initial_primary_velocity=1.0, initial_damper_velocity=0.3)
+        rig = Rig(p, initial)
+        start = energy(p, *rig.sample()[1:5])
+        assert len(rig.advance(500.0)) > 100
+        assert energy(p, *rig.sample()[1:5]) == pytest.approx(start, rel=1e-12)
+
+    def test_plastic_impact(self):
+        """R = 0: one impact, then rest or an immediate departure, never a bounce."""
+        p = RigParameters(restitution_1=0.0, restitution_2=0.0, gravity=0.0, gap=2.0)
+        events = Rig(p).advance(200.0)
+        assert len(events) > 20
+        for a, b in itertools.pairwise(events):
+            if a.kind == EventKind.IMPACT:
+                assert a.damper_velocity_after == a.primary_velocity_after
+                assert b.kind in (EventKind.REST, EventKind.IMPACT)
+            if a.kind == EventKind.REST:
+                assert (b.kind, b.stop) == (EventKind.RELEASE, a.stop)
+
+    @pytest.mark.parametrize('restitution', [0.2, 0.75, 0.95])
+    @pytest.mark.parametrize('height', [1e-6, 1.0])
+    def test_bouncing_ball(self, restitution, height):
+        """On a nearly still M a chatter ends at sqrt(2h/g) (1+R)/(1-R)."""
+        p = RigParameters(
+            primary_mass=1e9,
+            stiffness=1e9,
+            damper_mass=1e-6,
+            gap=2.0,
+            angle=math.pi / 2,
+            gravity=2.0,
+            restitution_1=restitution,
+            force_amplitudes=[0.0],
+        )
+        rig = Rig(p, InitialConditions(initial_damper_offset=1.0 - height))
+        fall = math.sqrt(1.0 - (1.0 - height))
+        events = rig.advance(200.0)
+        assert events[-1].kind == EventKind.REST
+        assert rig.mode == Mode.REST_1
+        end = fall * (1 + restitution) / (1 - restitution)
+        assert events[-1].time == pytest.approx(end, rel=1e-11)
+        assert len(events) < 60 / (1 - restitution)
+
+    @pytest.mark.parametrize('seed', range(10))
+    def test_chatter_does_not_run_away(self, seed):
+        """A pressed m comes to rest after a number of impacts that follows from ln R."""
+        rng = random.Random(f'chatter {seed}')
+        p = RigParameters(
+            angle=rng.uniform(0.3, 1.5),
+            restitution_1=rng.uniform(0.3, 0.97),
+            friction=rng.choice([0.0, 0.1]),
+            gap=rng.uniform(0.5, 5.0),
+            damping=0.2,
+            force_amplitudes=[0.1],
+        )
+        events = Rig(p).advance(60.0)
+        assert events[-1].kind == EventKind.REST
+        assert len(events) < 40 / -math.log(p.restitution_1) + 40
+        times = [e.time for e in events]
+        assert times == sorted(times)
+
+    def test_long_run_keeps_the_time(self):
+        """1e4 cycles of resonance without damping: the force's phase does not drift."""
+        p = RigParameters(damping=0.0, gap=1e9, gravity=0.0)
+        rig = Rig(p)
+        end = 2 * math.pi * 1e4
+        rig.advance(end)
+        want = (math.sin(end) - end * math.cos(end)) / 2
+        assert rig.sample().x == pytest.approx(want, rel=1e-11)
+
+
+def scaled(p, length, time, mass):
+    """Return the same rig in other units."""
+    forced = mass * length / time**2
+    return RigParameters(
+        primary_mass=p.primary_mass * mass,
+        stiffness=p.stiffness * mass / time**2,
+        damping=p.damping * mass / time,
+        damper_mass=p.damper_mass * mass,
+        gap=p.gap * length,
+        restitution_1=p.restitution_1,
+        restitution_2=p.restitution_2,
+        angle=p.angle,
+        friction=p.friction,
+        gravity=p.gravity * length / time**2,
+        air_force=p.air_force * forced,
+        one_sided=p.one_sided,
+        force_amplitudes=[f * forced for f in p.force_amplitudes],
+        force_frequencies=[w / time for w in p.force_frequencies],
+        force_phases=p.force_phases,
+    )
+
+
+def rescaled(rig, initial, length, time, mass):
+    """Return a rig in other units."""
+    return scaled(rig, length, time, mass), InitialConditions(
+        initial_primary_position=initial.initial_primary_position * length,
+        initial_primary_velocity=initial.initial_primary_velocity * length / time,
+        initial_damper_offset=initial.initial_damper_offset * length,
+        initial_damper_velocity=initial.initial_damper_velocity * length / time,
+    )
+
+
+def mirrored(rig, initial, by_sign):
+    """Return a rig with slope, stops and force reversed."""
+    force = {'force_amplitudes': [-f for f in rig.force_amplitudes]}
+    if not by_sign:
+        force = {'force_phases': [q + math.pi for q in rig.force_phases]}
+    ends = {'restitution_1': rig.restitution_2, 'restitution_2': rig.restitution_1}
+    other = rig.replace(angle=-rig.angle, **ends, **force)
+    return other, InitialConditions(**{k: -v for k, v in initial.as_dict().items()})
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize(
+    ('units', 'mirror', 'exact'),
+    [
+        ((8.0, 0.25, 1024.0), None, True),
+        ((0.3048, 60.0, 0.45359237), None, False),
+        ((1.0, 1.0, 1.0), True, True),
+        ((1.0, 1.0, 1.0), False, False),
+    ],
+)
+def test_symmetries(seed, units, mirror, exact):
+    """Powers of two and signs change no digit; other units and phases change the last ones."""
+    own = random_rig(seed, **({} if mirror is None else {'one_sided': False}))
+    other = rescaled(*own, *units) if mirror is None else mirrored(*own, mirror)
+    length, time, _ = units
+    sign, stops = (1, (0, 1, 2)) if mirror is None else (-1, (0, 2, 1))
+    mine = Rig(*own)
+    events = run(mine, 20.0, 200)
+    got = Rig(*other).advance(mine.time * time)
+    assert not exact or len(got) == len(events)
+    for a, b in list(zip(events, got, strict=False))[: None if exact else 3]:
+        assert (a.kind, stops[a.stop]) == (b.kind, b.stop)
+        speed = sign * length / time
+        want = [a.time * time, *(sign * length * v for v in (a.x, a.y))]
+        want += [speed * a.primary_velocity_after, speed * a.damper_velocity_after]
+        have = [b.time, b.x, b.y, b.primary_velocity_after, b.damper_velocity_after]
+        assert have == (want if exact else pytest.approx(want, rel=1e-8, abs=1e-8 * length))
+
+
+def test_an_impact_at_the_start_is_reported_once():
+    """Also across a snapshot, so that a recording that begins with it can be replayed."""
+    initial = InitialConditions(initial_damper_offset=18.5, initial_damper_velocity=1.0)
+    rig = Rig(RigParameters(gravity=0.0), initial)
+    other = through_json(rig)
+    (first,) = rig.advance(0.0)
+    assert (first.kind, first.time, first.stop) == (EventKind.IMPACT, 0.0, 1)
+    assert first.damper_velocity_before == 1.0
+    assert rig.advance(0.0) == []
+    assert other.advance(0.0) == [first]
