@@ -58,6 +58,8 @@ _ARRIVED_ACTION = int(Action.ARRIVED)
 _TOUCHED_ACTION = int(Action.TOUCHED)
 _CROSSING_ACTION = int(Action.CROSSING)
 _NAN = float('nan')
+#: What a float lacks, at most, to the instant that it stands for, relative to that.
+_TIME_MARGIN = 1e-15
 
 
 @kernel
@@ -197,6 +199,39 @@ def perform_sample(
     end_sample(control, run.now, place_1, place_2)
 
 
+@kernel(inline=True)
+def quiet_until(run: Run) -> float:
+    """Return the instant before which nothing happens, as far as the flight has been searched."""
+    quiet = run.due
+    if quiet == inf:
+        reached = run.time + run.searched
+        quiet = reached - _TIME_MARGIN * abs(reached)
+    crossing = run.crossing
+    if crossing == inf:
+        reached = run.time + run.watched
+        crossing = reached - _TIME_MARGIN * abs(reached)
+    return min(quiet, crossing)
+
+
+@kernel
+def sample_on(
+    rig: RigConstants, lines: Lines, run: Run, waves: Waves, control: Control, end: float
+) -> None:
+    """Take the samples before an instant up to which nothing else happens."""
+    until = min(quiet_until(run), end)
+    while run.steps > 0 and not (
+        control.controller.returning or commands_full(control) or law_failed(control)
+    ):
+        sample = next_sample(control)
+        if not sample < min(until, next_command(control)):
+            return
+        run.now = sample
+        run.steps -= 1
+        index = control.controller.sample_index
+        take_sample(control, measure(rig, lines, run, waves, control, index))
+        end_sample(control, sample, 0.0, 0.0)
+
+
 @kernel
 def run_to(
     rig: RigConstants,
@@ -266,6 +301,8 @@ def run_to(
                 continue
             if sample <= until:
                 perform_sample(rig, lines, run, waves, control)
+                if run.watch:
+                    sample_on(rig, lines, run, waves, control, end)
                 if law_failed(control):
                     return LAW_FAILED
                 continue

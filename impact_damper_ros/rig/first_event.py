@@ -936,12 +936,12 @@ def starting_side(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> in
 
 @kernel
 def search_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
-    """Search the flight a few steps of the grid further for a passage of X through zero."""
+    """Search the next step of the grid for a passage of X through zero."""
     if run.crossing_side == 0:
         run.crossing_side = starting_side(rig, lines, run, waves)
-    end = run.watched + POINTS * oscillator_of(rig, run).step
-    motion: Motion = motion_at(rig, lines, run, waves, run.watched)
     step = oscillator_of(rig, run).step
+    end = run.watched + step
+    motion: Motion = motion_at(rig, lines, run, waves, run.watched)
     root = first_root(rig, lines, run, waves, PASSAGE, run.watched, motion, end, step)
     if root == inf:
         run.watched = end
