@@ -70,7 +70,7 @@ const counted = { frames: 0, bytes: 0, drawn: 0, work: [], latest: 0, epoch: 0 }
 globalThis.impactDamper = { counted, history, theory };
 
 function setStatus(state, text = '') {
-  if (state === 'paused' && status !== 'paused') holds += 1;
+  if (status === 'paused' && state !== 'paused') reportLateImpact();
   status = state;
   const pill = byId('status');
   mark(pill, 'data-state', state);
@@ -162,19 +162,25 @@ async function service(name) {
 }
 
 let stepping = false;
-/** How often the rig has been seen paused. */
-let holds = 0;
+/** How many impacts were known when the next one was asked for, until the rig is seen moving. */
+let known = -1;
 
 /** Move a paused rig on; a key that is held down waits for each step to be done. */
 async function step(name) {
   if (status !== 'paused' || stepping) return;
   stepping = true;
-  const since = holds;
+  known = name === 'step_to_impact' ? history.impacts.end : -1;
   await service(name);
   stepping = false;
-  if (name !== 'step_to_impact') return;
+}
+
+/** Report an impact that was asked for and has not come after a while of motion. */
+function reportLateImpact() {
+  const before = known;
+  known = -1;
+  if (before < 0) return;
   setTimeout(() => {
-    if (status === 'running' && holds === since) toast('No impact so far: the rig runs on to the next one. Pause holds it here.');
+    if (status !== 'paused' && history.impacts.end === before) toast('No impact so far: the rig runs on to the next one. Pause holds it here.');
   }, 2000);
 }
 
