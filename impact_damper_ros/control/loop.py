@@ -21,7 +21,14 @@ from impact_damper_ros.rig.event import (
     write_passage,
 )
 from impact_damper_ros.rig.first_event import pass_zero
-from impact_damper_ros.rig.flight import Lines, Motion, Waves, motion_at, places_after
+from impact_damper_ros.rig.flight import (
+    Lines,
+    Motion,
+    Waves,
+    motion_after,
+    motion_at,
+    places_after,
+)
 from impact_damper_ros.rig.run import (
     COMMANDS_FULL,
     DONE,
@@ -68,7 +75,8 @@ def measure(
 ) -> Measurement:
     """Return the sample of an index that the sensors take at the present time."""
     tau = max(0.0, (run.now - run.time) - run.time_low)
-    motion: Motion = motion_at(rig, lines, run, waves, tau)
+    # Without the derivatives, which no sensor shows
+    motion: Motion = motion_after(rig, lines, run, waves, tau)
     clearance_1, clearance_2, stop_1, stop_2 = places_after(run, tau, motion.travel)
     speed = 0.0 if run.joint else motion.relative_velocity
     offset = offset_of(clearance_1, clearance_2, stop_1, stop_2)

@@ -14,13 +14,11 @@ import numpy.typing as npt
 from impact_damper_ros.rig import GapControlParameters, InitialConditions, RigParameters
 from impact_damper_ros.rig.arguments import as_float
 from impact_damper_ros.rig.compiled import (
-    called,
     compiled,
     dtype_of,
     has_numba,
     packed,
     packed_rows,
-    reported,
     unpack,
 )
 from impact_damper_ros.rig.event import (
@@ -744,22 +742,22 @@ class Rig:
         control.controller.recorded = control.controller.room = 0
         state, waves = packed(run), packed_rows(self._waves, Wave)
         acting = control.packed() if controlled else None
+        arguments = (
+            *self._packed,
+            state,
+            waves,
+            rows,
+            in_mode,
+            acting,
+            _NO_ACTS,
+            end,
+            when,
+            sampled,
+            samples,
+        )
+        form = 'with control' if controlled else 'without control'
         try:
-            with reported(f'{run_through.__name__} {controlled}'):
-                found: tuple[int, int] = called(
-                    compiled(run_through.__name__),
-                    *self._packed,
-                    state,
-                    waves,
-                    rows,
-                    in_mode,
-                    acting,
-                    _NO_ACTS,
-                    end,
-                    when,
-                    sampled,
-                    samples,
-                )
+            found: tuple[int, int] = compiled(run_through.__name__, form, arguments)(*arguments)
         except SystemError as error:
             # What a signal raises just as compiled code returns
             if isinstance(error.__cause__, KeyboardInterrupt):

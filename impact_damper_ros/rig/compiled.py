@@ -21,7 +21,6 @@ import sys
 import threading
 import types
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -31,6 +30,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints, overload
 
 import numpy as np
+from numpy.lib.recfunctions import unstructured_to_structured
 
 F = TypeVar('F', bound=Callable[..., Any])
 
@@ -81,6 +81,16 @@ def dtype_of(cls: Any) -> np.dtype[Any]:
     names = [f.name for f in fields(cls)] if is_dataclass(cls) else cls._fields
     entries = [(name, kinds.get(hints[name]) or dtype_of(hints[name])) for name in names]
     return np.dtype(entries)
+
+
+def rows_of(cls: Any, shape: int | tuple[int, ...], **columns: Any) -> Any:
+    """Return records of a class with the given columns; a nested class may be an axis."""
+    rows = np.zeros(shape, dtype_of(cls))
+    for name, column in columns.items():
+        kind = rows.dtype[name]
+        nested = kind.names and not np.asarray(column).dtype.names
+        rows[name] = unstructured_to_structured(column, kind) if nested else column
+    return rows
 
 
 @cache
@@ -156,27 +166,6 @@ def stamp() -> Path | None:
 _PATIENCE = 3.0
 
 
-#: What has been compiled or loaded in this process.
-_READY: set[str] = set()
-
-
-@contextmanager
-def reported(form: str) -> Iterator[None]:
-    """Log a compilation, which the first call of a form may need, once it has taken some time."""
-    if form in _READY:
-        yield
-        return
-    text = 'compiling the simulator, once for each version (some 15 s, 30 s under gap control)'
-    notice = threading.Timer(_PATIENCE, logging.getLogger(__package__).warning, (text,))
-    notice.daemon = True
-    notice.start()
-    try:
-        yield
-    finally:
-        notice.cancel()
-    _READY.add(form)
-
-
 def _namespace() -> dict[str, Any]:
     """Return the globals that the kernels refer to, in one namespace."""
     namespace: dict[str, Any] = {}
@@ -242,8 +231,8 @@ def _once_for_all_values(function: Any) -> Any:
 
 
 @cache
-def compiled(name: str) -> Any:
-    """Return a kernel that Python is to call, compiled and kept for other processes."""
+def _dispatcher(name: str) -> Any:
+    """Return a kernel that Python is to call, to be compiled and kept for other processes."""
     import numba
 
     function, keep = _KERNELS[name], stamp()
@@ -255,13 +244,38 @@ def compiled(name: str) -> Any:
     return numba.njit(twin, nogil=True, error_model='numpy', cache=keep is not None, _nrt=False)
 
 
-def called(loop: Any, *arguments: Any) -> Any:
-    """Call a compiled kernel; one that cannot be kept, as on a full disk, serves this process."""
+#: What has been compiled or loaded in this process.
+_ENTRIES: dict[tuple[str, str], Any] = {}
+
+
+def compiled(name: str, form: str, arguments: Sequence[Any]) -> Any:
+    """
+    Return a kernel compiled for arguments; the same for all arguments of a form.
+
+    numba would look at the types of the arguments at each call, which takes longer than a short
+    run. Compiled code that cannot be kept, as on a full disk, serves this process; compiling it is
+    reported once it has taken some time.
+    """
+    if (name, form) in _ENTRIES:
+        return _ENTRIES[name, form]
+    import numba
+
+    log = logging.getLogger(__package__)
+    text = 'compiling the simulator, once for each version (some 15 s, 30 s under gap control)'
+    notice = threading.Timer(_PATIENCE, log.warning, (text,))
+    notice.daemon = True
+    notice.start()
+    loop, kinds = _dispatcher(name), tuple(map(numba.typeof, arguments))
     try:
-        return loop(*arguments)
-    except OSError as error:
-        logging.getLogger(__package__).warning(
-            'the compiled code cannot be kept (%s): the next process compiles it again',
-            error.strerror or error,
-        )
-        return loop(*arguments)
+        try:
+            loop.compile(kinds)
+        except OSError as error:
+            log.warning(
+                'the compiled code cannot be kept (%s): the next process compiles it again',
+                error.strerror or error,
+            )
+            loop.compile(kinds)
+    finally:
+        notice.cancel()
+    _ENTRIES[name, form] = loop.get_overload(kinds)
+    return _ENTRIES[name, form]

@@ -19,7 +19,7 @@ leads it away.
 
 from __future__ import annotations
 
-from math import copysign, inf, nextafter, sqrt
+from math import copysign, inf, nan, nextafter, sqrt
 
 from .compiled import kernel
 from .flight import (
@@ -33,7 +33,6 @@ from .flight import (
     REVERSAL,
     Lines,
     Motion,
-    Series,
     Waves,
     coarse_tail,
     motion_at,
@@ -43,7 +42,7 @@ from .flight import (
     tail,
     with_derivatives,
 )
-from .oscillator import POINTS, Oscillator, free_bound
+from .oscillator import POINTS, Oscillator, Series, free_bound
 from .state import RigConstants, Run, advance_time, on_stop_1, on_stop_2
 
 _EPSILON = 2.220446049250313e-16
@@ -498,6 +497,51 @@ def drive_at(lines: Lines, first: int, waves: Waves) -> float:
 
 
 @kernel(inline=True)
+def root_by_series(
+    series: Series,
+    sign: float,
+    f_0: float,
+    f_1: float,
+    f_2: float,
+    guess: float,
+    since: float,
+) -> tuple[float, float, float, float, float]:
+    """
+    Return where a parabola with `sign` times the series falls through zero, near a point.
+
+    Times are in steps from the point of the grid, which is `since` after the flight's origin.
+    Returned are the last time but one, the last step (NaN if there is no root nearby), and what
+    the series adds to the function and to its first two derivatives there.
+    """
+    # First to within a last step of the root, by most of the series
+    s = guess
+    bend, bend_1, bend_2, bend_3 = coarse_tail(series, s)
+    rate = f_1 + s * f_2 + sign * bend_1
+    if rate < 0.0:
+        inverse = -1.0 / rate
+        u = (f_0 + s * (f_1 + 0.5 * s * f_2) + sign * bend) * inverse
+        v_2 = 0.5 * (f_2 + sign * bend_2) * inverse * u
+        v_3 = sign * bend_3 * inverse * (u * u) * (1.0 / 6.0)
+        s += u + u * (v_2 + (2.0 * v_2 * v_2 + v_3))
+    for _ in range(6):
+        if not abs(s) <= _SERIES_REACH:
+            break
+        bend, bend_1, bend_2 = tail(series, s)
+        rate = f_1 + s * f_2 + sign * bend_1
+        if rate >= 0.0:
+            break
+        # Newton's step, bent as the function is
+        inverse = -1.0 / rate
+        u = (f_0 + (s * (f_1 + 0.5 * s * f_2) + sign * bend)) * inverse
+        last = abs(u) <= _LAST_STEP * min(1.0, since + s)
+        u += 0.5 * (f_2 + sign * bend_2) * inverse * u * u
+        if last:
+            return s, u, bend, bend_1, bend_2
+        s += u
+    return s, nan, 0.0, 0.0, 0.0
+
+
+@kernel(inline=True)
 def contact_by_series(
     rig: RigConstants,
     lines: Lines,
@@ -531,54 +575,39 @@ def contact_by_series(
     series: Series = series_at(oscillator, lines, 0, waves, offset, velocity)
     speed = speed_here * step
     scaled = rate_here * step * step
-    s = guess * oscillator.steps
-    # First to within a last step of the root, by most of the series
-    bend, bend_1, bend_2, bend_3 = coarse_tail(series, s)
-    rate = -side * (speed + s * scaled - bend_1)
-    if rate < 0.0:
-        inverse = -1.0 / rate
-        u = (left - side * (s * (speed + 0.5 * s * scaled) - bend)) * inverse
-        v_2 = -0.5 * side * (scaled - bend_2) * inverse * u
-        v_3 = side * bend_3 * inverse * (u * u) * (1.0 / 6.0)
-        s += u + u * (v_2 + (2.0 * v_2 * v_2 + v_3))
-    for _ in range(6):
-        if not abs(s) <= _SERIES_REACH:
-            return False
-        bend, bend_1, bend_2 = tail(series, s)
-        moved = s * (speed + 0.5 * s * scaled) - bend
-        closing = speed + s * scaled - bend_1
-        closing_1 = scaled - bend_2
-        rate = -side * closing
-        if rate >= 0.0:
-            return False
-        # Newton's step, bent as the function is
-        inverse = -1.0 / rate
-        u = (left - side * moved) * inverse
-        last = abs(u) <= _LAST_STEP * min(1.0, t * oscillator.steps + s)
-        u -= 0.5 * side * closing_1 * inverse * u * u
-        if last:
-            tau = t + (s + u) * step
-            if not low < tau <= high:
-                return False
-            scaled_velocity = velocity * step
-            x_2 = series.x_2
-            set_end(
-                run,
-                CONTACT_1 if side > 0.0 else CONTACT_2,
-                tau,
-                x
-                + (
-                    s * (scaled_velocity + 0.5 * s * x_2)
-                    + bend
-                    + u * (scaled_velocity + s * x_2 + bend_1 + 0.5 * u * (x_2 + bend_2))
-                ),
-                velocity + (s * x_2 + bend_1 + u * (x_2 + bend_2)) * oscillator.steps,
-                travel + (moved + u * (closing + 0.5 * u * closing_1)),
-                speed_here + (s * scaled - bend_1 + u * closing_1) * oscillator.steps,
-            )
-            return True
-        s += u
-    return False
+    s, u, bend, bend_1, bend_2 = root_by_series(
+        series,
+        side,
+        left,
+        -side * speed,
+        -side * scaled,
+        guess * oscillator.steps,
+        t * oscillator.steps,
+    )
+    tau = t + (s + u) * step
+    # Also if u is NaN
+    if not low < tau <= high:
+        return False
+    moved = s * (speed + 0.5 * s * scaled) - bend
+    closing = speed + s * scaled - bend_1
+    closing_1 = scaled - bend_2
+    scaled_velocity = velocity * step
+    x_2 = series.x_2
+    set_end(
+        run,
+        CONTACT_1 if side > 0.0 else CONTACT_2,
+        tau,
+        x
+        + (
+            s * (scaled_velocity + 0.5 * s * x_2)
+            + bend
+            + u * (scaled_velocity + s * x_2 + bend_1 + 0.5 * u * (x_2 + bend_2))
+        ),
+        velocity + (s * x_2 + bend_1 + u * (x_2 + bend_2)) * oscillator.steps,
+        travel + (moved + u * (closing + 0.5 * u * closing_1)),
+        speed_here + (s * scaled - bend_1 + u * closing_1) * oscillator.steps,
+    )
+    return True
 
 
 @kernel(inline=True)
@@ -935,21 +964,101 @@ def starting_side(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> in
 
 
 @kernel
+def passage_by_series(
+    rig: RigConstants,
+    lines: Lines,
+    run: Run,
+    waves: Waves,
+    t_a: float,
+    x_a: float,
+    velocity_a: float,
+    x_b: float,
+    velocity_b: float,
+    bound_3: float,
+) -> float:
+    """Return where X falls to zero on its side in a step, at whose end the waves are, or NaN."""
+    oscillator = oscillator_of(rig, run)
+    step = oscillator.step
+    side = 1.0 * run.crossing_side
+    if not (
+        side * x_a > ERROR * abs(x_b)
+        and side * x_b <= 0.0
+        and max(side * velocity_a, side * velocity_b) + 0.125 * step * step * bound_3 < 0.0
+    ):
+        return nan
+    guess = falling_root(side * x_a, side * velocity_a, side * x_b, side * velocity_b, step)
+    t, x, velocity = t_a + step, x_b, velocity_b
+    # By the nearer point
+    if guess > 0.5 * step:
+        guess -= step
+    else:
+        t, x, velocity = t_a, x_a, velocity_a
+        turn_back(lines, run.first, waves)
+    resting = run.constant * oscillator.inverse_square
+    series: Series = series_at(oscillator, lines, run.first, waves, x - resting, velocity)
+    s, u, _, _, _ = root_by_series(
+        series,
+        side,
+        side * x,
+        side * velocity * step,
+        side * series.x_2,
+        guess * oscillator.steps,
+        t * oscillator.steps,
+    )
+    tau = t + (s + u) * step
+    return tau if t_a < tau <= t_a + step else nan
+
+
+@kernel
 def search_passage(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> None:
-    """Search the next step of the grid for a passage of X through zero."""
+    """Search the next steps of the grid for a passage of X through zero."""
     if run.crossing_side == 0:
         run.crossing_side = starting_side(rig, lines, run, waves)
-    step = oscillator_of(rig, run).step
-    end = run.watched + step
-    motion: Motion = motion_at(rig, lines, run, waves, run.watched)
-    root = first_root(rig, lines, run, waves, PASSAGE, run.watched, motion, end, step)
-    if root == inf:
-        run.watched = end
-        return
-    run.watched = root
-    instant, _ = advance_time(run.time, run.time_low, root)
-    # A passage at the origin belongs to this flight and comes after it.
-    run.crossing = max(nextafter(run.time, inf), instant)
+    oscillator = oscillator_of(rig, run)
+    step = oscillator.step
+    side = 1.0 * run.crossing_side
+    start = run.watched
+    motion: Motion = motion_at(rig, lines, run, waves, start)
+    bound_3, bound_4 = bounds_of(oscillator, PASSAGE, motion)
+    x_x = oscillator.x_x
+    x_v = oscillator.x_v
+    v_x = oscillator.v_x
+    v_v = oscillator.v_v
+    resting = run.constant * oscillator.inverse_square
+    x_a = motion.x
+    velocity_a = motion.velocity
+    for k in range(POINTS):
+        t_a = start + step * k
+        offset, velocity_b = next_point(
+            lines, run.first, waves, x_a - resting, velocity_a, x_x, x_v, v_x, v_v
+        )
+        x_b = resting + offset
+        run.watched = start + step * (k + 1)
+        error = ERROR * (abs(x_a) + abs(x_b) + abs(resting) + abs(velocity_b) * step)
+        if not keeps_sign(
+            side * x_a - error,
+            side * velocity_a,
+            side * x_b - error,
+            side * velocity_b,
+            step,
+            bound_4,
+        ):
+            root = passage_by_series(
+                rig, lines, run, waves, t_a, x_a, velocity_a, x_b, velocity_b, bound_3
+            )
+            if root != root:
+                motion_a: Motion = motion_at(rig, lines, run, waves, t_a)
+                end = run.watched
+                root = first_root(rig, lines, run, waves, PASSAGE, t_a, motion_a, end, step)
+            if root < inf:
+                run.watched = root
+                instant, _ = advance_time(run.time, run.time_low, root)
+                # A passage at the origin belongs to this flight and comes after it.
+                run.crossing = max(nextafter(run.time, inf), instant)
+            # The waves are elsewhere now: the search begins again from here.
+            return
+        x_a = x_b
+        velocity_a = velocity_b
 
 
 @kernel

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 
 from .compiled import kernel
-from .oscillator import Array, Line, Oscillator, oscillators
+from .oscillator import Line, Oscillator, oscillators
 from .parameters import RigParameters
 
 FREE = 0
@@ -91,10 +91,6 @@ class RigConstants(NamedTuple):
     one_sided: bool
 
 
-def _columns(constants: dict[str, Array], cls: Any, row: int) -> Any:
-    return cls(**{name: column[row].item() for name, column in constants.items()})
-
-
 @lru_cache(maxsize=64)
 def _oscillators_of(
     parameters: RigParameters, frequency: float | None
@@ -104,16 +100,14 @@ def _oscillators_of(
         frequencies = (frequency, *frequencies[1:])
     mass = parameters.primary_mass
     masses = np.array([mass, mass + parameters.damper_mass])
-    scalars, of_lines = oscillators(
+    both, harmonics = oscillators(
         masses,
         np.full(2, parameters.stiffness),
         np.full(2, parameters.damping),
-        np.array([amplitudes, amplitudes]),
-        np.array([frequencies, frequencies]),
+        *(np.array([values, values]) for values in (amplitudes, frequencies, phases)),
     )
-    rows = np.stack([of_lines.get(n, np.array([phases, phases])) for n in Line._fields], -1)
-    lines = tuple(Line(*row) for row in rows.reshape(-1, len(Line._fields)).tolist())
-    free, joint = (_columns(scalars, Oscillator, row) for row in range(2))
+    free, joint = map(Oscillator._make, both.tolist())
+    lines = tuple(map(Line._make, harmonics.reshape(-1).tolist()))
     return free, joint, lines
 
 

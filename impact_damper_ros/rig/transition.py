@@ -263,7 +263,7 @@ def report_support(run: Run, log: Log, mode_before: int) -> None:
         write_quiet(run, log, REST_EVENT, stop_under(run.mode))
 
 
-@kernel
+@kernel(inline=True)
 def resolve_contact(
     rig: RigConstants, lines: Lines, run: Run, waves: Waves, log: Log, stop: int
 ) -> None:

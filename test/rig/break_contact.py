@@ -17,7 +17,7 @@ from types import FunctionType
 
 import numpy as np
 
-from impact_damper_ros.rig.compiled import compiled_namespace, dtype_of, has_numba
+from impact_damper_ros.rig.compiled import compiled_namespace, has_numba, rows_of
 from impact_damper_ros.rig.flight import begin_flight
 from impact_damper_ros.rig.oscillator import Line, Oscillator, oscillators
 from impact_damper_ros.rig.run import ALL_STEPS, find_event
@@ -43,21 +43,14 @@ def launchable(cases: FlightCases) -> FlightCases:
     return cases.take(~pressed)
 
 
-def records(cls, shape, **columns):
-    """Return records of a class with the given columns."""
-    rows = np.zeros(shape, dtype_of(cls)).view(np.recarray)
-    for name, column in columns.items():
-        rows[name] = column
-    return rows
-
-
 def flights_of(cases: FlightCases):
     """Return rigs, harmonics, states and waves of the oracle's flights."""
     mass = np.ones(len(cases))
     square, dashpot = cases.omega0**2, 2.0 * cases.zeta * cases.omega0
-    constants, of_lines = oscillators(mass, square, dashpot, cases.force_acc, cases.force_freq)
-    oscillator = records(Oscillator, len(cases), **constants)
-    rigs = records(
+    oscillator, lines = oscillators(
+        mass, square, dashpot, cases.force_acc, cases.force_freq, cases.force_phase0
+    )
+    rigs = rows_of(
         RigConstants,
         len(cases),
         free=oscillator,
@@ -69,14 +62,13 @@ def flights_of(cases: FlightCases):
         half_gap=cases.half_gap,
         one_sided=cases.one_sided,
     )
-    lines = records(Line, cases.force_acc.shape, phase=cases.force_phase0, **of_lines)
-    waves = records(Wave, cases.force_acc.shape)
+    waves = rows_of(Wave, cases.force_acc.shape)
     force = (cases.force_acc * np.sin(cases.force_phase0)).sum(axis=1)
     drag = square * cases.x0 + dashpot * cases.v0
     relative = cases.gz - (cases.const_acc + force - drag)
     flat = np.abs(relative) <= 1e3 * EPS * cases.strength
     sliding = np.where(cases.slide > 0, Mode.SLIDE_DOWN, Mode.SLIDE_UP)
-    runs = records(
+    runs = rows_of(
         Run,
         len(cases),
         mode=np.where(cases.watch_reversal, sliding, Mode.FREE),
@@ -137,7 +129,7 @@ def claims(cases: FlightCases, find=plain_find_all) -> tuple[np.ndarray, np.ndar
     """Return kind and instant of each first event; no kind: how far there is none."""
     rigs, lines, runs, waves = flights_of(cases)
     find(rigs, lines, runs, waves, cases.horizon)
-    return runs.kind, np.where(runs.kind == 0, runs.searched, runs.tau)
+    return runs['kind'], np.where(runs['kind'] == 0, runs['searched'], runs['tau'])
 
 
 def trial(name: str, count: int, seed: int, find=plain_find_all) -> Verdict:
