@@ -30,7 +30,6 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints, overload
 
 import numpy as np
-from numpy.lib.recfunctions import unstructured_to_structured
 
 F = TypeVar('F', bound=Callable[..., Any])
 
@@ -84,12 +83,10 @@ def dtype_of(cls: Any) -> np.dtype[Any]:
 
 
 def rows_of(cls: Any, shape: int | tuple[int, ...], **columns: Any) -> Any:
-    """Return records of a class with the given columns; a nested class may be an axis."""
+    """Return records of a class with the given columns."""
     rows = np.zeros(shape, dtype_of(cls))
     for name, column in columns.items():
-        kind = rows.dtype[name]
-        nested = kind.names and not np.asarray(column).dtype.names
-        rows[name] = unstructured_to_structured(column, kind) if nested else column
+        rows[name] = column
     return rows
 
 

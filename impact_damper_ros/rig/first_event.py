@@ -33,6 +33,7 @@ from .flight import (
     REVERSAL,
     Lines,
     Motion,
+    Series,
     Waves,
     coarse_tail,
     motion_at,
@@ -42,7 +43,7 @@ from .flight import (
     tail,
     with_derivatives,
 )
-from .oscillator import POINTS, Oscillator, Series, free_bound
+from .oscillator import POINTS, Oscillator, free_bound
 from .state import RigConstants, Run, advance_time, on_stop_1, on_stop_2
 
 _EPSILON = 2.220446049250313e-16

@@ -21,15 +21,7 @@ from math import cos, floor, inf, sin
 from typing import NamedTuple
 
 from .compiled import kernel
-from .oscillator import (
-    Driven,
-    Free,
-    Line,
-    Oscillator,
-    Series,
-    driven_response,
-    free_response,
-)
+from .oscillator import Driven, Free, Line, Oscillator, driven_response, free_response
 from .state import (
     CHATTER_1,
     FREE,
@@ -88,6 +80,26 @@ class Motion(NamedTuple):
     x_4: float
     x_5: float
     x_6: float
+
+
+class Series(NamedTuple):
+    """X'' at a point, and the coefficients of the second to fifteenth power in that of X'."""
+
+    x_2: float
+    b_3: float
+    b_4: float
+    b_5: float
+    b_6: float
+    b_7: float
+    b_8: float
+    b_9: float
+    b_10: float
+    b_11: float
+    b_12: float
+    b_13: float
+    b_14: float
+    b_15: float
+    b_16: float
 
 
 @kernel(inline=True)
@@ -304,56 +316,7 @@ def begin_flight(rig: RigConstants, lines: Lines, run: Run, waves: Waves) -> Non
         begin_moving(rig, lines, run, waves)
 
 
-def _series_of_records(
-    oscillator: Oscillator,
-    lines: Lines,
-    first: int,
-    waves: Waves,
-    offset: float,
-    velocity: float,
-) -> Series:
-    scaled = velocity * oscillator.step
-    alone = oscillator.series_x
-    moving = oscillator.series_v
-    x_2 = alone.x_2 * offset + moving.x_2 * scaled
-    b_3 = alone.b_3 * offset + moving.b_3 * scaled
-    b_4 = alone.b_4 * offset + moving.b_4 * scaled
-    b_5 = alone.b_5 * offset + moving.b_5 * scaled
-    b_6 = alone.b_6 * offset + moving.b_6 * scaled
-    b_7 = alone.b_7 * offset + moving.b_7 * scaled
-    b_8 = alone.b_8 * offset + moving.b_8 * scaled
-    b_9 = alone.b_9 * offset + moving.b_9 * scaled
-    b_10 = alone.b_10 * offset + moving.b_10 * scaled
-    b_11 = alone.b_11 * offset + moving.b_11 * scaled
-    b_12 = alone.b_12 * offset + moving.b_12 * scaled
-    b_13 = alone.b_13 * offset + moving.b_13 * scaled
-    b_14 = alone.b_14 * offset + moving.b_14 * scaled
-    b_15 = alone.b_15 * offset + moving.b_15 * scaled
-    b_16 = alone.b_16 * offset + moving.b_16 * scaled
-    for j in range(len(waves)):
-        by_sine = lines[first + j].series_sine
-        by_cosine = lines[first + j].series_cosine
-        sine = waves[j].sine
-        cosine = waves[j].cosine
-        x_2 += by_sine.x_2 * sine + by_cosine.x_2 * cosine
-        b_3 += by_sine.b_3 * sine + by_cosine.b_3 * cosine
-        b_4 += by_sine.b_4 * sine + by_cosine.b_4 * cosine
-        b_5 += by_sine.b_5 * sine + by_cosine.b_5 * cosine
-        b_6 += by_sine.b_6 * sine + by_cosine.b_6 * cosine
-        b_7 += by_sine.b_7 * sine + by_cosine.b_7 * cosine
-        b_8 += by_sine.b_8 * sine + by_cosine.b_8 * cosine
-        b_9 += by_sine.b_9 * sine + by_cosine.b_9 * cosine
-        b_10 += by_sine.b_10 * sine + by_cosine.b_10 * cosine
-        b_11 += by_sine.b_11 * sine + by_cosine.b_11 * cosine
-        b_12 += by_sine.b_12 * sine + by_cosine.b_12 * cosine
-        b_13 += by_sine.b_13 * sine + by_cosine.b_13 * cosine
-        b_14 += by_sine.b_14 * sine + by_cosine.b_14 * cosine
-        b_15 += by_sine.b_15 * sine + by_cosine.b_15 * cosine
-        b_16 += by_sine.b_16 * sine + by_cosine.b_16 * cosine
-    return Series(x_2, b_3, b_4, b_5, b_6, b_7, b_8, b_9, b_10, b_11, b_12, b_13, b_14, b_15, b_16)
-
-
-@kernel(inline=True, twin=_series_of_records)
+@kernel(inline=True)
 def series_at(
     oscillator: Oscillator,
     lines: Lines,
@@ -362,23 +325,79 @@ def series_at(
     offset: float,
     velocity: float,
 ) -> Series:
-    """Return the series around a point, with the time in steps: linear in state and drive."""
-    scaled = velocity * oscillator.step
-    sums = [
-        alone * offset + moving * scaled
-        for alone, moving in zip(oscillator.series_x, oscillator.series_v, strict=True)
-    ]
+    """Return the series around a point: each derivative from the two before it and the drive."""
+    # Negative zero is what adds nothing, which a compiler makes use of.
+    f_0 = f_1 = f_2 = f_3 = f_4 = f_5 = f_6 = f_7 = -0.0
+    f_8 = f_9 = f_10 = f_11 = f_12 = f_13 = f_14 = -0.0
     for j in range(len(waves)):
-        line = lines[first + j]
-        sine = waves[j].sine
-        cosine = waves[j].cosine
-        sums = [
-            total + (by_sine * sine + by_cosine * cosine)
-            for total, by_sine, by_cosine in zip(
-                sums, line.series_sine, line.series_cosine, strict=True
-            )
-        ]
-    return Series._make(sums)
+        push = lines[first + j].push
+        turn = lines[first + j].turn
+        even = push * waves[j].sine
+        odd = push * turn * waves[j].cosine
+        turned = -turn * turn
+        f_0 += even
+        f_1 += odd
+        even *= turned
+        odd *= turned
+        f_2 += even
+        f_3 += odd
+        even *= turned
+        odd *= turned
+        f_4 += even
+        f_5 += odd
+        even *= turned
+        odd *= turned
+        f_6 += even
+        f_7 += odd
+        even *= turned
+        odd *= turned
+        f_8 += even
+        f_9 += odd
+        even *= turned
+        odd *= turned
+        f_10 += even
+        f_11 += odd
+        even *= turned
+        odd *= turned
+        f_12 += even
+        f_13 += odd
+        even *= turned
+        f_14 += even
+    spring = oscillator.spring
+    dashpot = oscillator.dashpot
+    d_1 = velocity * oscillator.step
+    d_2 = (f_0 - spring * offset) - dashpot * d_1
+    d_3 = (f_1 - spring * d_1) - dashpot * d_2
+    d_4 = (f_2 - spring * d_2) - dashpot * d_3
+    d_5 = (f_3 - spring * d_3) - dashpot * d_4
+    d_6 = (f_4 - spring * d_4) - dashpot * d_5
+    d_7 = (f_5 - spring * d_5) - dashpot * d_6
+    d_8 = (f_6 - spring * d_6) - dashpot * d_7
+    d_9 = (f_7 - spring * d_7) - dashpot * d_8
+    d_10 = (f_8 - spring * d_8) - dashpot * d_9
+    d_11 = (f_9 - spring * d_9) - dashpot * d_10
+    d_12 = (f_10 - spring * d_10) - dashpot * d_11
+    d_13 = (f_11 - spring * d_11) - dashpot * d_12
+    d_14 = (f_12 - spring * d_12) - dashpot * d_13
+    d_15 = (f_13 - spring * d_13) - dashpot * d_14
+    d_16 = (f_14 - spring * d_14) - dashpot * d_15
+    return Series(
+        d_2,
+        d_3 * (1.0 / 2.0),
+        d_4 * (1.0 / 6.0),
+        d_5 * (1.0 / 24.0),
+        d_6 * (1.0 / 120.0),
+        d_7 * (1.0 / 720.0),
+        d_8 * (1.0 / 5040.0),
+        d_9 * (1.0 / 40320.0),
+        d_10 * (1.0 / 362880.0),
+        d_11 * (1.0 / 3628800.0),
+        d_12 * (1.0 / 39916800.0),
+        d_13 * (1.0 / 479001600.0),
+        d_14 * (1.0 / 6227020800.0),
+        d_15 * (1.0 / 87178291200.0),
+        d_16 * (1.0 / 1307674368000.0),
+    )
 
 
 @kernel(inline=True)

@@ -27,26 +27,6 @@ from .compiled import kernel, rows_of
 Array = npt.NDArray[Any]
 
 
-class Series(NamedTuple):
-    """X'' at a point, and the coefficients of the second to fifteenth power in that of X'."""
-
-    x_2: float
-    b_3: float
-    b_4: float
-    b_5: float
-    b_6: float
-    b_7: float
-    b_8: float
-    b_9: float
-    b_10: float
-    b_11: float
-    b_12: float
-    b_13: float
-    b_14: float
-    b_15: float
-    b_16: float
-
-
 class Free(NamedTuple):
     """
     Free vibration at one instant.
@@ -93,12 +73,12 @@ class Line(NamedTuple):
     near_re, near_im, far_re, far_im : float
         The factors 1/(iW - l) and 1/(iW - conj(l)), both conjugated. Far above resonance `near`
         holds 1/((w^2 - W^2) + 2 i a W), conjugated.
+    push, turn : float
+        With the time in steps of the grid: amplitude f step^2, and angle W step turned in a step.
     turn_cosine, turn_sine : float
-        Cosine and sine of the angle turned in a step of the grid.
+        Cosine and sine of that angle.
     x_cosine, x_sine, v_cosine, v_sine : float
         X and X' a step after rest, for unit cosine and for unit sine of the phase at the start.
-    series_cosine, series_sine : Series
-        The series of X from rest, with the time in steps, for these.
     """
 
     force: float
@@ -109,14 +89,14 @@ class Line(NamedTuple):
     near_im: float
     far_re: float
     far_im: float
+    push: float
+    turn: float
     turn_cosine: float
     turn_sine: float
     x_cosine: float
     x_sine: float
     v_cosine: float
     v_sine: float
-    series_cosine: Series
-    series_sine: Series
 
 
 class Oscillator(NamedTuple):
@@ -139,8 +119,8 @@ class Oscillator(NamedTuple):
         Time from point to point of the grid, s, and its inverse.
     x_x, v_x, x_v, v_v : float
         X and X' after a step from unit X, and from unit X', without drive.
-    series_x, series_v : Series
-        The series of X from unit X, and from unit X' step, with the time in steps, without drive.
+    spring, dashpot : float
+        Constants w^2 step^2 and 2 a step of the equation of motion with the time in steps.
     bound_3, bound_4, bound_5 : float
         Bounds of what the drive adds to the third to fifth time derivative of X, beyond the free
         vibration, over `POINTS` steps.
@@ -165,8 +145,8 @@ class Oscillator(NamedTuple):
     v_x: float
     x_v: float
     v_v: float
-    series_x: Series
-    series_v: Series
+    spring: float
+    dashpot: float
     bound_3: float
     bound_4: float
     bound_5: float
@@ -195,25 +175,6 @@ def _series(factors: Any, variable: Array) -> Array:
     for factor in reversed(factors[:-1]):
         total = total * variable + factor
     return total
-
-
-def _series_of(
-    spring: Array,
-    dashpot: Array,
-    x: float,
-    velocity: float,
-    drive: Array | float = 0.0,
-    rate: Array | float = 0.0,
-    turn: Array | float = 0.0,
-) -> Array:
-    """Return the `Series` from a state, a harmonic drive and its rate, along a last axis."""
-    before, last = np.zeros_like(spring) + x, np.zeros_like(spring) + velocity
-    found = []
-    for factorial_before in (factorial(n) for n in range(1, 16)):
-        before, last = last, drive - spring * before - dashpot * last
-        found.append(last / factorial_before)
-        drive, rate = rate, -turn * turn * drive
-    return np.stack(np.broadcast_arrays(*found), -1).astype(float)
 
 
 def _bound_on_drive(
@@ -307,8 +268,8 @@ def oscillators(
         'v_x': -in_steps[0] * responses[1] / span,
         'x_v': span * responses[1],
         'v_v': responses[0],
-        'series_x': _series_of(*in_steps, 1, 0),
-        'series_v': _series_of(*in_steps, 0, 1),
+        'spring': in_steps[0],
+        'dashpot': in_steps[1],
         'bound_3': _bound_on_drive(*bounds, 3, far_grid),
         'bound_4': _bound_on_drive(*bounds, 4, far_grid),
         'bound_5': _bound_on_drive(*bounds, 5, far_grid),
@@ -318,7 +279,6 @@ def oscillators(
     }
     circular, wide = frequencies.astype(np.longdouble), span[:, None]
     push, turn = wide * wide * force, wide * circular
-    wide_steps = in_steps[0][:, None], in_steps[1][:, None]
     # Without a force the step may be a long one for a harmonic.
     angle = wide * acting
     square = -angle * angle
@@ -341,14 +301,14 @@ def oscillators(
         'near_im': imaginary / near,
         'far_re': wide_a / far,
         'far_im': (frequencies + wide_b) / far,
+        'push': push,
+        'turn': turn,
         'turn_cosine': _series(_INVERSES[::2], square),
         'turn_sine': angle * _series(_INVERSES[1::2], square),
         'x_cosine': push * turn * odd,
         'x_sine': push * even,
         'v_cosine': push * turn * even / wide,
         'v_sine': push * (columns[1] + square * odd) / wide,
-        'series_cosine': _series_of(*wide_steps, 0, 0, 0, push * turn, turn),
-        'series_sine': _series_of(*wide_steps, 0, 0, push, 0, turn),
     }
     return (
         rows_of(Oscillator, len(mass), **constants),
