@@ -15,6 +15,7 @@ from impact_damper_ros.rig import GAP_CONTROL_SPECS, GapControlParameters
 from .record import CONTROL_JOINTS, Action, ControlRecord
 
 if TYPE_CHECKING:
+    from .ensemble import EnsembleResult, run_ensemble
     from .law import Damper, damper_of
     from .own_law import LawError, LawInput, OwnLaw
     from .rig import Outcome, Rig, RunResult
@@ -25,6 +26,7 @@ __all__ = [
     'Action',
     'ControlRecord',
     'Damper',
+    'EnsembleResult',
     'GapControlParameters',
     'LawError',
     'LawInput',
@@ -33,12 +35,14 @@ __all__ = [
     'Rig',
     'RunResult',
     'damper_of',
+    'run_ensemble',
 ]
 
 #: Loads what needs numpy.
 __getattr__ = lazy_names(
     __name__,
     {
+        'ensemble': ('EnsembleResult', 'run_ensemble'),
         'law': ('Damper', 'damper_of'),
         'own_law': ('LawError', 'LawInput', 'OwnLaw'),
         'rig': ('Outcome', 'Rig', 'RunResult'),

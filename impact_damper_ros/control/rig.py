@@ -160,7 +160,7 @@ class RunResult(NamedTuple):
         return found
 
 
-def _most(most_events: float) -> int:
+def most_of(most_events: float) -> int:
     """Return a number of events, rounded up; or raise a ValueError."""
     number = as_float(most_events)
     if not number >= 0.0:
@@ -170,7 +170,7 @@ def _most(most_events: float) -> int:
     return _MOST if number >= _MOST else ceil(number)
 
 
-def _later(time: float, now: float) -> float:
+def later_time(time: float, now: float) -> float:
     """Return a time to which a rig can run, s; or raise a ValueError."""
     end = as_float(time)
     if not now <= end < inf:
@@ -180,6 +180,21 @@ def _later(time: float, now: float) -> float:
     if end > LATEST:
         raise ValueError(f'cannot advance to {end!r} s: give a time up to {LATEST:g} s')
     return end
+
+
+def times_between(since: float, end: float, instants: Any) -> npt.NDArray[np.float64]:
+    """Return instants in order as an array; or raise a ValueError."""
+    try:
+        when = np.array(instants, dtype=float).reshape(-1)
+    except (OverflowError, TypeError, ValueError) as error:
+        raise ValueError(f'instants are {shown(instants)}: give a list of times, s') from error
+    in_order = bool(np.all(when[1:] >= when[:-1]))
+    if len(when) and not (in_order and when[0] >= since and when[-1] <= end):
+        raise ValueError(
+            f'instants must ascend from {since!r} s to {end!r} s: sort them, and leave out those '
+            'before and after'
+        )
+    return when
 
 
 def _check_target(one_sided: bool, stop: int, target: float, speed: float) -> None:
@@ -498,8 +513,8 @@ class Rig:
         LawError
             If a law of the user's own fails; the rig is then where it was.
         """
-        time = _later(time, self.time)
-        most = _most(most_events)
+        time = later_time(time, self.time)
+        most = most_of(most_events)
         before = self.mark() if self._law is not None else None
         events, self._unreported, self._records = list(self._unreported), [], []
         try:
@@ -631,17 +646,8 @@ class Rig:
         LawError
             If a law of the user's own fails; the rig is then where it was.
         """
-        most, time, since = _most(most_events), _later(time, self.time), self.time
-        try:
-            when = np.array(instants, dtype=float).reshape(-1)
-        except (OverflowError, TypeError, ValueError) as error:
-            raise ValueError(f'instants are {shown(instants)}: give a list of times, s') from error
-        in_order = bool(np.all(when[1:] >= when[:-1]))
-        if len(when) and not (in_order and when[0] >= since and when[-1] <= time):
-            raise ValueError(
-                f'instants must ascend from {since!r} s to {time!r} s: sort them, and leave '
-                'out those before and after'
-            )
+        most, time, since = most_of(most_events), later_time(time, self.time), self.time
+        when = times_between(since, time, instants)
         before = self.mark()
         try:
             return self._run_through(time, when, record, most)

@@ -93,56 +93,69 @@ class RigConstants(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _oscillators_of(
-    parameters: RigParameters, frequency: float | None
+    mass: float, damper_mass: float, stiffness: float, damping: float, *force: tuple[float, ...]
 ) -> tuple[Oscillator, Oscillator, tuple[Line, ...]]:
-    amplitudes, frequencies, phases = parameters.harmonics
-    if frequency is not None:
-        frequencies = (frequency, *frequencies[1:])
-    mass = parameters.primary_mass
-    masses = np.array([mass, mass + parameters.damper_mass])
     both, harmonics = oscillators(
-        masses,
-        np.full(2, parameters.stiffness),
-        np.full(2, parameters.damping),
-        *(np.array([values, values]) for values in (amplitudes, frequencies, phases)),
+        np.array([mass, mass + damper_mass]),
+        np.full(2, stiffness),
+        np.full(2, damping),
+        *(np.array([values, values]) for values in force),
     )
     free, joint = map(Oscillator._make, both.tolist())
-    lines = tuple(map(Line._make, harmonics.reshape(-1).tolist()))
-    return free, joint, lines
+    return free, joint, tuple(map(Line._make, harmonics.reshape(-1).tolist()))
+
+
+def rig_fields(p: Any, sine: Any, cosine: Any, forces: Any) -> dict[str, Any]:
+    """
+    Return the fields of `RigConstants` but for oscillators, of one rig or of many as arrays.
+
+    `p` has the parameters of `RigParameters`; given are sine and cosine of the angle, and the sum
+    of the moduli of the forces.
+    """
+    mass_ratio = p.damper_mass / p.primary_mass
+    slope = p.gravity * sine
+    grip = p.friction * p.gravity * cosine
+    air = p.air_force / p.damper_mass
+    most = forces / (p.primary_mass + p.damper_mass)
+    return {
+        'mass_ratio': mass_ratio,
+        'share': mass_ratio / (1.0 + mass_ratio),
+        'damper_mass': p.damper_mass,
+        'restitution_1': p.restitution_1,
+        'restitution_2': p.restitution_2,
+        'slope': slope,
+        'grip': grip,
+        'air': air,
+        'push': (1.0 + mass_ratio) * (most + 2.0 * abs(slope) + air + grip),
+        'half_gap': 0.5 * p.gap,
+        'one_sided': p.one_sided,
+    }
+
+
+def incline(angle: float) -> tuple[float, float]:
+    """Return sine and cosine of an angle; at 90 degrees as rounded there is no normal force."""
+    cosine = cos(angle)
+    return sin(angle), 0.0 if cosine < 1e-5 else cosine
 
 
 def constants_of(
     parameters: RigParameters, frequency: float | None = None
 ) -> tuple[RigConstants, list[Line]]:
     """Return a rig's constants and harmonics, the first of them at a frequency if it is given."""
-    free, joint, lines = _oscillators_of(parameters, frequency)
-    # At 90 degrees, as 1.5708 or as pi/2 rounded, there is no normal force.
-    cosine = cos(parameters.angle)
-    if cosine < 1e-5:
-        cosine = 0.0
-    mass_ratio = parameters.mass_ratio
-    slope = parameters.gravity * sin(parameters.angle)
-    grip = parameters.friction * parameters.gravity * cosine
-    air = parameters.air_force / parameters.damper_mass
-    amplitudes = parameters.harmonics[0]
-    forces = sum(map(abs, amplitudes)) / (parameters.primary_mass + parameters.damper_mass)
-    constants = RigConstants(
-        free=free,
-        joint=joint,
-        harmonics=len(amplitudes),
-        mass_ratio=mass_ratio,
-        share=mass_ratio / (1.0 + mass_ratio),
-        damper_mass=parameters.damper_mass,
-        restitution_1=parameters.restitution_1,
-        restitution_2=parameters.restitution_2,
-        slope=slope,
-        grip=grip,
-        air=air,
-        push=(1.0 + mass_ratio) * (forces + 2.0 * abs(slope) + air + grip),
-        half_gap=0.5 * parameters.gap,
-        one_sided=parameters.one_sided,
+    amplitudes, frequencies, phases = parameters.harmonics
+    if frequency is not None:
+        frequencies = (frequency, *frequencies[1:])
+    free, joint, lines = _oscillators_of(
+        parameters.primary_mass,
+        parameters.damper_mass,
+        parameters.stiffness,
+        parameters.damping,
+        amplitudes,
+        frequencies,
+        phases,
     )
-    return constants, list(lines)
+    fields = rig_fields(parameters, *incline(parameters.angle), sum(map(abs, amplitudes)))
+    return RigConstants(free, joint, len(amplitudes), **fields), list(lines)
 
 
 @dataclass(slots=True)
