@@ -374,6 +374,7 @@ def _run(
                     if recording is not None:
                         recording.happened(portion)
                     events += portion if instant >= watched_from else ()
+                    bar.set_postfix_str(f'{watch.counts.total()} events', refresh=False)
                     bar.update(rig.time - before)
                     before = rig.time
             except EndlessEventsError as error:

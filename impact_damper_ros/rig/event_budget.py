@@ -21,9 +21,8 @@ MOST_EVENTS = 200_000
 #: Events in a period of the fastest of spring and force, on average, up to which a run may go on
 #: beyond that: a rig that chatters in each cycle may do so for long.
 PER_PERIOD = 100
-#: Events that are taken together, so that those of a run can be written while it goes on; more
-#: than the simulator takes for a runaway at one instant, which it counts within one advance.
-_PORTION = 20_000
+#: Events that are taken together, so that those of a run can be written while it goes on.
+_PORTION = 1_000
 REMEDY = 'make the stops less elastic or the gap wider'
 
 
