@@ -261,7 +261,9 @@ def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> 
         # Steps may become small: looked at is the clock, not how far they are.
         miniters=0,
         disable=True if quiet else None,
-        bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} ' + unit + ' [{elapsed}<{remaining}{postfix}]',
+        bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} '
+        + unit
+        + ' [{elapsed}<{remaining}{postfix}]',
     )
 
 
