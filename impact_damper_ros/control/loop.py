@@ -37,6 +37,7 @@ from impact_damper_ros.rig.run import (
     LAW_FAILED,
     PAUSED,
     SPENT,
+    TIME_MARGIN,
     count_modes,
     find_event,
     find_passage,
@@ -65,8 +66,6 @@ _ARRIVED_ACTION = int(Action.ARRIVED)
 _TOUCHED_ACTION = int(Action.TOUCHED)
 _CROSSING_ACTION = int(Action.CROSSING)
 _NAN = float('nan')
-#: What a float lacks, at most, to the instant that it stands for, relative to that.
-_TIME_MARGIN = 1e-15
 
 
 @kernel
@@ -213,11 +212,11 @@ def quiet_until(run: Run) -> float:
     quiet = run.due
     if quiet == inf:
         reached = run.time + run.searched
-        quiet = reached - _TIME_MARGIN * abs(reached)
+        quiet = reached - TIME_MARGIN * abs(reached)
     crossing = run.crossing
     if crossing == inf:
         reached = run.time + run.watched
-        crossing = reached - _TIME_MARGIN * abs(reached)
+        crossing = reached - TIME_MARGIN * abs(reached)
     return min(quiet, crossing)
 
 

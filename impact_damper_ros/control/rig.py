@@ -56,6 +56,7 @@ from impact_damper_ros.rig.run import (
     PAUSED,
     RUNAWAY,
     SPENT,
+    TIME_MARGIN,
     count_modes,
     find_event,
 )
@@ -80,8 +81,6 @@ _MOST_AHEAD = 1_000_000
 #: More events than any run has.
 _MOST = 2**62
 _COMMAND = int(Action.COMMAND)
-#: What a float lacks, at most, to the instant that it stands for, relative to that.
-_MARGIN = 1e-15
 _FARTHEST = 1e9
 _SLOWEST = 1e-9
 
@@ -556,30 +555,43 @@ class Rig:
 
     def _go(self, end: float, most: int, steps: int) -> tuple[int, list[Event]]:
         """Run up to an instant in plain Python; return why it stopped, and the events."""
-        controlled = self.acts
-        rows, acts = self._scratch
-        run, control = self._run, self._control
-        run.room, run.written, run.happened = _PLAIN_ROWS, 0, 0
-        run.most, run.steps = min(most, _PLAIN_ROWS), steps
-        control.controller.recorded, control.controller.room = 0, _PLAIN_ROWS
-        status, _ = run_through(
+        run, (rows, acts), controlled = self._run, self._scratch, self.acts
+        run.most, run.happened, run.steps = min(most, _PLAIN_ROWS), 0, steps
+        status, _ = self._go_plain(acts, end, (), 0, (), [0.0] * len(Mode))
+        if controlled:
+            self._note(acts[: self._control.controller.recorded])
+        self._after(status)
+        return status, events_of(rows, run.written)
+
+    def _go_plain(
+        self,
+        acts: Sequence[ActRow],
+        end: float,
+        when: Sequence[float],
+        sampled: int,
+        samples: Any,
+        in_mode: Any,
+    ) -> tuple[int, int]:
+        """Run up to an instant; return why it stopped, and the number of samples taken."""
+        run, (rows, _) = self._run, self._scratch
+        run.room, run.written = len(rows), 0
+        self._control.controller.recorded, self._control.controller.room = 0, len(acts)
+        control = self._control if self.acts else None
+        found: tuple[int, int] = run_through(
             self._rig,
             self._lines,
             run,
             self._waves,
             rows,
-            [0.0] * len(Mode),
-            control if controlled else None,
+            in_mode,
+            control,
             acts,
             end,
-            (),
-            0,
-            (),
+            when,
+            sampled,
+            samples,
         )
-        if controlled:
-            self._note(acts[: control.controller.recorded])
-        self._after(status)
-        return status, events_of(rows, run.written)
+        return found
 
     def _note(self, acts: Sequence[Any]) -> None:
         records = ControlRecord.of(acts)
@@ -664,7 +676,6 @@ class Rig:
         table = _EventTable(keep=record)
         table.add(self._unreported, self.mode)
         self._unreported, self._records = [], []
-        go = self._go_compiled if self.compiled else self._go_plain
         while True:
             due = self._step_due
             end, count = time, len(when)
@@ -673,9 +684,15 @@ class Rig:
                 end, count = due, int(np.searchsorted(when, due))
             status = FULL
             while status in (FULL, COMMANDS_FULL):
-                self._run.most, self._run.happened = most - happened, 0
+                run = self._run
+                run.most, run.happened, run.steps = most - happened, 0, ALL_STEPS
                 table.done = (self.time - since) / (time - since or 1.0)
-                status, sampled = go(end, when[:count], sampled, samples, in_mode, table)
+                due_instants, kept = when[:count], (sampled, samples, in_mode)
+                if self.compiled:
+                    status, sampled = self._go_compiled(end, due_instants, *kept, table)
+                else:
+                    status, sampled = self._go_plain((), end, due_instants.tolist(), *kept)
+                    table.take(list(map(_row_fields, self._scratch[0][: run.written])))
                 happened += self._run.happened
                 self._after(status)
             if status == DONE and due <= time and happened >= most:
@@ -696,37 +713,6 @@ class Rig:
             in_mode,
         )
 
-    def _go_plain(
-        self,
-        end: float,
-        when: npt.NDArray[np.float64],
-        sampled: int,
-        samples: Any,
-        in_mode: Any,
-        table: _EventTable,
-    ) -> tuple[int, int]:
-        """Run up to an instant; return why it stopped, and the number of samples taken."""
-        run, control = self._run, self._control
-        rows, _ = self._scratch
-        run.room, run.written, run.steps = len(rows), 0, ALL_STEPS
-        control.controller.recorded = control.controller.room = 0
-        found = run_through(
-            self._rig,
-            self._lines,
-            run,
-            self._waves,
-            rows,
-            in_mode,
-            control if self.acts else None,
-            (),
-            end,
-            when.tolist(),
-            sampled,
-            samples,
-        )
-        table.take([_row_fields(row) for row in rows[: run.written]])
-        return found
-
     def _go_compiled(
         self,
         end: float,
@@ -744,7 +730,7 @@ class Rig:
         if controlled and not len(rows):
             # What the stops do is read from the events.
             rows = np.empty(_ROWS, dtype_of(EventRow))
-        run.room, run.written, run.steps = len(rows), 0, ALL_STEPS
+        run.room, run.written = len(rows), 0
         control.controller.recorded = control.controller.room = 0
         state, waves = packed(run), packed_rows(self._waves, Wave)
         acting = control.packed() if controlled else None
@@ -941,7 +927,7 @@ class Rig:
         while not find_event(self._rig, self._lines, run, self._waves, max(times)):
             assert interrupted is not None
             if interrupted():
-                until = run.time + run.searched - _MARGIN * abs(run.time)
+                until = run.time + run.searched - TIME_MARGIN * abs(run.time)
                 break
             run.steps = _STEPS_AT_A_STRETCH
         until = min(self._step_due, run.due, until)

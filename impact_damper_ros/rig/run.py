@@ -38,6 +38,8 @@ GOING = 7
 MOST_AT_ONCE = 10_000
 #: More steps than any search takes.
 ALL_STEPS = 2**62
+#: What a float lacks, at most, to the instant that it stands for, relative to that.
+TIME_MARGIN = 1e-15
 # The tolerance of the search, so that an event which rounds to the end of a search belongs to it
 _NEXT = 4.440892098500626e-16
 

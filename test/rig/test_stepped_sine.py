@@ -122,11 +122,11 @@ def test_up_and_down_differ_where_two_motions_are_stable():
         sweep_low=0.92,
         sweep_high=1.02,
         sweep_step=0.02,
-        sweep_dwell=1500.0,
+        sweep_dwell=4000.0,
     )
     rig, seen = Rig(parameters), {}
     for step in range(frequency_steps(parameters) + 1):
-        frequency, end = rig.force_frequency, (step + 1) * 1500.0
+        frequency, end = rig.force_frequency, (step + 1) * 4000.0
         rig.advance(end - 200.0)
         largest, hits = 0.0, 0
         while rig.time < end - 1.0:
