@@ -19,7 +19,6 @@ from typing import Any
 
 import yaml
 
-from .arguments import need, path_of
 from .parameter_spec import ParameterError
 from .parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, RigParameters
 from .quoting import named, shown
@@ -381,8 +380,7 @@ def load_parameters(
     ParameterError
         If a value is not admissible.
     """
-    need(str, node=node)
-    path = preset_file(path_of('path', path))
+    path = preset_file(Path(path))
     try:
         tree = guarded_yaml(path)
     except OSError as error:
