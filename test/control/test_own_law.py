@@ -57,45 +57,6 @@ def test_its_memory_goes_through_snapshots():
         Rig.restore(json.loads(text))
 
 
-def test_the_run_does_not_depend_on_how_it_is_cut():
-    whole, parts = follow_rig(actuator_delay=0.2), follow_rig(actuator_delay=0.2)
-    whole.advance(30.0)
-    for k in range(1, 300):
-        mark = parts.mark()
-        parts.advance(0.1 * k)
-        if k % 7 == 0:
-            parts.go_back(mark)
-            parts.advance(0.1 * k)
-    parts.advance(30.0)
-    assert parts.snapshot() == whole.snapshot()
-
-
-def test_a_long_run_has_it_too():
-    run = Rig(TRIAL, control=control('timed'), law=laws.push, compiled=None)
-    rig = Rig(TRIAL, control=control('timed'), law=laws.push)
-    run.run(60.0)
-    rig.advance(60.0)
-    assert run.snapshot() == rig.snapshot()
-    assert Rig.restore(run.snapshot(), laws.push, compiled=None).snapshot() == rig.snapshot()
-    assert rig.amplitude > 0.0
-
-
-@pytest.mark.parametrize('values', [{}, {'gap_control_noise_position': 0.1}])
-def test_a_compiled_law_runs_in_the_compiled_loop(values):
-    """As the law runs in plain Python, to the last bit, and from its snapshots."""
-    numba = pytest.importorskip('numba')
-    own = numba.njit(laws.push)
-    run = Rig(TRIAL, control=control('timed', **values), law=own, compiled=True)
-    rig = Rig(TRIAL, control=control('timed', **values), law=own)
-    for until in (31.0, 60.0):
-        run.run(until)
-        rig.advance(until)
-        assert run.snapshot() == rig.snapshot()
-        run = Rig.restore(run.snapshot(), own, compiled=True)
-    assert run.snapshot()['gap_control']['law']['name'] == 'control.laws:push'
-    assert len(rig.records) > 10
-
-
 @pytest.mark.parametrize(
     ('law', 'words'),
     [

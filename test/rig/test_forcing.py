@@ -1,15 +1,169 @@
-"""Stepped sine: exact instants, continuous phase, up and down through the same frequencies."""
+"""The force: lines and phases of a multisine, instants and phase of a stepped sine."""
 
 import math
-import random
+from itertools import islice
 
 import numpy as np
 import pytest
 
 from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.orbits import OrbitError, find_orbits
 from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
-from impact_damper_ros.rig.forcing import frequency_at, frequency_steps
+from impact_damper_ros.rig.forcing import frequency_at, frequency_steps, multisine, split_mix
+from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
 from rig.random_rigs import random_rig, rows, through_json, without_mode
+
+PHASES_OF_SEED_1 = [
+    '0x1.c7a7e617bba41p+1',
+    '0x1.2be58a1d0b8f7p+2',
+    '0x1.86769fbeabb13p+2',
+    '0x1.655ff89615dddp+1',
+]
+NOISY = RigParameters(
+    gravity=0.0,
+    gap=10.0,
+    damping=0.1,
+    force_amplitudes=[0.3],
+    multisine_level=0.5,
+    multisine_low=0.4,
+    multisine_high=2.0,
+    multisine_lines=9,
+    multisine_seed=7,
+)
+
+
+def test_the_generator_is_split_mix_64():
+    """The published sequence of seed 1234567."""
+    assert list(islice(split_mix(1234567), 5)) == [
+        6457827717110365317,
+        3203168211198807973,
+        9817491932198370423,
+        4593380528125082431,
+        16408922859458223821,
+    ]
+
+
+def test_the_phases_of_a_seed_are_those_for_ever():
+    _, _, phases = multisine(1.0, 1.0, 2.0, 4, 1)
+    assert [p.hex() for p in phases] == PHASES_OF_SEED_1
+    assert all(0.0 <= p < math.tau for p in phases)
+    # More lines keep the phases of the first ones; another seed has others.
+    assert multisine(1.0, 1.0, 2.0, 512, 1)[2][:4] == phases
+    assert multisine(1.0, 1.0, 2.0, 4, 2)[2] != phases
+
+
+def test_lines_fill_the_band_evenly():
+    amplitudes, frequencies, _ = multisine(0.5, 0.4, 2.0, 9, 7)
+    assert frequencies[0] == 0.4
+    assert frequencies[-1] == 2.0
+    assert np.diff(frequencies) == pytest.approx([0.2] * 8, rel=1e-14)
+    assert set(amplitudes) == {0.5 * math.sqrt(2.0 / 9)}
+    assert multisine(1.0, 1.0, 2.0, 1, 3)[1] == (1.5,)
+
+
+@pytest.mark.parametrize('lines', [1, 2, 64, 512])
+def test_the_level_is_the_effective_value(lines):
+    """Over a period of the sum, by its samples."""
+    amplitudes, frequencies, phases = map(np.array, multisine(0.7, 1.0, 3.0, lines, 5))
+    spacing = 2.0 / max(1, lines - 1)
+    # All lines are whole multiples of the spacing from the first one.
+    period = math.tau / spacing if lines > 1 else math.tau / 2.0
+    t = np.arange(8192) * period / 8192
+    force = (amplitudes * np.exp(1j * (np.outer(t, frequencies) + phases))).sum(axis=1)
+    assert math.sqrt(np.mean(np.abs(force) ** 2) / 2) == pytest.approx(0.7, rel=1e-10)
+
+
+def test_it_is_added_to_the_harmonics():
+    amplitudes, frequencies, phases = NOISY.harmonics
+    assert (amplitudes[0], frequencies[0], phases[0]) == (0.3, 1.0, 0.0)
+    lines = multisine(0.5, 0.4, 2.0, 9, 7)
+    assert (amplitudes[1:], frequencies[1:], phases[1:]) == lines
+    assert NOISY.replace(multisine_level=0.0).harmonics == ((0.3,), (1.0,), (0.0,))
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_it_moves_the_rig_as_plain_arrays_do(seed):
+    """Bit for bit."""
+    parameters, initial = random_rig(f'multisine {seed}')
+    noisy = parameters.replace(multisine_level=0.4, multisine_lines=5, multisine_seed=seed)
+    names = ('force_amplitudes', 'force_frequencies', 'force_phases')
+    plain = parameters.replace(**dict(zip(names, noisy.harmonics, strict=True)))
+    one, other = Rig(noisy, initial), Rig(plain, initial)
+    for k in range(1, 9):
+        assert one.advance(k * 1.0) == other.advance(k * 1.0)
+        assert one.sample() == other.sample()
+    assert through_json(one).advance(12.0) == one.advance(12.0)
+
+
+def test_it_agrees_with_110_digits():
+    free = NOISY.replace(gap=1e6, multisine_lines=40)
+    rig = Rig(free, InitialConditions(initial_primary_position=0.5))
+    oscillator = Oscillator(
+        mp.mpf(1),
+        mp.mpf(free.damping),
+        mp.mpf(1),
+        [Harmonic(*map(mp.mpf, row)) for row in zip(*free.harmonics, strict=True)],
+    )
+    motion = Motion(oscillator, mp.mpf(0), mp.mpf(0.5), mp.mpf(0), mp.mpf(0))
+    for time in (1.0, 17.0, 63.0):
+        rig.advance(time)
+        exact = [float(v) for v in motion.derivatives(mp.mpf(time))[:2]]
+        sample = rig.sample()
+        assert (sample.x, sample.primary_velocity) == pytest.approx(exact, rel=1e-11, abs=1e-12)
+
+
+def angles(rig):
+    """Return what each harmonic has turned up to the present time."""
+    origin = rig.snapshot()['origin']
+    own, frequencies, _ = rig.parameters.harmonics
+    since = rig.time - origin['time']
+    assert len(own) == len(origin['angles'])
+    return [a + w * since for a, w in zip(origin['angles'], frequencies, strict=True)]
+
+
+def turned(got, want):
+    assert [math.sin(a) for a in got] == pytest.approx([math.sin(a) for a in want], abs=1e-12)
+
+
+def test_harmonics_and_lines_keep_their_angles_apart():
+    """Whatever is added or taken away among the ones leaves the others as they are."""
+    rig = Rig(NOISY)
+    rig.advance(11.0)
+    lines = [11.0 * w for w in NOISY.harmonics[1][1:]]
+    rig.change(
+        rig.parameters.replace(
+            force_amplitudes=[0.3, 0.1, 0.2],
+            force_frequencies=[1.0, 2.0, 3.0],
+            force_phases=[0.0, 0.5, 1.0],
+        )
+    )
+    turned(angles(rig), [11.0, 0.0, 0.0, *lines])
+    rig.advance(13.0)
+    lines = [a + 2.0 * w for a, w in zip(lines, NOISY.harmonics[1][1:], strict=True)]
+    turned(angles(rig), [13.0, 4.0, 6.0, *lines])
+    # Fewer lines, then more, then none, then again
+    rig.change(rig.parameters.replace(multisine_lines=4))
+    turned(angles(rig), [13.0, 4.0, 6.0, *lines[:4]])
+    rig.change(rig.parameters.replace(multisine_lines=6, multisine_level=0.1))
+    turned(angles(rig), [13.0, 4.0, 6.0, *lines[:4], 0.0, 0.0])
+    rig.change(rig.parameters.replace(force_amplitudes=[1], force_frequencies=[1], force_phases=0))
+    turned(angles(rig), [13.0, *lines[:4], 0.0, 0.0])
+    rig.change(rig.parameters.replace(multisine_seed=3, multisine_high=2.5))
+    turned(angles(rig), [13.0, *lines[:4], 0.0, 0.0])
+    rig.change(rig.parameters.replace(multisine_level=0.0))
+    turned(angles(rig), [13.0])
+    rig.change(rig.parameters.replace(multisine_level=0.2))
+    turned(angles(rig), [13.0, *[0.0] * 6])
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [({'multisine_level': 0.25}, 'multisine_level is 0.25 N'), ({'sweep_mode': 'up'}, "is 'up'")],
+)
+def test_the_periodic_theory_refuses_it(changes, words):
+    with pytest.raises(OrbitError, match=words):
+        find_orbits(RigParameters(gravity=0.0, **changes), (1, 2))
+
 
 STEP = EventKind.FREQUENCY_STEP
 SWEPT = RigParameters(
@@ -98,54 +252,6 @@ def test_fine_steps_are_a_chirp():
         )
 
 
-def test_the_response_curve_of_the_linear_rig():
-    """At the end of each dwell the amplitude is that of the theory, up and down."""
-    rig = Rig(SWEPT.replace(sweep_mode='up_down', sweep_step=0.1, sweep_dwell=300.0, damping=0.2))
-    for k in range(11):
-        frequency = rig.force_frequency
-        rig.advance((k + 1) * 300.0 - math.tau / frequency)
-        largest = 0.0
-        for j in range(400):
-            rig.advance((k + 1) * 300.0 - math.tau / frequency * (1 - (j + 1) / 401))
-            largest = max(largest, abs(rig.sample().x))
-        theory = SWEPT.replace(damping=0.2, force_frequencies=[frequency]).response_amplitude
-        assert largest == pytest.approx(theory, rel=1e-4)
-        rig.advance((k + 1) * 300.0)
-
-
-def test_up_and_down_differ_where_two_motions_are_stable():
-    """On the way up m does not reach the stops; on the way down it hits them twice a cycle."""
-    parameters = RigParameters(
-        gravity=0.0,
-        gap=37.0,
-        sweep_mode='up_down',
-        sweep_low=0.92,
-        sweep_high=1.02,
-        sweep_step=0.02,
-        sweep_dwell=1500.0,
-    )
-    rig, seen = Rig(parameters), {}
-    for step in range(frequency_steps(parameters) + 1):
-        frequency, end = rig.force_frequency, (step + 1) * 1500.0
-        rig.advance(end - 200.0)
-        largest, hits = 0.0, 0
-        while rig.time < end - 1.0:
-            hits += sum(e.kind == EventKind.IMPACT for e in rig.advance(rig.time + 0.1))
-            largest = max(largest, abs(rig.sample().x))
-        seen.setdefault(round(frequency, 9), []).append((largest, hits))
-        rig.advance(end)
-    for frequency in (0.92, 0.94):
-        (up, none), (down, hits) = seen[frequency]
-        free = parameters.replace(force_frequencies=[frequency]).response_amplitude
-        assert none == 0
-        assert up == pytest.approx(free, rel=3e-3)
-        assert down > 1.7 * up
-        assert hits == pytest.approx(2.0 * 199.0 * frequency / math.tau, abs=1.1)
-    # Nearer to resonance there is one motion.
-    (up, _), (down, _) = seen[1.0]
-    assert up == pytest.approx(down, rel=1e-3)
-
-
 def test_changes_on_the_way():
     """Those of the sweep start it anew; others leave it where it is, and so does time."""
     rig = Rig(SWEPT)
@@ -188,70 +294,11 @@ def test_other_harmonics_and_the_multisine_are_left_alone():
     assert got == pytest.approx(want, abs=1e-13)
 
 
-def swept_rig(seed):
-    # One harmonic, or nine: loops are compiled for one, and for any number of more than eight.
-    rng = random.Random(seed)
-    drive = {'force_amplitudes': [1.0], 'force_frequencies': [0.9], 'force_phases': [0.1]}
-    parameters, initial = random_rig(f'sweep {seed}', **drive)
-    return (
-        parameters.replace(
-            restitution_1=min(0.9, parameters.restitution_1),
-            sweep_mode=rng.choice(['up', 'down', 'up_down']),
-            sweep_low=0.5,
-            sweep_high=2.5,
-            sweep_step=rng.choice([0.05, 0.3]),
-            sweep_dwell=rng.choice([0.05, 0.31]),
-            multisine_level=rng.choice([0.0, 0.2]),
-            multisine_lines=8,
-        ),
-        initial,
-    )
-
-
 @pytest.fixture(params=[False, True], ids=['plain', 'compiled'])
 def compiled(request):
     if request.param:
         pytest.importorskip('numba')
     return request.param
-
-
-def test_long_runs_sweep_as_the_simulator_does(compiled):
-    """Samples, events and snapshots to the last bit, at and between the steps."""
-    modes, kinds = set(), set()
-    for seed in range(40):
-        rng = random.Random(seed)
-        rig = Rig(*swept_rig(seed))
-        run = Rig(*swept_rig(seed), compiled=compiled)
-        for _ in range(5):
-            # Some advances end, and some samples lie, at the very instant of a step
-            dwell = rig.parameters.sweep_dwell
-            end = rng.choice([dwell * (1 + int(rig.time / dwell)), rig.time + rng.uniform(0, 2)])
-            end = max(end, rig.time)
-            instants = {rig.time, *(rng.uniform(rig.time, end) for _ in range(4)), end}
-            instants |= {t for k in range(90) if rig.time <= (t := k * dwell) <= end}
-            events, samples = [], []
-            begun = rig.time
-            for instant in sorted(instants):
-                events += rig.advance(instant)
-                samples.append(tuple(rig.sample()))
-            stretch = run.run(end, sorted(instants))
-            assert stretch.outcome == Outcome.COMPLETE
-            assert stretch.samples.tolist() == samples
-            assert without_mode(stretch.events) == rows(events)
-            assert run.snapshot() == rig.snapshot()
-            assert run.force_frequency == rig.force_frequency
-            assert stretch.time_in_mode.sum() == pytest.approx(end - begun, abs=1e-12)
-            modes |= set(stretch.events['mode'].tolist())
-            kinds |= set(stretch.events['kind'].tolist())
-            if rng.random() < 0.3:
-                run = Rig.restore(through_json(rig).snapshot(), compiled=compiled)
-            elif rng.random() < 0.3:
-                rig = Rig.restore(run.snapshot())
-            command = rig.parameters.replace(sweep_dwell=rng.choice([0.05, 0.31]))
-            if rng.random() < 0.3:
-                assert run.change(command) == rig.change(command)
-    assert modes >= {Mode.FREE, Mode.SLIDE_DOWN, Mode.SLIDE_UP, Mode.STICK, Mode.REST_1}
-    assert kinds >= {EventKind.IMPACT, EventKind.REST, EventKind.STICK, EventKind.RELEASE, STEP}
 
 
 def test_time_in_mode_across_steps(compiled):
