@@ -1,155 +1,118 @@
 """The closed form of a flight against the oracle, and the bounds of its derivatives."""
 
 import math
+import random
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from impact_damper_ros.rig.first_event import next_point
-from impact_damper_ros.rig.flight import begin_flight, motion_at, starting_motion
+from impact_damper_ros.rig.flight import motion_at, starting_motion
 from impact_damper_ros.rig.oscillator import POINTS, free_bound
-from oracle.flight_cases import EPS, REAL, precise, round_off
-from oracle.flight_generators import random_flights
-from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
-from rig.break_contact import flights_of, launchable, plain
-
-RNG = np.random.default_rng
-NAMES = 'x', 'velocity', 'travel', 'relative_velocity'
+from oracle.precise_motion import mp
+from rig.flights import EPS, random_case
 
 
-def begun(cases):
-    """Return the oracle's flights, as arguments of kernels."""
-    flights = list(zip(*plain(*flights_of(cases)), strict=True))
-    for flight in flights:
-        begin_flight(*flight)
-    return flights
+def cases(count, seed):
+    rng = random.Random(seed)
+    return [random_case(rng) for _ in range(count)]
 
 
-def many_harmonics(cases, count):
-    """Return flights with the harmonics of some others besides."""
-    names = ('force_acc', 'force_freq', 'force_phase0')
-    units = (cases.omega0**2, cases.omega0, np.ones(len(cases)))
-    columns = {}
-    for name, unit in zip(names, units, strict=True):
-        values = getattr(cases, name)
-        own = values / unit[:, None]
-        others = [np.roll(own, k, axis=0) * unit[:, None] for k in range(1, count)]
-        columns[name] = np.hstack([values, *others])
-    return launchable(replace(cases, **columns, slide=np.zeros(0)))
-
-
-def errors(cases, t, unit):
-    """Return the errors of the motion at one instant of each flight, in round-offs."""
-    index = np.arange(len(cases))
-    travel, speed, _ = precise(cases, index, t)
-    length_unit, speed_unit = round_off(cases, index, t, unit)
-    wide = t.astype(REAL)
-    x = cases.x0 + (cases.w0 + cases.v0.astype(REAL)) * wide + cases.gz * wide**2 / 2 - travel
-    velocity = cases.v0.astype(REAL) + cases.w0 + cases.gz * wide - speed
-    found = [motion_at(*flight, tau) for flight, tau in zip(begun(cases), t.tolist(), strict=True)]
-    exact = dict(zip(NAMES, (x, velocity, travel, speed), strict=True))
-    units = dict(zip(NAMES, (length_unit, speed_unit) * 2, strict=True))
-    return {
-        name: np.abs([getattr(motion, name) for motion in found] - exact[name]) / units[name]
-        for name in NAMES
-    }
+def errors(case, t, size):
+    """Return the errors of X, X', Y - Y(origin) and Y' at an instant, over round-off of a size."""
+    motion, time = motion_at(*case.flight(), t), mp.mpf(t)
+    exact = [*case.primary().derivatives(time)[:2], *case.relative().derivatives(time)[:2]]
+    exact[2] -= mp.mpf(case.y)
+    found = (motion.x, motion.velocity, motion.travel, motion.relative_velocity)
+    return [
+        float(abs(mp.mpf(got) - want)) / (EPS * unit)
+        for got, want, unit in zip(found, exact, size * 2, strict=True)
+    ]
 
 
 @pytest.mark.parametrize(('phases', 'harmonics'), [((-2, 0), 1), ((0, 2), 1), ((-1, 1), 7)])
 def test_closed_form(phases, harmonics):
     """To round-off of positions and velocities, and the square of how fast the drive is."""
-    rng = RNG(1)
-    cases = many_harmonics(random_flights(2000, rng), harmonics)
-    t = 10 ** rng.uniform(*phases, len(cases)) / cases.fastest
-    ratio = cases.fastest / cases.omega0
-    for error in errors(cases, t, 'position').values():
-        assert (error / ratio**2).max() < 10.0
+    rng = random.Random(1)
+    given = cases(200, 1)
+    for case, other in zip(given, given[1:] + given[:1], strict=True):
+        unit = case.omega**2 * other.half_gap, case.omega, 1.0
+        more = [tuple(rng.uniform(0.1, 3.0) * u for u in unit) for _ in range(harmonics - 1)]
+        full = replace(case, harmonics=(*case.harmonics, *more))
+        t = 10 ** rng.uniform(*phases) / full.fastest
+        ratio = full.fastest / full.omega
+        assert max(errors(full, t, full.size(t))) < 10.0 * ratio**2
 
 
 def test_short_flights_keep_relative_accuracy():
     """A rebound of any smallness: displacement and speed to a relative round-off."""
-    rng = RNG(2)
-    cases = random_flights(2000, rng)
-    t = 10 ** rng.uniform(-150, -2, len(cases)) / cases.fastest
-    found = errors(cases, t, 'local')
-    assert found['travel'].max() < 3.0
-    assert found['relative_velocity'].max() < 3.0
+    rng = random.Random(2)
+    for case in cases(200, 2):
+        t = 10 ** rng.uniform(-60, -2) / case.fastest
+        run = case.flight()[2]
+        strength = case.omega**2 * abs(case.x) + 2 * case.zeta * case.omega * abs(case.velocity)
+        strength += abs(case.push) + abs(case.pull) + sum(abs(row[0]) for row in case.harmonics)
+        speed = abs(run.relative_velocity) + strength * t
+        assert max(errors(case, t, (speed * t, speed))[2:]) < 3.0
 
 
 @pytest.mark.parametrize('decay', [0.0, 1e-12])
 def test_resonance(decay):
     """Where the particular and the homogeneous part of the textbook form cancel."""
-    cases = random_flights(1, RNG(3))
-    one = {'force_acc': [[1.0]], 'force_freq': [[1.0]], 'force_phase0': [[0.0]], 'omega0': [1.0]}
-    zero = {name: [0.0] for name in ('x0', 'v0', 'y0', 'w0', 'gz', 'const_acc')}
-    given = {**one, **zero, 'zeta': [decay], 'half_gap': [1e9]}
-    cases = replace(cases, **{name: np.array(value) for name, value in given.items()})
-    (flight,) = begun(cases)
+    still = dict.fromkeys(('x', 'velocity', 'y', 'relative_velocity', 'pull', 'push'), 0.0)
+    case = replace(
+        cases(1, 3)[0], omega=1.0, zeta=decay, half_gap=1e9, harmonics=((1.0, 1.0, 0.0),), **still
+    )
     for t in (0.1, 1.0, 10.0, 1e3, 1e5):
-        motion = motion_at(*flight, t)
+        motion = motion_at(*case.flight(), t)
         allowed = 4 * EPS * t + decay * t * t
         assert motion.x == pytest.approx((math.sin(t) - t * math.cos(t)) / 2, abs=allowed)
         assert motion.velocity == pytest.approx(t * math.sin(t) / 2, abs=allowed)
 
 
 def test_at_the_origin_nothing_is_rounded():
-    for rig, lines, run, waves in begun(random_flights(50, RNG(4))):
-        assert tuple(motion_at(rig, lines, run, waves, 0.0))[:6] == (
-            run.x,
-            run.velocity,
-            0.0,
-            run.relative_velocity,
-            run.relative_acceleration,
-            run.acceleration,
-        )
-
-
-def precise_motion(cases, i):
-    """Return X of a flight with 110 digits."""
-    omega, zeta, x, v, push = (
-        mp.mpf(float(a[i]))
-        for a in (cases.omega0, cases.zeta, cases.x0, cases.v0, cases.const_acc)
-    )
-    rows = zip(cases.force_acc[i], cases.force_freq[i], cases.force_phase0[i], strict=True)
-    harmonics = [Harmonic(*map(mp.mpf, map(float, row))) for row in rows if row[0]]
-    oscillator = Oscillator(mp.mpf(1), 2 * zeta * omega, omega * omega, harmonics)
-    return Motion(oscillator, mp.mpf(0), x, v, push)
+    for case in cases(50, 4):
+        flight = case.flight()
+        run = flight[2]
+        start = (run.x, run.velocity, 0.0, run.relative_velocity)
+        start += (run.relative_acceleration, run.acceleration)
+        assert tuple(motion_at(*flight, 0.0))[:6] == start
+        assert starting_motion(*flight) == pytest.approx(motion_at(*flight, 0.0), rel=1e-14)
 
 
 def test_derivatives_are_those_of_the_motion():
     """And the grid has the points of the closed form."""
-    rng = RNG(5)
-    cases = random_flights(60, rng)
-    for i, (rig, lines, run, waves) in enumerate(begun(cases)):
-        exact, free = precise_motion(cases, i), rig.free
-        base = float(rng.choice([0.0, 10 ** rng.uniform(-2, 1)])) / free.fastest
+    rng = random.Random(5)
+    for case in cases(60, 5):
+        rig, lines, run, waves = case.flight()
+        exact, free = case.primary(), rig.free
+        base = rng.choice([0.0, 10 ** rng.uniform(-2, 1)]) / free.fastest
         motion = motion_at(rig, lines, run, waves, base)
         offset, velocity = motion.x - run.constant / free.omega_squared, motion.velocity
+        force = abs(case.push) + abs(case.pull) + sum(abs(row[0]) for row in case.harmonics)
+        force += free.omega_squared * abs(case.x) + 2 * free.decay * abs(case.velocity)
         for k in range(POINTS + 1):
-            derivatives = [float(v) for v in exact.derivatives(mp.mpf(base + k * free.step))]
-            strength = max(
-                abs(value) / free.fastest**order
-                for order, value in enumerate([*derivatives[:2], float(cases.strength[i])])
-            )
+            want = [float(v) for v in exact.derivatives(mp.mpf(base + k * free.step))]
+            unit = max(abs(want[0]), abs(want[1]) / free.fastest, force / free.omega_squared)
             if k == 0:
                 found = [motion.x, motion.velocity, *motion[5:]]
             else:
                 steps = free.x_x, free.x_v, free.v_x, free.v_v
                 offset, velocity = next_point(lines, 0, waves, offset, velocity, *steps)
                 found = [offset + run.constant / free.omega_squared, velocity]
-            for order, (got, want) in enumerate(zip(found, derivatives, strict=False)):
-                unit = max(strength, float(cases.strength[i]) / free.omega_squared)
-                assert abs(got - want) <= 1e-11 * unit * free.fastest**order
+            for order, (got, value) in enumerate(zip(found, want, strict=False)):
+                assert abs(got - value) <= 1e-11 * unit * free.fastest**order
 
 
 def test_bounds_hold_over_a_search():
     """X''' to X^(5) and their rates stay below what is derived at its start; and not by much."""
-    rng = RNG(6)
+    rng = random.Random(6)
     tight = []
-    for flight in begun(random_flights(60, rng)):
+    for case in cases(60, 6):
+        flight = case.flight()
         free = flight[0].free
-        first = float(rng.choice([0.0, 10 ** rng.uniform(-2, 1)])) / free.fastest
+        first = rng.choice([0.0, 10 ** rng.uniform(-2, 1)]) / free.fastest
         end = first + POINTS * free.step
         motions = [motion_at(*flight, float(t)) for t in np.linspace(first, end, 400)]
         for k, drive, rate in (
@@ -164,8 +127,3 @@ def test_bounds_hold_over_a_search():
             assert slopes.max() <= (math.sqrt(free.omega_squared) * bound + rate) * (1 + 1e-6)
             tight.append(np.abs(values).max() / (bound + drive))
     assert np.median(tight) > 0.1
-
-
-def test_the_start_of_a_search_is_the_origin():
-    for flight in begun(random_flights(20, RNG(7))):
-        assert starting_motion(*flight) == pytest.approx(motion_at(*flight, 0.0), rel=1e-14)
