@@ -245,11 +245,3 @@ def test_optimal_gap_is_that_of_the_symmetric_flight():
     assert damper.optimal_gap(amplitude, 5.0) == 5.0
     elastic = damper_of(TRIAL.replace(restitution_1=1.0, restitution_2=1.0))
     assert elastic.optimal_gap(amplitude, 7.0) == 7.0
-
-
-def test_prediction_sees_through_noise():
-    """Small noise: the law works on as well as without it."""
-    control_ = control('timed', gap_control_noise_position=0.03, gap_control_noise_velocity=0.03)
-    rig = Rig(TRIAL, control=control_)
-    rig.advance(600.0)
-    assert rig.amplitude == pytest.approx(2.75, rel=0.03)

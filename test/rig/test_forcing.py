@@ -8,7 +8,7 @@ import pytest
 
 from impact_damper_ros.control import Outcome, Rig
 from impact_damper_ros.orbits import OrbitError, find_orbits
-from impact_damper_ros.rig import EventKind, InitialConditions, Mode, RigParameters
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
 from impact_damper_ros.rig.forcing import frequency_at, frequency_steps, multisine, split_mix
 from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
 from rig.random_rigs import random_rig, rows, through_json, without_mode
@@ -235,23 +235,6 @@ def test_a_sweep_is_a_series_of_changes():
     assert swept.force_frequency == 0.8
 
 
-def test_fine_steps_are_a_chirp():
-    """The phase is the integral of the frequency; the remainder vanishes with the step."""
-    angles = []
-    for fine in (1e-2, 1e-3):
-        rate = 0.01
-        rig = Rig(SWEPT.replace(sweep_step=fine, sweep_dwell=fine / rate))
-        rig.advance(40.0)
-        origin = rig.snapshot()['origin']
-        angles.append(origin['angles'][0] + rig.force_frequency * (40.0 - origin['time']))
-    exact = 0.8 * 40.0 + rate * 40.0**2 / 2
-    # Half a step behind on the way
-    for fine, angle in zip((1e-2, 1e-3), angles, strict=True):
-        assert math.remainder(angle - (exact - fine / 2 * 40.0), math.tau) == pytest.approx(
-            0.0, abs=1e-10
-        )
-
-
 def test_changes_on_the_way():
     """Those of the sweep start it anew; others leave it where it is, and so does time."""
     rig = Rig(SWEPT)
@@ -294,32 +277,10 @@ def test_other_harmonics_and_the_multisine_are_left_alone():
     assert got == pytest.approx(want, abs=1e-13)
 
 
-@pytest.fixture(params=[False, True], ids=['plain', 'compiled'])
-def compiled(request):
-    if request.param:
-        pytest.importorskip('numba')
-    return request.param
-
-
-def test_time_in_mode_across_steps(compiled):
-    """What lies between the events, whatever the sweep cuts it into."""
-    parameters = SWEPT.replace(
-        angle=math.pi / 4, gravity=1.0, friction=0.5, gap=37.0, sweep_mode='up_down'
-    )
-    run = Rig(parameters, compiled=compiled)
-    parts = [run.run(t) for t in (0.15, 0.7, 40.0)]
-    events = np.concatenate([part.events for part in parts])
-    release = events['time'][events['kind'] == EventKind.RELEASE]
-    stick = events['time'][events['kind'] == EventKind.STICK]
-    assert len(release) == len(stick) > 1
-    spent = sum(part.time_in_mode for part in parts)
-    assert spent[Mode.STICK] == pytest.approx(release.sum() - stick.sum(), rel=1e-12)
-
-
-def test_the_budget_of_events_holds_across_steps(compiled):
+def test_the_budget_of_events_holds_across_steps():
     """Steps count; the rig stops short of one it may not have any more, and goes on from there."""
     rig = SWEPT.replace(sweep_step=0.0005)
-    run = Rig(rig, compiled=compiled)
+    run = Rig(rig)
     stretch = run.run(200.0, [0.0, 0.7, 0.71, 9.0], most_events=7)
     assert stretch.outcome == Outcome.TOO_MANY_EVENTS
     assert stretch.reason.startswith('7 events from 0.0 s to 0.8 s')
@@ -331,14 +292,14 @@ def test_the_budget_of_events_holds_across_steps(compiled):
     alone = Rig(rig)
     assert rows(alone.advance(200.0)) == without_mode(stretch.events) + without_mode(rest.events)
     assert run.snapshot() == alone.snapshot()
-    silent = Rig(rig, compiled=compiled)
+    silent = Rig(rig)
     assert silent.run(200.0, record=False).event_count == 1000
     assert silent.snapshot() == alone.snapshot()
 
 
-def test_a_signal_leaves_a_long_run_where_it_was(compiled, monkeypatch):
+def test_a_signal_leaves_a_long_run_where_it_was(monkeypatch):
     """Not with the frequency of one instant and the motion of another."""
-    run = Rig(SWEPT, compiled=compiled)
+    run = Rig(SWEPT)
     run.run(0.05)
     before = run.snapshot(), run.force_frequency
 
