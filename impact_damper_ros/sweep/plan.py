@@ -250,7 +250,7 @@ def axis_from_text(text: str, rig: RigParameters) -> Axis:
     >>> axis_from_text('gap=10:30:3', RigParameters()).values
     (10.0, 20.0, 30.0)
     """
-    if not isinstance(text, str) or '=' not in text:
+    if '=' not in text:
         raise AxisError(f'{shown(text)}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
     *names, values = text.split('=')
     text = named(text)

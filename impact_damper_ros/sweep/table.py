@@ -138,7 +138,7 @@ MEASURES: dict[str, Column] = {name: _BY_NAME[name] for name in _MEASURES.split(
 
 def check_measure(measure: str) -> None:
     """Raise ValueError if there is no such measure."""
-    if not isinstance(measure, str) or measure not in MEASURES:
+    if measure not in MEASURES:
         raise ValueError(f'measure is {shown(measure)}: give one of {", ".join(MEASURES)}')
 
 
