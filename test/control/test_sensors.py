@@ -1,20 +1,12 @@
-"""What the controller sees: noise, the observer of amplitude and rhythm, and the stops."""
+"""What the controller sees: noise, amplitude, rhythm and impacts."""
 
 import math
-import random
 
 import numpy as np
 import pytest
 
-from control.controlled_rigs import TRIAL, control
+from control.controlled_rigs import TRIAL
 from impact_damper_ros.control import GapControlParameters, Rig, damper_of
-from impact_damper_ros.control.actuator import (
-    commands_full,
-    next_command,
-    order_stops,
-    start_command,
-    stop_stopped,
-)
 from impact_damper_ros.control.controller import Control, measured
 from impact_damper_ros.control.sensors import (
     Measurement,
@@ -176,72 +168,3 @@ def test_impacts_are_found_between_the_samples(rate):
     for hit, impact in zip(found, impacts, strict=True):
         assert hit[0] == pytest.approx(impact[0], abs=1e-9)
         assert hit[2] == pytest.approx(impact[2], abs=4.0 / rate)
-
-
-def actuators_of(**values):
-    """Return a control of stops at 1 and -1, and its actuators."""
-    there = Control.of(control('timed', **values), TRIAL.replace(gap=2.0))
-    return there, there.actuators
-
-
-def test_commands_wait_for_the_delay_in_order():
-    there, actuators = actuators_of(actuator_delay=0.5, actuator_speed=2.0, actuator_mass=0.1)
-    order_stops(there, 1.0, 0.5, math.nan)
-    order_stops(there, 1.2, 1.0, -0.6)
-    # One that is to be given later does not hold up the next.
-    order_stops(there, 1.1, math.nan, -0.7)
-    assert [command.time for command in there.waiting] == [1.5, 1.6, 1.7]
-    assert next_command(there) == 1.5
-    assert start_command(there, 1.0, -1.0) == (0.5, pytest.approx(math.nan, nan_ok=True))
-    assert (actuators.velocity_1, actuators.velocity_2) == (-2.0, 0.0)
-    # 0.1 s later it has come 0.2 m far; the other one starts.
-    assert start_command(there, 0.8, -1.0) == (pytest.approx(math.nan, nan_ok=True), -0.7)
-    assert (actuators.velocity_1, actuators.velocity_2) == (-2.0, 2.0)
-    # Turned round on its way: paid for once more; the other goes on as it is.
-    assert start_command(there, 0.6, -0.8) == (1.0, -0.6)
-    assert (actuators.velocity_1, actuators.velocity_2) == (2.0, 2.0)
-    spent = actuators.energy_1, actuators.energy_2
-    assert spent == pytest.approx([2 * 0.5 * 0.1 * 4.0, 0.5 * 0.1 * 4.0])
-    assert next_command(there) == math.inf
-    stop_stopped(there, 1, 0.9)
-    assert (actuators.commanded_1, actuators.commanded_2) == (0.9, -0.7)
-    assert (actuators.velocity_1, actuators.velocity_2) == (0.0, 2.0)
-
-
-def test_no_command_is_lost_however_many_wait():
-    """Against a list that is sorted; the ring begins anywhere, and is enlarged on the way."""
-    rng = random.Random(1)
-    there, _ = actuators_of()
-    expected = []
-    largest = 0
-    for k in range(2000):
-        if commands_full(there):
-            there = there.enlarged()
-        if rng.random() < (0.6 if k % 400 < 200 else 0.35):
-            issue, target = round(rng.uniform(0.0, 3.0), 1), float(k)
-            order_stops(there, issue, target, math.nan)
-            expected = sorted([*expected, (issue, target)], key=lambda command: command[0])
-        elif expected:
-            assert next_command(there) == expected[0][0]
-            assert start_command(there, 0.0, 0.0)[0] == expected.pop(0)[1]
-        assert [(command.time, command.stop_1) for command in there.waiting] == expected
-        largest = max(largest, len(expected))
-    assert largest > 30
-
-
-def test_optimal_gap_is_that_of_the_symmetric_flight():
-    """Two impacts per cycle at X = 0: flight and impact by their own equations."""
-    damper = damper_of(TRIAL)
-    amplitude, mu, restitution = 2.0, 0.1, 0.5
-    gap = damper.optimal_gap(amplitude, 1e9)
-    # m crosses the gap in half a cycle of unit frequency at this absolute speed.
-    speed = gap / math.pi
-    # The blow at stop 1: m comes with +speed, M with -before; m goes with -speed.
-    before = speed * (1.0 + 2.0 * mu - restitution) / (1.0 + restitution)
-    after = ((1 - mu * restitution) * -before + mu * (1 + restitution) * speed) / (1 + mu)
-    back = ((1 + restitution) * -before + (mu - restitution) * speed) / (1 + mu)
-    assert back == pytest.approx(-speed, rel=1e-12)
-    assert 0.5 * (before - after) == pytest.approx(amplitude, rel=1e-12)
-    assert damper.optimal_gap(amplitude, 5.0) == 5.0
-    elastic = damper_of(TRIAL.replace(restitution_1=1.0, restitution_2=1.0))
-    assert elastic.optimal_gap(amplitude, 7.0) == 7.0
