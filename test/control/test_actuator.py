@@ -112,6 +112,12 @@ def test_commands_wait_for_the_delay_in_order():
     stop_stopped(there, 1, 0.9)
     assert (actuators.commanded_1, actuators.commanded_2) == (0.9, -0.7)
     assert (actuators.velocity_1, actuators.velocity_2) == (0.0, 2.0)
+    # Of two commands in the same direction the first is paid for, by either stop.
+    order_stops(there, 2.0, 1.5, -1.5)
+    order_stops(there, 2.1, 2.0, -2.0)
+    for place in (0.9, 1.0):
+        start_command(there, place, -place)
+    assert (actuators.energy_1, actuators.energy_2) == pytest.approx([v + 0.2 for v in spent])
 
 
 def test_no_command_is_lost_however_many_wait():
