@@ -71,6 +71,18 @@ def test_resonance(decay):
         assert motion.velocity == pytest.approx(t * math.sin(t) / 2, abs=allowed)
 
 
+@pytest.mark.parametrize('omega', [0.6875, 1.125, 2.25])
+def test_a_long_free_vibration_keeps_its_phase(omega):
+    """To round-off of X, not of the phase, which is a thousand times as large."""
+    still = dict.fromkeys(('velocity', 'y', 'relative_velocity', 'pull', 'push'), 0.0)
+    # Their squares are floats, the damped frequency is none.
+    given = {'omega': omega, 'zeta': 2.0**-14, 'x': 1.0, 'harmonics': ((0.0, 1.0, 0.0),)}
+    case = replace(cases(1, 3)[0], **given, **still)
+    for t in (1e3, 12345.6, 7e4):
+        want = case.primary().derivatives(mp.mpf(t))[0]
+        assert abs(mp.mpf(motion_at(*case.flight(), t).x) - want) < 8 * EPS
+
+
 def test_at_the_origin_nothing_is_rounded():
     for case in cases(50, 4):
         flight = case.flight()

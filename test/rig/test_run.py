@@ -1,6 +1,8 @@
 """The whole hybrid motion: golden values, references, and properties of random rigs."""
 
 import math
+import random
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from impact_damper_ros.rig import (
     RigParameters,
 )
 from impact_damper_ros.rig.event import events_of_table
+from impact_damper_ros.rig.state import advance_time
 from oracle.reference import kept, load_reference
 from rig.random_rigs import random_rig, run, through_json
 
@@ -334,6 +337,16 @@ def test_symmetries(seed, units):
         want += [speed * a.primary_velocity_after, speed * a.damper_velocity_after]
         have = [b.time, b.x, b.y, b.primary_velocity_after, b.damper_velocity_after]
         assert have == (want if exact else pytest.approx(want, rel=1e-8, abs=1e-8 * length))
+
+
+def test_instants_lose_no_digits():
+    """A thousand flights from a late instant add up as fractions do, to twice the digits."""
+    rng, instant, exact = random.Random(1), (1e6, 0.0), Fraction(10**6)
+    for _ in range(1000):
+        tau = rng.expovariate(1.0)
+        exact += Fraction(tau)
+        instant = advance_time(*instant, tau)
+    assert abs(sum(map(Fraction, instant)) - exact) < 1e-20
 
 
 def test_an_impact_at_the_start_is_reported_once():
