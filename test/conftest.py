@@ -17,11 +17,9 @@ DOMAINS = 101
 # of the run loop each, which another process that needs the same form would wait for.
 LONGEST = (
     'studies/test_gap_study.py',
-    'rig/test_long_run.py',
     'page/test_browser.py',
-    'control/test_compiled_control.py',
     'rig/test_compiled.py',
-    'control/test_controlled_run.py',
+    'control/test_rig.py',
     'node/test_absurd_rigs.py',
     'benchmarks/test_verdicts.py',
     'cli/test_readme.py',
@@ -37,7 +35,6 @@ LONGEST = (
     'node/test_recorded_runs.py',
     'bag/test_ros2_bags.py',
     'orbits/test_enumeration.py',
-    'rig/test_contact.py',
     'cli/test_reproduce_paper.py',
     'cli/test_replay_run.py',
     'page/test_live_page.py',

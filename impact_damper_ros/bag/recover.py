@@ -7,7 +7,6 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from impact_damper_ros.rig.arguments import path_of
 from impact_damper_ros.rig.quoting import as_line
 
 from .bag_file import BagFile
@@ -72,9 +71,6 @@ def recover_run(source: Path | str, output: Path | str | None = None) -> Recover
     RecordingError
         If there is nothing to save, the output exists already or it cannot be written.
     """
-    source = path_of('source', source)
-    if output is not None:
-        output = path_of('output', output)
     source = Path(source).absolute()
     output = (
         Path(output).absolute()

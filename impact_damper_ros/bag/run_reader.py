@@ -25,7 +25,6 @@ import yaml
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from impact_damper_ros.rig.arguments import path_of
 from impact_damper_ros.rig.quoting import counted, shown
 
 from .errors import RecordingError
@@ -245,7 +244,7 @@ _NOTED = ('joint_states', 'impacts', 'snapshot')
 
 def bag_files(path: Path | str) -> list[Path]:
     """Return the files of a bag, in order: its own path, or those in the directory."""
-    path = path_of('path', path)
+    path = Path(path)
     if not path.is_dir():
         if not path.exists():
             cause = 'there is no such file or directory'
@@ -305,7 +304,7 @@ class RunReader:
     """
 
     def __init__(self, path: Path | str) -> None:
-        self.path = path_of('path', path)
+        self.path = Path(path)
         self._unpacked = Unpacked()
         self.scans: list[Scan] = []
         self._empty: list[str] = []

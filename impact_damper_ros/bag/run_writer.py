@@ -5,15 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from impact_damper_ros.rig.arguments import need, path_of, texts_of
 from impact_damper_ros.rig.parameter_spec import number_between, whole_number
-from impact_damper_ros.rig.quoting import shown
 
 from .bag_file import BagFile, BagSummary
 from .errors import RecordingError
@@ -46,10 +44,10 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
     ------
     RecordingError
         If it cannot be made.
-    TypeError, ValueError
-        If `parent` is no path, or `when` no time from 1970 to 5138.
+    ValueError
+        If `when` is no time from 1970 to 5138.
     """
-    parent = path_of('parent', parent)
+    parent = Path(parent)
     if when is not None:
         when = number_between('when', when, 0.0, _LATEST)
     stem = time.strftime('run_%Y%m%d_%H%M%S', time.localtime(when))
@@ -147,8 +145,6 @@ class RunWriter:
         If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE` and not 0, or more than
         `LARGEST_FILE` or `LONGEST_FILE`; or if a period is not from 1e-4 to 1e6 s.
         Also if no definition of a topic's type is shipped.
-    TypeError
-        If an argument is of another kind.
     """
 
     def __init__(
@@ -168,24 +164,17 @@ class RunWriter:
             ('max_size', max_size, SMALLEST_FILE, LARGEST_FILE),
             ('max_duration', max_duration, SHORTEST_FILE, LONGEST_FILE),
         ):
-            if not isinstance(limit, int | float):
-                raise TypeError(f'{name} is {shown(limit)}: give a number')
             if limit and not least <= limit <= most:
                 raise ValueError(
                     f'{name} is {limit}: it must be 0 (no limit) or from {least} to {most:g}'
                 )
-        need(Iterable, topics=topics)
-        for topic in topics:
-            need(Topic, topic=topic)
         if len({topic.name for topic in topics}) < len(topics):
             raise ValueError('two topics have the same name; each may be given once')
         flush_period = number_between('flush_period', flush_period, *_PERIODS)
         sync_period = number_between('sync_period', sync_period, *_PERIODS)
         queue_limit = whole_number('queue_limit', queue_limit, 0, _LONGEST_QUEUE)
         self._file = BagFile(
-            path_of('directory', directory),
-            [topic.channel() for topic in topics],
-            texts_of('custom', custom),
+            Path(directory), [topic.channel() for topic in topics], dict(custom or {})
         )
         self._channels: dict[int | str | _Split, int] = {}
         for index, topic in enumerate(topics):

@@ -18,7 +18,6 @@ from typing import Any
 
 import yaml
 
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.parameter_spec import whole_number
 from impact_damper_ros.rig.quoting import shown
 
@@ -181,10 +180,6 @@ class Topic:
     name: str
     type: str
     qos: QosProfile = field(default_factory=QosProfile)
-
-    def __post_init__(self) -> None:
-        need(str, name=self.name, type=self.type)
-        need(QosProfile, qos=self.qos)
 
     def channel(self) -> Channel:
         """

@@ -17,7 +17,6 @@ from impact_damper_ros.replay.findings import Difference
 from impact_damper_ros.replay.recorded_run import RecordedRun
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.arguments import need, need_call, path_of
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
@@ -202,10 +201,7 @@ def compare_bag(
     RecordingError
         If the bag cannot be read, or holds no rig.
     """
-    path = path_of('path', path)
-    need(str, or_none=True, node=node)
-    need(RigParameters, or_none=True, parameters=parameters)
-    need_call(progress=progress)
+    path = Path(path)
     # A wrong number may be as large as numbers are.
     with np.errstate(over='ignore', invalid='ignore'):
         bag = BagStretches(path, node, parameters)

@@ -36,7 +36,6 @@ from impact_damper_ros.orbits.recognition import (
 )
 from impact_damper_ros.orbits.search import orbit_of, within_theory
 from impact_damper_ros.rig import Event, EventKind, RigParameters
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.quoting import counted
 from impact_damper_ros.rig.snapshot import LATEST
@@ -428,9 +427,6 @@ def predicted_curve(
     time : float
         Instant of the first impact of that period, or any other, rig time, s.
     """
-    need(ForceClock, clock=clock)
-    need(PeriodicOrbit, orbit=orbit)
-    need(ImpactStates, or_none=True, period=period)
     time = number_between('time', time, -LATEST, LATEST)
     if not orbit.viable or not orbit.impacts:
         return None

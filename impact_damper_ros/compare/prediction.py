@@ -20,7 +20,6 @@ from impact_damper_ros.orbits.recognition import LONGEST_RHYTHM, Rhythm, rhythm_
 from impact_damper_ros.orbits.search import counted_as
 from impact_damper_ros.orbits.settling import run_by_cycles, starting_points
 from impact_damper_ros.rig import Event, ParameterError, RigParameters
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event_budget import REMEDY
 from impact_damper_ros.rig.quoting import counted
 
@@ -232,8 +231,6 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
         The first after some 20 ms, the last, which is `complete`, after a few tenths of a second.
         For a rig without a periodic force there is only one, which gives the reason.
     """
-    need(Rig, rig=rig)
-    need(ObservedMotion, or_none=True, measured=measured)
     if rig.control.active:
         reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'
         yield Prediction(reason=reason, complete=True, applies=False)

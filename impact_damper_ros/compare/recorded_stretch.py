@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.rig import Event, RigParameters
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.snapshot import LATEST
 
@@ -39,9 +38,7 @@ class ForceClock:
     angles: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        need(RigParameters, parameters=self.parameters)
         number_between('time', self.time, -LATEST, LATEST)
-        need(Sequence, angles=self.angles)
         if not self.angles:
             raise ValueError('angles is empty: give one for each harmonic')
         for angle in self.angles:

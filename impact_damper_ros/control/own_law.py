@@ -18,7 +18,6 @@ from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.compiled import kernel
 from impact_damper_ros.rig.quoting import named, shown
 
@@ -136,7 +135,6 @@ class OwnLaw:
         LawError
             If there is no such module or function.
         """
-        need(str, text=text)
         module, colon, name = text.partition(':')
         if not (module and colon and name):
             raise LawError(f'the law {text!r}: give MODULE:FUNCTION, for example my_laws:follow')

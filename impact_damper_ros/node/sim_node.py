@@ -53,7 +53,7 @@ from impact_damper_ros.bag.topics import QosProfile
 from impact_damper_ros.entry_points import run
 from impact_damper_ros.rig import ALL_SPECS
 from impact_damper_ros.rig.description import described, frequency_hint, robot_description
-from impact_damper_ros.rig.parameters_file import YamlError, check_yaml
+from impact_damper_ros.rig.parameters_file import YamlError, guarded_yaml
 from impact_damper_ros.rig.quoting import printable, shown
 
 from .diagnostics import Diagnostics
@@ -111,7 +111,7 @@ def check_params_files(arguments: Sequence[str]) -> None:
         if option == '--params-file':
             with suppress(OSError):  # reported by ROS
                 try:
-                    check_yaml(Path(name))
+                    guarded_yaml(Path(name))
                 except YamlError as error:
                     raise ValueError(f'{name}: {error}') from None
 

@@ -32,7 +32,6 @@ from typing import Protocol
 import numpy as np
 
 from impact_damper_ros.rig import PARAMETER_SPECS, ParameterError, RigParameters
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.quoting import shown
 
 from .equations import (
@@ -69,7 +68,6 @@ def _check_name(name: str) -> None:
 
 def value_of(parameters: RigParameters, name: str) -> float:
     """Return the value of a parameter that a continuation can vary."""
-    need(RigParameters, parameters=parameters)
     _check_name(name)
     if name == BOTH_RESTITUTIONS:
         return parameters.restitution_1
@@ -798,8 +796,6 @@ def grow_branch(
     OrbitError
         If the motion is outside the range.
     """
-    need(PeriodicOrbit, orbit=orbit)
-    need(Continuation, along=along)
     along.check_start(orbit.parameters)
     name = along.name
     value = value_of(orbit.parameters, name)
@@ -852,8 +848,6 @@ def switch_branch(special: SpecialPoint, along: Continuation, *, mirrored: bool 
     ValueError
         If the point is of another kind.
     """
-    need(SpecialPoint, special=special)
-    need(Continuation, along=along)
     orbit = special.orbit
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')

@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.rig import ParameterError, RigParameters
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.oscillator import Oscillator
 from impact_damper_ros.rig.parameter_spec import number_between, whole_number
 from impact_damper_ros.rig.quoting import shown
@@ -61,7 +60,6 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     It must repeat after so many cycles of its first harmonic, or be one harmonic if they are
     not given, as the periodic theory assumes.
     """
-    need(RigParameters, parameters=parameters)
     amplitude, first = parameters.force_amplitudes[0], parameters.force_frequencies[0]
     if 0.0 < first < _SLOWEST * parameters.omega:
         raise OrbitError(
@@ -139,7 +137,6 @@ def _listed(stops: Any) -> Any:
 
 def check_stops(parameters: RigParameters, given: Sequence[int], cycles: int) -> tuple[int, ...]:
     """Check a stop sequence and a number of force cycles; return the sequence."""
-    need(RigParameters, parameters=parameters)
     try:
         whole = list(islice(given, MOST_IMPACTS + 1))
         stops = tuple(whole_number('stop', stop, 1, 2) for stop in whole)
@@ -192,7 +189,6 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
     OrbitError
         If N is not positive, or too large to list all.
     """
-    need(RigParameters, parameters=parameters)
     try:
         impacts = whole_number('impacts', impacts, 1, MOST_IMPACTS)
     except ParameterError:

@@ -18,7 +18,7 @@ from itertools import islice
 import numpy as np
 
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.arguments import as_float, need
+from impact_damper_ros.rig.arguments import as_float
 from impact_damper_ros.rig.quoting import shown
 
 from .equations import OrbitError, check_forcing, check_stops, checked_number
@@ -294,7 +294,6 @@ def optimal_gap(
     >>> best.limit.value
     'interior minimum'
     """
-    need(RigParameters, rig=rig)
     check_forcing(rig)
     if rig.one_sided:
         raise OrbitError('the rig is one-sided, it has no gap to choose: give one_sided: false')

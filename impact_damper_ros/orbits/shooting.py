@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impact_damper_ros.rig import Event, EventKind, RigParameters
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.state import REST_1, REST_2, STICK
@@ -145,7 +144,6 @@ def section_on(orbit: PeriodicOrbit) -> Section | None:
     Section or None
         None if the simulator cannot follow it.
     """
-    need(PeriodicOrbit, orbit=orbit)
     return _section_after(
         orbit.parameters,
         orbit.period,
@@ -228,8 +226,6 @@ def shoot(
     OrbitError
         If the force does not repeat within the period.
     """
-    need(RigParameters, parameters=parameters)
-    need(Section, section=section)
     cycles = check_cycles(cycles)
     check_forcing(parameters, cycles)
     machine = machine_of(parameters)
@@ -343,8 +339,6 @@ def orbit_near(
     PeriodicOrbit or None
         The motion to which Newton's method converges; None if it does not.
     """
-    need(RigParameters, parameters=parameters)
-    need(Event, impact=impact)
     phase = number_between('phase', phase, -LATEST, LATEST)
     cycles = check_cycles(cycles)
     check_forcing(parameters, cycles)

@@ -38,7 +38,6 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS, is_paused
 from impact_damper_ros.control import CONTROL_JOINTS, GAP_CONTROL_SPECS
 from impact_damper_ros.rig import INITIAL_SPECS, PARAMETER_SPECS
-from impact_damper_ros.rig.arguments import need
 
 from .recorded_snapshot import RecordedSnapshot, parsed, read_snapshot
 
@@ -136,8 +135,6 @@ class RecordedRun:
         purpose: str = 'replay',
         snapshot_needed: bool = True,
     ) -> None:
-        need(str, or_none=True, node=node)
-        need(str, purpose=purpose)
         self.reader = RunReader(path)
         self._purpose = purpose
         if not self.reader.message_count:

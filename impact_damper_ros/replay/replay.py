@@ -28,7 +28,6 @@ from impact_damper_ros.bag.rig_topics import (
 )
 from impact_damper_ros.control import ControlRecord, Outcome, Rig
 from impact_damper_ros.rig import Event, EventKind, RigParameters, RunawayError, Sample
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.compiled import has_numba
 from impact_damper_ros.rig.event import events_of_table
 from impact_damper_ros.rig.event_budget import MOST_EVENTS, EventBudget
@@ -190,7 +189,6 @@ class Replay:
     """
 
     def __init__(self, recorded: RecordedRun, *, adopt: bool = False) -> None:
-        need(RecordedRun, recorded=recorded)
         self.recorded = recorded
         self._adopts = adopt
         # Whether the parameter events of this node are recorded

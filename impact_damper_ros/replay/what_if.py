@@ -16,7 +16,6 @@ from typing import Any
 
 from impact_damper_ros.control import Rig
 from impact_damper_ros.rig import Event, InitialConditions, ParameterError, Sample
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event_budget import EventBudget
 
 from .recorded_snapshot import RecordedSnapshot, motion_of
@@ -69,11 +68,6 @@ class WhatIf:
         held_initial: Mapping[str, Any] | None = None,
         budget: EventBudget | None = None,
     ) -> None:
-        need(RecordedSnapshot, start=start)
-        need(InitialConditions, or_none=True, initial=initial)
-        need(Mapping, held=held)
-        need(Mapping, or_none=True, held_initial=held_initial)
-        need(EventBudget, or_none=True, budget=budget)
         self._budget = budget or EventBudget()
         self._held = dict(held)
         self._held_initial = dict(held_initial or {})

@@ -21,7 +21,6 @@ from string import Template
 from impact_damper_ros.compare import RunComparison, StretchComparison, Verdict
 from impact_damper_ros.compare.periodic_motion import GapCurves
 from impact_damper_ros.outputs import write_texts
-from impact_damper_ros.rig.arguments import need, need_call, path_of
 from impact_damper_ros.rig.quoting import counted
 
 from .charts import PICTURES, Picture, draw_history, draw_run
@@ -298,9 +297,6 @@ def report_page(
     drawn: Callable[[int, int], None] | None = None,
 ) -> str:
     """Return the page; the parameters are those of `write_report`."""
-    need(RunComparison, comparison=comparison)
-    need(str, command=command)
-    need_call(or_none=True, drawn=drawn)
     detailed = shown_stretches(comparison.stretches, MOST_DETAILED)
     before = {b.number: a for a, b in pairwise(comparison.stretches)}
     sections = []
@@ -355,10 +351,7 @@ def write_report(
     OSError
         If a file cannot be written; its `filename` is the file.
     """
-    need(RunComparison, comparison=comparison)
-    need(str, command=command)
-    need_call(or_none=True, drawn=drawn)
-    directory = path_of('directory', directory)
+    directory = Path(directory)
     page = report_page(_with_gap_curves(comparison), command=command, drawn=drawn)
     numbers = json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + '\n'
     if directory.exists() and not directory.is_dir():

@@ -7,7 +7,6 @@ from typing import Any
 
 from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdict
 from impact_damper_ros.replay.recorded_run import RecordedRun
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.quoting import as_line, counted
 
 _VERDICTS = {
@@ -66,8 +65,6 @@ def _divergence_lines(findings: Findings) -> list[str]:
 
 def findings_text(findings: Findings, recorded: RecordedRun) -> str:
     """Return the findings of a replay and the verdict as text."""
-    need(Findings, findings=findings)
-    need(RecordedRun, recorded=recorded)
     start, end = (findings.start_ns or 0) / 1e9, (findings.end_ns or 0) / 1e9
     node = recorded.topics.name
     impacts = counted(findings.impacts, 'impact')
@@ -138,8 +135,6 @@ def _difference(difference: Difference) -> dict[str, Any]:
 
 def findings_json(findings: Findings, recorded: RecordedRun) -> dict[str, Any]:
     """Return the findings for JSON; times in s of rig time, stamps in ns."""
-    need(Findings, findings=findings)
-    need(RecordedRun, recorded=recorded)
     divergence, first = findings.divergence, findings.first
     return {
         'bag': str(recorded.reader.path),

@@ -15,7 +15,6 @@ from impact_damper_ros.compare import (
     Verdict,
 )
 from impact_damper_ros.orbits import PeriodicOrbit
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.quoting import as_line, counted
 
 _MOST_IMPACTS, _MOST_FINDINGS, _MOST_STOPS = 8, 6, 12
@@ -150,7 +149,6 @@ def _stretch_text(stretch: StretchComparison) -> str:
 
 def comparison_text(comparison: RunComparison) -> str:
     """Return the text of a comparison; units are in it, all SI."""
-    need(RunComparison, comparison=comparison)
     lines = [
         f'compared     {comparison.bag}, node {comparison.node} (stamps: {comparison.stamps})',
         f'recorded     {comparison.start:.9g} s to {comparison.end:.9g} s of rig time, '

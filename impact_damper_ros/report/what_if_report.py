@@ -22,7 +22,6 @@ from impact_damper_ros.rig import (
     RigParameters,
     Sample,
 )
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.event_budget import EventBudget
 from impact_damper_ros.rig.quoting import counted, shown
 from impact_damper_ros.rig.swing import Swing
@@ -186,9 +185,6 @@ class WhatIfReport:
         drawn: bool,
         budget: EventBudget | None = None,
     ) -> None:
-        need(Replay, replay=replay)
-        need(Mapping, held=held, held_initial=held_initial)
-        need(EventBudget, or_none=True, budget=budget)
         start = replay.recorded.start
         logged = setting_of(start.state)
         values = logged.as_dict()

@@ -12,9 +12,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from .arguments import as_float, need
 from .parameters import PARAMETER_SPECS, RigParameters
-from .quoting import shown
 
 #: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be in the wrong unit.
 _NEAR = 1.25
@@ -35,7 +33,6 @@ def described(rig: RigParameters) -> str:
     'natural frequency 0.159 Hz (1 rad/s), ζ 0.500 %; force 1 N at 0.0796 Hz (0.5 rad/s) = 0.5 of \
 it; gap 37 m; level'
     """
-    need(RigParameters, rig=rig)
     natural = f'natural frequency {_hertz(rig.omega)} ({rig.omega:.4g} rad/s)'
     parts = [f'{natural}, ζ {_digits(100.0 * rig.zeta)} %', *_force(rig), f'gap {rig.gap:.4g} m']
     if rig.one_sided:
@@ -52,8 +49,6 @@ def frequency_hint(rig: RigParameters, varied: tuple[float, float] | None = None
 
     If the frequency of the first harmonic is varied, `varied` is its range, rad/s.
     """
-    need(RigParameters, rig=rig)
-    need((tuple, list), or_none=True, varied=varied)
     for name, low, high in _bands(rig, varied):
         if low <= rig.omega <= high:
             continue
@@ -248,9 +243,6 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
     stops' blocks begin half a damper further out. The deck is long enough for `gap_max`, the
     largest gap of the control, up to eight times the gap.
     """
-    need(RigParameters, rig=rig)
-    if not as_float(gap_max) >= 0.0:
-        raise ValueError(f'gap_max is {shown(gap_max)}: give a number from 0 on, in m')
     size = picture_size(rig, gap_max)
     unit = size.damper
     rail = 2.0 * size.rail + abs(size.rest)

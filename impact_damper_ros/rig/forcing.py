@@ -11,9 +11,7 @@ instants of its steps are counted from its start, so that a long one does not dr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import lru_cache
-from itertools import count, islice
 from math import ceil, inf, sqrt, tau
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -33,12 +31,6 @@ def mixed(word: int) -> int:
     return word ^ (word >> 31)
 
 
-def split_mix(seed: int) -> Iterator[int]:
-    """Yield the endless sequence of SplitMix64, whole numbers of 64 bits."""
-    for k in count():
-        yield mixed(seed + k * _GOLDEN)
-
-
 @lru_cache(maxsize=64)
 def multisine(
     level: float, low: float, high: float, lines: int, seed: int
@@ -50,7 +42,9 @@ def multisine(
     else:
         spacing = (high - low) / (lines - 1)
         frequencies = (*(low + j * spacing for j in range(lines - 1)), high)
-    phases = tuple(tau * ((bits >> 11) * 2.0**-53) for bits in islice(split_mix(seed), lines))
+    # The sequence of SplitMix64 from the seed on
+    bits = (mixed(seed + k * _GOLDEN) for k in range(lines))
+    phases = tuple(tau * ((word >> 11) * 2.0**-53) for word in bits)
     return (amplitude,) * lines, frequencies, phases
 
 

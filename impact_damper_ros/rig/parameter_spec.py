@@ -11,9 +11,10 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import field, fields, replace
 from itertools import islice
-from math import isfinite
+from math import isfinite, nan
 from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias
 
+from .arguments import as_float
 from .quoting import shown
 
 Value: TypeAlias = float | bool | int | str | tuple[float, ...]
@@ -82,35 +83,35 @@ class ParameterSpec(NamedTuple):
 
     def checked(self, value: Any) -> Value:
         """Return a value, which may come from a file, checked and in the type of the kind."""
-        if self.kind == 'bool':
-            if not isinstance(value, bool):
-                raise ParameterError(
-                    self.name, f'{self.name} is {shown(value)}: give true or false'
-                )
-            return value
         if self.kind == 'string':
             return self._text(value)
-        if self.kind == 'integer':
-            number = self._number(value, self.name)
-            if number != int(number):
-                raise ParameterError(self.name, f'{self.name} is {number!r}: {self._remedy}')
-            return int(number)
-        if self.kind == 'double':
+        if self.kind == 'double_array':
+            return self._array(value)
+        if self.kind != 'bool':
             return self._number(value, self.name)
-        if hasattr(value, '__float__') and not isinstance(value, bool) and not _is_list(value):
-            value = (value,)
-        if isinstance(value, str | bytes) or not _is_list(value):
-            raise ParameterError(
-                self.name, f'{self.name} is {shown(value)}: give a list of numbers, such as [1.0]'
+        if not isinstance(value, bool):
+            raise self._error(f'{self.name} is {shown(value)}: give true or false')
+        return value
+
+    def _error(self, message: str) -> ParameterError:
+        return ParameterError(self.name, message)
+
+    def _array(self, value: Any) -> tuple[float, ...]:
+        # A numpy array may be one number.
+        listed = hasattr(value, '__iter__') and getattr(value, 'shape', None) != ()
+        if not listed and hasattr(value, '__float__') and not isinstance(value, bool):
+            value, listed = (value,), True
+        if not listed or isinstance(value, str | bytes):
+            raise self._error(
+                f'{self.name} is {shown(value)}: give a list of numbers, such as [1.0]'
             )
         # What is given may have no end
         entries = tuple(islice(value, MAX_HARMONICS + 1))
         if not 1 <= len(entries) <= MAX_HARMONICS:
             count = len(value) if hasattr(value, '__len__') else f'{len(entries)} or more'
-            raise ParameterError(
-                self.name,
+            raise self._error(
                 f'{self.name} has {count} entries: give 1 to {MAX_HARMONICS}, one for each '
-                'harmonic (amplitude 0 switches the force off)',
+                'harmonic (amplitude 0 switches the force off)'
             )
         return tuple(self._number(v, f'{self.name}[{i}]') for i, v in enumerate(entries))
 
@@ -122,50 +123,36 @@ class ParameterSpec(NamedTuple):
         return f'give {number} from {self.span}{unit}{degrees}'
 
     def _text(self, value: Any) -> str:
-        if isinstance(value, bool):
+        if isinstance(value, bool) and self.choices:
             # YAML 1.1 takes an unquoted off for false.
-            value = {False: 'off', True: 'on'}[value] if self.choices else value
-        if not isinstance(value, str) or not value.strip():
+            value = 'on' if value else 'off'
+        good = isinstance(value, str) and value.strip()
+        if not good or (self.choices and value not in self.choices):
             remedy = f'give one of {self.span}' if self.choices else 'give a text'
-            raise ParameterError(self.name, f'{self.name} is {shown(value)}: {remedy}')
-        if self.choices and value not in self.choices:
-            raise ParameterError(
-                self.name, f'{self.name} is {shown(value)}: give one of {", ".join(self.choices)}'
-            )
-        return value
+            raise self._error(f'{self.name} is {shown(value)}: {remedy}')
+        return str(value)
 
     def _number(self, value: Any, where: str) -> float:
         assert self.low is not None
         assert self.high is not None
         unit = f' {self.unit}' if self.unit else ''
-        if isinstance(value, bool) or not hasattr(value, '__float__'):
-            raise ParameterError(self.name, f'{where} is {shown(value)}: {self._remedy}')
-        try:
-            number = float(value)
-        except (TypeError, ValueError, OverflowError):
-            raise ParameterError(self.name, f'{where} is {shown(value)}: {self._remedy}') from None
-        if not isfinite(number) or not self.low <= number <= self.high:
-            raise ParameterError(self.name, f'{where} is {number!r}{unit}: {self._remedy}')
+        number = nan if isinstance(value, bool) else as_float(value)
+        if not isfinite(number) and not isinstance(value, float):
+            raise self._error(f'{where} is {shown(value)}: {self._remedy}')
+        whole = self.kind == 'integer'
+        if not self.low <= number <= self.high or (whole and number != int(number)):
+            raise self._error(f'{where} is {number!r}{unit}: {self._remedy}')
         if 0.0 < number < self.least:
-            raise ParameterError(
-                self.name,
+            raise self._error(
                 f'{where} is {value!r}{unit}: give 0 ({self.zero}) or a number from '
-                f'{self.least:g} to {self.high:g}{unit}',
+                f'{self.least:g} to {self.high:g}{unit}'
             )
-        return number
-
-
-def _is_list(value: Any) -> bool:
-    """Return whether a value has entries; a numpy array may be one number."""
-    return hasattr(value, '__iter__') and getattr(value, 'shape', None) != ()
+        return int(number) if whole else number
 
 
 def number_between(name: str, value: Any, low: float, high: float) -> float:
     """Return a number of any kind as a float; or raise a `ParameterError` that names it."""
-    number = float('nan')
-    if hasattr(value, '__float__') and not isinstance(value, bool):
-        with suppress(TypeError, ValueError, OverflowError):
-            number = float(value)
+    number = nan if isinstance(value, bool) else as_float(value)
     if not low <= number <= high:
         raise ParameterError(
             name, f'{name} is {shown(value)}: give a number from {low:g} to {high:g}'
@@ -184,67 +171,41 @@ def whole_number(name: str, value: Any, low: int, high: int) -> int:
     )
 
 
-def double_field(
-    default: float,
-    low: float,
-    high: float,
-    unit: str,
-    description: str,
-    *,
-    least: float = 0.0,
-    zero: str = '',
-    effect: Effect = 'now',
-) -> Any:
-    """Declare a number."""
-    limits = description, unit, low, high
-    return _declared(*limits, 'double', default, least=least, zero=zero, effect=effect)
+_KINDS: dict[type, Kind] = {
+    float: 'double',
+    int: 'integer',
+    bool: 'bool',
+    str: 'string',
+    tuple: 'double_array',
+}
 
 
-def integer_field(
-    default: int,
-    low: int,
-    high: int,
-    unit: str,
-    description: str,
-    *,
-    least: int = 0,
-    zero: str = '',
-    effect: Effect = 'now',
-) -> Any:
-    """Declare a whole number."""
-    limits = description, unit, low, high
-    return _declared(*limits, 'integer', default, least=least, zero=zero, effect=effect)
+def number(default: Any, low: float, high: float, unit: str, description: str, **more: Any) -> Any:
+    """Declare a number, a whole number or a list of numbers, as its default is."""
+    return _declared(default, description, low, high, unit=unit, **more)
 
 
-def bool_field(default: bool, description: str, *, effect: Effect = 'now') -> Any:
-    """Declare a yes or no."""
-    return _declared(description, '', None, None, 'bool', default, effect=effect)
-
-
-def string_field(
-    default: str, choices: tuple[str, ...], description: str, *, effect: Effect = 'now'
-) -> Any:
+def text(default: str, choices: tuple[str, ...], description: str, **more: Any) -> Any:
     """Declare a text; one of some choices, if there are any."""
-    return _declared(
-        description, '', None, None, 'string', default, choices=choices, effect=effect
-    )
+    return _declared(default, description, choices=choices, **more)
 
 
-def array_field(default: float, low: float, high: float, unit: str, description: str) -> Any:
-    """Declare a list of numbers; by default it has one."""
-    return _declared(description, unit, low, high, 'double_array', (default,))
+def flag(default: bool, description: str, **more: Any) -> Any:
+    """Declare a yes or no."""
+    return _declared(default, description, **more)
 
 
 def _declared(
-    description: str,
-    unit: str,
-    low: float | None,
-    high: float | None,
-    kind: Kind,
     default: Value,
+    description: str,
+    low: float | None = None,
+    high: float | None = None,
+    *,
+    unit: str = '',
     **more: Any,
 ) -> Any:
     """Return a dataclass field with what `ParameterSpec` has of it, but for the name."""
+    kind = _KINDS[type(default)]
     spec = ParameterSpec('', description, unit, low, high, kind, default, **more)
     return field(default=default, metadata={'spec': spec})
 

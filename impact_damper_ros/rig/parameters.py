@@ -15,12 +15,10 @@ from .parameter_spec import (
     ParameterError,
     ParameterSpec,
     ParameterTable,
-    array_field,
-    bool_field,
-    double_field,
-    integer_field,
+    flag,
+    number,
     specs_of,
-    string_field,
+    text,
 )
 
 SWEEP_MODES = ('off', 'up', 'down', 'up_down')
@@ -45,81 +43,75 @@ class RigParameters(ParameterTable):
 
     _owner = 'the rig'
 
-    primary_mass: float = double_field(1.0, 1e-6, 1e9, 'kg', 'Primary mass M.')
-    stiffness: float = double_field(1.0, 1e-6, 1e15, 'N/m', 'Stiffness K of the spring under M.')
-    damping: float = double_field(
+    primary_mass: float = number(1.0, 1e-6, 1e9, 'kg', 'Primary mass M.')
+    stiffness: float = number(1.0, 1e-6, 1e15, 'N/m', 'Stiffness K of the spring under M.')
+    damping: float = number(
         0.01, 0.0, 1e12, 'N s/m', 'Damping C of the dashpot; below 2 sqrt(K M).'
     )
-    damper_mass: float = double_field(0.042, 1e-9, 1e9, 'kg', 'Loose damper mass m.')
-    gap: float = double_field(
+    damper_mass: float = number(0.042, 1e-9, 1e9, 'kg', 'Loose damper mass m.')
+    gap: float = number(
         37.0, 1e-9, 1e9, 'm', 'Total gap d; stop 1 is at +d/2 from the middle, stop 2 at -d/2.'
     )
-    restitution_1: float = double_field(
+    restitution_1: float = number(
         0.75, 0.0, 1.0, '', 'Coefficient of restitution R1 at stop 1 (the lower one).'
     )
-    restitution_2: float = double_field(
+    restitution_2: float = number(
         0.75, 0.0, 1.0, '', 'Coefficient of restitution R2 at stop 2 (the upper one).'
     )
     # 1.5708 is what people type for 90 degrees.
-    angle: float = double_field(
+    angle: float = number(
         0.0, -1.5708, 1.5708, 'rad', 'Inclination of the axis, positive downwards.'
     )
-    friction: float = double_field(
-        0.0, 0.0, 100.0, '', 'Coulomb friction coefficient between m and M.'
-    )
-    gravity: float = double_field(9.81, 0.0, 1e4, 'm/s^2', 'Gravitational acceleration g.')
-    air_force: float = double_field(
+    friction: float = number(0.0, 0.0, 100.0, '', 'Coulomb friction coefficient between m and M.')
+    gravity: float = number(9.81, 0.0, 1e4, 'm/s^2', 'Gravitational acceleration g.')
+    air_force: float = number(
         0.0,
         0.0,
         1e9,
         'N',
         'Compressed-air force on m, away from the stop it hit last; zero until the first impact.',
     )
-    one_sided: bool = bool_field(False, 'True removes stop 2, so that m can hit stop 1 only.')
-    force_amplitudes: tuple[float, ...] = array_field(
-        1.0, -1e12, 1e12, 'N', 'Amplitudes of the harmonics of the force on M.'
+    one_sided: bool = flag(False, 'True removes stop 2, so that m can hit stop 1 only.')
+    force_amplitudes: tuple[float, ...] = number(
+        (1.0,), -1e12, 1e12, 'N', 'Amplitudes of the harmonics of the force on M.'
     )
-    force_frequencies: tuple[float, ...] = array_field(
-        1.0, 0.0, 1e6, 'rad/s', 'Circular frequencies of the harmonics of the force on M.'
+    force_frequencies: tuple[float, ...] = number(
+        (1.0,), 0.0, 1e6, 'rad/s', 'Circular frequencies of the harmonics of the force on M.'
     )
-    force_phases: tuple[float, ...] = array_field(
-        0.0, -1e6, 1e6, 'rad', 'Phases of the harmonics of the force on M.'
+    force_phases: tuple[float, ...] = number(
+        (0.0,), -1e6, 1e6, 'rad', 'Phases of the harmonics of the force on M.'
     )
-    multisine_level: float = double_field(
+    multisine_level: float = number(
         0.0,
         0.0,
         1e12,
         'N',
         'Effective (rms) force of a random-phase multisine, added to the harmonics; 0 for none.',
     )
-    multisine_low: float = double_field(
+    multisine_low: float = number(
         0.5, 1e-6, 1e6, 'rad/s', 'Lowest circular frequency of the multisine.'
     )
-    multisine_high: float = double_field(
+    multisine_high: float = number(
         1.5, 1e-6, 1e6, 'rad/s', 'Highest circular frequency of the multisine.'
     )
-    multisine_lines: int = integer_field(
+    multisine_lines: int = number(
         64, 1, 512, '', 'Number of lines of the multisine, evenly spaced in its band.'
     )
-    multisine_seed: int = integer_field(
+    multisine_seed: int = number(
         1, 0, 2**31 - 1, '', 'Seed of the random phases of the multisine.'
     )
-    sweep_mode: str = string_field(
+    sweep_mode: str = text(
         'off',
         SWEEP_MODES,
         'Stepped sine: the way in which the first harmonic goes through the frequencies of the '
         'sweep, in place of its own one.',
     )
-    sweep_low: float = double_field(
-        0.5, 1e-6, 1e6, 'rad/s', 'Lowest circular frequency of the sweep.'
-    )
-    sweep_high: float = double_field(
-        1.5, 1e-6, 1e6, 'rad/s', 'Highest circular frequency of the sweep.'
-    )
-    sweep_step: float = double_field(
+    sweep_low: float = number(0.5, 1e-6, 1e6, 'rad/s', 'Lowest circular frequency of the sweep.')
+    sweep_high: float = number(1.5, 1e-6, 1e6, 'rad/s', 'Highest circular frequency of the sweep.')
+    sweep_step: float = number(
         0.01, 1e-9, 1e6, 'rad/s', 'Step of the circular frequency in the sweep.'
     )
-    sweep_dwell: float = double_field(
+    sweep_dwell: float = number(
         100.0, 1e-3, 1e9, 's', 'Time for which the sweep stays at each frequency.'
     )
 
@@ -255,7 +247,7 @@ class InitialConditions(ParameterTable):
 
     _owner = 'the initial conditions'
 
-    initial_primary_position: float = double_field(
+    initial_primary_position: float = number(
         0.0,
         -1e9,
         1e9,
@@ -263,10 +255,10 @@ class InitialConditions(ParameterTable):
         'Initial displacement X of M from its static equilibrium.',
         effect='next reset',
     )
-    initial_primary_velocity: float = double_field(
+    initial_primary_velocity: float = number(
         0.0, -1e9, 1e9, 'm/s', 'Initial velocity of M.', effect='next reset'
     )
-    initial_damper_offset: float = double_field(
+    initial_damper_offset: float = number(
         0.0,
         -1e9,
         1e9,
@@ -274,7 +266,7 @@ class InitialConditions(ParameterTable):
         'Initial position Y of m relative to M, within the gap.',
         effect='next reset',
     )
-    initial_damper_velocity: float = double_field(
+    initial_damper_velocity: float = number(
         0.0, -1e9, 1e9, 'm/s', 'Initial absolute velocity of m.', effect='next reset'
     )
 
@@ -303,32 +295,32 @@ class GapControlParameters(ParameterTable):
 
     _owner = 'the gap control'
 
-    gap_control: str = string_field(
+    gap_control: str = text(
         'off',
         ('off', 'amplitude', 'timed', 'predictive'),
         'Law that moves the stops: off holds them at the gap, amplitude follows the vibration, '
         'timed closes a stop on m where M is fastest, predictive tries places in the simulator.',
     )
-    gap_control_stops: str = string_field(
+    gap_control_stops: str = text(
         'independent',
         ('symmetric', 'independent'),
         'Stops placed symmetrically by the amplitude alone, or each by what is measured at it.',
     )
-    gap_control_gain: float = double_field(
+    gap_control_gain: float = number(
         0.8,
         1e-3,
         1e3,
         '',
         'Gap of the amplitude law with symmetric stops, over the optimal gap of that amplitude.',
     )
-    gap_control_park: float = double_field(
+    gap_control_park: float = number(
         1.5,
         1e-3,
         1e3,
         '',
         'Gap at which the timed law parks the stops, over the optimal gap of that amplitude.',
     )
-    gap_control_lead: float = double_field(
+    gap_control_lead: float = number(
         0.05,
         0.0,
         0.5,
@@ -336,46 +328,46 @@ class GapControlParameters(ParameterTable):
         'How early before the passage of X through zero the amplitude law with independent stops '
         'wants each impact, in half cycles.',
     )
-    gap_control_timing_gain: float = double_field(
+    gap_control_timing_gain: float = number(
         0.1,
         0.0,
         2.0,
         '',
         'Part of the way to that instant by which a stop is moved at each impact.',
     )
-    gap_control_horizon: float = double_field(
+    gap_control_horizon: float = number(
         2.1,
         0.1,
         100.0,
         '',
         'Time after which the predictive law wants the least energy of M, in half cycles.',
     )
-    gap_control_smoothing: float = double_field(
+    gap_control_smoothing: float = number(
         0.3, 1e-3, 1.0, '', 'Weight of the last half cycle in the estimate of the amplitude of X.'
     )
-    gap_control_threshold: float = double_field(
+    gap_control_threshold: float = number(
         0.0, 0.0, 1e9, 'm', 'Amplitude of X up to which the stops stay at the gap.'
     )
-    gap_min: float = double_field(
+    gap_min: float = number(
         1e-3, 1e-9, 1e9, 'm', 'Smallest gap to which the control moves the stops.'
     )
-    gap_max: float = double_field(
+    gap_max: float = number(
         1e3, 1e-9, 1e9, 'm', 'Largest gap; no stop moves farther from the middle than half of it.'
     )
-    gap_control_rate: float = double_field(
+    gap_control_rate: float = number(
         100.0, 1e-3, 1e5, 'Hz', 'Rate at which the control samples X, Y and their velocities.'
     )
-    gap_control_noise_position: float = double_field(
+    gap_control_noise_position: float = number(
         0.0, 0.0, 1e9, 'm', 'Standard deviation of the noise on the sampled X and Y.'
     )
-    gap_control_noise_velocity: float = double_field(
+    gap_control_noise_velocity: float = number(
         0.0, 0.0, 1e9, 'm/s', 'Standard deviation of the noise on their sampled velocities.'
     )
-    gap_control_seed: int = integer_field(0, 0, 2**31 - 1, '', 'Seed of that noise.')
-    actuator_delay: float = double_field(
+    gap_control_seed: int = number(0, 0, 2**31 - 1, '', 'Seed of that noise.')
+    actuator_delay: float = number(
         0.0, 0.0, 1e6, 's', 'Time from a command to the start of the stop.'
     )
-    actuator_speed: float = double_field(
+    actuator_speed: float = number(
         0.0,
         0.0,
         1e9,
@@ -384,7 +376,7 @@ class GapControlParameters(ParameterTable):
         least=1e-6,
         zero='at once',
     )
-    actuator_mass: float = double_field(
+    actuator_mass: float = number(
         0.01, 0.0, 1e9, 'kg', 'Moving mass of one stop, for the account of the energy spent on it.'
     )
 
@@ -420,10 +412,10 @@ class NodeSettings(ParameterTable):
 
     _owner = 'the node'
 
-    state_rate: float = double_field(
+    state_rate: float = number(
         200.0, 1.0, 2000.0, 'Hz', 'Joint states per second of rig time.', effect='start'
     )
-    real_time_factor: float = double_field(
+    real_time_factor: float = number(
         1.0,
         0.0,
         1000.0,
@@ -433,13 +425,13 @@ class NodeSettings(ParameterTable):
         zero='as fast as possible',
         effect='start',
     )
-    publish_clock: bool = bool_field(
+    publish_clock: bool = flag(
         False,
         'Publish /clock, and count stamps from 0 instead of from the system time. So it is in '
         'any case if real_time_factor is not 1.',
         effect='start',
     )
-    real_time_priority: int = integer_field(
+    real_time_priority: int = number(
         2,
         0,
         99,
@@ -448,18 +440,18 @@ class NodeSettings(ParameterTable):
         'that of the others is one less. 0 for ordinary scheduling.',
         effect='start',
     )
-    predict_motion: bool = bool_field(
+    predict_motion: bool = flag(
         True, 'Predict the periodic motion, in a process of its own, for the diagnostics.'
     )
-    record: bool = bool_field(False, 'Record the run to MCAP.')
-    bag_directory: str = string_field(
+    record: bool = flag(False, 'Record the run to MCAP.')
+    bag_directory: str = text(
         'runs',
         (),
         'Directory in which every recording makes its own; ~ is the home directory.',
         effect='next recording',
     )
     # The least of both are those of `RunWriter`.
-    max_bag_size: int = integer_field(
+    max_bag_size: int = number(
         0,
         0,
         10**15,
@@ -469,7 +461,7 @@ class NodeSettings(ParameterTable):
         zero='no limit',
         effect='next recording',
     )
-    max_bag_duration: float = double_field(
+    max_bag_duration: float = number(
         0.0,
         0.0,
         1e9,

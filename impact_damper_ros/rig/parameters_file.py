@@ -12,14 +12,14 @@ import difflib
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from itertools import islice
+from operator import itemgetter
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from .arguments import need, path_of
 from .parameter_spec import ParameterError
 from .parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS, InitialConditions, RigParameters
 from .quoting import named, shown
@@ -58,7 +58,6 @@ MOST_BYTES = 1_000_000
 MOST_ENTRIES = 20_000
 MOST_LEVELS = 16
 
-_CONTROL = re.compile('[\0-\x08\x0b\x0c\x0e-\x1f\x7f]')
 #: In C where PyYAML was built with it, which is thirty times as fast.
 _Base: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
@@ -68,14 +67,7 @@ class YamlError(ValueError):
 
 
 class Block(dict[Any, Any]):
-    """
-    A mapping with the lines of its keys.
-
-    Attributes
-    ----------
-    lines : dict
-        Line of each key, from 1.
-    """
+    """A mapping with the line of each key, from 1."""
 
     def __init__(self) -> None:
         """Begin empty."""
@@ -84,12 +76,12 @@ class Block(dict[Any, Any]):
 
 
 class _Loader(_Base):  # type: ignore[misc]
-    """YAML 1.1 as ROS reads it, but with numbers such as ``1e-3`` as numbers."""
+    """YAML 1.1 as ROS reads it: ``1e-3`` is a number; a date, and 1:30 in sixties, is a text."""
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
         try:
             return super().construct_object(node, deep)
-        except yaml.YAMLError:
+        except (yaml.YAMLError, YamlError):
             raise
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             kind = node.tag.rsplit(':', 1)[-1]
@@ -98,40 +90,37 @@ class _Loader(_Base):  # type: ignore[misc]
                 'it in another way, or in quotes if it is a text'
             ) from None
 
-    def construct_mapping(self, node: Any, deep: bool = False) -> Block:
+    def construct_mapping(self, node: Any) -> Block:
         block = Block()
-        if not isinstance(node, yaml.MappingNode):
-            raise YamlError(f'line {_line(node)}: is not a list of "name: value" lines')
         for key_node, value_node in node.value:
-            key = self.construct_object(key_node, deep=True)
-            block[key] = self.construct_object(value_node, deep=deep)
-            block.lines[key] = _line(key_node)
+            key, line = self.construct_object(key_node, deep=True), _line(key_node)
+            if isinstance(key, list | dict):
+                raise YamlError(
+                    f'line {line}: a list or mapping stands in place of a name: write a name'
+                )
+            if key in block:
+                raise YamlError(
+                    f'line {line}: {shown(key)} stands there twice, first in line '
+                    f'{block.lines[key]}: keep one of them'
+                )
+            block[key] = self.construct_object(value_node, deep=True)
+            block.lines[key] = line
         return block
 
 
 def _number(construct: Any) -> Any:
-    """Return a constructor that leaves 1:30 a text, as ROS does; YAML 1.1 counts in sixties."""
-
-    def constructed(loader: _Loader, node: Any) -> Any:
-        return node.value if ':' in node.value else construct(loader, node)
-
-    return constructed
+    """Return a constructor of numbers that leaves 1:30 a text."""
+    return lambda loader, node: node.value if ':' in node.value else construct(loader, node)
 
 
 for _kind in ('int', 'float'):
     _tag = f'tag:yaml.org,2002:{_kind}'
     _Loader.add_constructor(_tag, _number(_Loader.yaml_constructors[_tag]))
-
-
-def _map(loader: _Loader, node: Any) -> Any:
-    data = Block()
-    yield data
-    block = loader.construct_mapping(node)
-    data.update(block)
-    data.lines.update(block.lines)
-
-
-_Loader.add_constructor('tag:yaml.org,2002:map', _map)
+_Loader.add_constructor('tag:yaml.org,2002:map', _Loader.construct_mapping)
+_Loader.yaml_implicit_resolvers = {
+    first: [entry for entry in entries if not entry[0].endswith((':timestamp', ':merge'))]
+    for first, entries in _Base.yaml_implicit_resolvers.items()
+}
 _Loader.add_implicit_resolver(
     'tag:yaml.org,2002:float',
     re.compile(r'^[-+]?(\d+(_\d+)*\.?\d*|\.\d+)([eE][-+]?\d+)$'),
@@ -143,11 +132,35 @@ def _line(node: Any) -> int:
     return int(node.start_mark.line) + 1
 
 
-def _text(path: Path) -> str:
-    """Return the text of a file; a named pipe without a writer is empty."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    with open(descriptor, 'rb') as stream:  # noqa: PTH123 - of a descriptor
-        os.set_blocking(descriptor, True)
+def _check(text: str) -> None:
+    """Check size, depth and aliases of a text before it is loaded."""
+    entries = depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        entries += isinstance(event, yaml.NodeEvent)
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        anchor = getattr(event, 'anchor', None)
+        if anchor is not None:
+            sign = '*' if isinstance(event, yaml.AliasEvent) else '&'
+            fault = (
+                f'{named(sign + anchor)} is an anchor or alias, which ROS does not read: '
+                'write the value out'
+            )
+        elif entries > MOST_ENTRIES:
+            fault = (
+                f'there are more than {MOST_ENTRIES} names and values: give a file with the '
+                'parameters alone'
+            )
+        elif depth > MOST_LEVELS:
+            fault = f'is nested more than {MOST_LEVELS} deep: write fewer levels'
+        else:
+            continue
+        raise YamlError(f'line {_line(event)}: {fault}')
+
+
+def guarded_yaml(path: Path) -> Any:
+    """Read a YAML file."""
+    with path.open('rb') as stream:
         data = stream.read(MOST_BYTES + 1)
     if len(data) > MOST_BYTES:
         raise YamlError(
@@ -155,128 +168,22 @@ def _text(path: Path) -> str:
             'the parameters alone'
         )
     try:
-        text = data.decode('utf-8')
+        return guarded_yaml_text(data.decode('utf-8'))
     except UnicodeDecodeError as error:
         line = data.count(b'\n', 0, error.start) + 1
         raise YamlError(f'line {line}: cannot be read as UTF-8 text: save it as such') from None
-    if unprintable := _CONTROL.search(text):
-        line = text.count('\n', 0, unprintable.start()) + 1
-        raise YamlError(
-            f'line {line}: is not YAML: holds the control character {shown(unprintable[0])}: '
-            'remove it'
-        )
-    return text
-
-
-class _Level:
-    """A list or mapping that is being read."""
-
-    def __init__(self, event: Any) -> None:
-        self.names: dict[str, int] | None = {} if isinstance(event, _MAPPING) else None
-        self.key_is_next = True
-
-    def take(self, event: Any) -> None:
-        """Take the next entry: in a mapping a key, then its value."""
-        if self.names is None:
-            return
-        if self.key_is_next:
-            self._take_key(event, self.names)
-        self.key_is_next = not self.key_is_next
-
-    def _take_key(self, event: Any, names: dict[str, int]) -> None:
-        line = _line(event)
-        if not isinstance(event, yaml.ScalarEvent):
-            raise YamlError(
-                f'line {line}: a list or mapping stands in place of a name: write a name'
-            )
-        if event.value == '<<' and event.implicit[0]:
-            raise YamlError(
-                f'line {line}: "<<" merges other lines in, which ROS does not: write them out'
-            )
-        if event.value in names:
-            raise YamlError(
-                f'line {line}: {shown(event.value)} stands there twice, first in line '
-                f'{names[event.value]}: keep one of them'
-            )
-        names[event.value] = line
-
-
-_MAPPING = yaml.MappingStartEvent
-
-
-def _check(text: str) -> None:
-    """Check size, depth and names of a text before it is loaded."""
-    entries = documents = 0
-    levels: list[_Level] = []
-    for event in yaml.parse(text, Loader=_Loader):
-        if isinstance(event, yaml.DocumentStartEvent):
-            documents += 1
-            if documents > 1:
-                raise YamlError(f'line {_line(event)}: a second document begins: keep one')
-        if isinstance(event, yaml.CollectionEndEvent):
-            levels.pop()
-        if not isinstance(event, yaml.NodeEvent):
-            continue
-        if event.anchor is not None:
-            sign = '*' if isinstance(event, yaml.AliasEvent) else '&'
-            raise YamlError(
-                f'line {_line(event)}: {named(sign + event.anchor)} is an anchor or alias, '
-                'which ROS does not read: write the value out'
-            )
-        entries += 1
-        if entries > MOST_ENTRIES:
-            raise YamlError(
-                f'line {_line(event)}: there are more than {MOST_ENTRIES} names and values: give '
-                'a file with the parameters alone'
-            )
-        if levels:
-            levels[-1].take(event)
-        if isinstance(event, yaml.CollectionStartEvent):
-            levels.append(_Level(event))
-            if len(levels) > MOST_LEVELS:
-                raise YamlError(
-                    f'line {_line(event)}: is nested more than {MOST_LEVELS} deep: write fewer '
-                    'levels'
-                )
-
-
-def check_yaml(path: Path) -> None:
-    """Check size, depth and names of a YAML file, but not its values."""
-    text = _text(path)
-    with _in_words():
-        _check(text)
-
-
-@contextmanager
-def _in_words() -> Iterator[None]:
-    """Turn every error of a loader into a `YamlError`."""
-    try:
-        yield
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f'line {mark.line + 1}: ' if mark is not None else ''
-        problem = named(error.problem or error, 200)
-        raise YamlError(f'{place}is not YAML: {problem}') from None
-    except yaml.YAMLError as error:
-        raise YamlError(f'is not YAML: {named(error, 200)}') from None
-    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError) as error:
-        raise YamlError(f'is not YAML that can be read: {named(error)}') from None
-
-
-def guarded_yaml(path: Path) -> Any:
-    """Read a YAML file."""
-    return guarded_yaml_text(_text(path))
 
 
 def guarded_yaml_text(text: str) -> Any:
     """Read a YAML text as `guarded_yaml` reads a file."""
-    with _in_words():
+    try:
         _check(text)
-        loader = _Loader(text)
-        try:
-            return loader.get_single_data()
-        finally:
-            loader.dispose()
+        return yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None) or getattr(error, 'context_mark', None)
+        place = '' if mark is None else f'line {mark.line + 1}: '
+        problem = named(getattr(error, 'problem', None) or error, 200)
+        raise YamlError(f'{place}is not YAML: {problem}') from None
 
 
 # Parameters that ROS itself gives every node
@@ -306,48 +213,64 @@ def _is_of(key: str, node: str) -> bool:
     return re.fullmatch(''.join(wild.get(p) or re.escape(p) for p in parts), node) is not None
 
 
-def _parameter_blocks(tree: Block, path: Path, node: str) -> Block:
+def _parameter_blocks(tree: Block, node: str) -> Block:
     """
     Merge the blocks that apply to the node; later ones take precedence.
 
     ROS takes them in the order of the file. Without a name of the node, the blocks of any sim_node
     apply, the more specific ones last.
     """
-    found = Block()
-    blocks: list[tuple[int, str, dict[str, Any]]] = []
+    blocks: list[tuple[bool, Block]] = []
     for key, value in _flattened(tree):
         last = key.rstrip('/').rsplit('/', 1)[-1]
         if node:
             applies = _is_of(key, node)
         else:
             applies = key in ('/**', '/*', '/**/*', '**') or last in ('sim_node', '**', '*')
-        if applies:
-            if not isinstance(value, dict) or 'ros__parameters' not in value:
-                raise ParametersFileError(
-                    f'{path}: {named(key)} has no ros__parameters: below it, write the line '
-                    '"ros__parameters:" and the parameters below that'
-                )
-            place = 0 if node else int(last == 'sim_node')
-            blocks.append((place, key, value['ros__parameters'] or {}))
+        if not applies:
+            continue
+        if not isinstance(value, dict) or 'ros__parameters' not in value:
+            raise ParametersFileError(
+                f'{named(key)} has no ros__parameters: below it, write the line '
+                '"ros__parameters:" and the parameters below that'
+            )
+        block = value['ros__parameters'] or Block()
+        if not isinstance(block, Block):
+            raise ParametersFileError(
+                f'ros__parameters of {named(key)} is not a list of "name: value" lines'
+            )
+        blocks.append((not node and last == 'sim_node', block))
     if not blocks:
+        names = [*map(named, islice(tree, 8)), *(['...'] if len(tree) > 8 else [])]
         raise ParametersFileError(
-            f'{path}: no parameters for {named(node or "sim_node")} among {_names(tree)}: '
+            f'no parameters for {named(node or "sim_node")} among {", ".join(names)}: '
             'start the file with "/**:" and, indented below it, "ros__parameters:"'
         )
-    for _, key, block in sorted(blocks, key=lambda entry: entry[0]):
-        if not isinstance(block, dict):
-            raise ParametersFileError(
-                f'{path}: ros__parameters of {named(key)} is not a list of "name: value" lines'
-            )
+    found = Block()
+    for _, block in sorted(blocks, key=itemgetter(0)):
         found.update(block)
-        found.lines.update(getattr(block, 'lines', {}))
+        found.lines.update(block.lines)
     return found
 
 
-def _names(tree: Block) -> str:
-    """Return the first names of a file."""
-    names = [named(key) for key, _ in zip(tree, range(8), strict=False)]
-    return ', '.join([*names, *(['...'] if len(tree) > 8 else [])]) or 'nothing'
+def _values(path: Path, node: str) -> Block:
+    """Return the values that a file gives a node, by names that there are."""
+    tree = guarded_yaml(path)
+    if not isinstance(tree, Block) or not tree:
+        raise ParametersFileError(
+            'holds no parameters: start the file with "/**:" and, indented below it, '
+            '"ros__parameters:"'
+        )
+    values = _parameter_blocks(tree, node)
+    allowed = [*ALL_SPECS, *_ROS_NAMES]
+    for name in values:
+        if str(name).split('.')[0] not in [*allowed, 'qos_overrides']:
+            close = difflib.get_close_matches(str(name)[:80], allowed, 1)
+            hint = f'did you mean {close[0]}?' if close else 'remove it'
+            raise ParametersFileError(
+                f'line {values.lines[name]}: unknown parameter {named(name)}: {hint}'
+            )
+    return values
 
 
 def load_parameters(
@@ -381,10 +304,9 @@ def load_parameters(
     ParameterError
         If a value is not admissible.
     """
-    need(str, node=node)
-    path = preset_file(path_of('path', path))
+    path = preset_file(Path(path))
     try:
-        tree = guarded_yaml(path)
+        values = _values(path, node)
     except OSError as error:
         remedy = 'give the path of a ROS 2 parameters file'
         if isinstance(error, FileNotFoundError):
@@ -392,23 +314,8 @@ def load_parameters(
         raise ParametersFileError(
             f'{path}: cannot be read ({error.strerror or error}): {remedy}'
         ) from error
-    except YamlError as error:
+    except (ParametersFileError, YamlError) as error:
         raise ParametersFileError(f'{path}: {error}') from None
-    if not isinstance(tree, Block) or not tree:
-        raise ParametersFileError(
-            f'{path}: holds no parameters: start the file with "/**:" and, indented below it, '
-            '"ros__parameters:"'
-        )
-    values = _parameter_blocks(tree, path, node)
-    allowed = [*ALL_SPECS, *_ROS_NAMES]
-    for name in values:
-        base = str(name).split('.')[0]
-        if base not in allowed and base != 'qos_overrides':
-            close = difflib.get_close_matches(str(name)[:80], allowed, 1)
-            hint = f'did you mean {close[0]}?' if close else 'remove it'
-            raise ParametersFileError(
-                f'{path}: line {values.lines[name]}: unknown parameter {named(name)}: {hint}'
-            )
     try:
         parameters = RigParameters(**{k: v for k, v in values.items() if k in PARAMETER_SPECS})
         initial = InitialConditions(**{k: v for k, v in values.items() if k in INITIAL_SPECS})
@@ -417,7 +324,5 @@ def load_parameters(
         line = values.lines.get(error.name)
         place = f'line {line}: ' if line else ''
         raise ParameterError(error.name, f'{path}: {place}{error}') from None
-    other = {
-        k: v for k, v in values.items() if k not in PARAMETER_SPECS and k not in INITIAL_SPECS
-    }
-    return parameters, initial, other
+    own = PARAMETER_SPECS.keys() | INITIAL_SPECS.keys()
+    return parameters, initial, {k: v for k, v in values.items() if k not in own}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import inf
+from sys import float_info
 from typing import Any, NamedTuple
 
 from .event import Event, EventKind
 from .forcing import SteppedSine, frequency_steps
+from .parameter_spec import number_between, whole_number
 from .parameters import RigParameters
 from .quoting import shown
 from .state import STORED, STORED_TYPES, Mode, Run
@@ -28,59 +30,49 @@ LATEST = 1e13
 SAME_TIME = 1e-6
 #: Largest number of a motion; the products of larger ones are not finite.
 _LARGEST = 1e100
-#: Values allowed for the fields of a run that are not plain numbers.
-_CHOICES: dict[str, tuple[int, ...]] = {
-    'mode': tuple(int(mode) for mode in Mode),
-    'last_stop': (0, 1, 2),
-    'side': (-1, 0, 1),
-    'crossing_side': (-1, 0, 1),
-    'released': (False, True),
+#: Ranges of the fields of a run that are not just any number.
+_RANGES: dict[str, tuple[float, float]] = {
+    'time': (-LATEST, LATEST),
+    'time_low': (-1.0, 1.0),
+    'mode': (0, max(Mode)),
+    'last_stop': (0, 2),
+    'side': (-1, 1),
+    'crossing_side': (-1, 1),
+    'released': (0, 1),
+    'searched': (0.0, float_info.max),
+    **dict.fromkeys(('clearance_1', 'clearance_2', 'chatter_left', 'watched'), (0.0, _LARGEST)),
 }
 #: Infinite where there is none; JSON has no number for that.
 _MAY_BE_INFINITE = ('clearance_2', 'crossing')
-_NOT_NEGATIVE = ('clearance_1', 'clearance_2', 'chatter_left', 'searched', 'watched')
 
 
-def check_number(name: str, value: object, largest: float = _LARGEST) -> None:
-    """Check that a value is a number, not too large."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < inf:
-        raise ValueError(f'{name} is {shown(value)}: it must be a finite number')
-    if abs(value) > largest:
-        raise ValueError(
-            f'{name} is {shown(value)}: it must be a number from {-largest:g} to {largest:g}'
-        )
+def check_number(name: str, value: object, low: float = -_LARGEST, high: float = _LARGEST) -> None:
+    """Check that a value is a number in a range, by default one that is not too large."""
+    number_between(name, value, low, high)
 
 
-def check_numbers(name: str, values: object) -> None:
-    """Check that a value is a list of numbers, none too large."""
-    if not isinstance(values, list | tuple):
-        raise ValueError(f'{name} is {shown(values)}: it must be a list of numbers')
+def check_numbers(name: str, values: Iterable[object]) -> None:
+    """Check that all values are numbers, none too large."""
     for value in values:
         check_number(f'an entry of {name}', value)
 
 
 def check_whole(name: str, value: object, low: int = -(2**63), high: int = 2**63 - 1) -> None:
     """Check that a value is a whole number in a range, by default one of 64 bits."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ValueError(f'{name} is {shown(value)}: it must be a whole number')
-    if not low <= value <= high:
-        raise ValueError(f'{name} is {shown(value)}: it must be from {low} to {high}')
+    whole_number(name, value, low, high)
 
 
 def _check_state(state: Mapping[str, Any], time: float, harmonics: int) -> None:
     """Check the stored state of a rig at a time, s, with so many harmonics."""
     for name in STORED:
         value = state[name]
-        if name in _CHOICES:
-            if value not in _CHOICES[name]:
-                allowed = ', '.join(map(str, _CHOICES[name]))
-                raise ValueError(f'origin.{name} is {shown(value)}: it must be one of {allowed}')
-        elif not (name in _MAY_BE_INFINITE and value is None):
-            check_number(f'origin.{name}', value, inf if name == 'searched' else _LARGEST)
-            if name in _NOT_NEGATIVE and value < 0.0:
-                raise ValueError(f'origin.{name} is {shown(value)}: it must be from 0 on')
-    check_number('origin.time', state['time'], LATEST)
-    check_number('origin.time_low', state['time_low'], 1.0)
+        low, high = _RANGES.get(name, (-_LARGEST, _LARGEST))
+        if STORED_TYPES[name] is bool and isinstance(value, bool):
+            continue
+        if STORED_TYPES[name] is not float:
+            check_whole(f'origin.{name}', value, int(low), int(high))
+        elif not (value is None and name in _MAY_BE_INFINITE):
+            check_number(f'origin.{name}', value, low, high)
     if state['time'] > time + SAME_TIME:
         raise ValueError(f'origin.time is {state["time"]!r} s, after time, {time!r} s')
     check_numbers('origin.angles', state['angles'])
@@ -93,7 +85,7 @@ def _check_state(state: Mapping[str, Any], time: float, harmonics: int) -> None:
 
 def _check_sweep(sweep: SteppedSine, parameters: RigParameters, time: float) -> None:
     """Check a stored sweep of a rig at a time, s: the steps due by then, and no more, are done."""
-    check_number('sweep.start', sweep.start, LATEST)
+    check_number('sweep.start', sweep.start, -LATEST, LATEST)
     check_whole('sweep.step', sweep.step, 0, frequency_steps(parameters))
     done = sweep.start + sweep.step * parameters.sweep_dwell
     due = sweep.due(parameters)
@@ -171,7 +163,7 @@ class Snapshot(NamedTuple):
         try:
             parameters = RigParameters(**stored['parameters'])
             time, held = stored['time'], stored['origin']
-            check_number('time', time, LATEST)
+            check_number('time', time, -LATEST, LATEST)
             _check_state(held, time, len(parameters.harmonics[0]))
             sweep = SteppedSine(**stored['sweep'])
             _check_sweep(sweep, parameters, time)

@@ -27,7 +27,6 @@ import numpy as np
 import impact_damper_ros
 from impact_damper_ros.control import LawError, OwnLaw, Rig
 from impact_damper_ros.rig import ParameterError, RunawayError
-from impact_damper_ros.rig.arguments import need, need_call
 from impact_damper_ros.rig.parameter_spec import whole_number
 from impact_damper_ros.rig.snapshot import Snapshot
 
@@ -312,7 +311,6 @@ class DaskWorkers:
     """
 
     def __init__(self, address: str) -> None:
-        need(str, address=address)
         try:
             from distributed import Client, KilledWorker
         except ImportError as error:
@@ -486,10 +484,6 @@ def run_sweep(
     -----
     The rows do not depend on the workers, their number, or the order in which they finish.
     """
-    need(SweepPlan, plan=plan)
-    need(Journal, journal=journal)
-    need(SweepExecutor, executor=executor)
-    need_call(or_none=True, progress=progress)
     if not callable(at_once):
         at_once = whole_number('at_once', at_once, 0, MOST_JOBS)
     left = _Queue(plan, journal)

@@ -18,7 +18,6 @@ from impact_damper_ros.report.drawing import (
     legend_below,
     save_figure,
 )
-from impact_damper_ros.rig.arguments import need, path_of
 
 from .optimum import Nearby, Optimum
 from .plan import Axis
@@ -505,9 +504,7 @@ def draw_sweep(table: SweepTable, measure: str, optimum: Optimum | None, path: P
     OSError
         If the file cannot be written.
     """
-    need(SweepTable, table=table)
-    need(Optimum, or_none=True, optimum=optimum)
-    path = path_of('path', path)
+    path = Path(path)
     check_measure(measure)
     axes = table.plan.axes
     if len(axes) > 2:

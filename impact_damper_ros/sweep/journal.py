@@ -12,12 +12,10 @@ import fcntl
 import json
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple, Self
-
-from impact_damper_ros.rig.arguments import need, path_of
 
 from .table import Row
 
@@ -39,7 +37,7 @@ class JournalError(ValueError):
 
 def journal_path(output: Path) -> Path:
     """Return the name of the journal that belongs to a table."""
-    output = path_of('output', output)
+    output = Path(output)
     return output.with_name(output.name + '.part')
 
 
@@ -93,8 +91,7 @@ class Journal:
     """
 
     def __init__(self, path: Path, inputs: dict[str, Any], *, anew: bool = False) -> None:
-        path = path_of('path', path)
-        need(Mapping, inputs=inputs)
+        path = Path(path)
         self.path = path
         self.points: dict[int, int] = {}
         self.states: dict[int, dict[str, Any]] = {}

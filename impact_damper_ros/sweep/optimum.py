@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.rig import InitialConditions
-from impact_damper_ros.rig.arguments import need, need_call
 
 from .execution import rig_row
 from .plan import Axis, SweepPlan
@@ -183,10 +182,7 @@ def find_optimum(
     either side along each axis are compared, then the search moves to the best of them, or halves
     the steps. It uses no slope, so that it also ends where the motion ends.
     """
-    need(SweepTable, table=table)
     check_measure(measure)
-    need(Best, best=best)
-    need_call(or_none=True, progress=progress)
     plan = table.plan
     eligible = table.flags('ok' if plan.control.active else 'settled')
     measures = np.where(eligible, table.numbers(measure), np.nan)

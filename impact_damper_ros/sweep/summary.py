@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.rig.arguments import need
-from impact_damper_ros.rig.quoting import counted, shown
+from impact_damper_ros.rig.quoting import counted
 
 from .optimum import Nearby, Optimum
 from .table import FAILED, SweepTable
@@ -85,8 +84,6 @@ def _as_much(nearby: Nearby, measure: str) -> str:
 
 def summary_of(table: SweepTable, optimum: Optimum | None) -> dict[str, Any]:
     """Return counts, attractors and optimum of a sweep, for JSON."""
-    need(SweepTable, table=table)
-    need(Optimum, or_none=True, optimum=optimum)
     ok = table.flags('ok')
     reasons = Counter(reason for reason in table.texts('reason') if reason is not None)
     return {
@@ -107,9 +104,6 @@ def summary_of(table: SweepTable, optimum: Optimum | None) -> dict[str, Any]:
 
 def summary_text(path: Path, summary: dict[str, Any]) -> str:
     """Return a summary in words."""
-    need(Mapping, summary=summary)
-    if 'motions' not in summary:
-        raise ValueError(f'summary is {shown(summary)}: give what summary_of returns')
     kinds = ', '.join(f'{count} {kind}' for kind, count in summary['motions'].items())
     failed = f'{summary["failed"]} failed' if summary['failed'] else ''
     lines = [f'{path}: {summary["rigs"]} rigs: {", ".join(p for p in (kinds, failed) if p)}']

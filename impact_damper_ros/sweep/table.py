@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.outputs import whole
 from impact_damper_ros.rig import RigParameters
-from impact_damper_ros.rig.arguments import need, path_of
 from impact_damper_ros.rig.quoting import shown
 
 from .plan import SweepPlan
@@ -139,7 +138,7 @@ MEASURES: dict[str, Column] = {name: _BY_NAME[name] for name in _MEASURES.split(
 
 def check_measure(measure: str) -> None:
     """Raise ValueError if there is no such measure."""
-    if not isinstance(measure, str) or measure not in MEASURES:
+    if measure not in MEASURES:
         raise ValueError(f'measure is {shown(measure)}: give one of {", ".join(MEASURES)}')
 
 
@@ -292,11 +291,7 @@ def write_table(plan: SweepPlan, journal: Journal, path: Path) -> None:
     OSError
         If it cannot be written; an older file is left as it was.
     """
-    from .journal import Journal
-
-    need(SweepPlan, plan=plan)
-    need(Journal, journal=journal)
-    path = path_of('path', path)
+    path = Path(path)
     with whole(path) as draft:
         (_write_csv if _is_csv(path) else _write_parquet)(plan, _rows(plan, journal), draft)
 
@@ -492,7 +487,7 @@ class SweepTable:
     """
 
     def __init__(self, path: Path) -> None:
-        path = path_of('path', path)
+        path = Path(path)
         check_format(path)
         self.plan = SweepPlan.from_inputs(stored_inputs(path))
         try:

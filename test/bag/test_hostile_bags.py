@@ -80,21 +80,21 @@ def put(path, value):
         (lambda t: t.replace('"x": 0.0', '"x": NaN'), 'NaN is no number of JSON'),
         (lambda t: t.replace('"x": 0.0', '"x": 1e999'), "'1e999' is beyond the range of a double"),
         (lambda t: t.replace('ns": 0,', f'ns": {"9" * 4000},'), 'a whole number has 4000 digits'),
-        (put('state.origin.x', None), 'origin.x is None: it must be a finite number'),
-        (put('state.origin.velocity', '1.0'), "origin.velocity is '1.0': it must be a finite"),
+        (put('state.origin.x', None), 'origin.x is None: give a number from'),
+        (put('state.origin.velocity', '1.0'), "origin.velocity is '1.0': give a number"),
         (
             put('state.origin.mode', 99),
-            'origin.mode is 99: it must be one of 0, 1, 2, 3, 4, 5',
+            'origin.mode is 99: give a whole number from 0 to',
         ),
-        (put('state.origin.mode', 'SLIDE'), "origin.mode is 'SLIDE': it must be one of 0, 1, 2"),
+        (put('state.origin.mode', 'SLIDE'), "origin.mode is 'SLIDE': give a whole number"),
         (put('state.origin.angles', []), 'origin.angles has 0 entries, the force has 1'),
-        (put('state.origin.angles', ['x']), "origin.angles is 'x': it must be a finite number"),
+        (put('state.origin.angles', ['x']), "origin.angles is 'x': give a number"),
         (put('state.time', 1e9), 'its state is of rig time 1000000000.0 s, the message of 0.0 s'),
-        (put('state.sweep.step', 1.5), 'sweep.step is 1.5: it must be a whole number'),
+        (put('state.sweep.step', 1.5), 'sweep.step is 1.5: give a whole number'),
         (put('state.parameters.gap', 'x' * 10**5), 'gap is '),
         (put('state.parameters.gap', -1.0), 'gap is -1.0'),
-        (put('state.sweep.step', -(2**62)), 'sweep.step is -4611686018427387904: it must be from'),
-        (put('state.origin.velocity', 1e300), 'origin.velocity is 1e+300: it must be a number'),
+        (put('state.sweep.step', -(2**62)), 'sweep.step is -4611686018427387904: give a whole'),
+        (put('state.origin.velocity', 1e300), 'origin.velocity is 1e+300: give a number'),
         (put('state.origin.time', -1e9), 'the flight from origin.time ends at -999999'),
         (put('state.gap_control.state.observer.last', [1.0]), 'observer.last has 1 entries'),
         (put('state.gap_control.state.roused', 'x'), "roused is 'x': it must be true or false"),
@@ -120,7 +120,7 @@ def test_a_flight_that_takes_hours_to_search(tmp_path, quiet):
 
 def test_a_snapshot_goes_through_all_commands(tmp_path, messages):
     path = with_snapshots(tmp_path / 'bag', messages, put('state.origin.mode', 99))
-    said(path, 'origin.mode is 99: it must be one of 0, 1, 2, 3, 4, 5')
+    said(path, 'origin.mode is 99: give a whole number from 0 to')
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from control.controlled_rigs import IDEAL, TRIAL, control
-from impact_damper_ros.control import Action, Rig
+from impact_damper_ros.control import Action, Rig, damper_of
 from impact_damper_ros.rig import InitialConditions, RigParameters
 from impact_damper_ros.studies.gap_control.runs import broadband_rig
 
@@ -156,3 +156,21 @@ def test_places_are_compared_at_equal_times():
         here = plain.sample()
         energies.append(here.primary_velocity**2 + here.x**2)
     assert energies[1] < 0.5 * energies[0]
+
+
+def test_optimal_gap_is_that_of_the_symmetric_flight():
+    """Two impacts per cycle at X = 0: flight and impact by their own equations."""
+    damper = damper_of(TRIAL)
+    amplitude, mu, restitution = 2.0, 0.1, 0.5
+    gap = damper.optimal_gap(amplitude, 1e9)
+    # m crosses the gap in half a cycle of unit frequency at this absolute speed.
+    speed = gap / math.pi
+    # The blow at stop 1: m comes with +speed, M with -before; m goes with -speed.
+    before = speed * (1.0 + 2.0 * mu - restitution) / (1.0 + restitution)
+    after = ((1 - mu * restitution) * -before + mu * (1 + restitution) * speed) / (1 + mu)
+    back = ((1 + restitution) * -before + (mu - restitution) * speed) / (1 + mu)
+    assert back == pytest.approx(-speed, rel=1e-12)
+    assert 0.5 * (before - after) == pytest.approx(amplitude, rel=1e-12)
+    assert damper.optimal_gap(amplitude, 5.0) == 5.0
+    elastic = damper_of(TRIAL.replace(restitution_1=1.0, restitution_2=1.0))
+    assert elastic.optimal_gap(amplitude, 7.0) == 7.0

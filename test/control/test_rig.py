@@ -28,7 +28,10 @@ def lively(kind, seed):
     rng = random.Random(f'{kind} {seed}')
     parameters, initial = random_rig(f'{kind} {seed}')
     parameters = parameters.replace(restitution_1=min(0.9, parameters.restitution_1))
-    if kind == 'swept':
+    if kind == 'predictive':
+        # What the law foresees depends on the stop that was hit last.
+        parameters = parameters.replace(air_force=rng.choice([0.0, 0.1]))
+    elif kind == 'swept':
         parameters = parameters.replace(
             sweep_mode=rng.choice(['up', 'down', 'up_down']),
             sweep_low=0.5,

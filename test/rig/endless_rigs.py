@@ -31,3 +31,8 @@ ENDLESS = {
         InitialConditions(initial_damper_velocity=1.0),
     ),
 }
+#: m flies from stop to stop faster than anybody could follow: 1e18 impacts per second.
+RUNAWAY = (
+    RigParameters(gap=1e-9, restitution_1=1.0, restitution_2=1.0, gravity=0.0),
+    InitialConditions(initial_damper_velocity=1e9),
+)

@@ -1,14 +1,20 @@
-"""The budget of events: a rig stops at an event beyond it, and only if its events are dense."""
+"""The budget of events, and advances that are interrupted and taken back."""
 
 import math
+import random
 import re
 
 import pytest
 
-from impact_damper_ros.control import GapControlParameters, Rig
-from impact_damper_ros.rig import EventKind, RigParameters, RunawayError
+from impact_damper_ros.control import GapControlParameters, Outcome, Rig
+from impact_damper_ros.rig import (
+    EventKind,
+    RigParameters,
+    RunawayError,
+    load_parameters,
+)
 from impact_damper_ros.rig.event_budget import EndlessEventsError, EventBudget, fastest_rate
-from rig.endless_rigs import ENDLESS
+from rig.endless_rigs import ENDLESS, RUNAWAY
 
 MOST = 700
 
@@ -72,15 +78,6 @@ def test_the_motion_goes_on_from_there():
             assert cut.time < end
     assert events == whole.advance(end)
     assert cut.snapshot() == whole.snapshot()
-
-
-def test_as_many_events_as_allowed_are_not_too_many():
-    parameters, initial = ENDLESS['weight']
-    count = len(Rig(parameters, initial).advance(1e-6))
-    rig = Rig(parameters, initial)
-    assert len(EventBudget(count + 1).advance(rig, 1e-6)) == count
-    with pytest.raises(EndlessEventsError):
-        EventBudget(count - 1).advance(Rig(parameters, initial), 1e-6)
 
 
 def test_a_long_run_may_have_more_if_they_come_one_by_one():
@@ -166,3 +163,47 @@ def test_what_is_no_number_of_events_is_refused(go, control, most):
 )
 def test_the_fastest_of_spring_and_force(changes, rate):
     assert fastest_rate(RigParameters(**changes)) == pytest.approx(rate)
+
+
+#: The next event is a thousand stretches of the search away.
+LONG_SEARCH = load_parameters('bench_rig')[0].replace(stiffness=1e12, gap=1.0, friction=0.0)
+
+
+def test_an_interrupted_preview_is_the_beginning_of_the_whole_one():
+    whole, cut = Rig(LONG_SEARCH), Rig(LONG_SEARCH)
+    rng = random.Random(7)
+    lengths = set()
+    for k in range(1, 40):
+        for rig in (whole, cut):
+            rig.advance(k * 1e-3)
+        times = [(k + i) * 1e-3 for i in range(20)]
+        seen = cut.preview(times, lambda: rng.random() < 0.01)
+        assert seen == whole.preview(times)[: len(seen)]
+        lengths.add(len(seen))
+    assert len(lengths) > 3
+
+
+def test_every_call_gets_on_however_short_it_is():
+    whole, cut = Rig(LONG_SEARCH), Rig(LONG_SEARCH)
+    whole.advance(0.05)
+    calls = 0
+    while cut.time < 0.05:
+        cut.advance(0.05, interrupted=lambda: True)
+        calls += 1
+    assert calls > 100
+    assert cut.snapshot() == whole.snapshot()
+
+
+def test_a_rig_with_endless_events_can_be_taken_back():
+    parameters, initial = RUNAWAY
+    rig = Rig(parameters, initial)
+    before, mark = rig.snapshot(), rig.mark()
+    with pytest.raises(RunawayError, match='give a wider gap, a restitution below 1'):
+        rig.advance(0.1)
+    rig.go_back(mark)
+    assert rig.snapshot() == before
+    outcome = rig.run(0.1)
+    assert (outcome.outcome, 'less elastic' in outcome.reason) == (Outcome.RUNAWAY, True)
+    rig.change(parameters.replace(gap=1.0, restitution_1=0.5))
+    rig.reset()
+    assert rig.advance(0.01) == []

@@ -71,22 +71,26 @@ def test_what_keeps_its_sign_does():
     """Quartics: their fourth derivative is the bound. It may say no, but never a wrong yes."""
     rng = np.random.default_rng(1)
     s = np.linspace(0.0, 1.0, 2001)
-    certain = 0
+    basis = np.array([(1 - s) ** 3, 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s), s**3])
+    certain = unsure = 0
     for _ in range(4000):
-        c = rng.normal(size=5) * [1.0, 3.0, 3.0, 2.0, 2.0]
-        if rng.random() < 0.3:
-            c[0] = 0.0
-        quartic = np.polynomial.Polynomial(c)
-        ends = [value for t in (0.0, 1.0) for value in (quartic(t), quartic.deriv()(t))]
-        if keeps_sign(*ends, 1.0, 24.0 * abs(c[4])):
+        # Bernstein coefficients of a cubic, of any size beside what the fourth derivative takes
+        f_a, c_1, c_2, f_b = 10.0 ** rng.uniform(-4, 1, 4) * rng.choice([-1, 1, 1, 1, 1], 4)
+        f_a = rng.choice([0.0, f_a])
+        cubic = np.array([f_a, c_1, c_2, f_b]) @ basis
+        quartic = cubic - (s * (1 - s)) ** 2
+        ends = f_a, 3 * (c_1 - f_a), f_b, 3 * (f_b - c_2)
+        if keeps_sign(*ends, 1.0, 24.0):
             certain += 1
-            assert (quartic(s[1:]) > 0.0).all()
+            assert (quartic[1:] > 0.0).all()
         else:
             # It does say yes where there is room.
-            f_a, d_a, f_b, d_b = ends
-            sure = keeps_sign(f_a + 12.0, d_a, f_b + 12.0, d_b, 1.0, 24.0 * abs(c[4]))
-            assert sure or quartic(s).min() < -3.0
+            unsure += (quartic[1:] > 0.0).all()
+            lift = 12.0 + max(0.0, -f_a, -c_1, -c_2, -f_b)
+            ends = f_a + lift, 3 * (c_1 - f_a), f_b + lift, 3 * (f_b - c_2)
+            assert keeps_sign(*ends, 1.0, 24.0)
     assert certain > 300
+    assert unsure < certain
 
 
 @pytest.mark.parametrize('slopes', [(-1.0, -1.2), (-1e-9, -2.0), (0.0, -1.5), (-3.0, -0.1)])

@@ -132,15 +132,6 @@ def test_one_stop(case, side):
 
 @pytest.mark.parametrize('side', [1, -1])
 class TestCommands:
-    def test_a_new_command_replaces_the_old_one(self, side):
-        rig, stop = thrown(0.0, 0.0), 1 if side > 0 else 2
-        to(rig, side, 1.0, 1.0)
-        rig.advance(1.0)
-        assert to(rig, side, 8.0, 2.0) == []
-        assert told(rig.advance(9.0)) == [(ARRIVED, stop, 3.0)]
-        (event,) = to(rig, side, 8.0, 0.1)
-        assert (event.kind, event.time) == (ARRIVED, 9.0)
-
     def test_samples_show_its_velocity(self, side):
         """That of M while it stands, its own one besides while it moves, Z' while it follows m."""
         heavy = QUIET.replace(stiffness=1.0, damping=0.0)

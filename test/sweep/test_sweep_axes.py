@@ -139,7 +139,7 @@ def test_plans_that_cannot_be():
         plan_of('gap=1:2:1500', 'friction=1:2:1500')
 
 
-@pytest.mark.parametrize('text', [None, 5, 'gap', '', ['gap=1']])
+@pytest.mark.parametrize('text', ['gap', '', 'gap:1'])
 def test_what_is_no_range(text):
     with pytest.raises(AxisError, match='give NAME=LOW:HIGH:COUNT, such as gap=10:60:200'):
         axis_from_text(text, RIG)

@@ -1,107 +1,33 @@
-"""The controlled rig as a simulator: bits, cuts, snapshots, switching."""
+"""The rig under control: commands, switching, snapshots, and the state of the controller."""
 
 import itertools
 import json
-import random
+from dataclasses import asdict, fields
+from math import nan
 
 import pytest
-from rig.random_rigs import through_json
 
 from control.controlled_rigs import (
     TRIAL,
     control,
-    random_control,
-    random_controlled_rig,
 )
 from impact_damper_ros.control import Action, GapControlParameters, Rig, damper_of
+from impact_damper_ros.control.controller import (
+    LAW_NUMBERS,
+    LAW_STATES,
+    PARTS,
+    Control,
+    forget_all,
+    initial_state,
+)
+from impact_damper_ros.control.state import as_stored, read_stored
 from impact_damper_ros.rig import (
+    GAP_CONTROL_SPECS,
     EventKind,
     InitialConditions,
     ParameterError,
     RigParameters,
 )
-
-SEEDS = range(12)
-
-
-@pytest.mark.parametrize('mode', ['timed', 'amplitude'])
-def test_velocities_of_stops_are_those_of_their_positions(mode):
-    """Over each step; where a stop starts or arrives, to its speed times the step."""
-    parameters = RigParameters(
-        damper_mass=0.1,
-        gap=20.0,
-        gravity=0.0,
-        restitution_1=0.5,
-        restitution_2=0.5,
-        force_amplitudes=[0.2],
-    )
-    speed, step = 2.0, 2e-3
-    rig = Rig(
-        parameters,
-        control=GapControlParameters(
-            gap_control=mode, gap_control_rate=20.0, actuator_speed=speed, gap_max=40.0
-        ),
-    )
-    before, moved = rig.sample(), [0.0, 0.0]
-    for k in range(1, 30_001):
-        rig.advance(step * k)
-        after = rig.sample()
-        span = after.time - before.time
-        steady = all(record.action is Action.CROSSING for record in rig.records)
-        # M changes its velocity by 20 m/s^2 at most between impacts.
-        for i, (place, velocity) in enumerate(zip((5, 6), (7, 8), strict=True)):
-            there, here = before[velocity], after[velocity]
-            change = after[place] - before[place]
-            slack = 0.5 * abs(here - there) + 20.0 * span + (0.0 if steady else speed)
-            assert abs(change / span - 0.5 * (there + here)) <= slack
-            moved[i] += abs(here - after.primary_velocity) * span
-        before = after
-    assert min(moved) > 1.0
-
-
-def run_in_pieces(rig, until, cuts):
-    events, records = [], []
-    for time in [*sorted(cuts), until]:
-        events += rig.advance(time)
-        records += rig.records
-    return events, records
-
-
-@pytest.mark.parametrize('seed', SEEDS)
-def test_does_not_depend_on_how_it_is_cut(seed):
-    rng = random.Random(seed)
-    whole, parts = random_controlled_rig(seed), random_controlled_rig(seed)
-    until = 25.0
-    events = whole.advance(until)
-    # Cuts also on the sampling grid, at events, and twice at the same place
-    rate = whole.control.gap_control_rate
-    cuts = [rng.uniform(0.0, until) for _ in range(20)]
-    cuts += [k / rate for k in range(1, int(until * rate), 7)]
-    cuts += [event.time for event in events[::5]]
-    cuts += cuts[:5]
-    assert run_in_pieces(parts, until, cuts) == (events, whole.records)
-    assert parts.snapshot() == whole.snapshot()
-    assert parts.sample() == whole.sample()
-
-
-@pytest.mark.parametrize('seed', SEEDS)
-def test_continues_from_a_snapshot_bit_for_bit(seed):
-    rng = random.Random(seed)
-    rig, twin = random_controlled_rig(f's{seed}'), random_controlled_rig(f's{seed}')
-    moving = waiting = 0
-    for _ in range(30):
-        time = rig.time + rng.expovariate(1.0)
-        assert (rig.advance(time), rig.records) == (twin.advance(time), twin.records)
-        state = rig.snapshot()['gap_control']['state']['actuators']
-        moving += any(state['velocities'])
-        waiting += bool(state['waiting'])
-        rig = through_json(rig)
-        assert rig.snapshot() == twin.snapshot()
-        assert rig.sample() == twin.sample()
-        if rng.random() < 0.2:
-            other = random_control(rng)
-            assert rig.change(rig.parameters, other) == twin.change(twin.parameters, other)
-    assert rig.time > 5.0
 
 
 def test_there_is_no_preview_until_the_stops_are_back():
@@ -119,23 +45,6 @@ def test_there_is_no_preview_until_the_stops_are_back():
             assert not instants
     assert instants
     assert instants[0] > 1
-
-
-def test_snapshots_are_taken_in_the_middle_of_moves_and_of_delays():
-    rig = Rig(TRIAL, control=control('timed', actuator_delay=0.4, actuator_speed=5.0))
-    waiting = moving = 0
-    for k in range(300):
-        rig.advance(100.0 + 0.1 * k)
-        twin = through_json(rig)
-        state = rig.snapshot()['gap_control']['state']['actuators']
-        waiting += bool(state['waiting'])
-        moving += any(state['velocities'])
-        later = rig.time + 3.0
-        again = through_json(twin)
-        assert again.advance(later) == twin.advance(later)
-        assert again.snapshot() == twin.snapshot()
-    assert waiting > 10
-    assert moving > 10
 
 
 def test_rigs_restored_from_one_snapshot_do_not_share_it():
@@ -165,23 +74,6 @@ def test_snapshot_that_lacks_something():
     del snapshot['gap_control']['state']['observer']
     with pytest.raises(ValueError, match='observer'):
         Rig.restore(snapshot)
-
-
-def test_live_switching_at_any_instant():
-    rng = random.Random(3)
-    rig = Rig(TRIAL)
-    plain = Rig(TRIAL)
-    assert rig.advance(41.3) == plain.advance(41.3)
-    for mode in ('amplitude', 'timed', 'off', 'timed', 'amplitude', 'off'):
-        rig.change(rig.parameters, control(mode, actuator_speed=50.0, actuator_delay=0.02))
-        rig.advance(rig.time + rng.uniform(30.0, 60.0))
-        if mode == 'off':
-            assert rig.stops == (10.0, -10.0)
-            events = rig.advance(rig.time + 5.0)
-            assert {e.kind for e in events} <= {EventKind.IMPACT}
-        else:
-            assert rig.stops != (10.0, -10.0)
-            assert rig.energies > (0.0, 0.0)
 
 
 def test_off_sends_the_stops_back_by_the_actuators():
@@ -294,9 +186,83 @@ def test_the_detector_triggers_at_every_passage_and_only_there():
     assert max(abs(e.x) for e in crossings) < 1e-10
 
 
-def test_faults_in_the_time_asked_for():
+def start():
+    return Control.of(GapControlParameters(), RigParameters(gap=4.0))
+
+
+def test_the_controller_has_every_law_that_the_parameter_names():
+    assert tuple(LAW_NUMBERS) == GAP_CONTROL_SPECS['gap_control'].choices
+    assert LAW_NUMBERS['off'] == 0
+    assert set(LAW_STATES) <= set(LAW_NUMBERS)
+    assert set(LAW_STATES.values()) <= set(PARTS)
+    assert set(PARTS) <= set(start().states())
+
+
+def test_the_kind_of_every_number_is_known():
+    """Rigs nearby differ in these; whole numbers and the energies spent do not count."""
+    known = {'energies', 'missed'}
+    for name, part in initial_state().items():
+        if name in PARTS:
+            numbers = {n for n, v in part.items() if v is None or isinstance(v, float | list)}
+            assert numbers - known <= set(PARTS[name].KINDS)
+            assert set(PARTS[name].KINDS) <= set(part)
+
+
+@pytest.mark.parametrize('part', PARTS.values())
+def test_lists_name_fields_in_a_row(part):
+    names = [field.name for field in fields(part)]
+    for listed in getattr(part, 'LISTS', {}).values():
+        first = names.index(listed[0])
+        assert tuple(names[first : first + len(listed)]) == listed
+
+
+def test_the_state_goes_through_json():
+    control = start()
+    control.controller.sample_index, control.controller.roused = 3, True
+    control.observer.time = 1.0
+    for k, name in enumerate(('x', 'x_rate', 'y', 'y_rate', 'stop_1', 'stop_2')):
+        setattr(control.observer, name, 2.0 + k)
+    text = json.dumps(control.as_dict(), allow_nan=False)
+    stored = json.loads(text)
+    assert stored['observer']['last'] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+    assert stored['observer']['crossed'] is None
+    assert stored['observer']['hit_1'] == stored['timing']['places'] == []
+    again = start().restored(stored)
+    assert json.dumps(again.as_dict()) == text
+    # NaN stands for the same in both
+    assert repr(again.states()) == repr(control.states())
+    assert list(stored) == [
+        'sample_index',
+        'trigger_index',
+        'observer',
+        'search',
+        'timing',
+        'timed',
+        'actuators',
+        'roused',
+        'returning',
+    ]
+
+
+def test_what_is_forgotten_is_as_at_the_start():
     rig = Rig(TRIAL, control=control('timed'))
-    rig.advance(10.0)
-    for time in (9.0, float('inf'), float('nan')):
-        with pytest.raises(ValueError, match='cannot advance'):
-            rig.advance(time)
+    rig.advance(100.0)
+    there = rig._control.copied()
+    assert repr(there.states()) != repr(start().states())
+    forget_all(there)
+    # How far the tables are written is nothing to forget.
+    there.controller.recorded = there.controller.room = 0
+    for name, part in there.states().items():
+        if name != 'actuators':
+            assert repr(part) == repr(type(part)())
+
+
+def test_a_state_of_another_shape_is_refused():
+    part = as_stored(PARTS['search']())
+    with pytest.raises(TypeError, match='missed has 3 entries, not 2'):
+        read_stored(PARTS['search'], {**part, 'missed': [0, 0, 0]})
+    with pytest.raises(TypeError, match='lost'):
+        read_stored(PARTS['search'], {**part, 'lost': 1})
+    assert read_stored(PARTS['timing'], {'places': [1.0, 2.0]}).place_2 == 2.0
+    assert repr(read_stored(PARTS['timing'], {}).place_1) == repr(nan)
+    assert asdict(read_stored(PARTS['timed'], {})) == asdict(PARTS['timed']())

@@ -3,22 +3,16 @@
 import json
 import math
 from fractions import Fraction
-from itertools import repeat
 
 import numpy as np
 import pytest
 
 from impact_damper_ros.control import Rig
-from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.rig import (
     GapControlParameters,
     InitialConditions,
     Mode,
     RigParameters,
-    described,
-    frequency_hint,
-    load_parameters,
-    robot_description,
 )
 
 LEVEL = RigParameters(gravity=0.0)
@@ -96,27 +90,31 @@ def snapshot():
 @pytest.mark.parametrize(
     ('path', 'value', 'words'),
     [
-        ('time', math.nan, 'time is nan: it must be a finite number'),
-        ('time', 1e300, r'time is 1e\+300: it must be a number from -1e\+13 to 1e\+13'),
+        ('time', math.nan, 'time is nan: give a number from'),
+        ('time', 1e300, r'time is 1e\+300: give a number from -1e\+13 to 1e\+13'),
         ('origin', None, 'snapshot is not complete'),
         ('origin.time', -1e18, 'origin.time is -1e'),
         ('origin.time', 1e9, r'origin.time is 1000000000.0 s, after time, 137.3 s'),
-        ('origin.time_low', math.nan, 'origin.time_low is nan: it must be a finite'),
+        ('origin.time_low', math.nan, 'origin.time_low is nan: give a number from -1 to 1'),
         ('origin.time_low', -1e18, 'origin.time_low is -1e'),
         ('origin.x', None, 'origin.x is None'),
-        ('origin.x', 1e300, r'origin.x is 1e\+300: it must be a number from -1e\+100 to 1e\+100'),
-        ('origin.velocity', math.inf, 'origin.velocity is inf: it must be a finite number'),
-        ('origin.clearance_1', -1e-9, r'origin.clearance_1 is -1e-09: it must be from 0 on'),
-        ('origin.side', math.nan, 'origin.side is nan: it must be one of -1, 0, 1'),
-        ('origin.mode', 99, 'origin.mode is 99: it must be one of 0, 1'),
+        ('origin.x', 1e300, r'origin.x is 1e\+300: give a number from -1e\+100 to 1e\+100'),
+        ('origin.velocity', math.inf, 'origin.velocity is inf: give a number from'),
+        ('origin.clearance_1', -1e-9, r'origin.clearance_1 is -1e-09: give a number from 0 to'),
+        ('origin.side', math.nan, 'origin.side is nan: give a whole number from -1 to 1'),
+        ('origin.mode', 99, 'origin.mode is 99: give a whole number from 0 to'),
         ('origin.angles', [], 'origin.angles has 0 entries, the force has 4 harmonics'),
-        ('sweep.start', math.nan, 'sweep.start is nan: it must be a finite number'),
+        ('sweep.start', math.nan, 'sweep.start is nan: give a number from'),
         ('sweep.start', -1e9, r'sweep.step is 1, from -999999900.0 s to -999999800.0 s'),
-        ('sweep.step', -(2**62), 'sweep.step is -4611686018427387904: it must be from 0 to 100'),
-        ('sweep.step', 1.5, 'sweep.step is 1.5: it must be a whole number'),
+        (
+            'sweep.step',
+            -(2**62),
+            'sweep.step is -4611686018427387904: give a whole number from 0 to 100',
+        ),
+        ('sweep.step', 1.5, 'sweep.step is 1.5: give a whole number'),
         ('gap_control.state.sample_index', -(2**62), 'sample_index is -4611686018427387904, a'),
-        ('gap_control.state.sample_index', 2**64, 'sample_index is 18446744073709551616: it must'),
-        ('gap_control.state.sample_index', math.nan, 'sample_index is nan: it must be a whole'),
+        ('gap_control.state.sample_index', 2**64, 'sample_index is 18446744073709551616: give'),
+        ('gap_control.state.sample_index', math.nan, 'sample_index is nan: give a whole'),
     ],
 )
 def test_a_state_that_no_rig_can_have(snapshot, path, value, words):
@@ -191,22 +189,13 @@ def test_m_that_sticks_for_a_long_time(share, holds):
 
 BEYOND_FLOATS = 10**400
 REFUSED = {
-    'described(None)': lambda: described(None),
-    'frequency_hint(None)': lambda: frequency_hint(None),
-    'frequency_hint(varied)': lambda: frequency_hint(LEVEL, repeat(1)),
-    'robot_description(None)': lambda: robot_description(None),
-    'robot_description(gap_max)': lambda: robot_description(LEVEL, None),
     'move_stops(far)': lambda: Rig(LEVEL).move_stops(BEYOND_FLOATS, None),
     'move_stops(speed)': lambda: Rig(LEVEL).move_stops(1.0, None, None),
     'instants': lambda: Rig(LEVEL).run(1.0, BEYOND_FLOATS),
-    'load_parameters(None)': lambda: load_parameters(None),
-    'load_parameters(null)': lambda: load_parameters('\0'),
-    'load_parameters(node)': lambda: load_parameters('bench_rig', math.nan),
-    'law': lambda: OwnLaw.from_text(None),
 }
 
 
 @pytest.mark.parametrize('call', REFUSED.values(), ids=REFUSED)
-def test_what_is_no_argument_is_named_and_refused(call):
-    with pytest.raises((TypeError, ValueError), match=r'\w+ (is|are) .*: (give|no path)'):
+def test_what_is_out_of_range_is_named_and_refused(call):
+    with pytest.raises(ValueError, match=r'\w+ (is|are) .*: give'):
         call()

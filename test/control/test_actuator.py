@@ -1,0 +1,141 @@
+"""The actuators: commands in their order, no work on m, and what the starts of stops spend."""
+
+import math
+import random
+
+import pytest
+from rig.energy import Account
+
+from control.controlled_rigs import TRIAL, control, random_controlled_rig
+from impact_damper_ros.control import Action, Rig
+from impact_damper_ros.control.actuator import (
+    commands_full,
+    next_command,
+    order_stops,
+    start_command,
+    stop_stopped,
+)
+from impact_damper_ros.control.controller import Control
+from impact_damper_ros.rig import EventKind
+
+SEEDS = range(10)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_energy_is_balanced_over_a_run(seed):
+    """Work of the force and losses, by quadrature: nothing is left for the stops."""
+    rig = random_controlled_rig(f'e{seed}', air_force=0.0)
+    account = Account(rig)
+    for k in range(1, 9):
+        account.advance(2.0 * k)
+    assert account.imbalance < 1e-9
+    assert rig.snapshot()['gap_control']['state']['observer']['crossed'] is not None
+
+
+def test_a_stop_that_is_closed_meets_m_and_stands():
+    rig = Rig(TRIAL, control=control('timed', actuator_speed=8.0))
+    events = rig.advance(300.0)
+    touched = [e for e in events if e.kind is EventKind.STOP_TOUCHED]
+    assert len(touched) > 50
+    for event in touched:
+        # The impact, if any, is of m against a stop at rest in M.
+        hit = [e for e in events if e.kind is EventKind.IMPACT and e.time == event.time]
+        for impact in hit:
+            w = impact.damper_velocity_before - impact.primary_velocity_before
+            v = impact.damper_velocity_after - impact.primary_velocity_after
+            assert v == pytest.approx(-0.5 * w, rel=1e-9)
+
+
+def test_each_start_of_a_stop_is_paid_for():
+    speed, mass = 8.0, 0.3
+    rig = Rig(TRIAL, control=control('timed', actuator_speed=speed, actuator_mass=mass))
+    rig.advance(200.0)
+    starts = [0, 0]
+    velocities = [0.0, 0.0]
+    for record in rig.records:
+        for i, velocity in enumerate((record.velocity_1, record.velocity_2)):
+            assert velocity in (0.0, speed, -speed)
+            starts[i] += velocity not in (0.0, velocities[i])
+            velocities[i] = velocity
+    assert min(starts) > 50
+    quantum = 0.5 * mass * speed**2
+    assert rig.energies == pytest.approx([quantum * n for n in starts], rel=1e-12)
+    last = rig.records[-1]
+    assert (last.energy_1, last.energy_2) == rig.energies
+
+
+def test_stops_that_move_at_once_spend_nothing():
+    rig = Rig(TRIAL, control=control('timed'))
+    rig.advance(200.0)
+    assert rig.energies == (0.0, 0.0)
+    assert {(r.velocity_1, r.velocity_2) for r in rig.records} == {(0.0, 0.0)}
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_stops_stay_within_their_range(seed):
+    rig = random_controlled_rig(f'r{seed}')
+    control_ = rig.control
+    for _ in range(10):
+        rig.advance(rig.time + 3.0)
+        for record in rig.records:
+            if record.action is Action.COMMAND:
+                low, high = record.target_2, record.target_1
+                gap = rig.parameters.gap
+                assert max(high, -low) <= max(0.5 * control_.gap_max, 0.5 * gap) * (1 + 1e-12)
+
+
+def actuators_of(**values):
+    """Return a control of stops at 1 and -1, and its actuators."""
+    there = Control.of(control('timed', **values), TRIAL.replace(gap=2.0))
+    return there, there.actuators
+
+
+def test_commands_wait_for_the_delay_in_order():
+    there, actuators = actuators_of(actuator_delay=0.5, actuator_speed=2.0, actuator_mass=0.1)
+    order_stops(there, 1.0, 0.5, math.nan)
+    order_stops(there, 1.2, 1.0, -0.6)
+    # One that is to be given later does not hold up the next.
+    order_stops(there, 1.1, math.nan, -0.7)
+    assert [command.time for command in there.waiting] == [1.5, 1.6, 1.7]
+    assert next_command(there) == 1.5
+    assert start_command(there, 1.0, -1.0) == (0.5, pytest.approx(math.nan, nan_ok=True))
+    assert (actuators.velocity_1, actuators.velocity_2) == (-2.0, 0.0)
+    # 0.1 s later it has come 0.2 m far; the other one starts.
+    assert start_command(there, 0.8, -1.0) == (pytest.approx(math.nan, nan_ok=True), -0.7)
+    assert (actuators.velocity_1, actuators.velocity_2) == (-2.0, 2.0)
+    # Turned round on its way: paid for once more; the other goes on as it is.
+    assert start_command(there, 0.6, -0.8) == (1.0, -0.6)
+    assert (actuators.velocity_1, actuators.velocity_2) == (2.0, 2.0)
+    spent = actuators.energy_1, actuators.energy_2
+    assert spent == pytest.approx([2 * 0.5 * 0.1 * 4.0, 0.5 * 0.1 * 4.0])
+    assert next_command(there) == math.inf
+    stop_stopped(there, 1, 0.9)
+    assert (actuators.commanded_1, actuators.commanded_2) == (0.9, -0.7)
+    assert (actuators.velocity_1, actuators.velocity_2) == (0.0, 2.0)
+    # Of two commands in the same direction the first is paid for, by either stop.
+    order_stops(there, 2.0, 1.5, -1.5)
+    order_stops(there, 2.1, 2.0, -2.0)
+    for place in (0.9, 1.0):
+        start_command(there, place, -place)
+    assert (actuators.energy_1, actuators.energy_2) == pytest.approx([v + 0.2 for v in spent])
+
+
+def test_no_command_is_lost_however_many_wait():
+    """Against a list that is sorted; the ring begins anywhere, and is enlarged on the way."""
+    rng = random.Random(1)
+    there, _ = actuators_of()
+    expected = []
+    largest = 0
+    for k in range(2000):
+        if commands_full(there):
+            there = there.enlarged()
+        if rng.random() < (0.6 if k % 400 < 200 else 0.35):
+            issue, target = round(rng.uniform(0.0, 3.0), 1), float(k)
+            order_stops(there, issue, target, math.nan)
+            expected = sorted([*expected, (issue, target)], key=lambda command: command[0])
+        elif expected:
+            assert next_command(there) == expected[0][0]
+            assert start_command(there, 0.0, 0.0)[0] == expected.pop(0)[1]
+        assert [(command.time, command.stop_1) for command in there.waiting] == expected
+        largest = max(largest, len(expected))
+    assert largest > 30

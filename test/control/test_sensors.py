@@ -1,0 +1,170 @@
+"""What the controller sees: noise, amplitude, rhythm and impacts."""
+
+import math
+
+import numpy as np
+import pytest
+
+from control.controlled_rigs import TRIAL
+from impact_damper_ros.control import GapControlParameters, Rig, damper_of
+from impact_damper_ros.control.controller import Control, measured
+from impact_damper_ros.control.sensors import (
+    Measurement,
+    Observer,
+    forget_hits,
+    mixed_seed,
+    next_passage,
+    note_crossing,
+    observe_sample,
+    sensor_noise,
+)
+from impact_damper_ros.rig import EventKind, RigParameters
+
+#: Time, X, X', Y, Y', and the stops
+MOTION = (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
+
+
+def noise(seed, index):
+    return sensor_noise(mixed_seed(seed), index, 1.0, 1.0)
+
+
+def test_without_noise_the_sample_itself():
+    seen = measured(Control.of(GapControlParameters(), RigParameters()), 3, *MOTION)
+    assert seen == (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
+    assert (seen.z, seen.z_rate) == (1.75, 0.5)
+
+
+def test_noise_is_a_pure_function_of_seed_and_index():
+    assert noise(5, 1000) == noise(5, 1000)
+    assert noise(5, 1000) != noise(5, 1001)
+    assert noise(5, 1000) != noise(6, 1000)
+    # Recorded runs are replayed with it: these numbers must never change.
+    assert noise(0, 1) == pytest.approx(
+        (-0.2505689576568948, 1.600729306271481, 0.12112185055830514, -0.0715885785775911),
+        abs=1e-15,
+    )
+
+
+def test_noise_is_standard_normal_and_uncorrelated():
+    values = np.array([noise(seed, k) for seed in (1, 2) for k in range(10000)])
+    count = len(values)
+    assert np.abs(values.mean(axis=0)).max() < 4.0 / np.sqrt(count)
+    assert np.abs(values.std(axis=0) - 1.0).max() < 4.0 / np.sqrt(2.0 * count)
+    # Shares within 1 and 2 standard deviations
+    assert np.mean(np.abs(values) < 1.0) == pytest.approx(0.6827, abs=0.006)
+    assert np.mean(np.abs(values) < 2.0) == pytest.approx(0.9545, abs=0.003)
+    covariance = np.corrcoef(values, rowvar=False) - np.eye(4)
+    assert np.abs(covariance).max() < 4.0 / np.sqrt(count)
+    following = np.sum(values[:-1] * values[1:], axis=0) / count
+    assert np.abs(following).max() < 4.0 / np.sqrt(count)
+
+
+def test_noise_has_the_standard_deviations_asked_for():
+    control = GapControlParameters(
+        gap_control_noise_position=0.1, gap_control_noise_velocity=2.0, gap_control_seed=9
+    )
+    there = Control.of(control, RigParameters())
+    seen = np.array([measured(there, k, *MOTION) for k in range(5000)])
+    assert np.std(seen[:, (1, 3)], axis=0) == pytest.approx([0.1, 0.1], rel=0.04)
+    assert np.std(seen[:, (2, 4)], axis=0) == pytest.approx([2.0, 2.0], rel=0.04)
+    # Instant and encoders are exact.
+    assert set(seen[:, 0]) == {2.5}
+    assert set(seen[:, 5]) == {2.0}
+
+
+def sine(time, amplitude=3.0, frequency=0.7):
+    """Return a sample of X = a sin(w t) and of m at Z = 1 + 0.4 t."""
+    x = amplitude * math.sin(frequency * time)
+    x_rate = amplitude * frequency * math.cos(frequency * time)
+    z = 1.0 + 0.4 * time
+    return Measurement(time, x, x_rate, z - x, 0.4 - x_rate, 5.0, -5.0)
+
+
+def watched_sine(cycles=20, smoothing=0.3):
+    observer = Observer()
+    half = math.pi / 0.7
+    time, k = 0.0, 0
+    for crossing in range(1, 2 * cycles):
+        while time < crossing * half:
+            k += 1
+            time = 0.02 * k
+            if time < crossing * half:
+                observe_sample(observer, sine(time), 1.5 / 1.1, 0.0)
+        k -= 1
+        note_crossing(observer, crossing * half, smoothing)
+    return observer
+
+
+def test_amplitude_and_rhythm_of_a_sine():
+    observer = watched_sine()
+    assert observer.half_cycle == pytest.approx(math.pi / 0.7, rel=1e-12)
+    assert observer.amplitude == pytest.approx(3.0 * (1.0 - 0.7**38), rel=1e-4)
+
+
+def test_the_amplitude_is_smoothed_as_the_law_says():
+    observer = Observer()
+    assert not note_crossing(observer, 0.0, 0.25)
+    assert observer.amplitude == 0.0
+    for k, peak in enumerate((4.0, 2.0, 2.0), start=1):
+        observe_sample(observer, sine(k - 0.5)._replace(x=-peak), 1.5, 0.0)
+        assert note_crossing(observer, float(k), 0.25)
+    assert observer.amplitude == pytest.approx(0.25 * 2 + 0.75 * (0.25 * 2 + 0.75 * 4))
+
+
+@pytest.mark.parametrize('ahead', [0.1, 0.5, 1.0, 1.5])
+def test_the_next_passage_is_foreseen(ahead):
+    observer = watched_sine()
+    crossing = 40 * math.pi / 0.7
+    observe_sample(observer, sine(crossing - ahead), 1.5 / 1.1, 0.0)
+    seen = next_passage(observer)
+    assert seen.time == pytest.approx(crossing, rel=1e-9)
+    assert seen.x_rate == pytest.approx(3.0 * 0.7, rel=1e-9)
+    assert seen.y == pytest.approx(1.0 + 0.4 * crossing, rel=1e-9)
+    assert seen.y_rate == pytest.approx(0.4 - 2.1, rel=1e-9)
+
+
+def test_no_passage_is_foreseen_just_after_one():
+    observer = watched_sine()
+    crossing = 39 * math.pi / 0.7
+    for x in (1e-3, -1e-3):
+        observe_sample(observer, sine(crossing + 0.01)._replace(x=x), 1.5 / 1.1, 0.0)
+        seen = next_passage(observer)
+        assert math.isnan(seen.time) or seen.time > crossing + 2.0
+
+
+@pytest.mark.parametrize('rate', [2.0, 5.0, 20.0])
+def test_impacts_are_found_between_the_samples(rate):
+    """As the simulator has them, in a run without control."""
+    rig = Rig(TRIAL)
+    rig.advance(200.0)
+    observer = Observer()
+    rebound = damper_of(TRIAL).rebound
+    found, events = [], []
+    for k in range(int(200 * rate), int(300 * rate)):
+        events += rig.advance(k / rate)
+        s = rig.sample()
+        y_rate = s.damper_velocity - s.primary_velocity
+        observe_sample(
+            observer,
+            Measurement(s.time, s.x, s.primary_velocity, s.z - s.x, y_rate, 10.0, -10.0),
+            rebound,
+            0.0,
+        )
+        hits = (
+            (observer.hit_time_1, 1, observer.hit_speed_1),
+            (observer.hit_time_2, 2, observer.hit_speed_2),
+        )
+        found += [hit for hit in hits if not math.isnan(hit[0])]
+        forget_hits(observer)
+    impacts = [
+        (e.time, e.stop, abs(e.damper_velocity_before - e.primary_velocity_before))
+        for e in events
+        if e.kind is EventKind.IMPACT
+    ]
+    assert len(impacts) > 30
+    assert [f[1] for f in found] == [i[1] for i in impacts]
+    # Without friction and weight m flies straight, so that the instant is exact; the approach
+    # speed is that of the sample before.
+    for hit, impact in zip(found, impacts, strict=True):
+        assert hit[0] == pytest.approx(impact[0], abs=1e-9)
+        assert hit[2] == pytest.approx(impact[2], abs=4.0 / rate)

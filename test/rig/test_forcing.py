@@ -1,0 +1,326 @@
+"""The force: lines and phases of a multisine, instants and phase of a stepped sine."""
+
+import math
+
+import numpy as np
+import pytest
+
+from impact_damper_ros.control import Outcome, Rig
+from impact_damper_ros.orbits import OrbitError, find_orbits
+from impact_damper_ros.rig import EventKind, InitialConditions, RigParameters
+from impact_damper_ros.rig.forcing import frequency_at, frequency_steps, mixed, multisine
+from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
+from rig.random_rigs import random_rig, rows, through_json, without_mode
+
+PHASES_OF_SEED_1 = [
+    '0x1.c7a7e617bba41p+1',
+    '0x1.2be58a1d0b8f7p+2',
+    '0x1.86769fbeabb13p+2',
+    '0x1.655ff89615dddp+1',
+]
+NOISY = RigParameters(
+    gravity=0.0,
+    gap=10.0,
+    damping=0.1,
+    force_amplitudes=[0.3],
+    multisine_level=0.5,
+    multisine_low=0.4,
+    multisine_high=2.0,
+    multisine_lines=9,
+    multisine_seed=7,
+)
+
+
+def test_the_generator_is_split_mix_64():
+    """The published sequence of seed 1234567."""
+    step = 0x9E3779B97F4A7C15
+    assert [mixed(1234567 + k * step) for k in range(5)] == [
+        6457827717110365317,
+        3203168211198807973,
+        9817491932198370423,
+        4593380528125082431,
+        16408922859458223821,
+    ]
+
+
+def test_the_phases_of_a_seed_are_those_for_ever():
+    _, _, phases = multisine(1.0, 1.0, 2.0, 4, 1)
+    assert [p.hex() for p in phases] == PHASES_OF_SEED_1
+    assert all(0.0 <= p < math.tau for p in phases)
+    # More lines keep the phases of the first ones; another seed has others.
+    assert multisine(1.0, 1.0, 2.0, 512, 1)[2][:4] == phases
+    assert multisine(1.0, 1.0, 2.0, 4, 2)[2] != phases
+
+
+def test_lines_fill_the_band_evenly():
+    amplitudes, frequencies, _ = multisine(0.5, 0.4, 2.0, 9, 7)
+    assert frequencies[0] == 0.4
+    assert frequencies[-1] == 2.0
+    assert np.diff(frequencies) == pytest.approx([0.2] * 8, rel=1e-14)
+    assert set(amplitudes) == {0.5 * math.sqrt(2.0 / 9)}
+    assert multisine(1.0, 1.0, 2.0, 1, 3)[1] == (1.5,)
+
+
+@pytest.mark.parametrize('lines', [1, 2, 64, 512])
+def test_the_level_is_the_effective_value(lines):
+    """Over a period of the sum, by its samples."""
+    amplitudes, frequencies, phases = map(np.array, multisine(0.7, 1.0, 3.0, lines, 5))
+    spacing = 2.0 / max(1, lines - 1)
+    # All lines are whole multiples of the spacing from the first one.
+    period = math.tau / spacing if lines > 1 else math.tau / 2.0
+    t = np.arange(8192) * period / 8192
+    force = (amplitudes * np.exp(1j * (np.outer(t, frequencies) + phases))).sum(axis=1)
+    assert math.sqrt(np.mean(np.abs(force) ** 2) / 2) == pytest.approx(0.7, rel=1e-10)
+
+
+def test_it_is_added_to_the_harmonics():
+    amplitudes, frequencies, phases = NOISY.harmonics
+    assert (amplitudes[0], frequencies[0], phases[0]) == (0.3, 1.0, 0.0)
+    lines = multisine(0.5, 0.4, 2.0, 9, 7)
+    assert (amplitudes[1:], frequencies[1:], phases[1:]) == lines
+    assert NOISY.replace(multisine_level=0.0).harmonics == ((0.3,), (1.0,), (0.0,))
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_it_moves_the_rig_as_plain_arrays_do(seed):
+    """Bit for bit."""
+    parameters, initial = random_rig(f'multisine {seed}')
+    noisy = parameters.replace(multisine_level=0.4, multisine_lines=5, multisine_seed=seed)
+    names = ('force_amplitudes', 'force_frequencies', 'force_phases')
+    plain = parameters.replace(**dict(zip(names, noisy.harmonics, strict=True)))
+    one, other = Rig(noisy, initial), Rig(plain, initial)
+    for k in range(1, 9):
+        assert one.advance(k * 1.0) == other.advance(k * 1.0)
+        assert one.sample() == other.sample()
+    assert through_json(one).advance(12.0) == one.advance(12.0)
+
+
+def test_it_agrees_with_110_digits():
+    free = NOISY.replace(gap=1e6, multisine_lines=40)
+    rig = Rig(free, InitialConditions(initial_primary_position=0.5))
+    oscillator = Oscillator(
+        mp.mpf(1),
+        mp.mpf(free.damping),
+        mp.mpf(1),
+        [Harmonic(*map(mp.mpf, row)) for row in zip(*free.harmonics, strict=True)],
+    )
+    motion = Motion(oscillator, mp.mpf(0), mp.mpf(0.5), mp.mpf(0), mp.mpf(0))
+    for time in (1.0, 17.0, 63.0):
+        rig.advance(time)
+        exact = [float(v) for v in motion.derivatives(mp.mpf(time))[:2]]
+        sample = rig.sample()
+        assert (sample.x, sample.primary_velocity) == pytest.approx(exact, rel=1e-11, abs=1e-12)
+
+
+def angles(rig):
+    """Return what each harmonic has turned up to the present time."""
+    origin = rig.snapshot()['origin']
+    own, frequencies, _ = rig.parameters.harmonics
+    since = rig.time - origin['time']
+    assert len(own) == len(origin['angles'])
+    return [a + w * since for a, w in zip(origin['angles'], frequencies, strict=True)]
+
+
+def turned(got, want):
+    assert [math.sin(a) for a in got] == pytest.approx([math.sin(a) for a in want], abs=1e-12)
+
+
+def test_harmonics_and_lines_keep_their_angles_apart():
+    """Whatever is added or taken away among the ones leaves the others as they are."""
+    rig = Rig(NOISY)
+    rig.advance(11.0)
+    lines = [11.0 * w for w in NOISY.harmonics[1][1:]]
+    rig.change(
+        rig.parameters.replace(
+            force_amplitudes=[0.3, 0.1, 0.2],
+            force_frequencies=[1.0, 2.0, 3.0],
+            force_phases=[0.0, 0.5, 1.0],
+        )
+    )
+    turned(angles(rig), [11.0, 0.0, 0.0, *lines])
+    rig.advance(13.0)
+    lines = [a + 2.0 * w for a, w in zip(lines, NOISY.harmonics[1][1:], strict=True)]
+    turned(angles(rig), [13.0, 4.0, 6.0, *lines])
+    # Fewer lines, then more, then none, then again
+    rig.change(rig.parameters.replace(multisine_lines=4))
+    turned(angles(rig), [13.0, 4.0, 6.0, *lines[:4]])
+    rig.change(rig.parameters.replace(multisine_lines=6, multisine_level=0.1))
+    turned(angles(rig), [13.0, 4.0, 6.0, *lines[:4], 0.0, 0.0])
+    rig.change(rig.parameters.replace(force_amplitudes=[1], force_frequencies=[1], force_phases=0))
+    turned(angles(rig), [13.0, *lines[:4], 0.0, 0.0])
+    rig.change(rig.parameters.replace(multisine_seed=3, multisine_high=2.5))
+    turned(angles(rig), [13.0, *lines[:4], 0.0, 0.0])
+    rig.change(rig.parameters.replace(multisine_level=0.0))
+    turned(angles(rig), [13.0])
+    rig.change(rig.parameters.replace(multisine_level=0.2))
+    turned(angles(rig), [13.0, *[0.0] * 6])
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [({'multisine_level': 0.25}, 'multisine_level is 0.25 N'), ({'sweep_mode': 'up'}, "is 'up'")],
+)
+def test_the_periodic_theory_refuses_it(changes, words):
+    with pytest.raises(OrbitError, match=words):
+        find_orbits(RigParameters(gravity=0.0, **changes), (1, 2))
+
+
+STEP = EventKind.FREQUENCY_STEP
+SWEPT = RigParameters(
+    gravity=0.0,
+    gap=1e6,
+    damping=0.1,
+    sweep_mode='up',
+    sweep_low=0.8,
+    sweep_high=1.3,
+    sweep_step=0.2,
+    sweep_dwell=0.1,
+)
+UP = [0.8, 1.0, 0.8 + 2 * 0.2, 1.3]
+
+
+def steps(events):
+    return [e for e in events if e.kind == STEP]
+
+
+@pytest.mark.parametrize(
+    ('mode', 'frequencies'),
+    [('up', UP), ('down', UP[::-1]), ('up_down', UP + UP[-2::-1]), ('off', [1.0])],
+)
+def test_the_frequencies_of_a_sweep(mode, frequencies):
+    """The last step up is shorter, and down goes through the same ones."""
+    rig = SWEPT.replace(sweep_mode=mode)
+    assert frequency_steps(rig) == len(frequencies) - 1
+    assert [frequency_at(rig, k) for k in range(len(frequencies))] == frequencies
+    # The last one holds.
+    assert frequency_at(rig, len(frequencies) + 5) == frequencies[-1]
+
+
+def test_a_whole_number_of_steps_ends_with_the_last():
+    rig = SWEPT.replace(sweep_low=0.5, sweep_high=1.5, sweep_step=0.01)
+    assert frequency_steps(rig) == 100
+    assert frequency_at(rig, 100) == 1.5
+    assert frequency_steps(rig.replace(sweep_step=7.0)) == 1
+
+
+@pytest.mark.parametrize('start', [0.0, 1e6 / 3])
+def test_steps_are_at_exact_instants(start):
+    """Start + n dwell, rounded once, however far along."""
+    rig = Rig(SWEPT.replace(sweep_step=0.0005), time=start)
+    assert rig.force_frequency == 0.8
+    events = rig.advance(start + 200.0)
+    assert [e.time for e in events] == [start + k * 0.1 for k in range(1, 1001)]
+    assert {e.kind for e in events} == {STEP}
+    assert rig.force_frequency == 1.3
+    assert rig.parameters.force_frequencies == (1.0,)
+    for e in events:
+        assert e.primary_velocity_before == e.primary_velocity_after
+        assert e.impulse == 0.0
+
+
+def test_a_sweep_is_a_series_of_changes():
+    """Of the frequency alone, at the same instants: the phase is continuous."""
+    swept = Rig(SWEPT.replace(sweep_mode='up_down', sweep_step=0.01, sweep_dwell=0.37))
+    hand = Rig(SWEPT.replace(sweep_mode='off', force_frequencies=[0.8]))
+    for k in range(1, 101):
+        (event,) = swept.advance(k * 0.37)
+        assert event.kind == STEP
+        hand.advance(k * 0.37)
+        frequency = frequency_at(swept.parameters, k)
+        assert swept.force_frequency == frequency
+        hand.change(hand.parameters.replace(force_frequencies=[frequency]))
+        a, b = swept.sample(), hand.sample()
+        assert (a.x, a.primary_velocity) == pytest.approx((b.x, b.primary_velocity), abs=1e-13)
+    assert swept.advance(60.0) == []
+    assert swept.force_frequency == 0.8
+
+
+def test_changes_on_the_way():
+    """Those of the sweep start it anew; others leave it where it is, and so does time."""
+    rig = Rig(SWEPT)
+    rig.advance(0.25)
+    assert rig.force_frequency == 0.8 + 2 * 0.2
+    rig.change(rig.parameters.replace(gap=1e5, force_amplitudes=[2.0]))
+    assert rig.force_frequency == 0.8 + 2 * 0.2
+    assert [e.time for e in rig.advance(0.28)] == []
+    rig.change(rig.parameters.replace(sweep_dwell=0.05))
+    assert rig.force_frequency == 0.8
+    assert [e.time for e in rig.advance(0.4)] == [0.28 + 0.05, 0.28 + 2 * 0.05]
+    rig.change(rig.parameters.replace(sweep_mode='off'))
+    assert rig.force_frequency == 1.0
+    assert rig.advance(9.0) == []
+    rig.change(rig.parameters.replace(sweep_mode='down', sweep_dwell=0.5))
+    assert rig.force_frequency == 1.3
+    assert [e.time for e in rig.advance(10.0)] == [9.5, 10.0]
+    rig.reset()
+    assert rig.force_frequency == 1.3
+    assert [e.time for e in rig.advance(10.6)] == [10.5]
+
+
+def test_other_harmonics_and_the_multisine_are_left_alone():
+    rig = Rig(
+        SWEPT.replace(
+            force_amplitudes=[1, 1],
+            force_frequencies=[1, 3],
+            force_phases=[0, 0],
+            multisine_level=0.1,
+            multisine_lines=3,
+        )
+    )
+    rig.advance(0.75)
+    origin = rig.snapshot()['origin']
+    since = 0.75 - origin['time']
+    want = [0.1 * (0.8 + 1.0 + 1.2) + 0.45 * 1.3, 0.75 * 3.0]
+    want += [0.75 * w for w in rig.parameters.harmonics[1][2:]]
+    frequencies = (rig.force_frequency, *rig.parameters.harmonics[1][1:])
+    got = [a + w * since for a, w in zip(origin['angles'], frequencies, strict=True)]
+    assert got == pytest.approx(want, abs=1e-13)
+
+
+def test_the_budget_of_events_holds_across_steps():
+    """Steps count; the rig stops short of one it may not have any more, and goes on from there."""
+    rig = SWEPT.replace(sweep_step=0.0005)
+    run = Rig(rig)
+    stretch = run.run(200.0, [0.0, 0.7, 0.71, 9.0], most_events=7)
+    assert stretch.outcome == Outcome.TOO_MANY_EVENTS
+    assert stretch.reason.startswith('7 events from 0.0 s to 0.8 s')
+    assert stretch.event_count == len(stretch.events) == 7
+    assert stretch.samples['time'].tolist() == [0.0, 0.7, 0.71]
+    assert run.time == 0.8
+    rest = run.run(200.0)
+    assert rest.event_count == 1000 - 7
+    alone = Rig(rig)
+    assert rows(alone.advance(200.0)) == without_mode(stretch.events) + without_mode(rest.events)
+    assert run.snapshot() == alone.snapshot()
+    silent = Rig(rig)
+    assert silent.run(200.0, record=False).event_count == 1000
+    assert silent.snapshot() == alone.snapshot()
+
+
+def test_a_signal_leaves_a_long_run_where_it_was(monkeypatch):
+    """Not with the frequency of one instant and the motion of another."""
+    run = Rig(SWEPT)
+    run.run(0.05)
+    before = run.snapshot(), run.force_frequency
+
+    def ring(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr('impact_damper_ros.control.rig.constants_of', ring)
+        with pytest.raises(KeyboardInterrupt):
+            run.run(0.15)
+    assert (run.snapshot(), run.force_frequency) == before
+    alone = Rig(SWEPT)
+    alone.advance(0.2)
+    run.run(0.2)
+    assert run.snapshot() == alone.snapshot()
+
+
+def test_m_at_rest_stays_at_rest():
+    """A step of the frequency is no change of the force at its instant: nothing is released."""
+    pressed = SWEPT.replace(
+        gap=2.0, gravity=1.0, angle=math.pi / 2, force_amplitudes=[0.01], sweep_dwell=0.01
+    )
+    rig = Rig(pressed, InitialConditions(initial_damper_offset=1.0))
+    assert {e.kind for e in rig.advance(0.5)} == {STEP}
