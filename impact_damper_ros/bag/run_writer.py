@@ -5,15 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from impact_damper_ros.rig.arguments import need, path_of, texts_of
-from impact_damper_ros.rig.parameter_spec import number_between, whole_number
-from impact_damper_ros.rig.quoting import shown
+from impact_damper_ros.rig.parameter_spec import number_between
 
 from .bag_file import BagFile, BagSummary
 from .errors import RecordingError
@@ -46,12 +44,8 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
     ------
     RecordingError
         If it cannot be made.
-    TypeError, ValueError
-        If `parent` is no path, or `when` no time from 1970 to 5138.
     """
-    parent = path_of('parent', parent)
-    if when is not None:
-        when = number_between('when', when, 0.0, _LATEST)
+    parent = Path(parent)
     stem = time.strftime('run_%Y%m%d_%H%M%S', time.localtime(when))
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -78,16 +72,13 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
 SMALLEST_FILE = 100_000
 SHORTEST_FILE = 1.0
 LARGEST_FILE, LONGEST_FILE = 10**15, 1e9
-#: Latest time for the name of a run, in the year 5138, s.
-_LATEST = 1e11
-#: Periods of threads, s, and a number of messages that no memory holds.
-_PERIODS = 1e-4, 1e6
-_LONGEST_QUEUE = 10**12
 _SHORTEST_NS = round(SHORTEST_FILE * 1e9)
-#: Times per flush period that the writer thread looks at the queue while much comes in.
+#: Periods of threads, s.
+_PERIODS = 1e-4, 1e6
+#: Times per flush period that the writer thread looks at an empty queue.
 _POLLS = 10
-#: Messages found at once that are much. A thread that wakes up seldom costs less.
-_MUCH = 1000
+#: Messages that are not left waiting for the next flush.
+_MANY = 1000
 #: Messages taken from the queue between two looks at the clock.
 _BATCH = 500
 _LATEST_STAMP = 2**63 - 1
@@ -145,10 +136,8 @@ class RunWriter:
         never raised, see `error`.
     ValueError
         If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE` and not 0, or more than
-        `LARGEST_FILE` or `LONGEST_FILE`; or if a period is not from 1e-4 to 1e6 s.
-        Also if no definition of a topic's type is shipped.
-    TypeError
-        If an argument is of another kind.
+        `LARGEST_FILE` or `LONGEST_FILE`; if a period is not from 1e-4 to 1e6 s; if two topics have
+        the same name, or no definition of a topic's type is shipped.
     """
 
     def __init__(
@@ -168,25 +157,16 @@ class RunWriter:
             ('max_size', max_size, SMALLEST_FILE, LARGEST_FILE),
             ('max_duration', max_duration, SHORTEST_FILE, LONGEST_FILE),
         ):
-            if not isinstance(limit, int | float):
-                raise TypeError(f'{name} is {shown(limit)}: give a number')
             if limit and not least <= limit <= most:
                 raise ValueError(
                     f'{name} is {limit}: it must be 0 (no limit) or from {least} to {most:g}'
                 )
-        need(Iterable, topics=topics)
-        for topic in topics:
-            need(Topic, topic=topic)
         if len({topic.name for topic in topics}) < len(topics):
             raise ValueError('two topics have the same name; each may be given once')
         flush_period = number_between('flush_period', flush_period, *_PERIODS)
         sync_period = number_between('sync_period', sync_period, *_PERIODS)
-        queue_limit = whole_number('queue_limit', queue_limit, 0, _LONGEST_QUEUE)
-        self._file = BagFile(
-            path_of('directory', directory),
-            [topic.channel() for topic in topics],
-            texts_of('custom', custom),
-        )
+        channels = [topic.channel() for topic in topics]
+        self._file = BagFile(Path(directory), channels, custom or {})
         self._channels: dict[int | str | _Split, int] = {}
         for index, topic in enumerate(topics):
             self._channels[index] = self._channels[topic.name] = index
@@ -316,6 +296,8 @@ class RunWriter:
         queue = self._queue
         if self._accepting and len(queue) < self._queue_limit:
             queue.append((topic, content, stamp_ns))
+            if len(queue) == _MANY:
+                self._wake.set()
             return True
         if self._accepting:
             self._drop(f'more than {self._queue_limit} messages waited for the disk')
@@ -460,31 +442,20 @@ class RunWriter:
             # The first messages are written at the next poll, so that a process killed soon after
             # its start leaves a recording.
             flushed = time.monotonic() - self._flush_interval
-            dirty = begun = False
-            pause = self._poll_period
-            while True:
-                self._wake.wait(pause)
+            dirty = stopping = False
+            while not stopping and self._error is None:
+                # Seldom rather than soon: each time the thread that moves a rig has to wait.
+                left = flushed + self._flush_interval - time.monotonic()
+                self._wake.wait(left if left > 0.0 else self._poll_period)
                 self._wake.clear()
                 stopping = self._stop.is_set()
-                if self._error is not None:
-                    break
-                found = len(self._queue)
-                while self._queue:
+                waiting = True
+                while waiting:
                     dirty = self._take(min(len(self._queue), _BATCH)) or dirty
                     if dirty and time.monotonic() - flushed >= self._flush_interval:
                         self._file.flush()
                         flushed, dirty = time.monotonic(), False
-                left = flushed + self._flush_interval - time.monotonic()
-                if left <= 0.0:
-                    begun = begun or dirty
-                    if dirty:
-                        self._file.flush()
-                    if begun:
-                        flushed, dirty = time.monotonic(), False
-                        left = self._flush_interval
-                if stopping:
-                    break
-                pause = self._poll_period if found > _MUCH or not begun else left
+                    waiting = bool(self._queue)
         except Exception as error:
             self._fail(error)
 

@@ -160,7 +160,7 @@ def test_a_bag_of_several_files(tmp_path: Path) -> None:
         (tmp_path / 'bag').mkdir(exist_ok=True)
         next(part.glob('*.mcap')).rename(tmp_path / 'bag' / f'bag_{number}.mcap')
     run = RunReader(tmp_path / 'bag')
-    assert [scan.path.name for scan in run.scans] == [f'bag_{k}.mcap' for k in (0, 1, 2, 10)]
+    assert [file.path.name for file in run.files] == [f'bag_{k}.mcap' for k in (0, 1, 2, 10)]
     assert run.message_count == 4 * len(samples.run(20))
     assert len(list(run)) == run.message_count
     assert not run.complete
