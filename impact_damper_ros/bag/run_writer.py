@@ -81,7 +81,6 @@ _POLLS = 10
 _MANY = 1000
 #: Messages taken from the queue between two looks at the clock.
 _BATCH = 500
-_LATEST_STAMP = 2**63 - 1
 #: Places in the queue that must be free for what a file begins with.
 _ROOM = 100
 
@@ -167,15 +166,13 @@ class RunWriter:
         sync_period = number_between('sync_period', sync_period, *_PERIODS)
         channels = [topic.channel() for topic in topics]
         self._file = BagFile(Path(directory), channels, custom or {})
-        self._channels: dict[int | str | _Split, int] = {}
-        for index, topic in enumerate(topics):
-            self._channels[index] = self._channels[topic.name] = index
+        self._channels = {topic.name: index for index, topic in enumerate(topics)}
         self._poll_period = flush_period / _POLLS
         # A message waits for the rest of a flush interval; two looks at the queue are kept in
         # reserve for a busy machine.
         self._flush_interval = flush_period - 2 * self._poll_period
         self._sync_period = sync_period
-        self._queue: deque[tuple[int | str | _Split, bytes, int]] = deque()
+        self._queue: deque[tuple[str | _Split, bytes, int]] = deque()
         self._queue_limit = queue_limit
         self._max_size = max_size
         self._max_duration_ns = round(max_duration * 1e9)
@@ -275,14 +272,14 @@ class RunWriter:
         """Number of messages that wait to be written."""
         return len(self._queue)
 
-    def write(self, topic: int | str, content: bytes, stamp_ns: int) -> bool:
+    def write(self, topic: str, content: bytes, stamp_ns: int) -> bool:
         """
         Queue a message; never blocks, never raises.
 
         Parameters
         ----------
-        topic : int or str
-            Index or name of one of the topics.
+        topic : str
+            Name of one of the topics.
         content : bytes
             The message, serialised in CDR.
         stamp_ns : int
@@ -464,20 +461,12 @@ class RunWriter:
         added = False
         for _ in range(count):
             topic, content, stamp_ns = self._queue.popleft()
-            channel = self._channels.get(topic)
-            if channel is None:
-                if topic is _SPLIT:
-                    self._note_dropped()
-                    self._file.next_file()
-                    self._begun += 1
-                else:
-                    self._drop(f'topic {topic!r} is not one of the recorded ones')
-            elif not isinstance(stamp_ns, int) or not 0 <= stamp_ns <= _LATEST_STAMP:
-                self._drop(f'stamp {stamp_ns!r} is not an integer of 0 .. 2**63 - 1 (ns)')
-            elif not isinstance(content, bytes):
-                self._drop(f'content is {type(content).__name__}, not bytes')
+            if isinstance(topic, _Split):
+                self._note_dropped()
+                self._file.next_file()
+                self._begun += 1
             else:
-                self._file.add(channel, content, stamp_ns)
+                self._file.add(self._channels[topic], content, stamp_ns)
                 added = True
         return added
 

@@ -120,7 +120,7 @@ def test_disk_that_fills_up_at_the_very_end(
     """The summary does not fit any more: all messages are there, the bag is not complete."""
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.05)
     for stamp in range(50):
-        writer.write(0, samples.snapshot(stamp), stamp)
+        writer.write('/note', samples.snapshot(stamp), stamp)
     deadline = time.monotonic() + 100
     while RunReader(tmp_path / 'bag').message_count < 50:
         assert time.monotonic() < deadline
@@ -158,7 +158,7 @@ def test_a_failing_device_while_syncing(tmp_path: Path, monkeypatch: pytest.Monk
     deadline = time.monotonic() + 100
     while writer.error is None:
         assert time.monotonic() < deadline
-        writer.write(0, samples.snapshot(1), 1)
+        writer.write('/note', samples.snapshot(1), 1)
         time.sleep(0.01)
     summary = writer.close()
     assert 'input/output error' in str(summary.error)
@@ -224,12 +224,12 @@ def test_a_bag_is_never_overwritten(tmp_path: Path) -> None:
 
 def test_directory_vanishes(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.02)
-    writer.write(0, samples.snapshot(1), 1)
+    writer.write('/note', samples.snapshot(1), 1)
     shutil.rmtree(tmp_path / 'bag')
     deadline = time.monotonic() + 100
     while writer.error is None:
         assert time.monotonic() < deadline
-        writer.write(0, samples.snapshot(2), 2)
+        writer.write('/note', samples.snapshot(2), 2)
         time.sleep(0.01)
     summary = writer.close()
     assert str(tmp_path / 'bag') in str(summary.error)
@@ -239,7 +239,7 @@ def test_directory_vanishes(tmp_path: Path) -> None:
 def test_directory_is_moved(tmp_path: Path) -> None:
     """The messages go with it; only ``metadata.yaml`` cannot be put there."""
     writer = RunWriter(tmp_path / 'bag', [NOTE])
-    writer.write(0, samples.snapshot(1), 1)
+    writer.write('/note', samples.snapshot(1), 1)
     (tmp_path / 'bag').rename(tmp_path / 'moved')
     summary = writer.close()
     assert not summary.complete

@@ -175,7 +175,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
         content = samples.serialise(samples.STRING, samples.make(samples.STRING, text))
         with RunWriter(bag, [Topic('/a', samples.STRING)]) as writer:
             for stamp in range(80 * chunks):
-                writer.write(0, content, stamp)
+                writer.write('/a', content, stamp)
         tracemalloc.start()
         assert sum(1 for _ in RunReader(bag)) == 80 * chunks
         peaks.append(tracemalloc.get_traced_memory()[1])

