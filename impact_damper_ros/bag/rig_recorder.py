@@ -17,7 +17,6 @@ from typing import Any
 from impact_damper_ros.control import Rig
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.rig import Event, EventKind
-from impact_damper_ros.rig.arguments import need
 from impact_damper_ros.rig.description import robot_description
 from impact_damper_ros.rig.parameter_spec import number_between
 from impact_damper_ros.rig.snapshot import LATEST
@@ -95,9 +94,6 @@ class RigRecorder:
         max_size: int = 0,
         max_duration: float = 0.0,
     ) -> None:
-        need(Rig, rig=rig)
-        need(Mapping, parameters=parameters)
-        need(str, node=node)
         rate = number_between('rate', rate, *_RATES)
         duration = number_between('duration', duration, 0.0, LATEST)
         self._rig = rig

@@ -25,6 +25,7 @@ from .metadata import (
     listing_remarks,
     notes_of,
     read_listing,
+    time_faults,
 )
 from .topics import definition, load_yaml, type_hashes
 
@@ -233,7 +234,9 @@ class RunReader:
             found.append(self._listing_error)
         if self._listing is not None and self.complete:
             types = {topic.name: topic.type for topic in self.topics.values()}
-            texts = listing_faults(self._listing, self._counts(), types)
+            texts = [*listing_faults(self._listing, self._counts(), types)]
+            if self._own and self.start_ns is not None and self.end_ns is not None:
+                texts += time_faults(self._listing, self.start_ns, self.end_ns)
             found += [f'the bag is not whole: {text}' for text in texts]
         return found
 
@@ -255,7 +258,7 @@ class RunReader:
                 or (schema.encoding, schema.data) != ('ros2msg', definition(name).encode())
                 or channel.metadata.get('topic_type_hash') != type_hashes()[name]
             ):
-                yield f'the schema of {topic} is not that of {name or "any type"}'
+                yield f'the schema of {topic} is not that of {name or "its type"}'
         listed = notes_of(self._listing)
         for name in sorted(listed.keys() & self.custom.keys()):
             if listed[name] != self.custom[name]:

@@ -209,6 +209,8 @@ def test_a_file_that_ends_within_the_indexes_of_a_chunk_is_only_cut(bag, tmp_pat
             'a/msg/B',
             'says that /joint_states is of type',
         ),
+        (('duration', 'nanoseconds'), 5, "gives {'nanoseconds': 5} as duration, not {'nanos"),
+        (('starting_time', 'nanoseconds_since_epoch'), 5, 'as starting_time, not {'),
         (('custom_data', 'node'), '/x', "notes node as '/x', the file as '/sim_node'"),
         (('topics_with_message_count', 0, 'message_count'), 5, 'metadata.yaml counts 5 messages'),
         (('relative_file_paths',), ['a_0.mcap'], 'the bag is not complete'),

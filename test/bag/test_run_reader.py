@@ -13,7 +13,6 @@ from mcap.writer import CompressionType, Writer
 
 from impact_damper_ros.bag import (
     DiagnosticArray,
-    DiagnosticStatus,
     JointState,
     ParameterEvent,
     RecordingError,
@@ -23,7 +22,7 @@ from impact_damper_ros.bag import (
     Topic,
 )
 from impact_damper_ros.bag import topics as interface
-from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode, encode
+from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode
 
 
 @pytest.fixture(scope='module')
@@ -261,78 +260,3 @@ def test_cut_or_garbled_messages_raise_only_cdr_errors(interface_name):
             garbled[random_.randrange(len(garbled))] = random_.randrange(256)
         with contextlib.suppress(CdrError):
             decode(name, bytes(garbled))
-
-
-def test_messages_of_the_real_ros_2_decode_to_the_same_values():
-    """Serialised by rclpy itself, if it is installed."""
-    serialization = pytest.importorskip('rclpy.serialization')
-    from builtin_interfaces.msg import Time
-    from diagnostic_msgs.msg import DiagnosticArray as RosArray
-    from diagnostic_msgs.msg import DiagnosticStatus as RosStatus
-    from diagnostic_msgs.msg import KeyValue
-    from rcl_interfaces.msg import Parameter, ParameterValue
-    from rcl_interfaces.msg import ParameterEvent as RosEvent
-    from sensor_msgs.msg import JointState as RosState
-    from std_msgs.msg import Header
-
-    stamp = Time(sec=1_700_000_000, nanosec=999_999_999)
-    state = RosState(
-        header=Header(stamp=stamp, frame_id='stop_2'),
-        name=['primary', 'damper'],
-        position=[1 / 3, -0.0],
-        velocity=[1e-300, float('inf')],
-        effort=[],
-    )
-    assert decode(samples.JOINT_STATE, serialization.serialize_message(state)) == JointState(
-        1_700_000_000_999_999_999,
-        'stop_2',
-        ('primary', 'damper'),
-        (1 / 3, -0.0),
-        (1e-300, float('inf')),
-        (),
-    )
-    values = {
-        'gap': ParameterValue(type=3, double_value=37.0),
-        'force_amplitudes': ParameterValue(type=8, double_array_value=[1.0, 2.5]),
-        'record': ParameterValue(type=1, bool_value=True),
-        'names': ParameterValue(type=9, string_array_value=['a', '']),
-    }
-    event = RosEvent(
-        stamp=stamp,
-        node='/lab/rig',
-        changed_parameters=[Parameter(name=name, value=value) for name, value in values.items()],
-    )
-    decoded = decode(samples.PARAMETER_EVENT, serialization.serialize_message(event))
-    assert isinstance(decoded, ParameterEvent)
-    assert {p.name: p.value for p in decoded.changed_parameters} == {
-        'gap': 37.0,
-        'force_amplitudes': (1.0, 2.5),
-        'record': True,
-        'names': ('a', ''),
-    }
-    status = RosStatus(level=b'\2', name='n', message='m', hardware_id='h')
-    status.values = [KeyValue(key='k', value='v')]
-    array = RosArray(header=Header(stamp=stamp), status=[status])
-    decoded = decode(samples.DIAGNOSTIC_ARRAY, serialization.serialize_message(array))
-    assert isinstance(decoded, DiagnosticArray)
-    assert decoded.status[0].level == 2
-    assert decoded.status[0].values == (('k', 'v'),)
-
-
-@pytest.mark.parametrize(
-    ('kind', 'message'),
-    [
-        ('std_msgs/msg/String', String('text')),
-        (samples.JOINT_STATE, JointState(5, 'frame', ('primary',), (1.0,), (2.0,), ())),
-        (
-            samples.DIAGNOSTIC_ARRAY,
-            DiagnosticArray(5, '', (DiagnosticStatus(0, 'a', 'b', 'c', (('d', 'e'),)),)),
-        ),
-        (samples.PARAMETER_EVENT, ParameterEvent(5, '/node', (), (), ())),
-    ],
-)
-def test_bytes_after_a_message(kind, message):
-    """The middleware of ROS 2 leaves some there, up to hundreds."""
-    content = encode(message)
-    for rest in (b'', b'\0', 300 * b'\7'):
-        assert decode(kind, content + rest) == message
