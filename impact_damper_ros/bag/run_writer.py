@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from impact_damper_ros.rig.parameter_spec import number_between
 
@@ -199,18 +199,9 @@ class RunWriter:
             thread.start()
 
     @classmethod
-    def new_run(
-        cls,
-        parent: Path | str,
-        topics: Sequence[Topic],
-        *,
-        custom: Mapping[str, str] | None = None,
-        on_error: Callable[[], object] = lambda: None,
-        max_size: int = 0,
-        max_duration: float = 0.0,
-    ) -> Self:
+    def new_run(cls, parent: Path | str, topics: Sequence[Topic], **options: Any) -> Self:
         """
-        Start recording to a new directory ``parent/run_<date>_<time>``.
+        Start recording to a new directory ``parent/run_<date>_<time>``, with the same options.
 
         Raises
         ------
@@ -219,14 +210,7 @@ class RunWriter:
         """
         directory = create_run_directory(parent)
         try:
-            return cls(
-                directory,
-                topics,
-                custom=custom,
-                on_error=on_error,
-                max_size=max_size,
-                max_duration=max_duration,
-            )
+            return cls(directory, topics, **options)
         except Exception:
             with suppress(OSError):
                 directory.rmdir()

@@ -9,7 +9,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from bag import samples
-from mcap.writer import CompressionType, Writer
+from mcap.writer import Writer
 
 from impact_damper_ros.bag import (
     DiagnosticArray,
@@ -21,7 +21,6 @@ from impact_damper_ros.bag import (
     String,
     Topic,
 )
-from impact_damper_ros.bag import topics as interface
 from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode
 
 
@@ -103,26 +102,6 @@ def test_a_single_file_is_a_bag(bag):
     (path,) = bag.glob('*.mcap')
     assert list(RunReader(path)) == list(RunReader(bag))
     assert RunReader(path).complete
-
-
-@pytest.mark.parametrize('compression', list(CompressionType))
-@pytest.mark.parametrize('chunked', [True, False])
-def test_files_of_other_writers(tmp_path, compression, chunked):
-    """Every compression, and without chunks, as rosbag2's preset profiles write."""
-    path = tmp_path / 'other.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream, compression=compression, use_chunking=chunked, chunk_size=500)
-        writer.start('ros2')
-        text = interface.definition(samples.STRING).encode()
-        schema = writer.register_schema(samples.STRING, 'ros2msg', text)
-        channel = writer.register_channel('/a', 'cdr', schema)
-        for stamp in range(100):
-            writer.add_message(channel, 99 - stamp, samples.snapshot(stamp), 0)
-        writer.finish()
-    run = RunReader(path)
-    assert run.message_count == 100
-    assert [record.stamp_ns for record in run] == list(range(100))
-    assert [record.content for record in run] == [samples.snapshot(99 - k) for k in range(100)]
 
 
 def test_a_bag_of_several_files(tmp_path):
