@@ -85,13 +85,6 @@ _BATCH = 500
 _ROOM = 100
 
 
-class _Split:
-    """Takes the place of a topic in the queue where a new file begins."""
-
-
-_SPLIT = _Split()
-
-
 class RunWriter:
     """
     Writes a run to a rosbag2 bag, in a thread of its own.
@@ -172,7 +165,8 @@ class RunWriter:
         # reserve for a busy machine.
         self._flush_interval = flush_period - 2 * self._poll_period
         self._sync_period = sync_period
-        self._queue: deque[tuple[str | _Split, bytes, int]] = deque()
+        # Topic, content and stamp; no topic where a new file begins
+        self._queue: deque[tuple[str | None, bytes, int]] = deque()
         self._queue_limit = queue_limit
         self._max_size = max_size
         self._max_duration_ns = round(max_duration * 1e9)
@@ -328,7 +322,7 @@ class RunWriter:
             return False
         self._begun_ns = stamp_ns
         self._asked += 1
-        self._queue.append((_SPLIT, b'', stamp_ns))
+        self._queue.append((None, b'', stamp_ns))
         self._wake.set()
         return True
 
@@ -415,7 +409,7 @@ class RunWriter:
     def _discard(self) -> None:
         count = 0
         while self._queue:
-            count += self._queue.popleft()[0] is not _SPLIT
+            count += self._queue.popleft()[0] is not None
         self._drop('the recording had ended', count)
 
     def _write_loop(self) -> None:
@@ -445,7 +439,7 @@ class RunWriter:
         added = False
         for _ in range(count):
             topic, content, stamp_ns = self._queue.popleft()
-            if isinstance(topic, _Split):
+            if topic is None:
                 self._note_dropped()
                 self._file.next_file()
                 self._begun += 1
