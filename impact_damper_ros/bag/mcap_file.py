@@ -292,7 +292,7 @@ class McapFile:
     def _messages(
         self, block: Block, records: bytes, channels: Collection[int] | None
     ) -> list[tuple[int, int, bytes]]:
-        # The library's own splitting of chunks takes seven times as long.
+        # The library's own splitting takes 2 s longer for an hour of joint states at 200 Hz.
         found: list[tuple[int, int, bytes]] = []
         counts: dict[int, int] = {}
         position, end = 0, len(records)
