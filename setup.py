@@ -76,7 +76,6 @@ setup(
         'test': [
             'colcon-common-extensions>=0.3',
             'distributed>=2024.1',
-            'mcap-ros2-support>=0.5.5',
             'mpmath>=1.3',
             'numba>=0.59',
             'pandas>=2.1',

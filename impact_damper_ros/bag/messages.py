@@ -52,42 +52,27 @@ class CdrReader:
         self._content = content
         self.position = 4
 
-    def _take(self, count: int, size: int, letter: str) -> tuple[int | float | bool, ...]:
+    def _take(self, count: int, letter: str) -> tuple[Any, ...]:
         if not count:
             return ()
+        size = struct.calcsize(f'<{letter}')
         start = self.position + (4 - self.position) % size
         if start + count * size > len(self._content):
             raise CdrError(f'the message ends at byte {len(self._content)}, in a field')
         self.position = start + count * size
         return struct.unpack_from(f'{self._order}{count}{letter}', self._content, start)
 
-    def boolean(self) -> bool:
-        """Read a bool."""
-        return bool(self._take(1, 1, '?')[0])
+    def number(self, letter: str) -> Any:
+        """Read a number of a type, named as `struct` does."""
+        return self._take(1, letter)[0]
 
-    def uint8(self) -> int:
-        """Read a uint8 or byte."""
-        return int(self._take(1, 1, 'B')[0])
-
-    def int32(self) -> int:
-        """Read an int32."""
-        return int(self._take(1, 4, 'i')[0])
-
-    def uint32(self) -> int:
-        """Read a uint32, such as the length of a sequence."""
-        return int(self._take(1, 4, 'I')[0])
-
-    def int64(self) -> int:
-        """Read an int64."""
-        return int(self._take(1, 8, 'q')[0])
-
-    def float64(self) -> float:
-        """Read a float64."""
-        return float(self._take(1, 8, 'd')[0])
+    def numbers(self, letter: str) -> tuple[Any, ...]:
+        """Read a sequence of numbers of one type."""
+        return self._take(self.number('I'), letter)
 
     def octets(self) -> bytes:
         """Read a sequence of bytes."""
-        length = self.uint32()
+        length = self.number('I')
         end = self.position + length
         if end > len(self._content):
             raise CdrError(f'the message ends at byte {len(self._content)}, in a field')
@@ -98,29 +83,17 @@ class CdrReader:
         """Read a string; its length counts the zero at its end."""
         return self.octets().removesuffix(b'\x00').decode()
 
-    def booleans(self) -> tuple[bool, ...]:
-        """Read a sequence of bool."""
-        return tuple(bool(value) for value in self._take(self.uint32(), 1, '?'))
-
-    def int64s(self) -> tuple[int, ...]:
-        """Read a sequence of int64."""
-        return tuple(int(value) for value in self._take(self.uint32(), 8, 'q'))
-
-    def float64s(self) -> tuple[float, ...]:
-        """Read a sequence of float64."""
-        return tuple(float(value) for value in self._take(self.uint32(), 8, 'd'))
-
     def sequence(self, element: Callable[[], T]) -> tuple[T, ...]:
         """Read a sequence of what `element` reads."""
-        count = self.uint32()
+        count = self.number('I')
         if count > len(self._content):
             raise CdrError(f'a sequence of {count} cannot be in {len(self._content)} bytes')
         return tuple(element() for _ in range(count))
 
     def time_ns(self) -> int:
         """Read a builtin_interfaces/Time, in nanoseconds."""
-        seconds = self.int32()
-        return seconds * 10**9 + self.uint32()
+        seconds, nanoseconds = self.number('i'), self.number('I')
+        return int(seconds) * 10**9 + int(nanoseconds)
 
 
 class CdrWriter:
@@ -241,18 +214,13 @@ Message = JointState | ParameterEvent | DiagnosticArray | String
 
 def _parameter(reader: CdrReader) -> Parameter:
     name = reader.string()
-    kind = reader.uint8()
+    kind = reader.number('B')
     # In the order of the type's numbers; all are in the message, the number selects one.
     values: tuple[ParameterContent, ...] = (
         None,
-        reader.boolean(),
-        reader.int64(),
-        reader.float64(),
-        reader.string(),
-        reader.octets(),
-        reader.booleans(),
-        reader.int64s(),
-        reader.float64s(),
+        *(reader.number('?'), reader.number('q'), reader.number('d')),
+        *(reader.string(), reader.octets()),
+        *(reader.numbers('?'), reader.numbers('q'), reader.numbers('d')),
         reader.sequence(reader.string),
     )
     if kind >= len(values):
@@ -275,7 +243,7 @@ def _parameter_event(reader: CdrReader) -> ParameterEvent:
 
 def _diagnostic_status(reader: CdrReader) -> DiagnosticStatus:
     return DiagnosticStatus(
-        level=reader.uint8(),
+        level=reader.number('B'),
         name=reader.string(),
         message=reader.string(),
         hardware_id=reader.string(),
@@ -417,7 +385,7 @@ class JointStateLayout:
             self.frame_id = reader.string()
             self.names = reader.sequence(reader.string)
             for _ in range(3):
-                count = len(reader.float64s())
+                count = len(reader.numbers('d'))
                 at = reader.position - 8 * count
                 self._places.append((at, struct.Struct(f'{order}{count}d')))
                 fixed.append((end, at))

@@ -11,10 +11,13 @@ from impact_damper_ros.rig.quoting import as_line
 
 from .bag_file import BagFile
 from .errors import RecordingError
-from .mcap_scan import Scan, open_file, plain_content, read_block
+from .mcap_file import open_file, plain_content
 from .metadata import qos_profiles
 from .run_reader import RecordedTopic, RunReader
 from .topics import Channel
+
+#: Bytes of messages that wait in memory.
+_MOST_WAITING = 4 * 1024 * 1024
 
 
 @dataclass(frozen=True)
@@ -102,37 +105,29 @@ def recover_run(source: Path | str, output: Path | str | None = None) -> Recover
 
 
 def _copy(reader: RunReader, source: Path, draft: Path, output: Path) -> Recovery:
-    channels, places = _channels(reader)
-    bag = BagFile(draft, channels, reader.custom, name=output.name)
-    unusable = reader.unusable
-    numbers: dict[int, int] = {}
+    channels = _channels(reader)
+    places = {channel.topic: place for place, channel in enumerate(channels)}
+    bag = BagFile(draft, channels, reader.custom | reader.missing_before, name=output.name)
+    unusable, waiting = reader.unusable, 0
     try:
-        for scan in reader.scans:
-            bases: dict[int, int] = {}
-            with open_file(scan.path) as stream:
-                for block in scan.blocks:
+        for file in reader.files:
+            with open_file(file.path) as stream:
+                for block in file.blocks:
                     try:
-                        messages = read_block(scan, stream, block)
+                        messages = file.read(stream, block)
                     except RecordingError:
                         unusable += block.length
                         continue
-                    for message in messages:
-                        place = places.get((scan.path, message.channel))
-                        content = _plain(message.content)
-                        if place is None or content is None or message.stamp_ns >= 2**63:
-                            unusable += len(message.content)
+                    for channel, stamp_ns, content in messages:
+                        plain = _plain(content)
+                        if channel not in file.channels or plain is None or stamp_ns >= 2**63:
+                            unusable += len(content)
                             continue
-                        number = message.sequence
-                        if scan.own:
-                            # A file may number from 0 again; the bag numbers through.
-                            if place not in bases:
-                                anew = number == 0 and place in numbers
-                                bases[place] = numbers[place] + 1 if anew else 0
-                                if reader.begins_later:
-                                    bases[place] = -number
-                            number += bases[place]
-                            numbers[place] = number
-                        bag.add(place, content, message.stamp_ns, number & 0xFFFFFFFF)
+                        bag.add(places[file.channels[channel].topic], plain, stamp_ns)
+                        waiting += len(plain)
+                    if waiting > _MOST_WAITING:
+                        bag.flush()
+                        waiting = 0
         faults = (*reader.faults(), *filter(None, [reader.missing]))
         whole = reader.complete and not faults and not unusable
         if not whole:
@@ -163,29 +158,20 @@ def _plain(content: bytes) -> bytes | None:
         return None
 
 
-def _channels(reader: RunReader) -> tuple[list[Channel], dict[tuple[Path, int], int]]:
-    """Return the channels of all files, one per topic, and the place of each file's ids there."""
-    channels: list[Channel] = []
-    places: dict[tuple[Path, int], int] = {}
-    topics: dict[str, int] = {}
-    for scan in reader.scans:
-        for number, channel in scan.channels.items():
-            if channel.topic not in topics:
-                topics[channel.topic] = len(channels)
-                channels.append(_channel(scan, number))
-            places[scan.path, number] = topics[channel.topic]
-    return channels, places
-
-
-def _channel(scan: Scan, number: int) -> Channel:
-    channel = scan.channels[number]
-    schema = scan.schemas.get(channel.schema_id)
-    return Channel(
-        topic=channel.topic,
-        type=schema.name if schema else '',
-        schema=schema.data if schema else b'',
-        type_hash=channel.metadata.get('topic_type_hash', ''),
-        qos_profiles=qos_profiles(channel.metadata.get('offered_qos_profiles', '')),
-        schema_encoding=schema.encoding if schema else '',
-        message_encoding=channel.message_encoding,
-    )
+def _channels(reader: RunReader) -> list[Channel]:
+    """Return the channels of all files, one per topic."""
+    found: dict[str, Channel] = {}
+    for file in reader.files:
+        for channel in file.channels.values():
+            schema = file.schemas.get(channel.schema_id)
+            described = Channel(
+                topic=channel.topic,
+                type=schema.name if schema else '',
+                schema=schema.data if schema else b'',
+                type_hash=channel.metadata.get('topic_type_hash', ''),
+                qos_profiles=qos_profiles(channel.metadata.get('offered_qos_profiles', '')),
+                schema_encoding=schema.encoding if schema else '',
+                message_encoding=channel.message_encoding,
+            )
+            found.setdefault(channel.topic, described)
+    return list(found.values())

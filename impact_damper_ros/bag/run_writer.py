@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from impact_damper_ros.rig.parameter_spec import number_between, whole_number
+from impact_damper_ros.rig.parameter_spec import number_between
 
 from .bag_file import BagFile, BagSummary
 from .errors import RecordingError
@@ -44,12 +44,8 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
     ------
     RecordingError
         If it cannot be made.
-    ValueError
-        If `when` is no time from 1970 to 5138.
     """
     parent = Path(parent)
-    if when is not None:
-        when = number_between('when', when, 0.0, _LATEST)
     stem = time.strftime('run_%Y%m%d_%H%M%S', time.localtime(when))
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -76,28 +72,17 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
 SMALLEST_FILE = 100_000
 SHORTEST_FILE = 1.0
 LARGEST_FILE, LONGEST_FILE = 10**15, 1e9
-#: Latest time for the name of a run, in the year 5138, s.
-_LATEST = 1e11
-#: Periods of threads, s, and a number of messages that no memory holds.
-_PERIODS = 1e-4, 1e6
-_LONGEST_QUEUE = 10**12
 _SHORTEST_NS = round(SHORTEST_FILE * 1e9)
-#: Times per flush period that the writer thread looks at the queue while much comes in.
+#: Periods of threads, s.
+_PERIODS = 1e-4, 1e6
+#: Times per flush period that the writer thread looks at an empty queue.
 _POLLS = 10
-#: Messages found at once that are much. A thread that wakes up seldom costs less.
-_MUCH = 1000
+#: Messages that are not left waiting for the next flush.
+_MANY = 1000
 #: Messages taken from the queue between two looks at the clock.
 _BATCH = 500
-_LATEST_STAMP = 2**63 - 1
 #: Places in the queue that must be free for what a file begins with.
 _ROOM = 100
-
-
-class _Split:
-    """Takes the place of a topic in the queue where a new file begins."""
-
-
-_SPLIT = _Split()
 
 
 class RunWriter:
@@ -143,8 +128,8 @@ class RunWriter:
         never raised, see `error`.
     ValueError
         If a limit is less than `SMALLEST_FILE` or `SHORTEST_FILE` and not 0, or more than
-        `LARGEST_FILE` or `LONGEST_FILE`; or if a period is not from 1e-4 to 1e6 s.
-        Also if no definition of a topic's type is shipped.
+        `LARGEST_FILE` or `LONGEST_FILE`; if a period is not from 1e-4 to 1e6 s; if two topics have
+        the same name, or no definition of a topic's type is shipped.
     """
 
     def __init__(
@@ -172,19 +157,16 @@ class RunWriter:
             raise ValueError('two topics have the same name; each may be given once')
         flush_period = number_between('flush_period', flush_period, *_PERIODS)
         sync_period = number_between('sync_period', sync_period, *_PERIODS)
-        queue_limit = whole_number('queue_limit', queue_limit, 0, _LONGEST_QUEUE)
-        self._file = BagFile(
-            Path(directory), [topic.channel() for topic in topics], dict(custom or {})
-        )
-        self._channels: dict[int | str | _Split, int] = {}
-        for index, topic in enumerate(topics):
-            self._channels[index] = self._channels[topic.name] = index
+        channels = [topic.channel() for topic in topics]
+        self._file = BagFile(Path(directory), channels, custom or {})
+        self._channels = {topic.name: index for index, topic in enumerate(topics)}
         self._poll_period = flush_period / _POLLS
         # A message waits for the rest of a flush interval; two looks at the queue are kept in
         # reserve for a busy machine.
         self._flush_interval = flush_period - 2 * self._poll_period
         self._sync_period = sync_period
-        self._queue: deque[tuple[int | str | _Split, bytes, int]] = deque()
+        # Topic, content and stamp; no topic where a new file begins
+        self._queue: deque[tuple[str | None, bytes, int]] = deque()
         self._queue_limit = queue_limit
         self._max_size = max_size
         self._max_duration_ns = round(max_duration * 1e9)
@@ -211,18 +193,9 @@ class RunWriter:
             thread.start()
 
     @classmethod
-    def new_run(
-        cls,
-        parent: Path | str,
-        topics: Sequence[Topic],
-        *,
-        custom: Mapping[str, str] | None = None,
-        on_error: Callable[[], object] = lambda: None,
-        max_size: int = 0,
-        max_duration: float = 0.0,
-    ) -> Self:
+    def new_run(cls, parent: Path | str, topics: Sequence[Topic], **options: Any) -> Self:
         """
-        Start recording to a new directory ``parent/run_<date>_<time>``.
+        Start recording to a new directory ``parent/run_<date>_<time>``, with the same options.
 
         Raises
         ------
@@ -231,14 +204,7 @@ class RunWriter:
         """
         directory = create_run_directory(parent)
         try:
-            return cls(
-                directory,
-                topics,
-                custom=custom,
-                on_error=on_error,
-                max_size=max_size,
-                max_duration=max_duration,
-            )
+            return cls(directory, topics, **options)
         except Exception:
             with suppress(OSError):
                 directory.rmdir()
@@ -284,14 +250,14 @@ class RunWriter:
         """Number of messages that wait to be written."""
         return len(self._queue)
 
-    def write(self, topic: int | str, content: bytes, stamp_ns: int) -> bool:
+    def write(self, topic: str, content: bytes, stamp_ns: int) -> bool:
         """
         Queue a message; never blocks, never raises.
 
         Parameters
         ----------
-        topic : int or str
-            Index or name of one of the topics.
+        topic : str
+            Name of one of the topics.
         content : bytes
             The message, serialised in CDR.
         stamp_ns : int
@@ -305,6 +271,8 @@ class RunWriter:
         queue = self._queue
         if self._accepting and len(queue) < self._queue_limit:
             queue.append((topic, content, stamp_ns))
+            if len(queue) == _MANY:
+                self._wake.set()
             return True
         if self._accepting:
             self._drop(f'more than {self._queue_limit} messages waited for the disk')
@@ -354,7 +322,7 @@ class RunWriter:
             return False
         self._begun_ns = stamp_ns
         self._asked += 1
-        self._queue.append((_SPLIT, b'', stamp_ns))
+        self._queue.append((None, b'', stamp_ns))
         self._wake.set()
         return True
 
@@ -441,7 +409,7 @@ class RunWriter:
     def _discard(self) -> None:
         count = 0
         while self._queue:
-            count += self._queue.popleft()[0] is not _SPLIT
+            count += self._queue.popleft()[0] is not None
         self._drop('the recording had ended', count)
 
     def _write_loop(self) -> None:
@@ -449,31 +417,20 @@ class RunWriter:
             # The first messages are written at the next poll, so that a process killed soon after
             # its start leaves a recording.
             flushed = time.monotonic() - self._flush_interval
-            dirty = begun = False
-            pause = self._poll_period
-            while True:
-                self._wake.wait(pause)
+            dirty = stopping = False
+            while not stopping and self._error is None:
+                # Seldom rather than soon: each time the thread that moves a rig has to wait.
+                left = flushed + self._flush_interval - time.monotonic()
+                self._wake.wait(left if left > 0.0 else self._poll_period)
                 self._wake.clear()
                 stopping = self._stop.is_set()
-                if self._error is not None:
-                    break
-                found = len(self._queue)
-                while self._queue:
+                waiting = True
+                while waiting:
                     dirty = self._take(min(len(self._queue), _BATCH)) or dirty
                     if dirty and time.monotonic() - flushed >= self._flush_interval:
                         self._file.flush()
                         flushed, dirty = time.monotonic(), False
-                left = flushed + self._flush_interval - time.monotonic()
-                if left <= 0.0:
-                    begun = begun or dirty
-                    if dirty:
-                        self._file.flush()
-                    if begun:
-                        flushed, dirty = time.monotonic(), False
-                        left = self._flush_interval
-                if stopping:
-                    break
-                pause = self._poll_period if found > _MUCH or not begun else left
+                    waiting = bool(self._queue)
         except Exception as error:
             self._fail(error)
 
@@ -482,20 +439,12 @@ class RunWriter:
         added = False
         for _ in range(count):
             topic, content, stamp_ns = self._queue.popleft()
-            channel = self._channels.get(topic)
-            if channel is None:
-                if topic is _SPLIT:
-                    self._note_dropped()
-                    self._file.next_file()
-                    self._begun += 1
-                else:
-                    self._drop(f'topic {topic!r} is not one of the recorded ones')
-            elif not isinstance(stamp_ns, int) or not 0 <= stamp_ns <= _LATEST_STAMP:
-                self._drop(f'stamp {stamp_ns!r} is not an integer of 0 .. 2**63 - 1 (ns)')
-            elif not isinstance(content, bytes):
-                self._drop(f'content is {type(content).__name__}, not bytes')
+            if topic is None:
+                self._note_dropped()
+                self._file.next_file()
+                self._begun += 1
             else:
-                self._file.add(channel, content, stamp_ns)
+                self._file.add(self._channels[topic], content, stamp_ns)
                 added = True
         return added
 

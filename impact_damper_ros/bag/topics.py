@@ -18,13 +18,10 @@ from typing import Any
 
 import yaml
 
-from impact_damper_ros.rig.parameter_spec import whole_number
 from impact_damper_ros.rig.quoting import shown
 
 _DEFINITIONS = files('impact_damper_ros.bag') / 'definitions'
 _SEPARATOR = '=' * 80
-#: Longest history that a quality of service may keep.
-_DEEPEST = 2**31 - 1
 _FIELD = re.compile(r'^\s*([A-Za-z]\w*/)?([A-Z]\w*)(?:\[[^\]]*\])?\s+\w+', re.MULTILINE)
 
 
@@ -77,34 +74,6 @@ def definition(interface: str) -> str:
     return expand(interface)
 
 
-def _fields(text: str) -> dict[str, list[tuple[str, str]]]:
-    """
-    Return type and name of the fields of a definition and of its dependencies.
-
-    Writers differ in comments, constants, and in how they name the packages of types.
-    """
-    parts: dict[str, list[tuple[str, str]]] = {'': []}
-    part = ''
-    for line in text.splitlines():
-        words = line.partition('#')[0].split()
-        if words[:1] == ['MSG:']:
-            part = words[-1].rpartition('/')[2]
-            parts[part] = []
-        elif len(words) >= 2 and not any('=' in word for word in words):
-            parts[part].append((words[0].rpartition('/')[2], words[1]))
-    return parts
-
-
-@cache
-def _shipped_fields(interface: str) -> dict[str, list[tuple[str, str]]]:
-    return _fields(definition(interface))
-
-
-def says_the_same(interface: str, schema: bytes) -> bool:
-    """Return whether a definition has the fields of the one that is shipped."""
-    return _fields(schema.decode(errors='replace')) == _shipped_fields(interface)
-
-
 #: How rosbag2 writes an unlimited duration.
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 #: Limits to the YAML of a bag. A bag of 500 topics and 5,000 files has some 2 MB of it.
@@ -132,16 +101,6 @@ class QosProfile:
     reliability: str = 'reliable'
     durability: str = 'volatile'
     depth: int = 10
-
-    def __post_init__(self) -> None:
-        allowed = {
-            'reliability': ('reliable', 'best_effort'),
-            'durability': ('volatile', 'transient_local'),
-        }
-        for name, values in allowed.items():
-            if (value := getattr(self, name)) not in values:
-                raise ValueError(f'{name} is {value!r}; it must be one of {", ".join(values)}')
-        whole_number('depth', self.depth, 1, _DEEPEST)
 
     def as_mapping(self) -> dict[str, Any]:
         """Return the profile with all the fields that rosbag2 reads, in its order."""

@@ -144,7 +144,7 @@ class RecordedRun:
         self.disorder = Disorder()
         self.early = 0
         self.damage: RecordingError | None = None
-        first = next(self.reader.records([self.topics.snapshot], by_index=True), None)
+        first = next(self.reader.records([self.topics.snapshot]), None)
         if first is None and snapshot_needed:
             cause = f'there is no message on {self.topics.snapshot}: the start is not known'
             remedy = 'sim_node records one first; with ros2 bag record, record this topic too'
@@ -167,7 +167,7 @@ class RecordedRun:
         A recorder that runs by the rig's clock logs them at its ticks.
         """
         for topic in {self.topics.joint_states, self.topics.impacts} - {''}:
-            records = self.reader.records([topic], by_index=True)
+            records = self.reader.records([topic])
             different = 0
             # The walk reports messages that cannot be read.
             with suppress(RecordingError, CdrError):
@@ -426,7 +426,7 @@ def _roles(reader: RunReader, topics: list[str]) -> dict[str, list[str]]:
             continue
         if not reader.topics[name].message_count:
             continue
-        record = next(reader.records([name], by_index=True), None)
+        record = next(reader.records([name]), None)
         if record is None:
             continue
         try:
@@ -473,7 +473,7 @@ def _named_node(reader: RunReader, rig: RigTopics) -> RigTopics:
         return rig
     nodes: set[str] = set()
     try:
-        for record in reader.records([rig.parameter_events], by_index=True):
+        for record in reader.records([rig.parameter_events]):
             try:
                 event = decode(PARAMETER_EVENT, record.content)
             except CdrError:

@@ -117,7 +117,7 @@ def json_text(text: str, rng: random.Random) -> str:
         for _ in range(rng.choice((1, 1, 3))):
             held = value(held, rng)
         return json.dumps(held)
-    except ValueError:
+    except (ValueError, RecursionError):
         return text
     finally:
         sys.set_int_max_str_digits(with_numbers)

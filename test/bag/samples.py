@@ -1,11 +1,7 @@
 """Messages with known values, serialised by `rosbags`, which shares no code with the package."""
 
-from __future__ import annotations
-
 import json
 import math
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
@@ -32,53 +28,46 @@ TOPICS = (
 CONTROLLED = (*TOPICS, Topic('/gap_control', JOINT_STATE))
 
 
-def serialise(interface: str, message: object) -> bytes:
+def serialise(interface, message):
     return bytes(STORE.serialize_cdr(message, interface))
 
 
-def make(interface: str, *fields: object) -> object:
+def make(interface, *fields):
     return STORE.types[interface](*fields)
 
 
-def time(stamp_ns: int) -> object:
+def time(stamp_ns):
     return make('builtin_interfaces/msg/Time', stamp_ns // 10**9, stamp_ns % 10**9)
 
 
-def header(stamp_ns: int, frame: str = '') -> object:
+def header(stamp_ns, frame=''):
     return make('std_msgs/msg/Header', time(stamp_ns), frame)
 
 
-def joint_state(
-    stamp_ns: int,
-    names: Sequence[str],
-    position: Sequence[float],
-    velocity: Sequence[float] = (),
-    effort: Sequence[float] = (),
-    frame: str = '',
-) -> bytes:
+def joint_state(stamp_ns, names, position, velocity=(), effort=(), frame=''):
     arrays = [np.array(values, dtype=np.float64) for values in (position, velocity, effort)]
     message = make(JOINT_STATE, header(stamp_ns, frame), list(names), *arrays)
     return serialise(JOINT_STATE, message)
 
 
-def state_values(step: int) -> tuple[list[float], list[float]]:
+def state_values(step):
     """Return positions and velocities of the four joints at a step, all of them irrational."""
     x, z = 10.1 * math.sin(0.3 * step), 9.7 * math.cos(0.21 * step)
     return [x, z, x + 18.5, x - 18.5], [10.1 * math.cos(0.3 * step), math.sqrt(step + 2.0), x, x]
 
 
-def state(step: int, stamp_ns: int) -> bytes:
+def state(step, stamp_ns):
     return joint_state(stamp_ns, ['primary', 'damper', 'stop_1', 'stop_2'], *state_values(step))
 
 
-def impact(step: int, stamp_ns: int) -> bytes:
+def impact(step, stamp_ns):
     values = [0.1 * step, math.pi * step]
     frame = f'stop_{1 + step % 2}'
     return joint_state(stamp_ns, ['primary', 'damper'], values, values[::-1], [1.5, -1.5], frame)
 
 
 #: A value of each type of parameter, by the number of its type.
-PARAMETERS: dict[str, tuple[int, object]] = {
+PARAMETERS = {
     'unset': (0, None),
     'one_sided': (1, True),
     'count': (2, -(2**62)),
@@ -92,28 +81,28 @@ PARAMETERS: dict[str, tuple[int, object]] = {
 }
 
 
-def parameter(name: str, kind: int, value: object) -> object:
-    fields: list[object] = [False, 0, 0.0, '']
-    arrays: list[object] = [np.array([], dtype) for dtype in ('u1', '?', 'i8', 'f8')]
+def parameter(name, kind, value):
+    fields = [False, 0, 0.0, '']
+    arrays = [np.array([], dtype) for dtype in ('u1', '?', 'i8', 'f8')]
     fields += [*arrays, []]
     if kind:
         dtype = {5: 'u1', 6: '?', 7: 'i8', 8: 'f8'}.get(kind)
         if kind == 5:
-            value = list(value)  # type: ignore[call-overload]
+            value = list(value)
         if kind == 9:
-            value = list(value)  # type: ignore[call-overload]
+            value = list(value)
         fields[kind - 1] = np.array(value, dtype) if dtype else value
     content = make('rcl_interfaces/msg/ParameterValue', kind, *fields)
     return make('rcl_interfaces/msg/Parameter', name, content)
 
 
-def parameter_event(stamp_ns: int, node: str = '/rig') -> bytes:
+def parameter_event(stamp_ns, node='/rig'):
     every = [parameter(name, kind, value) for name, (kind, value) in PARAMETERS.items()]
     message = make(PARAMETER_EVENT, time(stamp_ns), node, every, every[3:4], [])
     return serialise(PARAMETER_EVENT, message)
 
 
-def diagnostics(stamp_ns: int, count: int = 2) -> bytes:
+def diagnostics(stamp_ns, count=2):
     pairs = [('rate', '999.97'), ('überlauf', '0')]
     values = [make('diagnostic_msgs/msg/KeyValue', *pair) for pair in pairs]
     status = [
@@ -124,12 +113,12 @@ def diagnostics(stamp_ns: int, count: int = 2) -> bytes:
     return serialise(DIAGNOSTIC_ARRAY, message)
 
 
-def snapshot(stamp_ns: int) -> bytes:
+def snapshot(stamp_ns):
     text = json.dumps({'format': 3, 'stamp_offset_ns': stamp_ns, 'note': 'µ, "quoted"'})
     return serialise(STRING, make(STRING, text))
 
 
-def run(steps: int, rate: int = 200) -> list[tuple[str, bytes, int]]:
+def run(steps, rate=200):
     """Return a run as (topic, content, stamp), in the order in which a node writes it."""
     messages = [
         ('/snapshot', snapshot(START), START),
@@ -145,14 +134,9 @@ def run(steps: int, rate: int = 200) -> list[tuple[str, bytes, int]]:
     return messages
 
 
-def record(
-    directory: Path,
-    messages: Sequence[tuple[str, bytes, int]],
-    topics: Sequence[Topic] = TOPICS,
-    **options: object,
-) -> Path:
+def record(directory, messages, topics=TOPICS, **options):
     """Record messages to a new bag and return its path."""
-    with RunWriter(directory, topics, **options) as writer:  # type: ignore[arg-type]
+    with RunWriter(directory, topics, **options) as writer:
         for message in messages:
             assert writer.write(*message)
     assert writer.error is None

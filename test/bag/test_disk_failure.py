@@ -1,14 +1,10 @@
 """What happens when the disk does not play along: said clearly, and nothing flushed is lost."""
 
-from __future__ import annotations
-
 import errno
 import os
 import resource
 import shutil
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from bag import samples
@@ -29,13 +25,13 @@ NOTE = Topic('/note', samples.STRING)
 
 
 @pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
+def small_disk(tmp_path):
     """Mount a file system of 256 kB."""
     with mounted(tmp_path / 'disk', 256) as directory:
         yield directory
 
 
-def record_until_full(writer: RunWriter) -> int:
+def record_until_full(writer):
     """Write incompressible messages until the writer has failed; return how many."""
     count = 0
     deadline = time.monotonic() + 100
@@ -48,13 +44,13 @@ def record_until_full(writer: RunWriter) -> int:
     return count
 
 
-def noise() -> str:
+def noise():
     return os.urandom(512).hex()
 
 
-def test_full_disk(small_disk: Path, tmp_path: Path) -> None:
+def test_full_disk(small_disk, tmp_path):
     bag = small_disk / 'run'
-    told: list[RecordingError | None] = []
+    told = []
     writer = RunWriter(bag, [NOTE], flush_period=0.05, on_error=lambda: told.append(writer.error))
     count = record_until_full(writer)
     assert told == [writer.error]
@@ -88,7 +84,7 @@ def test_full_disk(small_disk: Path, tmp_path: Path) -> None:
     assert stamps == list(range(summary.message_count))
 
 
-def test_a_file_that_may_not_grow(tmp_path: Path) -> None:
+def test_a_file_that_may_not_grow(tmp_path):
     """A limit on the size of files, which needs no rights to set: cut within a write."""
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.05)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -106,7 +102,7 @@ def test_a_file_that_may_not_grow(tmp_path: Path) -> None:
     assert [record.stamp_ns for record in run] == list(range(summary.message_count))
 
 
-def test_disk_that_is_full_already(small_disk: Path) -> None:
+def test_disk_that_is_full_already(small_disk):
     with pytest.raises(OSError, match='space'):
         (small_disk / 'filler').write_bytes(bytes(2**20))
     with pytest.raises(RecordingError, match='the disk is full'):
@@ -114,19 +110,17 @@ def test_disk_that_is_full_already(small_disk: Path) -> None:
     assert [path.name for path in small_disk.iterdir()] == ['filler']
 
 
-def test_disk_that_fills_up_at_the_very_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_disk_that_fills_up_at_the_very_end(tmp_path, monkeypatch):
     """The summary does not fit any more: all messages are there, the bag is not complete."""
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.05)
     for stamp in range(50):
-        writer.write(0, samples.snapshot(stamp), stamp)
+        writer.write('/note', samples.snapshot(stamp), stamp)
     deadline = time.monotonic() + 100
     while RunReader(tmp_path / 'bag').message_count < 50:
         assert time.monotonic() < deadline
         time.sleep(0.01)
 
-    def full(*_: object) -> int:
+    def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(bag_file.os, 'write', full)
@@ -138,7 +132,7 @@ def test_disk_that_fills_up_at_the_very_end(
     assert (run.message_count, run.complete, run.unusable) == (50, False, 0)
 
 
-def test_a_write_that_is_done_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_is_done_in_parts(tmp_path, monkeypatch):
     """The kernel may take fewer bytes than it is given."""
     real = os.write
     monkeypatch.setattr(bag_file.os, 'write', lambda fd, content: real(fd, content[:7]))
@@ -148,24 +142,24 @@ def test_a_write_that_is_done_in_parts(tmp_path: Path, monkeypatch: pytest.Monke
         assert len(list(reader.messages())) == len(samples.run(20))
 
 
-def test_a_failing_device_while_syncing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_device_while_syncing(tmp_path, monkeypatch):
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.02, sync_period=0.05)
 
-    def fail(_: int) -> None:
+    def fail(_):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(bag_file.os, 'fsync', fail)
     deadline = time.monotonic() + 100
     while writer.error is None:
         assert time.monotonic() < deadline
-        writer.write(0, samples.snapshot(1), 1)
+        writer.write('/note', samples.snapshot(1), 1)
         time.sleep(0.01)
     summary = writer.close()
     assert 'input/output error' in str(summary.error)
     assert not summary.complete
 
 
-def test_directory_is_a_file(tmp_path: Path) -> None:
+def test_directory_is_a_file(tmp_path):
     (tmp_path / 'file').write_text('not a directory')
     with pytest.raises(RecordingError, match='file'):
         RunWriter(tmp_path / 'file', [NOTE])
@@ -179,13 +173,13 @@ def test_directory_is_a_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason='root may write everywhere')
-def test_directory_without_write_permission(tmp_path: Path) -> None:
+def test_directory_without_write_permission(tmp_path):
     (tmp_path / 'locked').mkdir(mode=0o500)
     with pytest.raises(RecordingError, match='permission is denied; give yourself'):
         RunWriter.new_run(tmp_path / 'locked', [NOTE])
 
 
-def test_where_no_directory_can_be_made() -> None:
+def test_where_no_directory_can_be_made():
     """The kernel's own file system takes no new ones, even from root."""
     with pytest.raises(RecordingError, match=r"cannot record to '/proc/run.*': there is no such"):
         RunWriter.new_run('/proc', [NOTE])
@@ -201,10 +195,8 @@ def test_where_no_directory_can_be_made() -> None:
         (errno.EBUSY, os.strerror(errno.EBUSY)),
     ],
 )
-def test_error_names_path_cause_and_remedy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, words: str
-) -> None:
-    def refuse(*_: object) -> int:
+def test_error_names_path_cause_and_remedy(tmp_path, monkeypatch, number, words):
+    def refuse(*_):
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(bag_file._RecordFile, '__init__', refuse)
@@ -214,7 +206,7 @@ def test_error_names_path_cause_and_remedy(
     assert caught.value.path == tmp_path / 'bag' / 'bag_0.mcap'
 
 
-def test_a_bag_is_never_overwritten(tmp_path: Path) -> None:
+def test_a_bag_is_never_overwritten(tmp_path):
     bag = samples.record(tmp_path / 'bag', samples.run(10))
     before = {path.name: path.read_bytes() for path in bag.iterdir()}
     with pytest.raises(RecordingError, match='holds a bag already'):
@@ -222,24 +214,24 @@ def test_a_bag_is_never_overwritten(tmp_path: Path) -> None:
     assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
 
 
-def test_directory_vanishes(tmp_path: Path) -> None:
+def test_directory_vanishes(tmp_path):
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.02)
-    writer.write(0, samples.snapshot(1), 1)
+    writer.write('/note', samples.snapshot(1), 1)
     shutil.rmtree(tmp_path / 'bag')
     deadline = time.monotonic() + 100
     while writer.error is None:
         assert time.monotonic() < deadline
-        writer.write(0, samples.snapshot(2), 2)
+        writer.write('/note', samples.snapshot(2), 2)
         time.sleep(0.01)
     summary = writer.close()
     assert str(tmp_path / 'bag') in str(summary.error)
     assert not (tmp_path / 'bag').exists()
 
 
-def test_directory_is_moved(tmp_path: Path) -> None:
+def test_directory_is_moved(tmp_path):
     """The messages go with it; only ``metadata.yaml`` cannot be put there."""
     writer = RunWriter(tmp_path / 'bag', [NOTE])
-    writer.write(0, samples.snapshot(1), 1)
+    writer.write('/note', samples.snapshot(1), 1)
     (tmp_path / 'bag').rename(tmp_path / 'moved')
     summary = writer.close()
     assert not summary.complete

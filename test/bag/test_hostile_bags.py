@@ -10,7 +10,7 @@ import pytest
 import zstandard
 from bag import fuzz_bags, ros2_bags, samples
 from bag.recorded_rig import LIVELY, NOTES, RecordedRig
-from bag.test_bag_check import altered, write
+from bag.test_bag_check import altered, records, write
 from mcap.opcode import Opcode
 
 from impact_damper_ros.bag import RecordingError, RunReader
@@ -199,6 +199,30 @@ def test_chunks_that_expand_to_gigabytes(tmp_path, bag, name, count, declared, w
     text = fuzz_bags.output_of('recover_run', path).read_text()
     assert 'is complete' not in text
     assert 'fault: the bag is not whole' in text
+
+
+@pytest.mark.parametrize(
+    ('place', 'words'),
+    [(1, 'CHUNK record has length 4000000000 that exceeds limit'), (45, 'is damaged')],
+    ids=['record', 'content'],
+)
+def test_lengths_of_gigabytes(tmp_path, bag, place, words):
+    """Of a chunk's record, and of what is in it."""
+    path = tmp_path / 'bag'
+    shutil.copytree(bag, path)
+    (file,) = path.glob('*.mcap')
+    content, position = bytearray(file.read_bytes()), 8
+    for opcode, held in records(bytes(content)):
+        if opcode == Opcode.CHUNK and position > 20_000:
+            break
+        position += 9 + len(held)
+    struct.pack_into('<Q', content, position + place, 4_000_000_000)
+    file.write_bytes(content)
+    for command in fuzz_bags.COMMANDS:
+        assert fuzz_bags.run(command, path, MEMORY) == ''
+    text = fuzz_bags.output_of('replay_run', path).read_text()
+    assert words in text
+    assert 'the bag is not complete' in text
 
 
 @pytest.mark.parametrize('what', ['file', 'message'])

@@ -1,26 +1,19 @@
 """Reading bags back: values, order, and files that are no bags."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
 import random
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
 from bag import samples
-from mcap.writer import CompressionType, Writer
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as PeerWriter
+from mcap.writer import Writer
 
 from impact_damper_ros.bag import (
     DiagnosticArray,
-    DiagnosticStatus,
     JointState,
-    Message,
     ParameterEvent,
     RecordingError,
     RunReader,
@@ -28,29 +21,22 @@ from impact_damper_ros.bag import (
     String,
     Topic,
 )
-from impact_damper_ros.bag import topics as interface
-from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode, encode
+from impact_damper_ros.bag.messages import CdrError, JointStateDecoder, decode
 
 
 @pytest.fixture(scope='module')
-def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag(tmp_path_factory):
     return samples.record(tmp_path_factory.mktemp('bags') / 'run_1', samples.run(500))
 
 
-def test_decoded_values(bag: Path) -> None:
-    run = RunReader(bag)
-    assert run.complete
+def test_decoded_values(bag):
+    """Each message, against the numbers that it was made of."""
     step = 0
-    for topic, stamp, message in run.messages():
+    for topic, stamp, message in RunReader(bag).messages():
         if topic == '/joint_states':
-            assert isinstance(message, JointState)
-            position, velocity = samples.state_values(step)
-            assert message.stamp_ns == stamp
-            assert message.name == ('primary', 'damper', 'stop_1', 'stop_2')
-            assert message.position == tuple(position)
-            assert message.velocity == tuple(velocity)
-            assert message.effort == ()
-            assert message.frame_id == ''
+            position, velocity = (tuple(values) for values in samples.state_values(step))
+            names = ('primary', 'damper', 'stop_1', 'stop_2')
+            assert message == JointState(stamp, '', names, position, velocity, ())
             step += 1
         elif topic == '/impacts':
             assert isinstance(message, JointState)
@@ -59,11 +45,10 @@ def test_decoded_values(bag: Path) -> None:
             assert message.effort == (1.5, -1.5)
         elif topic == '/parameter_events':
             assert isinstance(message, ParameterEvent)
-            assert message.node == '/rig'
             values = {p.name: p.value for p in message.new_parameters}
             assert values == {name: value for name, (_, value) in samples.PARAMETERS.items()}
             assert [p.name for p in message.changed_parameters] == ['gap']
-            assert message.deleted_parameters == ()
+            assert (message.node, message.deleted_parameters) == ('/rig', ())
         elif topic == '/diagnostics':
             assert isinstance(message, DiagnosticArray)
             assert [status.level for status in message.status] == [0, 1]
@@ -75,7 +60,7 @@ def test_decoded_values(bag: Path) -> None:
     assert step == 500
 
 
-def test_topics_and_times(bag: Path) -> None:
+def test_topics_and_times(bag):
     messages = samples.run(500)
     types = {topic.name: topic.type for topic in samples.TOPICS}
     run = RunReader(bag)
@@ -89,7 +74,7 @@ def test_topics_and_times(bag: Path) -> None:
     ]
 
 
-def test_selection_by_topic_and_time(bag: Path) -> None:
+def test_selection_by_topic_and_time(bag):
     messages = samples.run(500)
     first, last = samples.START + 10**9, samples.START + 2 * 10**9
     run = RunReader(bag)
@@ -99,7 +84,7 @@ def test_selection_by_topic_and_time(bag: Path) -> None:
     assert list(run.records([])) == []
 
 
-def test_topics_of_a_namespace_are_found_by_their_last_name(tmp_path: Path) -> None:
+def test_topics_of_a_namespace_are_found_by_their_last_name(tmp_path):
     topics = [Topic(f'/{name}', samples.STRING) for name in ('a/x', 'b/x', 'a/y', 'z')]
     with RunWriter(tmp_path / 'bag', topics):
         pass
@@ -113,60 +98,25 @@ def test_topics_of_a_namespace_are_found_by_their_last_name(tmp_path: Path) -> N
         run.topic('w')
 
 
-def test_a_single_file_is_a_bag(bag: Path) -> None:
+def test_a_single_file_is_a_bag(bag):
     (path,) = bag.glob('*.mcap')
     assert list(RunReader(path)) == list(RunReader(bag))
     assert RunReader(path).complete
 
 
-@pytest.mark.parametrize('compression', list(CompressionType))
-@pytest.mark.parametrize('chunked', [True, False])
-def test_files_of_other_writers(
-    tmp_path: Path, compression: CompressionType, chunked: bool
-) -> None:
-    """Every compression, and without chunks, as rosbag2's preset profiles write."""
-    path = tmp_path / 'other.mcap'
-    with path.open('wb') as stream:
-        writer = Writer(stream, compression=compression, use_chunking=chunked, chunk_size=500)
-        writer.start('ros2')
-        text = interface.definition(samples.STRING).encode()
-        schema = writer.register_schema(samples.STRING, 'ros2msg', text)
-        channel = writer.register_channel('/a', 'cdr', schema)
-        for stamp in range(100):
-            writer.add_message(channel, 99 - stamp, samples.snapshot(stamp), 0)
-        writer.finish()
-    run = RunReader(path)
-    assert run.message_count == 100
-    assert [record.stamp_ns for record in run] == list(range(100))
-    assert [record.content for record in run] == [samples.snapshot(99 - k) for k in range(100)]
-
-
-def test_a_bag_of_rosbags(tmp_path: Path) -> None:
-    bag = tmp_path / 'peer'
-    with PeerWriter(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection('/s', samples.JOINT_STATE, typestore=samples.STORE)
-        for step in range(100):
-            writer.write(connection, step, samples.state(step, step))
-    run = RunReader(bag)
-    assert run.complete
-    for step, decoded in enumerate(run.messages()):
-        assert isinstance(decoded.message, JointState)
-        assert list(decoded.message.position) == samples.state_values(step)[0]
-
-
-def test_a_bag_of_several_files(tmp_path: Path) -> None:
+def test_a_bag_of_several_files(tmp_path):
     for number in (0, 1, 2, 10):
         part = samples.record(tmp_path / f'part_{number}', samples.run(20))
         (tmp_path / 'bag').mkdir(exist_ok=True)
         next(part.glob('*.mcap')).rename(tmp_path / 'bag' / f'bag_{number}.mcap')
     run = RunReader(tmp_path / 'bag')
-    assert [scan.path.name for scan in run.scans] == [f'bag_{k}.mcap' for k in (0, 1, 2, 10)]
+    assert [file.path.name for file in run.files] == [f'bag_{k}.mcap' for k in (0, 1, 2, 10)]
     assert run.message_count == 4 * len(samples.run(20))
     assert len(list(run)) == run.message_count
     assert not run.complete
 
 
-def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_the_run(tmp_path):
     """Reading 20 times as much takes no more memory than 2 times as much, or nearly so."""
     peaks = []
     for chunks in (4, 40):
@@ -175,7 +125,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
         content = samples.serialise(samples.STRING, samples.make(samples.STRING, text))
         with RunWriter(bag, [Topic('/a', samples.STRING)]) as writer:
             for stamp in range(80 * chunks):
-                writer.write(0, content, stamp)
+                writer.write('/a', content, stamp)
         tracemalloc.start()
         assert sum(1 for _ in RunReader(bag)) == 80 * chunks
         peaks.append(tracemalloc.get_traced_memory()[1])
@@ -191,7 +141,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
         (b'\x89PNG\r\n\x1a\n', 'it is not an MCAP file'),
     ],
 )
-def test_foreign_files(tmp_path: Path, content: bytes, words: str) -> None:
+def test_foreign_files(tmp_path, content, words):
     path = tmp_path / 'some.mcap'
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=words) as caught:
@@ -199,7 +149,7 @@ def test_foreign_files(tmp_path: Path, content: bytes, words: str) -> None:
     assert str(path) in str(caught.value)
 
 
-def test_an_mcap_file_not_of_ros_2(tmp_path: Path) -> None:
+def test_an_mcap_file_not_of_ros_2(tmp_path):
     path = tmp_path / 'other.mcap'
     with path.open('wb') as stream:
         writer = Writer(stream)
@@ -209,7 +159,7 @@ def test_an_mcap_file_not_of_ros_2(tmp_path: Path) -> None:
         RunReader(path)
 
 
-def test_paths_that_hold_no_bag(tmp_path: Path) -> None:
+def test_paths_that_hold_no_bag(tmp_path):
     with pytest.raises(RecordingError, match='no such file or directory'):
         RunReader(tmp_path / 'missing')
     with pytest.raises(RecordingError, match=r'there is no \.mcap file'):
@@ -220,7 +170,7 @@ def test_paths_that_hold_no_bag(tmp_path: Path) -> None:
     assert '"storage_id": "mcap", "all_topics": true' in str(caught.value)
 
 
-def test_a_damaged_chunk_is_named(bag: Path, tmp_path: Path) -> None:
+def test_a_damaged_chunk_is_named(bag, tmp_path):
     content = bytearray(next(bag.glob('*.mcap')).read_bytes())
     at = content.index(b'\x28\xb5\x2f\xfd') + 200  # in the first zstd frame
     content[at] ^= 0xFF
@@ -230,7 +180,7 @@ def test_a_damaged_chunk_is_named(bag: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('seed', range(20))
-def test_joint_states_of_any_shape(seed: int) -> None:
+def test_joint_states_of_any_shape(seed):
     """The fast decoder, the plain one and `rosbags` agree, whatever comes after whatever."""
     random_ = random.Random(seed)
     decoder = JointStateDecoder()
@@ -248,7 +198,7 @@ def test_joint_states_of_any_shape(seed: int) -> None:
         np.testing.assert_array_equal(peer.effort, expected.effort)
 
 
-def test_joint_states_that_differ_only_in_how_many_values_are_what() -> None:
+def test_joint_states_that_differ_only_in_how_many_values_are_what():
     """Same names and same length in bytes: three positions, or two and one effort."""
     decoder = JointStateDecoder()
     shapes = [([1.0, 2.0, 3.0], [], []), ([4.0, 5.0], [], [6.0])]
@@ -262,7 +212,7 @@ def test_joint_states_that_differ_only_in_how_many_values_are_what() -> None:
             assert state.effort == tuple(effort)
 
 
-def test_big_endian() -> None:
+def test_big_endian():
     message = samples.STORE.deserialize_cdr(samples.parameter_event(5), samples.PARAMETER_EVENT)
     swapped = samples.STORE.serialize_cdr(message, samples.PARAMETER_EVENT, little_endian=False)
     assert bytes(swapped) != samples.parameter_event(5)
@@ -272,7 +222,7 @@ def test_big_endian() -> None:
 
 
 @pytest.mark.parametrize('interface_name', ['JOINT_STATE', 'PARAMETER_EVENT', 'DIAGNOSTIC_ARRAY'])
-def test_cut_or_garbled_messages_raise_only_cdr_errors(interface_name: str) -> None:
+def test_cut_or_garbled_messages_raise_only_cdr_errors(interface_name):
     name = getattr(samples, interface_name)
     content = {
         'JOINT_STATE': samples.state(3, 4),
@@ -289,83 +239,3 @@ def test_cut_or_garbled_messages_raise_only_cdr_errors(interface_name: str) -> N
             garbled[random_.randrange(len(garbled))] = random_.randrange(256)
         with contextlib.suppress(CdrError):
             decode(name, bytes(garbled))
-
-
-def test_types_that_are_not_decoded() -> None:
-    with pytest.raises(CdrError, match=r"'nav_msgs/msg/Path' are not decoded; only sensor_msgs"):
-        decode('nav_msgs/msg/Path', b'\0\1\0\0')
-
-
-def test_messages_of_the_real_ros_2_decode_to_the_same_values() -> None:
-    """Serialised by rclpy itself, if it is installed."""
-    serialization = pytest.importorskip('rclpy.serialization')
-    from builtin_interfaces.msg import Time
-    from diagnostic_msgs.msg import DiagnosticArray as RosArray
-    from diagnostic_msgs.msg import DiagnosticStatus as RosStatus
-    from diagnostic_msgs.msg import KeyValue
-    from rcl_interfaces.msg import Parameter, ParameterValue
-    from rcl_interfaces.msg import ParameterEvent as RosEvent
-    from sensor_msgs.msg import JointState as RosState
-    from std_msgs.msg import Header
-
-    stamp = Time(sec=1_700_000_000, nanosec=999_999_999)
-    state = RosState(
-        header=Header(stamp=stamp, frame_id='stop_2'),
-        name=['primary', 'damper'],
-        position=[1 / 3, -0.0],
-        velocity=[1e-300, float('inf')],
-        effort=[],
-    )
-    assert decode(samples.JOINT_STATE, serialization.serialize_message(state)) == JointState(
-        1_700_000_000_999_999_999,
-        'stop_2',
-        ('primary', 'damper'),
-        (1 / 3, -0.0),
-        (1e-300, float('inf')),
-        (),
-    )
-    values = {
-        'gap': ParameterValue(type=3, double_value=37.0),
-        'force_amplitudes': ParameterValue(type=8, double_array_value=[1.0, 2.5]),
-        'record': ParameterValue(type=1, bool_value=True),
-        'names': ParameterValue(type=9, string_array_value=['a', '']),
-    }
-    event = RosEvent(
-        stamp=stamp,
-        node='/lab/rig',
-        changed_parameters=[Parameter(name=name, value=value) for name, value in values.items()],
-    )
-    decoded = decode(samples.PARAMETER_EVENT, serialization.serialize_message(event))
-    assert isinstance(decoded, ParameterEvent)
-    assert {p.name: p.value for p in decoded.changed_parameters} == {
-        'gap': 37.0,
-        'force_amplitudes': (1.0, 2.5),
-        'record': True,
-        'names': ('a', ''),
-    }
-    status = RosStatus(level=b'\2', name='n', message='m', hardware_id='h')
-    status.values = [KeyValue(key='k', value='v')]
-    array = RosArray(header=Header(stamp=stamp), status=[status])
-    decoded = decode(samples.DIAGNOSTIC_ARRAY, serialization.serialize_message(array))
-    assert isinstance(decoded, DiagnosticArray)
-    assert decoded.status[0].level == 2
-    assert decoded.status[0].values == (('k', 'v'),)
-
-
-@pytest.mark.parametrize(
-    ('kind', 'message'),
-    [
-        ('std_msgs/msg/String', String('text')),
-        (samples.JOINT_STATE, JointState(5, 'frame', ('primary',), (1.0,), (2.0,), ())),
-        (
-            samples.DIAGNOSTIC_ARRAY,
-            DiagnosticArray(5, '', (DiagnosticStatus(0, 'a', 'b', 'c', (('d', 'e'),)),)),
-        ),
-        (samples.PARAMETER_EVENT, ParameterEvent(5, '/node', (), (), ())),
-    ],
-)
-def test_bytes_after_a_message(kind: str, message: Message) -> None:
-    """The middleware of ROS 2 leaves some there, up to hundreds."""
-    content = encode(message)
-    for rest in (b'', b'\0', 300 * b'\7'):
-        assert decode(kind, content + rest) == message

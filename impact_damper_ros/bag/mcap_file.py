@@ -1,0 +1,421 @@
+"""
+One MCAP file of a bag, finished, cut short or damaged, as the `mcap` library reads it.
+
+Opening a file walks through its records once, without expanding a chunk: the checksums of data and
+summary, the counts of the statistics and of the indexes are compared then. Nothing is expanded
+beyond its declared size and beyond `LARGEST`. The format: https://mcap.dev/spec
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import struct
+import zlib
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError, RecordLengthLimitExceeded
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    Schema,
+    Statistics,
+)
+from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.writer import MCAP0_MAGIC
+
+from impact_damper_ros.rig.quoting import counted, shown
+
+from .errors import RecordingError
+
+MAGIC = MCAP0_MAGIC
+#: Largest record, and largest content of a chunk or of a compressed message, bytes.
+LARGEST = 128 * 1024 * 1024
+_LIMIT = f'at most {LARGEST} bytes are read'
+#: Messages of a chunk: in a full one they have 128 bytes each.
+_MOST_MESSAGES = LARGEST // 128
+#: Bytes that are expanded at once.
+_PIECE = 1024 * 1024
+#: How a message begins that rosbag2 has compressed by itself. No encapsulation of CDR does.
+_ZSTD = b'\x28\xb5\x2f\xfd'
+
+#: Opcode and length of a record.
+_HEAD = struct.Struct('<BQ')
+#: Channel, sequence, log time and publish time.
+_MESSAGE = struct.Struct('<HIQQ')
+#: First and last stamp, size, checksum, and length of the compression's name.
+_CHUNK = struct.Struct('<QQQII')
+#: Opcode, length of the rest, places of the summary and of its offsets.
+_FOOTER = struct.Struct('<BQQQ')
+_END_LENGTH = _FOOTER.size + 4 + len(MAGIC)
+
+
+@dataclass(slots=True)
+class Block:
+    """A record that holds messages: a chunk, or a message outside of any chunk."""
+
+    position: int  # of the record in the file
+    length: int  # of what is there of it
+    start_ns: int  # earliest stamp
+    end_ns: int  # latest stamp
+    whole: bool = True  # false for the chunk in the middle of which a file was cut
+    #: Messages by channel as its index lists them; None without one, until it is read.
+    counts: dict[int, int] | None = None
+
+
+def open_file(path: Path) -> BinaryIO:
+    """Open a regular file for reading."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | getattr(os, 'O_CLOEXEC', 0))
+    except OSError as error:
+        raise RecordingError.from_os_error('read', path, error) from error
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        cause = 'it is a directory, a pipe or a device, not a regular file'
+        raise RecordingError('read', path, cause, 'name a bag directory or a .mcap file')
+    return os.fdopen(descriptor, 'rb')
+
+
+class McapFile:
+    """The usable content of an MCAP file; `source` is the file that `path` is a copy of."""
+
+    def __init__(self, path: Path, source: Path) -> None:
+        self.path, self.source = path, source
+        self.profile = self.library = ''
+        self.blocks: list[Block] = []  # in file order
+        self.schemas: dict[int, Schema] = {}  # by id
+        self.channels: dict[int, Channel] = {}  # by id
+        self.counts: dict[int, int] = {}  # messages by channel
+        self.metadata: list[Metadata] = []
+        self.finished = False  # whether it ends with footer and magic
+        self.unusable = 0  # bytes at the end that belong to no whole record
+        self._statistics: Statistics | None = None
+        # The first fault of each kind, and how many there are
+        self._faults: dict[str, tuple[str, int]] = {}
+        try:
+            with open_file(path) as stream:
+                self._open(stream)
+        except OSError as error:
+            raise RecordingError.from_os_error('read', source, error) from error
+
+    @property
+    def own(self) -> bool:
+        """Whether this package has written the file."""
+        return self.library.startswith('impact_damper_ros/')
+
+    def topic_of(self, channel: int) -> str:
+        """Return the topic of a channel, or its number in words if it is not described."""
+        known = self.channels.get(channel)
+        return known.topic if known is not None else f'channel {channel}'
+
+    def _fault(self, kind: str, text: str) -> None:
+        first, count = self._faults.get(kind, (text, 0))
+        self._faults[kind] = first, count + 1
+
+    def faults(self) -> list[str]:
+        """Return where the file contradicts itself; complete once all its blocks were read."""
+        return [
+            text + (f' (the first of {count})' if count > 1 else '')
+            for text, count in self._faults.values()
+        ]
+
+    # Opening
+
+    def _open(self, stream: BinaryIO) -> None:
+        magic = stream.read(len(MAGIC))
+        if not magic:
+            cause = 'the file is empty (0 bytes): the recording ended before anything was written'
+            raise RecordingError('read', self.source, cause)
+        if not MAGIC.startswith(magic):
+            cause = 'it is not an MCAP file (it does not start with the MCAP magic bytes)'
+            raise RecordingError(
+                'read', self.source, cause, 'name a bag directory or a .mcap file'
+            )
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(0)
+        position = min(len(MAGIC), size)
+        data_end, footer = 0, None
+        try:
+            for record in self._records(stream):
+                begin, position = position, stream.tell()
+                if isinstance(record, DataEnd):
+                    data_end = position
+                elif isinstance(record, Footer):
+                    footer = record
+                else:
+                    self._take(record, begin, position - begin)
+            # The library reads the magic after the footer
+            self.finished = stream.tell() == size
+            position = stream.tell()
+        except OSError:
+            raise
+        except RecordLengthLimitExceeded as error:
+            self._fault('limit', f'{error}; the rest is not read')
+        except Exception:  # whatever a cut or damage makes the library raise
+            self._take_cut_chunk(stream, position, size - position)
+        self.unusable = size - position
+        if self.finished and footer is not None:
+            self._check_summary(stream, data_end, size - _END_LENGTH, footer)
+        self._count(stream)
+
+    def _records(self, stream: BinaryIO) -> Iterator[McapRecord]:
+        reader = StreamReader(
+            stream, emit_chunks=True, validate_crcs=True, record_size_limit=LARGEST
+        )
+        try:
+            yield from reader.records
+        except CRCValidationError as error:
+            self._fault('data', 'the checksum of its data does not match')
+            yield error.record
+            yield from _records_from(stream)
+
+    def _take(self, record: McapRecord, position: int, length: int) -> None:
+        """Note a record that is whole."""
+        if isinstance(record, Chunk):
+            start, end = record.message_start_time, record.message_end_time
+            self.blocks.append(Block(position, length, start, end))
+        elif isinstance(record, MessageIndex):
+            if record.records and self.blocks:
+                block, count = self.blocks[-1], len(record.records)
+                block.counts = block.counts or {}
+                block.counts[record.channel_id] = block.counts.get(record.channel_id, 0) + count
+        elif isinstance(record, Message):
+            stamp = record.log_time
+            counts = {record.channel_id: 1}
+            self.blocks.append(Block(position, length, stamp, stamp, counts=counts))
+        elif isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self.channels[record.id] = record
+        elif isinstance(record, Header):
+            self.profile, self.library = record.profile, record.library
+        elif isinstance(record, Metadata):
+            self.metadata.append(record)
+        elif isinstance(record, Statistics):
+            self._statistics = record
+
+    def _take_cut_chunk(self, stream: BinaryIO, position: int, length: int) -> None:
+        """Note the chunk in the middle of which the file ends, if it does."""
+        stream.seek(position)
+        head = stream.read(_HEAD.size + _CHUNK.size)
+        if len(head) == _HEAD.size + _CHUNK.size and head[0] == Opcode.CHUNK:
+            start, end, *_ = _CHUNK.unpack_from(head, _HEAD.size)
+            self.blocks.append(Block(position, length, start, end, whole=False))
+
+    def _check_summary(self, stream: BinaryIO, begin: int, end: int, footer: Footer) -> None:
+        if not footer.summary_start:
+            return
+        stream.seek(begin)
+        places = footer.summary_start, footer.summary_offset_start
+        head = _FOOTER.pack(Opcode.FOOTER, _FOOTER.size + 4 - _HEAD.size, *places)
+        crc = zlib.crc32(head, zlib.crc32(stream.read(max(0, end - begin))))
+        if footer.summary_start != begin:
+            text = f'its footer places the summary at byte {footer.summary_start}, not {begin}'
+            self._fault('summary', text)
+        elif footer.summary_crc not in (0, crc):
+            self._fault('summary', 'the checksum of its summary does not match')
+
+    def _count(self, stream: BinaryIO) -> None:
+        """Count the messages: by the indexes, or in the chunks where those are not all there."""
+        said = self._statistics
+        lists = [block.counts for block in self.blocks]
+        self.counts = _sum(lists)
+        whole = self.finished and None not in lists and self.channels.keys() >= self.counts.keys()
+        if not whole or (said is not None and said.message_count != sum(self.counts.values())):
+            usable = []
+            for block in self.blocks:
+                block.counts = None
+                try:
+                    stamps = [stamp for _, stamp, _ in self.read(stream, block)]
+                except RecordingError:  # raised again when the messages are read
+                    stamps = [block.start_ns, block.end_ns]
+                if stamps:
+                    block.start_ns, block.end_ns = min(stamps), max(stamps)
+                    usable.append(block)
+            self.blocks = usable
+            self.counts = _sum(block.counts for block in usable)
+        if said is None or not self.finished:
+            return
+        listed = said.channel_message_counts
+        for channel in sorted({*listed, *self.counts}):
+            number, there = listed.get(channel, 0), self.counts.get(channel, 0)
+            if number != there:
+                text = f'its statistics count {_messages(number)} on {self.topic_of(channel)}'
+                self._fault(f'statistics {channel}', f'{text}, not {there:,}')
+        total = sum(self.counts.values())
+        if said.message_count != total:
+            text = f'its statistics count {_messages(said.message_count)} in all, not {total:,}'
+            self._fault('statistics', text)
+
+    # Reading
+
+    def may_hold(self, block: Block, channels: Collection[int]) -> bool:
+        """Return whether a block may hold messages of channels, by its index if it has one."""
+        return block.counts is None or not block.counts.keys().isdisjoint(channels)
+
+    def read(
+        self, stream: BinaryIO, block: Block, channels: Collection[int] | None = None
+    ) -> list[tuple[int, int, bytes]]:
+        """Return channel, stamp and content of the whole messages of a block, in file order."""
+        try:
+            stream.seek(block.position)
+            if block.whole:
+                record = next(_records_from(stream), None)
+            else:
+                record = _cut_chunk(stream.read(min(block.length, LARGEST)))
+            if isinstance(record, Message):
+                block.counts = {record.channel_id: 1}
+                return [(record.channel_id, record.log_time, record.data)]
+            if not isinstance(record, Chunk):
+                raise ValueError('it is no chunk')
+            return self._messages(block, _expanded_chunk(record, whole=block.whole), channels)
+        except _DAMAGE as error:
+            cause = f'the chunk at byte {block.position} is damaged ({error})'
+            remedy = 'recover_run saves the rest of the bag'
+            raise RecordingError('read', self.source, cause, remedy) from error
+
+    def _messages(
+        self, block: Block, records: bytes, channels: Collection[int] | None
+    ) -> list[tuple[int, int, bytes]]:
+        # The library's own splitting takes 2 s longer for an hour of joint states at 200 Hz.
+        found: list[tuple[int, int, bytes]] = []
+        counts: dict[int, int] = {}
+        position, end = 0, len(records)
+        while position + _HEAD.size <= end:
+            opcode, length = _HEAD.unpack_from(records, position)
+            start = position + _HEAD.size
+            if start + length > end:
+                break
+            position = start + length
+            if opcode == Opcode.MESSAGE:
+                channel, _, stamp_ns, _ = _MESSAGE.unpack_from(records, start)
+                counts[channel] = counts.get(channel, 0) + 1
+                if channels is None or channel in channels:
+                    found.append((channel, stamp_ns, records[start + _MESSAGE.size : position]))
+                    if len(found) > _MOST_MESSAGES:
+                        raise ValueError(f'it holds more than {_MOST_MESSAGES} messages')
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._describe(opcode, records[start:position])
+        if block.whole and position != end:
+            raise ValueError('the last record is cut')
+        if block.counts is None:
+            block.counts = counts
+        elif counts != block.counts:
+            text = f'the chunk at byte {block.position} holds {_messages(sum(counts.values()))}'
+            self._fault(
+                'index', f'{text}, its index lists {sum(block.counts.values()):,} or others'
+            )
+        return found
+
+    def _describe(self, opcode: int, content: bytes) -> None:
+        """Take a schema or a channel that the summary does not have."""
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            self.schemas.setdefault(schema.id, schema)
+        else:
+            channel = Channel.read(stream)
+            self.channels.setdefault(channel.id, channel)
+
+
+_DAMAGE = (
+    *(ValueError, ArithmeticError, MemoryError, RuntimeError, struct.error),
+    *(McapError, zstandard.ZstdError),
+)
+
+
+def _records_from(stream: BinaryIO) -> Iterator[McapRecord]:
+    """Yield the records from the present place of a file on."""
+    reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST)
+    return iter(reader.records)
+
+
+def _cut_chunk(content: bytes) -> Chunk:
+    """Return the chunk of which the beginning is there."""
+    start, end, size, crc, length = _CHUNK.unpack_from(content, _HEAD.size)
+    name = _HEAD.size + _CHUNK.size
+    return Chunk(
+        compression=content[name : name + length].decode(),
+        data=content[name + length + 8 :],
+        message_start_time=start,
+        message_end_time=end,
+        uncompressed_crc=crc,
+        uncompressed_size=size,
+    )
+
+
+def _expanded_chunk(chunk: Chunk, *, whole: bool) -> bytes:
+    """Return the records of a chunk; of a cut one, as many bytes as there are."""
+    size = chunk.uncompressed_size
+    if size > LARGEST:
+        raise ValueError(f'{size} bytes are declared; {_LIMIT}')
+    if chunk.compression == 'zstd':
+        records = _expanded(chunk.data, size)
+    elif chunk.compression == 'lz4':
+        records = bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size + 1))
+    elif chunk.compression == '':
+        records = chunk.data
+    else:
+        raise ValueError(f'unknown compression {shown(chunk.compression)}')
+    if len(records) > size:
+        raise ValueError(f'more than the {size} bytes declared')
+    if whole and len(records) != size:
+        raise ValueError(f'{len(records)} bytes instead of {size}')
+    if whole and chunk.uncompressed_crc not in (0, zlib.crc32(records)):
+        raise ValueError('the checksum does not match')
+    return records
+
+
+def _expanded(packed: bytes, size: int) -> bytes:
+    """Decompress a zstd frame as far as possible, to little more than `size` bytes."""
+    reader = zstandard.ZstdDecompressor().stream_reader(packed)
+    pieces, length = [], 0
+    while length <= size and (piece := reader.read(min(_PIECE, size + 1 - length))):
+        pieces.append(piece)
+        length += len(piece)
+    return b''.join(pieces)
+
+
+def plain_content(content: bytes) -> bytes:
+    """Return a message as it was sent: rosbag2 may compress each one by itself."""
+    if content[:4] != _ZSTD:
+        return content
+    try:
+        size = zstandard.get_frame_parameters(content).content_size
+        if size == zstandard.CONTENTSIZE_UNKNOWN:
+            size = LARGEST
+        if size > LARGEST:
+            raise ValueError(f'{size} bytes are declared; {_LIMIT}')
+        plain = _expanded(content, size)
+    except zstandard.ZstdError as error:
+        raise ValueError(f'it is compressed and damaged: {error}') from error
+    if len(plain) > size:
+        raise ValueError(f'it expands to more than {size} bytes')
+    return plain
+
+
+def _sum(counts: Iterable[dict[int, int] | None]) -> dict[int, int]:
+    total: dict[int, int] = {}
+    for held in counts:
+        for channel, count in (held or {}).items():
+            total[channel] = total.get(channel, 0) + count
+    return total
+
+
+def _messages(count: int) -> str:
+    return counted(count, 'message', ',')
