@@ -29,8 +29,6 @@ from impact_damper_ros.orbits import (
     optimal_gap,
     orbit_near,
     plausible_stops,
-    section_on,
-    shoot,
     switch_branch,
     value_of,
 )
@@ -120,9 +118,6 @@ CALLS = [
     (optimal_gap, {'rig': LEVEL}, 'stops', KINDS),
     (plausible_stops, {'impacts': 2}, 'parameters', KINDS),
     (value_of, {'name': 'gap'}, 'parameters', KINDS),
-    (section_on, {}, 'orbit', KINDS),
-    (shoot, {'section': section_on(ORBIT), 'cycles': 1}, 'parameters', KINDS),
-    (shoot, {'parameters': LEVEL, 'cycles': 1}, 'section', KINDS),
     (orbit_near, {'impact': None, 'phase': 0.0, 'cycles': 1}, 'parameters', KINDS),
     (orbit_near, {'parameters': LEVEL, 'phase': 0.0, 'cycles': 1}, 'impact', KINDS),
     (RecordedRun, {}, 'path', PATHS),

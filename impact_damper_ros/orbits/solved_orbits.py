@@ -1,0 +1,337 @@
+"""
+From guesses to periodic motions: the nodes are read from a run of the simulator, then solved.
+
+Newton's method keeps the nodes. A solution that the rig cannot perform, since other events come
+between them, is followed with the simulator instead, and its events are the next nodes.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_damper_ros.rig import Event, EventKind, RigParameters
+from impact_damper_ros.rig.arguments import need
+from impact_damper_ros.rig.flight import (
+    CHATTER_END,
+    CONTACT_1,
+    CONTACT_2,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    REVERSAL,
+)
+from impact_damper_ros.rig.parameter_spec import number_between
+from impact_damper_ros.rig.snapshot import LATEST
+from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
+
+from .equations import Array, ImpactEquations, check_cycles, check_forcing
+from .flights import Flight, flight_after_impact, flight_at, machine_of
+from .orbit import OrbitEvent, PeriodicOrbit
+from .segments import Node, Segments, Solution, impact_nodes, solve
+from .trajectory import FlightPart, Trajectory, follow_trajectory
+from .viability import largest_displacement, why_not_viable
+
+#: How often the nodes are read anew where a solution turns out to have others.
+_MOST_LOOKS = 3
+#: What is left out of a period at whose end the first impact comes again.
+_SPARED = 1e-6
+
+
+class Guess(NamedTuple):
+    """Nodes of a motion, and the states and instants there as `Segments` has them."""
+
+    nodes: tuple[Node, ...]
+    states: Array
+    instants: Array
+
+    def begun_at(self, node: int, period: float) -> Guess:
+        """Return the same guess beginning at another of its nodes."""
+        return Guess(
+            self.nodes[node:] + self.nodes[:node],
+            np.roll(self.states, -node, axis=0),
+            np.append(self.instants[node:], self.instants[:node] + period),
+        )
+
+
+def _state_of(flight: Flight) -> tuple[float, float, float, float]:
+    """Return (X, X', Y - d/2, Y') at the origin."""
+    run = flight.run
+    return run.x, run.velocity, -run.clearance_1, run.relative_velocity
+
+
+def _node_after(part: FlightPart, then: Flight) -> Node | None:
+    """Return the node at the end of a flight; None if the event has no condition of its own."""
+    mode, ending = then.run.mode, part.ending
+    if ending in (CONTACT_1, CONTACT_2):
+        return Node(EventKind.IMPACT, 1 if ending == CONTACT_1 else 2, mode)
+    if ending == REVERSAL and mode <= STICK:
+        return Node(EventKind.STICK if mode == STICK else EventKind.REVERSAL, 0, mode)
+    if ending in (RELEASE_UP, RELEASE_DOWN):
+        return Node(EventKind.RELEASE, {REST_1: 1, REST_2: 2}.get(part.mode, 0), mode)
+    return None
+
+
+def _read(trajectory: Trajectory, instant: float) -> Guess | None:
+    """Read the nodes of a trajectory that starts at an instant, s; None if there are others."""
+    rows: list[tuple[Node, tuple[float, ...], float]] = []
+    for part, then in pairwise(trajectory.flights):
+        node = _node_after(part, then.flight)
+        if node is not None:
+            rows.append((node, _state_of(then.flight), instant + then.start))
+        elif part.ending != CHATTER_END or then.mode not in (REST_1, REST_2):
+            return None
+    states = np.reshape([state for _, state, _ in rows], (-1, 4))
+    return Guess(tuple(node for node, _, _ in rows), states, np.array([t for _, _, t in rows]))
+
+
+def _resting(flight: Flight) -> int:
+    return flight.run.mode if flight.run.mode in (STICK, REST_1, REST_2) else 0
+
+
+def _promise(part: FlightPart) -> tuple[int, float]:
+    """Rate a flight as a place to begin a period: resting first, then long and fast."""
+    if _resting(part.flight):
+        return 1, part.duration
+    if part.flight.run.joint:
+        return 0, 0.0
+    return 0, part.duration * abs(part.flight.run.relative_velocity)
+
+
+def guess_along(flight: Flight, instant: float, period: float) -> Guess | None:
+    """
+    Return a guess of the periodic motion near a motion that starts at an instant, s.
+
+    The period begins within a flight, or within sticking or rest if there is one, which forgets
+    more of how far the motion still is from the periodic one.
+    """
+    trajectory = follow_trajectory(flight, period)
+    if trajectory is None:
+        return None
+    best = max(trajectory.flights, key=_promise)
+    # In flight closer to its beginning, away from a reversal that may be half-way
+    tau = best.duration * (0.5 if _resting(best.flight) else 0.25)
+    begun = best.flight.after(tau)
+    trajectory = follow_trajectory(begun, period)
+    guess = None if trajectory is None else _read(trajectory, instant + best.start + tau)
+    if guess is None or not any(node.kind is EventKind.IMPACT for node in guess.nodes):
+        return None
+    last = guess.nodes[-1]
+    alike = last.resting == _resting(begun) and (last.resting or last.mode == begun.run.mode)
+    return guess if alike and np.diff(guess.instants).min(initial=1.0) > 0.0 else None
+
+
+def _first_flight(
+    orbit: PeriodicOrbit, impact: int, parameters: RigParameters | None = None
+) -> Flight:
+    """Return the flight after an impact of a motion, in its rig or another one."""
+    machine = machine_of(parameters or orbit.parameters)
+    stop, velocity = orbit.stops[impact], orbit.primary_velocity_before[impact]
+    relative = orbit.damper_velocity_before[impact] - velocity
+    beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
+    instant = orbit.instants[impact]
+    there = flight_at(machine, instant, orbit.x[impact], velocity, beyond, relative, 0, stop)
+    return there.struck(velocity, relative)
+
+
+def guess_on(orbit: PeriodicOrbit) -> Guess | None:
+    """
+    Return the nodes of a known motion, its first impact first.
+
+    Those of a motion with other events than impacts are read from the simulator; None if that
+    has too many.
+    """
+    if not orbit.events:
+        return _guess_of_impacts(orbit)
+    # From the impact with the longest time before it, which comes again at the end
+    longest = int(np.argmax(np.roll(orbit.durations, 1)))
+    flight = _first_flight(orbit, longest)
+    trajectory = follow_trajectory(flight, (1.0 - _SPARED) * orbit.period)
+    if trajectory is None:
+        return None
+    later = _read(trajectory, orbit.instants[longest])
+    if later is None:
+        return None
+    guess = Guess(
+        (Node(EventKind.IMPACT, orbit.stops[longest], flight.run.mode), *later.nodes),
+        np.vstack([_state_of(flight), later.states]),
+        np.append(orbit.instants[longest], later.instants),
+    )
+    impacts = [j for j, node in enumerate(guess.nodes) if node.kind is EventKind.IMPACT]
+    if len(impacts) != orbit.impacts:
+        return None
+    first = impacts[-longest % orbit.impacts]
+    turned = guess.begun_at(first, orbit.period)
+    return turned._replace(instants=turned.instants - turned.instants[0] + orbit.instants[0])
+
+
+def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
+    velocity = np.array(orbit.primary_velocity_after)
+    relative = np.array(orbit.damper_velocity_after) - velocity
+    beyond = np.where(np.array(orbit.stops) == 1, 0.0, -orbit.parameters.gap)
+    states = np.stack([np.array(orbit.x), velocity, beyond, relative], axis=-1)
+    return Guess(impact_nodes(orbit.parameters, orbit.stops), states, np.array(orbit.instants))
+
+
+def orbit_of(solution: Solution) -> PeriodicOrbit:
+    """Return the periodic motion that belongs to a solution of the boundary-value problem."""
+    segments, states = solution.segments, solution.states
+    rig, cycle, cycles = segments.machine.constants, segments.cycle, segments.cycles
+    impacts = [j for j, node in enumerate(segments.nodes) if node.kind is EventKind.IMPACT]
+    # The whole cycles before the first impact do not matter, and would cost digits.
+    instants = solution.instants - cycle * math.floor(solution.instants[impacts[0]] / cycle)
+    before = np.roll(segments.flights(states, instants).end, 1, axis=0)
+    flights = [
+        segments.flight(j, state, float(instant))
+        for j, (state, instant) in enumerate(zip(states, instants, strict=True))
+    ]
+    durations = [float(last) for last in segments.durations(instants)]
+    reason = why_not_viable(segments, flights, durations, before)
+    columns: dict[str, list[float]] = {name: [] for name in _AT_IMPACTS}
+    events: list[OrbitEvent] = []
+    for j, node in enumerate(segments.nodes):
+        phase = float(instants[j]) / cycle % cycles
+        if node.kind is not EventKind.IMPACT:
+            events.append(OrbitEvent(node.kind, node.stop, phase))
+            continue
+        _, velocity, _, relative = (float(value) for value in before[j])
+        restitution = rig.restitution_1 if node.stop == 1 else rig.restitution_2
+        after = velocity + rig.share * (1.0 + restitution) * relative
+        row = (
+            *(phase, float(states[j, 0]), velocity, after),
+            *(velocity + relative, after - restitution * relative),
+        )
+        for name, value in zip(_AT_IMPACTS, row, strict=True):
+            columns[name].append(value)
+        if node.resting:
+            left = 0.0
+            if node.mode >= CHATTER_1:
+                left = flights[j].struck(velocity, relative).run.chatter_left
+            rest = (float(instants[j]) + left) / cycle % cycles
+            events.append(OrbitEvent(EventKind.REST, node.stop, rest))
+    return PeriodicOrbit(
+        parameters=segments.parameters,
+        stops=segments.stops,
+        cycles=cycles,
+        **{name: tuple(values) for name, values in columns.items()},
+        x_max=largest_displacement(flights, durations),
+        multipliers=segments.multipliers(states, instants),
+        viable=not reason,
+        reason=reason,
+        residual=solution.residual,
+        residual_history=solution.history,
+        events=tuple(events),
+    )
+
+
+_AT_IMPACTS = (
+    'phases',
+    'x',
+    'primary_velocity_before',
+    'primary_velocity_after',
+    'damper_velocity_before',
+    'damper_velocity_after',
+)
+
+
+def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbit | None:
+    """Return the motion that Newton's method leads to from a guess, if the rig can perform it."""
+    for _ in range(_MOST_LOOKS):
+        solution = solve(Segments(parameters, guess.nodes, cycles), *guess[1:])
+        if solution is None:
+            return None
+        try:
+            orbit = orbit_of(solution)
+        except ArithmeticError:
+            return None
+        if orbit.viable:
+            return orbit
+        again = _guess_performed(orbit)
+        if again is None or again.nodes == guess.nodes:
+            return None
+        guess = again
+    return None
+
+
+def _guess_performed(orbit: PeriodicOrbit) -> Guess | None:
+    return guess_along(_first_flight(orbit, 0), orbit.instants[0], orbit.period)
+
+
+def performed(orbit: PeriodicOrbit) -> PeriodicOrbit | None:
+    """Return the motion with the same impacts that the rig performs near a solution, if any."""
+    guess = _guess_performed(orbit)
+    found = None if guess is None else solved(orbit.parameters, guess, orbit.cycles)
+    turns = () if found is None else found.turned_to(orbit.stops)
+    return min(turns, key=orbit.differs, default=None)
+
+
+def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
+    """
+    Return the motion of another rig that Newton's method leads to from a motion.
+
+    It has the same stops in the same order; other events may have come or gone. None if there is
+    none nearby that the rig can perform.
+    """
+    for anew in (False, True):
+        guess = guess_on(orbit)
+        if anew:
+            flight = _first_flight(orbit, 0, parameters)
+            guess = guess_along(flight, orbit.instants[0], orbit.period)
+        found = None if guess is None else solved(parameters, guess, orbit.cycles)
+        turned = None if found is None else next(found.turned_to(orbit.stops), None)
+        if turned is not None:
+            return turned
+    return None
+
+
+def impact_orbit_near(
+    parameters: RigParameters, stops: tuple[int, ...], cycles: int, x: Array, instants: Array
+) -> PeriodicOrbit | None:
+    """Return the motion of impacts only near X (m) at some instants (s), viable or not."""
+    equations = ImpactEquations(parameters, stops, cycles)
+    problem = Segments(parameters, impact_nodes(parameters, stops), cycles)
+    solution = solve(problem, equations.states(x, instants), instants)
+    return None if solution is None else orbit_of(solution)
+
+
+def orbit_near(
+    parameters: RigParameters, impact: Event, phase: float, cycles: int
+) -> PeriodicOrbit | None:
+    """
+    Find a periodic motion from an impact of a motion near it.
+
+    Parameters
+    ----------
+    parameters : RigParameters
+        The rig.
+    impact : Event
+        The impact.
+    phase : float
+        Its instant in cycles of the force since its zero angle.
+    cycles : int
+        Period in cycles of the force.
+
+    Returns
+    -------
+    PeriodicOrbit or None
+        The motion to which Newton's method converges; None if it does not.
+    """
+    need(RigParameters, parameters=parameters)
+    need(Event, impact=impact)
+    phase = number_between('phase', phase, -LATEST, LATEST)
+    cycles = check_cycles(cycles)
+    check_forcing(parameters, cycles)
+    cycle = math.tau / parameters.force_frequencies[0]
+    instant = cycle * (phase % cycles)
+    flight = flight_after_impact(
+        machine_of(parameters),
+        instant,
+        impact.stop,
+        impact.x,
+        impact.primary_velocity_after,
+        impact.damper_velocity_after,
+    )
+    guess = guess_along(flight, instant, cycles * cycle)
+    return None if guess is None else solved(parameters, guess, cycles)
