@@ -214,8 +214,8 @@ class _Family:
         return orbit_of(Solution(segments, states, instants, history[-1], history))
 
 
-#: Largest residual of a point on a branch.
-RESIDUAL_TOLERANCE = 1e-11
+#: Largest residual of a point on a branch, and one that is small enough.
+RESIDUAL_TOLERANCE, _ENOUGH = 1e-11, 1e-15
 
 _ROUND_OFF = 1e-12
 
@@ -267,24 +267,26 @@ class _Curve:
 
     def correct(self, guess: Array, normal: Array) -> _Point | None:
         """Return the point of the curve in the plane through a guess, or None."""
+        best = np.inf, np.empty(0)
 
         def in_plane(place: Array) -> tuple[Array, Array]:
+            nonlocal best
             residual, matrix = self.system(place)
             missing = np.append(residual, normal @ (place - guess))
+            best = min(best, (float(np.abs(missing).max()), matrix), key=lambda pair: pair[0])
             return missing, np.vstack([matrix, normal])
 
         def longest_part(place: Array, step: Array) -> float:
             return self.family.longest_part(place[:-1], step[:-1], self.value(place))
 
         try:
-            place, _, history = newton(in_plane, guess, longest_part)
-            residual, matrix = self.system(place)
-            residual_left = float(np.abs(residual).max())
-            if not residual_left < RESIDUAL_TOLERANCE:
+            place, residual, history = newton(in_plane, guess, longest_part, _ENOUGH)
+            if not residual < RESIDUAL_TOLERANCE:
                 return None
+            matrix = best[1]
             tangent = np.linalg.svd(matrix)[2][-1]
             tangent = tangent if tangent @ normal >= 0.0 else -tangent
-            orbit = self.family.orbit(place[:-1], self.value(place), (*history, residual_left))
+            orbit = self.family.orbit(place[:-1], self.value(place), history)
         except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
             return None
         return _Point(place, tangent, orbit)

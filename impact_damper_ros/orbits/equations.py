@@ -328,7 +328,6 @@ class ImpactEquations:
         self._next = np.roll(np.arange(self.impacts), -1)
         self._last = np.roll(np.arange(self.impacts), 1)
         offsets = np.where(first, machine.half_gap, -machine.half_gap)
-        self._beyond: Array = offsets - machine.half_gap
         self._travel: Array = offsets[self._next] - offsets
         self._oscillator = machine.free
         self._stiffness = machine.free.omega_squared
@@ -421,8 +420,7 @@ class ImpactEquations:
         )
 
     def states(self, x: Array, instants: Array) -> Array:
-        """Return (X, X', Y - d/2, Y') just after the impacts, (..., N, 4)."""
+        """Return the states just after the impacts as `Segments` has them, (..., N, 4)."""
         at = self.velocities(x, instants)
-        beyond = np.broadcast_to(self._beyond, x.shape)
         relative = at.damper_after - at.primary_after
-        return np.stack([x, at.primary_after, beyond, relative], axis=-1)
+        return np.stack([x, at.primary_after, np.zeros_like(x), relative], axis=-1)

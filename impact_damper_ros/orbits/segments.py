@@ -32,7 +32,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -57,9 +59,14 @@ RESIDUAL_TOLERANCE = 1e-12
 
 _NEWTON_STEPS = 40
 _ROUND_OFF = 4e-16
+#: A residual that only round-off can keep from falling.
+_SETTLED = 1e-13
 _SHORTEST_SHARE = 0.2
+#: Most equations that are solved by least squares, which takes long for many.
+_MOST_BY_SQUARES = 16
 
-# Coordinates of the state: X, X', the way of m beyond stop 1, Y - d/2, and Y'; then the instant.
+# Coordinates of the state: X, X', the way of m from the stop hit last, positive towards stop 1, so
+# that it keeps its digits in short bounces, and Y'; then the instant.
 _X, _V, _Y, _U, _T = range(5)
 #: The fifth equation of a node: what m needs from its support.
 _NEED = 4
@@ -129,6 +136,89 @@ class _Flights(NamedTuple):
     jerk: Array
 
 
+def last_stops(nodes: Sequence[Node]) -> NDArray[np.int64]:
+    """Return the stop hit last in the flight after each node."""
+    last, found = 0, []
+    for node in (*nodes, *nodes):
+        last = node.stop if node.kind is EventKind.IMPACT else last
+        found.append(last)
+    return np.array(found[len(nodes) :], np.int64)
+
+
+class _Layout:
+    """What the nodes alone say: which equations and unknowns count, and where they are."""
+
+    def __init__(self, nodes: tuple[Node, ...], bounces: tuple[bool, bool]) -> None:
+        n = len(nodes)
+        self.last, self.next = np.roll(np.arange(n), 1), np.roll(np.arange(n), -1)
+        #: Stop hit last, of the flight after each node, and the direction of the air force
+        self.last_stops = last_stops(nodes)
+        self.air = self.last_stops * 2.0 - 3.0
+        #: The way from the stop hit last before each node to the one hit last after it, in gaps
+        self.across = self.last_stops * 1.0 - self.last_stops[self.last]
+        #: Whether M and m move as one in that flight, and the paper's lambda
+        self.joint = np.array([node.mode >= STICK for node in nodes])
+        self.direction = np.array(
+            [float(node.mode == SLIDE_DOWN) - float(node.mode == SLIDE_UP) for node in nodes]
+        )
+        self.moves = np.where(self.joint, 0.0, 1.0)
+        stop = np.array([node.stop for node in nodes])
+        self.both_hit = len(set(stop) - {0}) > 1
+        #: Impacts, and those after which m moves, on each stop
+        self.impact = np.array([node.kind is EventKind.IMPACT for node in nodes])
+        self.bounce_1 = self.impact & ~self.joint & (stop == 1)
+        self.bounce_2 = self.impact & ~self.joint & (stop == 2)
+        #: Whether a node ends a bounce that returns to the stop it came from
+        self.returns = (stop != 0) & (stop == stop[self.last]) & (n > 1)
+        self.any_returns = bool(self.returns.any())
+        release = np.array([node.kind is EventKind.RELEASE for node in nodes])
+        #: The equation that is the condition of each node
+        self.conditions = np.where(self.impact, _Y, np.where(release, _NEED, _U))
+        #: Sign of the need at which the support gives way
+        self.gives_way = np.array(
+            [1.0 if self._upwards(nodes[j - 1], nodes[j]) else -1.0 for j in range(n)]
+        )
+        moving = self.impact & ~self.joint
+        moving &= ((stop == 1) & bounces[0]) | ((stop == 2) & bounces[1])
+        rows, columns = np.ones((n, 5), bool), np.ones((n, 5), bool)
+        rows[:, _Y] = ~(release & (stop != 0))
+        rows[:, _U] = np.where(self.impact, moving, ~release)
+        rows[:, _NEED] = release
+        columns[:, _Y] = stop == 0
+        columns[:, _U] = moving
+        self._place_blocks(rows, columns)
+
+    @staticmethod
+    def _upwards(before: Node, node: Node) -> bool:
+        """Return whether m leaves its support upwards at a node, if it does."""
+        resting = before.resting
+        return resting == REST_1 or (resting == STICK and node.mode == SLIDE_UP)
+
+    def _place_blocks(self, rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> None:
+        """Find where the derivatives of each node are in the matrix of those that count."""
+        n = len(rows)
+        self.rows, self.columns = np.flatnonzero(rows), np.flatnonzero(columns)
+        m = len(self.rows)
+        row, column = np.full(5 * n, -1), np.full(5 * n, -1)
+        row[self.rows] = column[self.columns] = np.arange(m)
+        #: Derivatives by the state and the instant at the node before: from (n, 5, 5)
+        j, r, c = (index.ravel() for index in np.indices((n, 5, 5)))
+        to_row, to_column = row[5 * j + r], column[5 * self.last[j] + c]
+        counts = (to_row >= 0) & (to_column >= 0)
+        self.block_from = np.flatnonzero(counts)
+        self.block_to = (m * to_row + to_column)[counts]
+        #: Those by the state of the node itself, which are constant, and by its instant
+        own = np.zeros((m, m))
+        both = np.flatnonzero((row >= 0) & (column >= 0) & (np.arange(5 * n) % 5 != _T))
+        own[row[both], column[both]] = -1.0
+        self.own = own.ravel()
+        self.late_to = m * np.arange(m) + column[5 * (self.rows // 5) + _T]
+
+
+#: The layout of nodes; given as well is whether each stop has a restitution above zero.
+_layout = lru_cache(maxsize=64)(_Layout)
+
+
 class Segments:
     """
     The boundary-value problem of one sequence of nodes.
@@ -154,121 +244,50 @@ class Segments:
         rig, lines = self.machine
         self.cycle = math.tau / parameters.force_frequencies[0]
         self.period = cycles * self.cycle
-        n = len(self.nodes)
-        last = 0
-        stops = []
-        for node in self.nodes * 2:
-            last = node.stop if node.kind is EventKind.IMPACT else last
-            stops.append(last)
-        #: Stop hit last, in the flight after each node
-        self.last_stops = tuple(stops[n:])
-        # Flights: an oscillator each, and constant accelerations
-        joint = np.array([node.mode >= STICK for node in self.nodes])
-        direction = np.array(
-            [(node.mode == SLIDE_DOWN) - (node.mode == SLIDE_UP) for node in self.nodes]
-        )
-        air = rig.air * (np.array(self.last_stops) * 2.0 - 3.0)
-        self._air = air
-        self._moves = np.where(joint, 0.0, 1.0)
-        self._slide: Array = np.where(joint, 0.0, rig.slope - direction * rig.grip + air)
+        self.rate = math.sqrt(rig.free.omega_squared)
+        bounces = rig.restitution_1 > 0.0, rig.restitution_2 > 0.0
+        self.layout = layout = _layout(self.nodes, bounces)
+        joint = layout.joint
+        # An oscillator for each flight, and constant accelerations
+        air = rig.air * layout.air
+        friction = layout.direction * rig.grip
+        self._slide: Array = layout.moves * (rig.slope - friction + air)
         self._push: Array = np.where(
-            joint, rig.share * rig.slope, rig.mass_ratio * (direction * rig.grip - air)
+            joint, rig.share * rig.slope, rig.mass_ratio * (friction - air)
         )
-
-        def of_flight(free: float, both: float) -> Array:
-            values: Array = np.where(joint, both, free)
-            return values
-
-        self._decay = of_flight(rig.free.decay, rig.joint.decay)
-        self._damped = of_flight(rig.free.frequency, rig.joint.frequency)
-        self._stiffness = of_flight(rig.free.omega_squared, rig.joint.omega_squared)
+        self._decay: Array = np.where(joint, rig.joint.decay, rig.free.decay)
+        self._damped: Array = np.where(joint, rig.joint.frequency, rig.free.frequency)
+        self._stiffness: Array = np.where(joint, rig.joint.omega_squared, rig.free.omega_squared)
         acting = [h for h in range(rig.harmonics) if h == 0 or lines[h].force != 0.0]
         self._frequencies = np.array([lines[h].frequency for h in acting])
         self._phases = np.array([lines[h].phase for h in acting])
         free = np.array([lines[h].force for h in acting])
         both = np.array([lines[rig.harmonics + h].force for h in acting])
         self._forces: Array = np.where(joint[:, None], both, free)
-        # Nodes: the jump, and which of the five equations and unknowns they have
-        self._last = np.roll(np.arange(n), 1)
-        restitution, share = np.zeros(n), np.zeros(n)
-        kept = np.ones(n)
-        rows, columns = np.ones((n, 5), bool), np.ones((n, 5), bool)
-        rows[:, _NEED] = False
-        self._place = np.zeros(n)
-        self._conditions = []
-        for j, node in enumerate(self.nodes):
-            at_stop = node.stop != 0
-            columns[j, _Y] = not at_stop
-            self._place[j] = -2.0 * rig.half_gap if node.stop == 2 else 0.0
-            if node.kind is EventKind.IMPACT:
-                if node.mode < STICK:
-                    restitution[j] = rig.restitution_1 if node.stop == 1 else rig.restitution_2
-                share[j] = rig.share
-                kept[j] = -restitution[j]
-                rows[j, _U] = columns[j, _U] = restitution[j] > 0.0
-                self._conditions.append(_Y)
-                continue
-            columns[j, _U] = False
-            if node.kind is EventKind.RELEASE:
-                rows[j, _Y] = not at_stop
-                rows[j, _U], rows[j, _NEED] = False, True
-            self._conditions.append(_NEED if node.kind is EventKind.RELEASE else _U)
-        self._free = columns
-        stops_at = np.array([node.stop for node in self.nodes])
-        # At the end of a bounce that returns to the stop it came from
-        self._returns = (stops_at != 0) & (stops_at == stops_at[self._last]) & (n > 1)
-        self._place_blocks(rows, columns)
-        self._jump = np.zeros((n, 5, 4))
+        # The jump at each node, and the derivative of what m needs from its support
+        restitution = layout.bounce_1 * rig.restitution_1 + layout.bounce_2 * rig.restitution_2
+        self._jump = np.zeros((len(joint), 5, 4))
         self._jump[:, range(4), range(4)] = 1.0
-        self._jump[:, _V, _U] = share * (1.0 + restitution)
-        self._jump[:, _U, _U] = kept
-        before = self._last
-        self._jump[:, _NEED, _X] = -self._stiffness[before]
-        self._jump[:, _NEED, _V] = -2.0 * self._decay[before]
-        # What m needs from its support where that gives way
-        upwards = np.array([self._gives_way_upwards(j) for j in range(n)])
-        self._need: Array = rig.slope + air[before] + np.where(upwards, 1.0, -1.0) * rig.grip
-        self.rate = math.sqrt(rig.free.omega_squared)
-        swing = abs(lines[0].force) / rig.free.omega_squared
-        fall = float(np.max(np.abs(self._slide))) / parameters.force_frequencies[0] ** 2
+        self._jump[:, _V, _U] = layout.impact * rig.share * (1.0 + restitution)
+        self._jump[:, _U, _U] = np.where(layout.impact, -restitution, 1.0)
+        self._jump[:, _NEED, _X] = -self._stiffness[layout.last]
+        self._jump[:, _NEED, _V] = -2.0 * self._decay[layout.last]
+        self._need: Array = rig.slope + air[layout.last] + layout.gives_way * rig.grip
         across = 0.0 if rig.one_sided else 2.0 * rig.half_gap
-        both_hit = len({node.stop for node in self.nodes} - {0}) > 1
-        length = max(swing, fall, across if both_hit else 0.0)
+        self._across = np.multiply(across, layout.across)
+        swing = abs(lines[0].force) / rig.free.omega_squared
+        fall = float(np.abs(self._slide).max()) / parameters.force_frequencies[0] ** 2
+        length = max(swing, fall, across if layout.both_hit else 0.0)
         self.set_units(length, length * self.rate, self.rate)
-
-    def _place_blocks(self, rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> None:
-        """Find where the derivatives of each node are in the matrix of those that count."""
-        n = len(self.nodes)
-        self._rows, self._columns = np.flatnonzero(rows), np.flatnonzero(columns)
-        m = len(self._rows)
-        row, column = np.full(5 * n, -1), np.full(5 * n, -1)
-        row[self._rows] = column[self._columns] = np.arange(m)
-        j, r, c = (index.ravel() for index in np.indices((n, 5, 5)))
-        to_row, to_column = row[5 * j + r], column[5 * self._last[j] + c]
-        counts = (to_row >= 0) & (to_column >= 0)
-        self._block_from = np.flatnonzero(counts)
-        self._block_to = (m * to_row + to_column)[counts]
-        own = np.zeros((m, m))
-        for k in range(5 * n):
-            if k % 5 != _T and row[k] >= 0 and column[k] >= 0:
-                own[row[k], column[k]] = -1.0
-        self._own = own.ravel()
-        self._late_to = m * np.arange(m) + column[5 * (self._rows // 5) + _T]
 
     def set_units(self, length: float, speed: float, rate: float) -> None:
         """Set the units of displacements (m), velocities (m/s) and, as its inverse, time."""
         self.length = length
         self._units = np.array([length, speed, length, speed, 1.0 / rate])
         row_units = np.array([length, speed, length, speed, speed * self.rate])
-        n = len(self.nodes)
-        self._column_scale = np.tile(self._units, n)[self._columns]
-        self._row_scale = np.tile(row_units, n)[self._rows]
+        self._column_scale = self._units[self.layout.columns % 5]
+        self._row_scale = row_units[self.layout.rows % 5]
         self._scale = (self._column_scale / self._row_scale[:, None]).ravel()
-
-    def _gives_way_upwards(self, j: int) -> bool:
-        """Return whether m leaves its support upwards at a node, if it does."""
-        before = self.nodes[j - 1].resting
-        return before == REST_1 or (before == STICK and self.nodes[j].mode == SLIDE_UP)
 
     @property
     def stops(self) -> tuple[int, ...]:
@@ -279,22 +298,20 @@ class Segments:
         """Return the unknowns of a guess."""
         full = np.concatenate([states, instants[..., None]], axis=-1) / self._units
         shape = (*instants.shape[:-1], -1)
-        values: Array = full.reshape(shape)[..., self._columns]
+        values: Array = full.reshape(shape)[..., self.layout.columns]
         return values
 
     def motion(self, unknowns: Array) -> tuple[Array, Array]:
         """Return the states and instants of unknowns."""
         n = len(self.nodes)
         full = np.zeros((*unknowns.shape[:-1], 5 * n))
-        full[..., self._columns] = unknowns * self._column_scale
+        full[..., self.layout.columns] = unknowns * self._column_scale
         full = full.reshape(*unknowns.shape[:-1], n, 5)
-        states = full[..., :4]
-        states[..., _Y] = np.where(self._free[:, _Y], states[..., _Y], self._place)
-        return states, full[..., _T]
+        return full[..., :4], full[..., _T]
 
     def durations(self, instants: Array) -> Array:
         """Return the durations of the flights after the nodes, s."""
-        lasts: Array = np.roll(instants, -1, axis=-1) - instants
+        lasts: Array = instants[..., self.layout.next] - instants
         lasts[..., -1] += self.period
         return lasts
 
@@ -323,7 +340,7 @@ class Segments:
         offset = x - self._push / stiffness
         move = offset * less + v * impulse + _total(turn * x_forced)
         gain = v * (slope - 1.0) - stiffness * offset * impulse + _total(turn * v_forced)
-        moves, slide = self._moves, self._slide
+        moves, slide = self.layout.moves, self._slide
         end = np.empty((*lasts.shape, 4))
         end[..., _X] = x + move
         end[..., _V] = v + gain
@@ -360,11 +377,12 @@ class Segments:
         """Return the residual (..., m) of the equations and its derivative by the unknowns."""
         states, instants = self.motion(unknowns)
         after = self.flights(states, instants)
-        last = self._last
+        last = self.layout.last
         value = np.empty((*states.shape[:-1], 5))
         jump_end = self._jump @ after.end[..., last, :, None]
         value[...] = jump_end[..., 0]
         value[..., :4] -= states
+        value[..., _Y] += self._across
         value[..., _NEED] = after.acceleration[..., last] - self._need
         # By the state at the node before, and by the instants of that and of the node
         blocks = np.empty((*value.shape, 5))
@@ -373,41 +391,40 @@ class Segments:
         blocks[..., _T] = -earlier[..., 0]
         later = (self._jump @ after.rate_end[..., last, :, None])[..., 0]
         later[..., _NEED] = after.jerk[..., last]
-        if self._returns.any():
+        if self.layout.any_returns:
             # The mean velocity of a bounce is zero, rather than the way: or else two impacts at
             # once would be a solution.
             lasts = self.durations(instants)[..., last]
-            part = np.where(self._returns, 1.0 / (self.rate * lasts), 1.0)
+            part = np.where(self.layout.returns, 1.0 / (self.rate * lasts), 1.0)
             value[..., _Y] *= part
             blocks[..., _Y, :] *= part[..., None]
             later[..., _Y] *= part
-            late = np.where(self._returns, value[..., _Y] / lasts, 0.0)
+            late = np.where(self.layout.returns, value[..., _Y] / lasts, 0.0)
             blocks[..., _Y, _T] += late
             later[..., _Y] -= late
-        m, shape = len(self._rows), instants.shape[:-1]
+        m, shape = len(self.layout.rows), instants.shape[:-1]
         jacobian = np.empty((*shape, m * m))
-        jacobian[...] = self._own
+        jacobian[...] = self.layout.own
         flat = blocks.reshape(*shape, -1)
-        jacobian[..., self._block_to] += flat[..., self._block_from]
-        late_rows = later.reshape(*shape, -1)[..., self._rows]
-        jacobian[..., self._late_to] += late_rows
+        jacobian[..., self.layout.block_to] += flat[..., self.layout.block_from]
+        late_rows = later.reshape(*shape, -1)[..., self.layout.rows]
+        jacobian[..., self.layout.late_to] += late_rows
         jacobian *= self._scale
-        flat = value.reshape(*shape, -1)[..., self._rows]
+        flat = value.reshape(*shape, -1)[..., self.layout.rows]
         return flat / self._row_scale, jacobian.reshape(*shape, m, m)
 
     def by_gap(self) -> Array:
         """Return the derivative of the residual by the gap, 1/m, at any unknowns."""
-        places = np.array([-1.0 if node.stop == 2 else 0.0 for node in self.nodes])
         value = np.zeros((len(self.nodes), 5))
-        value[:, _Y] = places[self._last] - places
-        rows: Array = value.ravel()[self._rows] / self._row_scale
+        value[:, _Y] = self.layout.across
+        rows: Array = value.ravel()[self.layout.rows] / self._row_scale
         return rows
 
     def longest_part(self, unknowns: Array, step: Array) -> Array:
         """Return the largest part of a step, at most 1, that keeps every duration positive."""
         instants = self.motion(unknowns)[1]
         times = self.motion(step)[1]
-        changes = np.roll(times, -1, axis=-1) - times
+        changes = times[..., self.layout.next] - times
         with np.errstate(divide='ignore', invalid='ignore'):
             parts = np.where(
                 changes < 0.0, -(1.0 - _SHORTEST_SHARE) * self.durations(instants) / changes, 1.0
@@ -425,7 +442,7 @@ class Segments:
         after = self.flights(states, instants)
         jump = self._jump[:, :4].copy()
         for j in range(len(self.nodes)):
-            condition = self._conditions[j]
+            condition = self.layout.conditions[j]
             if condition == _U:
                 jump[j, _U, _U] = 0.0
             if condition == _NEED:
@@ -454,11 +471,15 @@ class Segments:
     def flight(self, node: int, state: Array, instant: float) -> Flight:
         """Return the simulator's flight from just after a node, in the mode of that."""
         kind, _, mode = self.nodes[node]
-        x, velocity, beyond, relative = (float(value) for value in state)
-        resting = self.nodes[node].resting
+        x, velocity, way, relative = (float(value) for value in state)
+        resting, last = self.nodes[node].resting, int(self.layout.last_stops[node])
+        across = 2.0 * self.machine.constants.half_gap
+        beyond = way if last == 1 else way - across
         flight = flight_at(
-            self.machine, instant, x, velocity, beyond, relative, resting, self.last_stops[node]
+            self.machine, float(instant), x, velocity, beyond, relative, resting, last
         )
+        if last == 2:
+            flight.run.clearance_2 = max(0.0, way)
         flight.run.mode = resting or mode
         flight.run.released = kind is EventKind.RELEASE
         return flight.begun()
@@ -474,7 +495,7 @@ class Solution:
     segments : Segments
         The problem.
     states : ndarray, shape (n, 4)
-        X (m), X' (m/s), Y - d/2 (m) and Y' (m/s) just after each node.
+        X (m), X' (m/s), Y from the stop hit last (m) and Y' (m/s) just after each node.
     instants : ndarray, shape (n,)
         Instants of the nodes on the force's clock, s.
     residual : float
@@ -493,15 +514,26 @@ class Solution:
 System = Callable[[Array], tuple[Array, Array]]
 
 
+def _newton_step(value: Array, jacobian: Array) -> Array:
+    """Return the step of Newton's method, the shortest one if the equations are dependent."""
+    if len(value) > _MOST_BY_SQUARES:
+        with suppress(np.linalg.LinAlgError):
+            return np.asarray(-np.linalg.solve(jacobian, value), np.float64)
+    return np.asarray(np.linalg.lstsq(jacobian, -value, rcond=1e-14)[0], np.float64)
+
+
 def newton(
-    system: System, unknowns: Array, longest_part: Callable[[Array, Array], Array | float]
+    system: System,
+    unknowns: Array,
+    longest_part: Callable[[Array, Array], Array | float],
+    enough: float = _ROUND_OFF,
 ) -> tuple[Array, float, tuple[float, ...]]:
     """
     Run Newton's method on a system of equations until the residual no longer falls.
 
     The system is a residual and its derivative by the unknowns; steps of least squares suit a
-    derivative without full rank. Returns the best unknowns, their largest residual, and the
-    residual before each step and at the end.
+    derivative without full rank. A residual below `enough` ends it. Returns the best unknowns,
+    their largest residual, and the residual before each step and at the end.
     """
     history: list[float] = []
     best, least = unknowns, math.inf
@@ -515,9 +547,9 @@ def newton(
         stalled = 0 if size < 0.5 * least else stalled + 1
         if size < least:
             best, least = unknowns, size
-        if size < _ROUND_OFF or stalled >= 3:
+        if size < enough or stalled >= (3 if least > _SETTLED else 1):
             break
-        step = np.asarray(np.linalg.lstsq(jacobian, -value, rcond=1e-14)[0], np.float64)
+        step = _newton_step(value, jacobian)
         part = float(longest_part(unknowns, step))
         unknowns = unknowns + part * step
     return best, least, tuple(history)

@@ -8,6 +8,7 @@ between them, is followed with the simulator instead, and its events are the nex
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -30,7 +31,7 @@ from impact_damper_ros.rig.state import CHATTER_1, REST_1, REST_2, STICK
 from .equations import Array, ImpactEquations, check_cycles, check_forcing
 from .flights import Flight, flight_after_impact, flight_at, machine_of
 from .orbit import OrbitEvent, PeriodicOrbit
-from .segments import Node, Segments, Solution, impact_nodes, solve
+from .segments import Node, Segments, Solution, impact_nodes, last_stops, solve
 from .trajectory import FlightPart, Trajectory, follow_trajectory
 from .viability import largest_displacement, why_not_viable
 
@@ -56,10 +57,22 @@ class Guess(NamedTuple):
         )
 
 
-def _state_of(flight: Flight) -> tuple[float, float, float, float]:
-    """Return (X, X', Y - d/2, Y') at the origin."""
-    run = flight.run
-    return run.x, run.velocity, -run.clearance_1, run.relative_velocity
+class _Row(NamedTuple):
+    """A node, and the simulator's flight after it."""
+
+    node: Node
+    flight: Flight
+    instant: float
+
+
+def _guess_of(rows: Sequence[_Row]) -> Guess:
+    nodes = tuple(row.node for row in rows)
+    states = []
+    for (_, flight, _), stop in zip(rows, last_stops(nodes), strict=True):
+        run = flight.run
+        way = -run.clearance_1 if stop == 1 else run.clearance_2
+        states.append((run.x, run.velocity, way, run.relative_velocity))
+    return Guess(nodes, np.array(states), np.array([row.instant for row in rows]))
 
 
 def _node_after(part: FlightPart, then: Flight) -> Node | None:
@@ -74,17 +87,16 @@ def _node_after(part: FlightPart, then: Flight) -> Node | None:
     return None
 
 
-def _read(trajectory: Trajectory, instant: float) -> Guess | None:
+def _read(trajectory: Trajectory, instant: float) -> list[_Row] | None:
     """Read the nodes of a trajectory that starts at an instant, s; None if there are others."""
-    rows: list[tuple[Node, tuple[float, ...], float]] = []
+    rows = []
     for part, then in pairwise(trajectory.flights):
         node = _node_after(part, then.flight)
         if node is not None:
-            rows.append((node, _state_of(then.flight), instant + then.start))
+            rows.append(_Row(node, then.flight, instant + then.start))
         elif part.ending != CHATTER_END or then.mode not in (REST_1, REST_2):
             return None
-    states = np.reshape([state for _, state, _ in rows], (-1, 4))
-    return Guess(tuple(node for node, _, _ in rows), states, np.array([t for _, _, t in rows]))
+    return rows
 
 
 def _resting(flight: Flight) -> int:
@@ -115,10 +127,10 @@ def guess_along(flight: Flight, instant: float, period: float) -> Guess | None:
     tau = best.duration * (0.5 if _resting(best.flight) else 0.25)
     begun = best.flight.after(tau)
     trajectory = follow_trajectory(begun, period)
-    guess = None if trajectory is None else _read(trajectory, instant + best.start + tau)
-    if guess is None or not any(node.kind is EventKind.IMPACT for node in guess.nodes):
+    rows = None if trajectory is None else _read(trajectory, instant + best.start + tau)
+    if rows is None or not any(row.node.kind is EventKind.IMPACT for row in rows):
         return None
-    last = guess.nodes[-1]
+    guess, last = _guess_of(rows), rows[-1].node
     alike = last.resting == _resting(begun) and (last.resting or last.mode == begun.run.mode)
     return guess if alike and np.diff(guess.instants).min(initial=1.0) > 0.0 else None
 
@@ -154,11 +166,8 @@ def guess_on(orbit: PeriodicOrbit) -> Guess | None:
     later = _read(trajectory, orbit.instants[longest])
     if later is None:
         return None
-    guess = Guess(
-        (Node(EventKind.IMPACT, orbit.stops[longest], flight.run.mode), *later.nodes),
-        np.vstack([_state_of(flight), later.states]),
-        np.append(orbit.instants[longest], later.instants),
-    )
+    first_node = Node(EventKind.IMPACT, orbit.stops[longest], flight.run.mode)
+    guess = _guess_of([_Row(first_node, flight, orbit.instants[longest]), *later])
     impacts = [j for j, node in enumerate(guess.nodes) if node.kind is EventKind.IMPACT]
     if len(impacts) != orbit.impacts:
         return None
@@ -170,8 +179,7 @@ def guess_on(orbit: PeriodicOrbit) -> Guess | None:
 def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
     velocity = np.array(orbit.primary_velocity_after)
     relative = np.array(orbit.damper_velocity_after) - velocity
-    beyond = np.where(np.array(orbit.stops) == 1, 0.0, -orbit.parameters.gap)
-    states = np.stack([np.array(orbit.x), velocity, beyond, relative], axis=-1)
+    states = np.stack([np.array(orbit.x), velocity, 0.0 * velocity, relative], axis=-1)
     return Guess(impact_nodes(orbit.parameters, orbit.stops), states, np.array(orbit.instants))
 
 

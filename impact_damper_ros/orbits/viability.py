@@ -7,8 +7,8 @@ by the first event of the simulator and, to quantify a violation, by the exact e
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
-from math import inf
 from typing import NamedTuple
 
 from impact_damper_ros.rig import EventKind
@@ -68,7 +68,7 @@ def _turning_times(flight: Flight, duration: float, relative: bool) -> Iterator[
         end = min(tau + POINTS * step, duration)
         root = first_root(*machine, run, waves, REVERSAL, tau, motion, end, step)
         tau = end
-        if root < inf:
+        if root < math.inf:
             yield root
             run.direction, tau = 0, root + _BEYOND * step
 
@@ -113,6 +113,8 @@ def _after_impact(node: Node, flight: Flight, before: Array) -> str:
 def _after_reversal(node: Node, flight: Flight) -> str:
     """Return why m does not go on as assumed where it has stopped; empty if it does."""
     there = flight.copy()
+    # Within the gap, however short the bounce
+    there.run.clearance_1 = there.run.clearance_2 = math.inf
     rest(*there.machine, there.run, there.waves)
     if there.run.mode == node.mode:
         return ''
