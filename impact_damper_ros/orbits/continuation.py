@@ -38,7 +38,7 @@ from impact_damper_ros.rig.quoting import shown
 from .equations import Array, OrbitError, checked_number, checked_whole, single_harmonic
 from .orbit import PeriodicOrbit
 from .search import within_theory
-from .segments import Segments, Solution, newton
+from .segments import Root, Segments, Solution, newton
 from .solved_orbits import guess_on, orbit_of, performed
 
 #: A name for both coefficients of restitution at once.
@@ -200,18 +200,16 @@ class _Family:
     def residual(self, unknowns: Array, value: float) -> tuple[Array, Array]:
         """Return the equations' residual, and its derivative by the unknowns."""
         segments = self.segments(value)
-        if (
-            not self.performed
-            and float(segments.durations(segments.motion(unknowns)[1]).min()) <= 0.0
-        ):
+        lasts = segments.durations(segments.motion(unknowns)[1])
+        if not self.performed and float(lasts.min()) <= 0.0:
             raise ArithmeticError('impacts out of order')
         return segments.residual(unknowns)
 
-    def orbit(self, unknowns: Array, value: float, history: tuple[float, ...]) -> PeriodicOrbit:
-        """Return the motion at a solution."""
+    def orbit(self, root: Root, value: float) -> PeriodicOrbit:
+        """Return the motion at a root, whose last unknown is the parameter."""
         segments = self.segments(value)
-        states, instants = segments.motion(unknowns)
-        return orbit_of(Solution(segments, states, instants, history[-1], history))
+        states, instants = segments.motion(root.unknowns[:-1])
+        return orbit_of(Solution(segments, states, instants, root.residual, root.history))
 
 
 #: Largest residual of a point on a branch, and one that is small enough.
@@ -267,29 +265,24 @@ class _Curve:
 
     def correct(self, guess: Array, normal: Array) -> _Point | None:
         """Return the point of the curve in the plane through a guess, or None."""
-        best = np.inf, np.empty(0)
 
         def in_plane(place: Array) -> tuple[Array, Array]:
-            nonlocal best
             residual, matrix = self.system(place)
-            missing = np.append(residual, normal @ (place - guess))
-            best = min(best, (float(np.abs(missing).max()), matrix), key=lambda pair: pair[0])
-            return missing, np.vstack([matrix, normal])
+            return np.append(residual, normal @ (place - guess)), np.vstack([matrix, normal])
 
         def longest_part(place: Array, step: Array) -> float:
             return self.family.longest_part(place[:-1], step[:-1], self.value(place))
 
         try:
-            place, residual, history = newton(in_plane, guess, longest_part, _ENOUGH)
-            if not residual < RESIDUAL_TOLERANCE:
+            root = newton(in_plane, guess, longest_part, _ENOUGH)
+            if not root.residual < RESIDUAL_TOLERANCE:
                 return None
-            matrix = best[1]
-            tangent = np.linalg.svd(matrix)[2][-1]
+            tangent = np.linalg.svd(root.jacobian[:-1])[2][-1]
             tangent = tangent if tangent @ normal >= 0.0 else -tangent
-            orbit = self.family.orbit(place[:-1], self.value(place), history)
+            orbit = self.family.orbit(root, self.value(root.unknowns))
         except (ArithmeticError, np.linalg.LinAlgError, ParameterError):
             return None
-        return _Point(place, tangent, orbit)
+        return _Point(root.unknowns, tangent, orbit)
 
     def ahead(self, point: _Point, step: float) -> _Point | None:
         """Return the point a step further along the curve, or None."""

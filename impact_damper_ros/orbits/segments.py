@@ -522,21 +522,31 @@ def _newton_step(value: Array, jacobian: Array) -> Array:
     return np.asarray(np.linalg.lstsq(jacobian, -value, rcond=1e-14)[0], np.float64)
 
 
+class Root(NamedTuple):
+    """The best unknowns that Newton's method has reached."""
+
+    unknowns: Array
+    #: The derivative of the equations there
+    jacobian: Array
+    #: Largest residual, and what it was before each step and at the end
+    residual: float
+    history: tuple[float, ...]
+
+
 def newton(
     system: System,
     unknowns: Array,
     longest_part: Callable[[Array, Array], Array | float],
     enough: float = _ROUND_OFF,
-) -> tuple[Array, float, tuple[float, ...]]:
+) -> Root:
     """
     Run Newton's method on a system of equations until the residual no longer falls.
 
     The system is a residual and its derivative by the unknowns; steps of least squares suit a
-    derivative without full rank. A residual below `enough` ends it. Returns the best unknowns,
-    their largest residual, and the residual before each step and at the end.
+    derivative without full rank. A residual below `enough` ends it.
     """
     history: list[float] = []
-    best, least = unknowns, math.inf
+    best, least = (unknowns, np.empty(0)), math.inf
     stalled = 0
     for _ in range(_NEWTON_STEPS):
         value, jacobian = system(unknowns)
@@ -546,13 +556,13 @@ def newton(
         history.append(size)
         stalled = 0 if size < 0.5 * least else stalled + 1
         if size < least:
-            best, least = unknowns, size
+            best, least = (unknowns, jacobian), size
         if size < enough or stalled >= (3 if least > _SETTLED else 1):
             break
         step = _newton_step(value, jacobian)
         part = float(longest_part(unknowns, step))
         unknowns = unknowns + part * step
-    return best, least, tuple(history)
+    return Root(*best, least, tuple(history))
 
 
 def solve(segments: Segments, states: Array, instants: Array) -> Solution | None:
@@ -563,9 +573,9 @@ def solve(segments: Segments, states: Array, instants: Array) -> Solution | None
     `scipy.optimize.root`, with which a scan takes twice as long.
     """
     guess = segments.unknowns(states, instants)
-    unknowns, residual, history = newton(segments.residual, guess, segments.longest_part)
-    states, instants = segments.motion(unknowns)
-    residual /= max(1.0, float(np.abs(states[:, _X]).max()) / segments.length)
+    root = newton(segments.residual, guess, segments.longest_part)
+    states, instants = segments.motion(root.unknowns)
+    residual = root.residual / max(1.0, float(np.abs(states[:, _X]).max()) / segments.length)
     if residual > RESIDUAL_TOLERANCE:
         return None
-    return Solution(segments, states, instants, residual, history)
+    return Solution(segments, states, instants, residual, root.history)

@@ -3,7 +3,7 @@ The curves of a figure: periodic motions against one parameter, and simulated mo
 
 Motions with two alternating impacts are enumerated: every solution is found at each value. Motions
 with more impacts, and those in which friction reverses within a flight, are followed along the
-parameter by shooting. They start from all solutions of the impact equations at each value, and
+parameter. They start from all solutions of the impact equations at each value, and
 with friction, which the equations do not cover there, from those of frictionless rigs, carried
 over. They do not start from simulations: what a run settles into may depend on its last digit.
 """
