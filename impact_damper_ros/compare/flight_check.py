@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.orbits.flights import flight_at, machine_of
-from impact_damper_ros.orbits.trajectory import Trajectory, TrajectoryEvent, follow_trajectory
-from impact_damper_ros.rig import EventKind, RigParameters
+from impact_damper_ros.orbits.trajectory import Trajectory, follow_trajectory
+from impact_damper_ros.rig import Event, EventKind, RigParameters
 from impact_damper_ros.rig.state import REST_1, REST_2, STICK, place
 
 from .recorded_stretch import ForceClock, Knots, RecordedImpacts, largest_size
@@ -452,7 +452,7 @@ class FaultSearch:
         self.repairs.append(Repair(start, float(knots.time[last]), self._expected(hits, start)))
 
     def _differences(
-        self, knots: Knots, row: int, hit: TrajectoryEvent, start: float, found: Intervals
+        self, knots: Knots, row: int, hit: Event, start: float, found: Intervals
     ) -> Iterator[Fault]:
         tol_x, tol_v, _, tol_w = (_MARGIN * float(t) for t in found.tolerances)
         mass = self._rig.rig.primary_mass
@@ -473,7 +473,7 @@ class FaultSearch:
                     'impact', quantity, unit, hit.stop, time, recorded, expected, tolerance
                 )
 
-    def _expected(self, hits: Sequence[TrajectoryEvent], start: float) -> RecordedImpacts:
+    def _expected(self, hits: Sequence[Event], start: float) -> RecordedImpacts:
         if not hits:
             return RecordedImpacts.none()
         rig = self._rig.rig
@@ -538,8 +538,8 @@ def _troubles(wrong: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Iterator[
 
 
 def _pairs(
-    knots: Knots, rows: Sequence[int], hits: Sequence[TrajectoryEvent], start: float
-) -> Iterator[tuple[int | None, TrajectoryEvent | None]]:
+    knots: Knots, rows: Sequence[int], hits: Sequence[Event], start: float
+) -> Iterator[tuple[int | None, Event | None]]:
     """Yield pairs of recorded and expected impacts; None for a missing counterpart."""
     if [int(knots.stop[row]) for row in rows] == [hit.stop for hit in hits]:
         yield from zip(rows, hits, strict=True)

@@ -447,7 +447,7 @@ def _locate(between: _Between, kind: SpecialKind, test: _Test) -> SpecialPoint |
     reason = ''
     if kind is SpecialKind.GRAZING:
         best, other = (near[1], far[1]) if near[1].orbit.viable else (far[1], near[1])
-        beyond = performed(other.orbit) if curve.family.performed else None
+        beyond = performed(other.orbit, other.orbit.parameters) if curve.family.performed else None
         reason = _difference(best.orbit, beyond or other.orbit) or change
     if not _genuine(kind, best.orbit, _NEAR if complete else _GUESSED):
         return None
@@ -524,7 +524,7 @@ def _performed_beyond(
 
     It has the same impacts; along the branch a reversal, sticking or rest has come or gone.
     """
-    found = performed(point.orbit)
+    found = performed(point.orbit, point.orbit.parameters)
     if found is None or found.differs(point.orbit) > 4.0 * along.largest_step:
         return None
     fresh = _Curve(_Family(found, curve.family.name), curve.scale)

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
@@ -218,16 +217,6 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ImpactVelocities:
-    """Absolute velocities of M and m just before and after each impact, (..., N), m/s."""
-
-    primary_before: Array
-    primary_after: Array
-    damper_before: Array
-    damper_after: Array
-
-
 def free_response(oscillator: Oscillator, spans: Array) -> tuple[Array, Array, Array]:
     """Return what X is after spans (s) from a unit X, and what X and X' are from a unit X'."""
     envelope = np.exp(-oscillator.decay * spans)
@@ -405,22 +394,12 @@ class ImpactEquations:
         speed /= self.rate
         return rows
 
-    def velocities(self, x: Array, instants: Array) -> ImpactVelocities:
-        """Return all velocities at the impacts, from X (m) and the instants (s), (..., N)."""
+    def states(self, x: Array, instants: Array) -> Array:
+        """Return the states just after the impacts as `Segments` has them, (..., N, 4)."""
         lasts = self.durations(instants)
         mean = (x[..., self._next] - x + self._travel) / lasts
         half = 0.5 * self.accelerations * lasts
-        damper_after = mean - half
-        damper_before = (mean + half)[..., self._last]
-        return ImpactVelocities(
-            self._before_from_after * damper_after + self._before_from_before * damper_before,
-            self._after_from_after * damper_after + self._after_from_before * damper_before,
-            damper_before,
-            damper_after,
-        )
-
-    def states(self, x: Array, instants: Array) -> Array:
-        """Return the states just after the impacts as `Segments` has them, (..., N, 4)."""
-        at = self.velocities(x, instants)
-        relative = at.damper_after - at.primary_after
-        return np.stack([x, at.primary_after, np.zeros_like(x), relative], axis=-1)
+        damper = mean - half
+        velocity = self._after_from_after * damper
+        velocity += self._after_from_before * (mean + half)[..., self._last]
+        return np.stack([x, velocity, np.zeros_like(x), damper - velocity], axis=-1)

@@ -125,14 +125,13 @@ class _Flights(NamedTuple):
     The flights after all nodes, shapes (..., n, 4) and (..., n, 4, 4).
 
     State at the end, its derivative by the state at the start, rates of the state at both, and
-    X'' and X''' at the end.
+    X''' at the end.
     """
 
     end: Array
     matrix: Array
     rate_start: Array
     rate_end: Array
-    acceleration: Array
     jerk: Array
 
 
@@ -371,7 +370,7 @@ class Segments:
         rate_start[..., _V], rate_end[..., _V] = a_start, a_end
         rate_start[..., _Y], rate_end[..., _Y] = moves * u, end[..., _U]
         rate_start[..., _U], rate_end[..., _U] = moves * (slide - a_start), moves * (slide - a_end)
-        return _Flights(end, matrix, rate_start, rate_end, a_end, jerk)
+        return _Flights(end, matrix, rate_start, rate_end, jerk)
 
     def residual(self, unknowns: Array) -> tuple[Array, Array]:
         """Return the residual (..., m) of the equations and its derivative by the unknowns."""
@@ -383,7 +382,7 @@ class Segments:
         value[...] = jump_end[..., 0]
         value[..., :4] -= states
         value[..., _Y] += self._across
-        value[..., _NEED] = after.acceleration[..., last] - self._need
+        value[..., _NEED] = after.rate_end[..., last, _V] - self._need
         # By the state at the node before, and by the instants of that and of the node
         blocks = np.empty((*value.shape, 5))
         blocks[..., :4] = self._jump @ after.matrix[..., last, :, :]

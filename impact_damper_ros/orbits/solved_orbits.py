@@ -37,8 +37,6 @@ from .viability import largest_displacement, why_not_viable
 
 #: How often the nodes are read anew where a solution turns out to have others.
 _MOST_LOOKS = 3
-#: What is left out of a period at whose end the first impact comes again.
-_SPARED = 1e-6
 
 
 class Guess(NamedTuple):
@@ -47,14 +45,6 @@ class Guess(NamedTuple):
     nodes: tuple[Node, ...]
     states: Array
     instants: Array
-
-    def begun_at(self, node: int, period: float) -> Guess:
-        """Return the same guess beginning at another of its nodes."""
-        return Guess(
-            self.nodes[node:] + self.nodes[:node],
-            np.roll(self.states, -node, axis=0),
-            np.append(self.instants[node:], self.instants[:node] + period),
-        )
 
 
 class _Row(NamedTuple):
@@ -135,17 +125,14 @@ def guess_along(flight: Flight, instant: float, period: float) -> Guess | None:
     return guess if alike and np.diff(guess.instants).min(initial=1.0) > 0.0 else None
 
 
-def _first_flight(
-    orbit: PeriodicOrbit, impact: int, parameters: RigParameters | None = None
-) -> Flight:
-    """Return the flight after an impact of a motion, in its rig or another one."""
-    machine = machine_of(parameters or orbit.parameters)
-    stop, velocity = orbit.stops[impact], orbit.primary_velocity_before[impact]
-    relative = orbit.damper_velocity_before[impact] - velocity
+def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:
+    """Return a guess from what a rig does after the first impact of a motion."""
+    machine = machine_of(parameters)
+    instant, stop, velocity = orbit.instants[0], orbit.stops[0], orbit.primary_velocity_before[0]
+    relative = orbit.damper_velocity_before[0] - velocity
     beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap
-    instant = orbit.instants[impact]
-    there = flight_at(machine, instant, orbit.x[impact], velocity, beyond, relative, 0, stop)
-    return there.struck(velocity, relative)
+    there = flight_at(machine, instant, orbit.x[0], velocity, beyond, relative, 0, stop)
+    return guess_along(there.struck(velocity, relative), instant, orbit.period)
 
 
 def guess_on(orbit: PeriodicOrbit) -> Guess | None:
@@ -157,23 +144,18 @@ def guess_on(orbit: PeriodicOrbit) -> Guess | None:
     """
     if not orbit.events:
         return _guess_of_impacts(orbit)
-    # From the impact with the longest time before it, which comes again at the end
-    longest = int(np.argmax(np.roll(orbit.durations, 1)))
-    flight = _first_flight(orbit, longest)
-    trajectory = follow_trajectory(flight, (1.0 - _SPARED) * orbit.period)
-    if trajectory is None:
+    guess = _guess_performed(orbit, orbit.parameters)
+    if guess is None:
         return None
-    later = _read(trajectory, orbit.instants[longest])
-    if later is None:
-        return None
-    first_node = Node(EventKind.IMPACT, orbit.stops[longest], flight.run.mode)
-    guess = _guess_of([_Row(first_node, flight, orbit.instants[longest]), *later])
-    impacts = [j for j, node in enumerate(guess.nodes) if node.kind is EventKind.IMPACT]
-    if len(impacts) != orbit.impacts:
-        return None
-    first = impacts[-longest % orbit.impacts]
-    turned = guess.begun_at(first, orbit.period)
-    return turned._replace(instants=turned.instants - turned.instants[0] + orbit.instants[0])
+    whole = np.round((guess.instants - orbit.instants[0]) / orbit.period) * orbit.period
+    late = np.abs(guess.instants - whole - orbit.instants[0])
+    late[[node.kind is not EventKind.IMPACT for node in guess.nodes]] = np.inf
+    first = int(np.argmin(late))
+    return Guess(
+        guess.nodes[first:] + guess.nodes[:first],
+        np.roll(guess.states, -first, axis=0),
+        np.append(guess.instants[first:], guess.instants[:first] + orbit.period) - whole[first],
+    )
 
 
 def _guess_of_impacts(orbit: PeriodicOrbit) -> Guess:
@@ -256,23 +238,23 @@ def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbi
             return None
         if orbit.viable:
             return orbit
-        again = _guess_performed(orbit)
+        again = _guess_performed(orbit, parameters)
         if again is None or again.nodes == guess.nodes:
             return None
         guess = again
     return None
 
 
-def _guess_performed(orbit: PeriodicOrbit) -> Guess | None:
-    return guess_along(_first_flight(orbit, 0), orbit.instants[0], orbit.period)
-
-
-def performed(orbit: PeriodicOrbit) -> PeriodicOrbit | None:
-    """Return the motion with the same impacts that the rig performs near a solution, if any."""
-    guess = _guess_performed(orbit)
-    found = None if guess is None else solved(orbit.parameters, guess, orbit.cycles)
+def _counted_as(orbit: PeriodicOrbit, found: PeriodicOrbit | None) -> PeriodicOrbit | None:
+    """Return a motion from the impact on that makes it most like another, if it has the same."""
     turns = () if found is None else found.turned_to(orbit.stops)
     return min(turns, key=orbit.differs, default=None)
+
+
+def performed(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
+    """Return the motion with the same impacts that a rig performs near a solution, if any."""
+    guess = _guess_performed(orbit, parameters)
+    return None if guess is None else _counted_as(orbit, solved(parameters, guess, orbit.cycles))
 
 
 def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
@@ -282,16 +264,9 @@ def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit |
     It has the same stops in the same order; other events may have come or gone. None if there is
     none nearby that the rig can perform.
     """
-    for anew in (False, True):
-        guess = guess_on(orbit)
-        if anew:
-            flight = _first_flight(orbit, 0, parameters)
-            guess = guess_along(flight, orbit.instants[0], orbit.period)
-        found = None if guess is None else solved(parameters, guess, orbit.cycles)
-        turned = None if found is None else next(found.turned_to(orbit.stops), None)
-        if turned is not None:
-            return turned
-    return None
+    guess = guess_on(orbit)
+    found = None if guess is None else solved(parameters, guess, orbit.cycles)
+    return _counted_as(orbit, found) or performed(orbit, parameters)
 
 
 def impact_orbit_near(

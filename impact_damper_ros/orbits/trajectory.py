@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.rig import EventKind
+from impact_damper_ros.rig import Event
+from impact_damper_ros.rig.event import events_of
 from impact_damper_ros.rig.flight import (
     CHATTER_END,
     CONTACT_1,
@@ -60,25 +61,13 @@ class FlightPart(NamedTuple):
         )
 
 
-class TrajectoryEvent(NamedTuple):
-    """An event as in `Event`, with its time from the beginning of the trajectory, s."""
-
-    time: float
-    kind: EventKind
-    stop: int
-    x: float
-    primary_velocity_before: float
-    primary_velocity_after: float
-    damper_velocity_before: float
-    damper_velocity_after: float
-
-
 @dataclass(frozen=True)
 class Trajectory:
     """Motion from one instant to a later one."""
 
     end: Flight
-    events: list[TrajectoryEvent]
+    #: Their time is that from the beginning.
+    events: list[Event]
     flights: list[FlightPart]
 
     @cached_property
@@ -107,19 +96,9 @@ class Trajectory:
         return matrix
 
 
-#: Events that change the motion of the masses.
-_REPORTED = (
-    EventKind.IMPACT,
-    EventKind.REST,
-    EventKind.STICK,
-    EventKind.RELEASE,
-    EventKind.REVERSAL,
-)
-
-
 def follow_trajectory(flight: Flight, duration: float) -> Trajectory | None:
     """Follow the motion for a time; return None if it has more than `MOST_EVENTS` events."""
-    events: list[TrajectoryEvent] = []
+    events: list[Event] = []
     flights: list[FlightPart] = []
     elapsed = 0.0
     for _ in range(MOST_EVENTS):
@@ -130,18 +109,5 @@ def follow_trajectory(flight: Flight, duration: float) -> Trajectory | None:
             return Trajectory(flight.after(left), events, flights)
         flight, rows = flight.resolved()
         elapsed += span
-        events += [
-            TrajectoryEvent(
-                elapsed,
-                EventKind(row.kind),
-                row.stop,
-                row.x,
-                row.primary_velocity_before,
-                row.primary_velocity_after,
-                row.damper_velocity_before,
-                row.damper_velocity_after,
-            )
-            for row in rows
-            if row.kind in _REPORTED
-        ]
+        events += [event._replace(time=elapsed) for event in events_of(rows, len(rows))]
     return None

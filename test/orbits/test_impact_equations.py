@@ -21,25 +21,6 @@ RIG = RigParameters(
 )
 
 
-def anywhere(equations, seed=1):
-    """Return displacements and instants that solve nothing."""
-    rng = np.random.default_rng(seed)
-    n = equations.impacts
-    return 3.0 * rng.normal(size=n), np.sort(rng.uniform(0.0, equations.period, n))
-
-
-def test_velocities_keep_momentum_and_restitution():
-    equations = ImpactEquations(RIG, (1, 2), 1)
-    x, instants = anywhere(equations)
-    at = equations.velocities(x, instants)
-    mu = RIG.mass_ratio
-    assert at.primary_after + mu * at.damper_after == pytest.approx(
-        at.primary_before + mu * at.damper_before, rel=1e-12
-    )
-    ratio = (at.primary_after - at.damper_after) / (at.damper_before - at.primary_before)
-    assert ratio == pytest.approx([0.75, 0.5], rel=1e-12)
-
-
 def test_undamped_rig_at_resonance_is_finite():
     rig = RigParameters(damping=0.0, gravity=0.0)
     equations = ImpactEquations(rig, (1, 2), 1)

@@ -131,7 +131,7 @@ def test_flights_are_those_of_the_simulator(pattern):
         # Where m just begins to move, it does so as the condition of the node says.
         known = 2 if not flight.run.joint and states[j, 3] == 0.0 else 4
         assert after.end[j, :known] == pytest.approx(expected[:known], rel=1e-12, abs=1e-12)
-        assert after.acceleration[j] == pytest.approx(motion.x_2, rel=1e-12, abs=1e-12)
+        assert after.rate_end[j, 1] == pytest.approx(motion.x_2, rel=1e-12, abs=1e-12)
         assert after.jerk[j] == pytest.approx(motion.x_3, rel=1e-11, abs=1e-12)
 
 
